@@ -1,8 +1,8 @@
 """``./run bench learnt``: what trees read off the taxels, on the generator that they were not trained on.
 
-An upper reference for the contact model: trees are trained on looks of two generators of worlds and scored
-on the third, beside the model on the same worlds. Where they are better, the signals hold more than the model
-finds.
+An upper reference for the contact model: trees are trained on looks of all generators of worlds but one and
+scored on that one, beside the model on the same worlds. Where they are better, the signals hold more than the
+model finds.
 """
 
 from collections.abc import Mapping

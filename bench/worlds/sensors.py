@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 
 RATES_HZ = (30.0, 60.0, 100.0, 100.0, 100.0, 200.0, 250.0)
 KINDS = ("counts", "pillars", "sides")
+_NOISE, _IDEAL_NOISE = (3e-4, 1e-2), (5e-5, 1e-3)  # of the usual reading
 _MOST = 0.8  # of the range, so that usual loads never saturate
 _GROSS_S = 0.02  # a contact that slides for a shorter time did not slide
 _STICK_S = 0.04  # and one that rests for a shorter time went on
@@ -61,7 +62,13 @@ class Forces:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Names of a world, and the generator of its random numbers."""
+    """Names of a world, and the generator of its random numbers.
+
+    Attributes
+    ----------
+    is_ideal : bool
+        The sensor has no crosstalk, tilt, spread of gains, curvature or drift, and little noise.
+    """
 
     generator: str
     law: str
@@ -70,6 +77,12 @@ class Drawn:
     side: int
     pitch_mm: float
     rng: np.random.Generator
+    is_ideal: bool = False
+
+    @property
+    def faults(self) -> float:
+        """Part of the usual faults that the sensor has."""
+        return 0.0 if self.is_ideal else 1.0
 
 
 def measure(drawn: Drawn, forces: Forces) -> World:
@@ -89,7 +102,7 @@ def measure(drawn: Drawn, forces: Forces) -> World:
     largest = max(float(np.abs(felt).max()), 1e-12)
     gain = min(gain, _MOST * array.high / largest)
     readings = gain * felt
-    readings = readings / (1 + rng.uniform(0.0, 0.12) * np.abs(felt) / largest)
+    readings = readings / (1 + drawn.faults * rng.uniform(0.0, 0.12) * np.abs(felt) / largest)
     readings = _crept(readings, forces.creep, forces.step_s)
     rate_hz = float(rng.choice(RATES_HZ))
     skewed = kind == "sides" or rng.random() < 0.3
@@ -101,10 +114,9 @@ def measure(drawn: Drawn, forces: Forces) -> World:
         [np.interp(time_s + offset, grid_s, one) for offset, one in zip(offset_s, readings.T, strict=True)],
         axis=1,
     )
-    noise = gain * taxel * np.exp(rng.uniform(np.log(3e-4), np.log(1e-2)))
-    sampled = (
-        sampled + _noise(rng, sampled.shape, noise, rate_hz) + gain * taxel * _drift(rng, time_s, sampled)
-    )
+    noise = gain * taxel * np.exp(rng.uniform(*np.log(_IDEAL_NOISE if drawn.is_ideal else _NOISE)))
+    noisy = sampled + _noise(rng, sampled.shape, noise, rate_hz)
+    sampled = noisy + gain * taxel * drawn.faults * _drift(rng, time_s, sampled)
     lsb = {"counts": 1.0, "pillars": 0.001, "sides": 0.0008}[kind]
     sampled = np.round(sampled / lsb) * lsb
     at = np.minimum(np.round(time_s / forces.step_s).astype(int), len(grid_s) - 1)
@@ -157,16 +169,21 @@ def _felt(
     x, y = (a.ravel() for a in np.meshgrid(places, places))
     mix = np.exp(-((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2))
     np.fill_diagonal(mix, 0.0)
-    mix = np.eye(n) + rng.uniform(0, 0.4) * mix
+    mix = np.eye(n) + drawn.faults * rng.uniform(0, 0.4) * mix
     mix /= mix.sum(axis=1, keepdims=True)
     load, shear = _mixed(load, mix), _mixed(shear, mix)
-    tilt = np.tan(np.radians(rng.uniform(0.0, 3.0)))  # of the pad in its mount
+    tilt = drawn.faults * np.tan(np.radians(rng.uniform(0.0, 3.0)))  # of the pad in its mount
     towards = rng.uniform(0.0, 2 * np.pi)
     lean = tilt * np.array([np.cos(towards), np.sin(towards)])
-    stray = lean[:, np.newaxis] + rng.normal(0, rng.uniform(0.0, 0.05), (2, n)) / 2
-    felt = load - lean[0] * shear[:, 0] - lean[1] * shear[:, 1] + rng.normal(0, 0.02) * shear[:, 0]
+    stray = lean[:, np.newaxis] + drawn.faults * rng.normal(0, rng.uniform(0.0, 0.05), (2, n)) / 2
+    felt = (
+        load
+        - lean[0] * shear[:, 0]
+        - lean[1] * shear[:, 1]
+        + drawn.faults * rng.normal(0, 0.02) * shear[:, 0]
+    )
     shear = ratio * shear + load[:, np.newaxis] * stray
-    spread = rng.uniform(0.0, 0.08)
+    spread = drawn.faults * rng.uniform(0.0, 0.08)
     return felt * rng.lognormal(0, spread, n), shear * rng.lognormal(0, spread, (2, n))
 
 

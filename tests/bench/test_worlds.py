@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from bench.worlds.generators import GENERATORS, draw
-from bench.worlds.sensors import runs
+from bench.worlds.sensors import Drawn, Forces, measure, runs
 from bench.worlds.shapes import draw_table
-from bench.worlds.world import World
+from bench.worlds.world import World, onsets
 
 NEW = [name for name in GENERATORS if name != "laws"]
 _MINUTES = 0.35
+_NEAR = {"bristles": ("near-limit", 0.6), "sheet": ("near-limit", 0.6), "strokes": ("rest-near-limit", 0.25)}
 
 
 @pytest.fixture(scope="module", params=NEW)
@@ -57,6 +58,16 @@ def test_shear_stays_within_its_limit_and_slides_are_at_it(worlds: list[World]) 
     assert np.median(sliding) > 0.97
 
 
+def test_a_gross_slip_begins_where_it_is_said_to_and_after_a_tenth_slipped(worlds: list[World]) -> None:
+    for world in worlds:
+        said_s = np.array(world.gross_s)
+        begins_s = onsets(world.gross) / world.rate_hz
+        assert len(begins_s) <= len(said_s)  # short ones may fall between scans
+        for begin_s in begins_s:
+            assert np.abs(said_s - begin_s).min() <= 1.5 / world.rate_hz
+        assert (np.array(world.tenth_s) <= said_s).all()
+
+
 def test_readings_agree_with_the_truth_of_a_slide(worlds: list[World]) -> None:
     errors = []
     for world in worlds:
@@ -77,18 +88,76 @@ def test_there_are_slides_and_rests(worlds: list[World]) -> None:
     assert 0.2 < np.mean([world.slips for world in worlds]) < 0.9
 
 
-@pytest.mark.parametrize("generator", NEW)
+@pytest.mark.parametrize("generator", _NEAR)
 def test_a_rest_near_the_limit_never_slides(generator: str) -> None:
-    for world in draw(generator, range(6), 0.2, ("near-limit",)):
+    hand, least = _NEAR[generator]
+    for world in draw(generator, range(6), 0.2, (hand,)):
         assert not world.gross.any()
-        assert 0.6 < world.utilisation[-1] < 0.99
+        assert least < world.utilisation[-1] < 0.99
 
 
-@pytest.mark.parametrize("generator", NEW)
+@pytest.mark.parametrize("generator", ["bristles", "sheet"])
 def test_low_hands_stay_far_from_the_limit_while_they_hold(generator: str) -> None:
     for world in draw(generator, range(4), 0.2, ("low",)):
         holds = world.touching & (world.load > 0.5 * np.quantile(world.load, 0.9))
         assert np.quantile(world.utilisation[holds], 0.99) < 0.6
+
+
+def test_strokes_slide_by_hands_that_move_and_rest_by_the_others() -> None:
+    moves = draw("strokes", range(8), 0.2, ("stroke", "strokes", "grooves"))
+    assert np.mean([world.slips for world in moves]) > 0.7
+    rests = draw("strokes", range(12), 0.2, ("rest-near-limit", "swing", "press"))
+    assert not any(world.slips for world in rests)
+    usual = draw("strokes", range(40), 0.2)
+    assert 0.25 < np.mean([world.slips for world in usual]) < 0.6
+
+
+def test_grasps_slip_about_half_and_rest_where_the_grip_bears_all() -> None:
+    usual = draw("grasps", range(100, 140))
+    assert 0.35 < np.mean([world.slips for world in usual]) < 0.7
+    assert all(len(world.gross) <= 700 for world in usual)
+    # An object that was let fall is no more in the log.
+    assert all(world.gross[-1] for world in usual if len(world.gross) < 700)
+    rests = draw("grasps", range(24), hands=("rest",))
+    assert np.mean([world.slips for world in rests]) < 0.1
+    largest = np.array([world.utilisation[-1] for world in rests])
+    assert largest.min() < 0.5 < 0.75 < largest.max()
+
+
+def test_readings_of_grasps_tell_the_friction_that_they_are_said_to() -> None:
+    for world in draw("grasps", range(12)):
+        tells = (world.utilisation > 0.4) & (world.load > 1.0)
+        shear = (world.array.shear_weights() @ world.block.volts[tells].T).sum(axis=1)
+        load = (world.array.normal_weights() @ world.block.volts[tells].T).sum(axis=0)
+        used = np.hypot(*shear) / load / world.friction[tells]
+        assert np.median(np.abs(used - world.utilisation[tells])) < 0.03
+        turned = np.degrees(np.arctan2(shear[1], shear[0])) - world.direction_deg[tells]
+        assert np.median(np.abs((turned + 180) % 360 - 180)) < 8
+
+
+def test_an_ideal_sensor_reads_the_forces_and_nothing_else() -> None:
+    n, rng = 400, np.random.default_rng(1)
+    load = np.linspace(0.0, 1.0, n)[:, None] * np.arange(1, 10)
+    shear = np.stack([0.3 * load, -0.1 * load], axis=1)
+    forces = Forces(
+        step_s=0.004,
+        load=load,
+        shear=shear,
+        utilisation=np.zeros(n),
+        slides=np.zeros(n, dtype=np.bool_),
+        limit=load.sum(axis=1),
+        touching=np.ones(n, dtype=np.bool_),
+        acceleration_m_s2=np.zeros(n),
+        usual_n=45.0,
+        static_friction=1.0,
+    )
+    world = measure(Drawn("strokes", "ramp", "press", 0, 3, 4.0, rng, is_ideal=True), forces)
+    last = world.block.volts[-20:].mean(axis=0)
+    loads, shears = world.array.normal_weights() @ last, world.array.shear_weights() @ last
+    np.testing.assert_allclose(loads / loads.sum(), np.arange(1, 10) / 45, atol=2e-3)
+    np.testing.assert_allclose(
+        np.hypot(*shears) / loads, np.hypot(0.3, 0.1) * world.static_friction, rtol=0.03
+    )
 
 
 @pytest.mark.parametrize("shape", ["flat", "sphere", "cylinder", "edge", "rib", "bumps"])

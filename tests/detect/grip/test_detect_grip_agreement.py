@@ -14,7 +14,13 @@ from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
 
-HANDS = {"laws": ("pull", "ease"), "bristles": ("slow-pull", "ease"), "sheet": ("slow-pull", "reverse")}
+HANDS = {
+    "laws": ("pull", "ease"),
+    "bristles": ("slow-pull", "ease"),
+    "sheet": ("slow-pull", "reverse"),
+    "strokes": ("strokes", "ease"),
+    "grasps": ("ease", "dips"),
+}
 
 
 @pytest.fixture(scope="module", params=sorted(GENERATORS))

@@ -1,0 +1,219 @@
+"""Worlds of grasps: the emulator's held objects under grips that are drawn at random.
+
+Objects, weights, events and electronics are those of the `hold-SEED` scenes, played by `bench.hold.batch`. No
+controller reads the sensor: the grip follows a drawn course in parts of the grip that just bears the load.
+Where the object slides, most grippers grip harder after a drawn time. A world is as long as its scene, 7 s,
+and ends where the object falls: nothing holds it any more.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
+from bench.hold.play import MOST_N, least_n
+from bench.worlds.sensors import runs
+from bench.worlds.world import World, onsets, tenths_s
+from tactiled.array import Array, load_array
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.holding import HOLD_S, LIFTED_S, START_N, hold
+from tactiled.samples.block import regular_block
+
+FloatArray = NDArray[np.float64]
+
+_SCANS = round(HOLD_S * RATE_HZ)
+_TOUCHING_N = 0.03 * START_N
+_GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
+_CATCHES = 0.8  # share of grippers that grip harder when the object slides
+_TOLD, _TOLD_N = 0.2, 1.0  # utilisation and load from which readings tell their ratio to the forces
+_CATCH_S = (0.01, 0.15)  # an object that slides by a tenth of its weight falls within 0.2 s
+_SMOOTH_SCANS = 21
+_NEAREST = (
+    0.8  # quantile of utilisation from which readings say what they are at the limit: they are not linear
+)
+_BATCH = 24
+
+
+@dataclass(frozen=True)
+class _Move:
+    """Move of the grip to a factor of the one that just bears the load at its end.
+
+    Attributes
+    ----------
+    at_s, factor, takes_s : float
+    for_all : bool
+        Of the one that bears all loads from there on.
+    """
+
+    at_s: float
+    factor: float
+    takes_s: float
+    for_all: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Grasp:
+    """Drawn grasp: the grip (scans,) to command in N, and how the gripper reacts when the object slides."""
+
+    seed: int
+    hand: str
+    scene: Scene
+    goal_n: FloatArray
+    catch_scans: float
+    tighter: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Played:
+    """States of a grasp after each scan, and its readings."""
+
+    volts: FloatArray
+    grip_n: FloatArray
+    shear_n: FloatArray
+    friction: FloatArray
+    slides: NDArray[np.bool_]
+
+
+def draw_worlds(seeds: range, _minutes: float, hands: tuple[str, ...] = ()) -> list[World]:
+    """Play grasps of 7 s, whatever the minutes asked for."""
+    array = load_array("wang2019-3x3")
+    grasps = [_draw(seed, hands or HANDS) for seed in seeds]
+    found = []
+    for first in range(0, len(grasps), _BATCH):
+        some = grasps[first : first + _BATCH]
+        found += [_world(grasp, one, array) for grasp, one in zip(some, _play(some, array), strict=True)]
+    return found
+
+
+def _draw(seed: int, hands: tuple[str, ...]) -> _Grasp:
+    rng = np.random.default_rng([53, seed])
+    hand, scene = str(rng.choice(hands)), hold(seed)
+    time_s = np.arange(1, _SCANS + 1) / np.float64(RATE_HZ)
+    least = least_n(scene, time_s)
+    touch = _Move(rng.uniform(0.0, 0.6), 0.0, rng.uniform(0.05, 0.4))
+    goal = _ramp(time_s, touch) * START_N * rng.uniform(1.0, 1.6)
+    for move in COURSES[hand](rng):
+        # What is moved to before the lift is to bear the object after it.
+        scan = min(round(max(move.at_s + move.takes_s, LIFTED_S) * RATE_HZ), _SCANS - 1)
+        bears_n = float(least[scan:].max() if move.for_all else least[scan])
+        goal += (move.factor * bears_n - goal) * _ramp(time_s, move)
+    catch_s = np.exp(rng.uniform(*np.log(_CATCH_S))) if rng.random() < _CATCHES else np.inf
+    return _Grasp(seed, hand, scene, np.minimum(goal, MOST_N), catch_s * RATE_HZ, rng.uniform(1.1, 1.6))
+
+
+def _ramp(time_s: FloatArray, move: _Move) -> FloatArray:
+    return np.clip((time_s - move.at_s) / move.takes_s, 0.0, 1.0)
+
+
+def _lift_grip(rng: np.random.Generator, low: float, high: float, *, for_all: bool = False) -> _Move:
+    """Move before the object hangs freely."""
+    return _Move(rng.uniform(0.9, 1.2), 1 / rng.uniform(1 / high, 1 / low), rng.uniform(0.05, 0.2), for_all)
+
+
+def _steps(rng: np.random.Generator) -> list[_Move]:
+    at_s = np.sort(rng.uniform(LIFTED_S, 6.5, rng.integers(2, 6)))
+    return [_Move(at, rng.uniform(0.6, 3.0), _takes_s(rng)) for at in at_s.tolist()]
+
+
+def _ease(rng: np.random.Generator) -> list[_Move]:
+    at_s, takes_s = rng.uniform(LIFTED_S, 4.0), np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
+    eased = _Move(at_s, rng.uniform(0.75, 1.1), takes_s)
+    again = _Move(at_s + takes_s + rng.uniform(0.0, 1.0), rng.uniform(1.1, 2.5), _takes_s(rng))
+    return [_lift_grip(rng, 1.2, 2.5), eased, again]
+
+
+def _dips(rng: np.random.Generator) -> list[_Move]:
+    moves, at_s = [_lift_grip(rng, 1.15, 2.5)], rng.uniform(LIFTED_S, 3.5)
+    while at_s < 6.0:
+        moves.append(_Move(at_s, rng.uniform(0.6, 1.1), rng.uniform(0.05, 0.2)))
+        at_s += rng.uniform(0.08, 0.5)
+        moves.append(_Move(at_s, rng.uniform(1.15, 2.5), rng.uniform(0.05, 0.2)))
+        at_s += rng.uniform(0.8, 2.5)
+    return moves
+
+
+def _takes_s(rng: np.random.Generator) -> float:
+    return float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
+
+
+COURSES: Mapping[str, Callable[[np.random.Generator], list[_Move]]] = {
+    "hold": lambda rng: [_lift_grip(rng, 1.1, 3.0)],
+    "rest": lambda rng: [_lift_grip(rng, 1.04, 3.0, for_all=True)],
+    "steps": _steps,
+    "ease": _ease,
+    "dips": _dips,
+}
+"""Moves of the grip after the touch, by name of the hand."""
+HANDS = (*("hold",) * 3, *("rest",) * 3, *("steps",) * 2, *("ease",) * 2, *("dips",) * 2)
+
+
+def _play(grasps: Sequence[_Grasp], array: Array) -> list[_Played]:
+    """Play a batch in simulated time, until each object falls."""
+    batch = HeldBatch([grasp.scene for grasp in grasps], array)
+    goal_n = np.stack([grasp.goal_n for grasp in grasps], axis=1)
+    catch_scans, tighter = (
+        np.array([getattr(g, name) for g in grasps]) for name in ("catch_scans", "tighter")
+    )
+    slid, times = np.zeros(len(grasps)), np.ones(len(grasps))
+    volts, grip_n, shear_n, friction, slides, fallen = [], [], [], [], [], []
+    for goal in goal_n:
+        batch.command(np.minimum(goal * times, MOST_N))
+        volts.append(batch.scan())
+        grip_n.append(batch.grip_n)
+        shear_n.append(batch.shear_n)
+        friction.append(batch.friction)
+        slides.append((batch.sliding > ALL_SLIDES) & (batch.grip_n > _TOUCHING_N))
+        fallen.append(batch.has_fallen.copy())
+        slid = np.where(slides[-1], slid + 1, 0)
+        caught = slid > catch_scans
+        times, slid = np.where(caught, times * tighter, times), np.where(caught, 0, slid)
+    lengths = np.sum(~np.array(fallen), axis=0)
+    series = [np.array(one) for one in (volts, grip_n, shear_n, friction, slides)]
+    return [_Played(*(one[:n, e] for one in series)) for e, n in enumerate(lengths.tolist())]
+
+
+def _world(grasp: _Grasp, played: _Played, array: Array) -> World:
+    gross = runs(runs(played.slides, _GROSS_SCANS), _STICK_SCANS, of=False)
+    touching = played.grip_n > _TOUCHING_N
+    load = np.maximum(played.grip_n, _TOUCHING_N)
+    ratio = np.hypot(*played.shear_n.T) / load
+    borne = np.where(gross & played.slides, ratio, played.friction)  # friction falls with the speed
+    used = np.where(touching, np.where(gross & played.slides, 1.0, np.minimum(ratio / borne, 1.0)), 0.0)
+    shown = _reading_ratio(array, played, ratio, used)
+    near = used >= np.quantile(used[touching], _NEAREST)
+    begins = onsets(gross)
+    surface = grasp.scene.surface
+    return World(
+        generator="grasps",
+        law=grasp.scene.description,
+        hand=grasp.hand,
+        seed=grasp.seed,
+        rate_hz=RATE_HZ,
+        noise_mv=1e3 * grasp.scene.electronics.noise_v,
+        array=array,
+        block=regular_block(played.volts, RATE_HZ),
+        utilisation=used,
+        gross=gross,
+        gross_s=[float(scan) / RATE_HZ for scan in begins],
+        tenth_s=tenths_s(used, begins, 1 / RATE_HZ),
+        direction_deg=np.degrees(np.arctan2(played.shear_n[:, 1], played.shear_n[:, 0])),
+        friction=np.where(touching, shown * borne, np.nan),
+        static_friction=float(np.median(shown[near])) * surface.friction * surface.static_ratio,
+        load=played.grip_n,
+        touching=touching,
+        acceleration_m_s2=np.full(len(gross), np.nan),
+    )
+
+
+def _reading_ratio(array: Array, played: _Played, ratio: FloatArray, used: FloatArray) -> FloatArray:
+    """Ratio of readings over that of forces (n,), where they tell it, and between."""
+    shear = np.hypot(*(array.shear_weights() @ played.volts.T).sum(axis=1))
+    load = (array.normal_weights() @ played.volts.T).sum(axis=0)
+    tells = np.flatnonzero((used > _TOLD) & (played.grip_n > _TOLD_N))
+    if not len(tells):
+        return np.full(len(ratio), array.shear_per_friction)
+    told = median_filter(shear[tells] / load[tells] / ratio[tells], _SMOOTH_SCANS, mode="nearest")
+    return np.interp(np.arange(len(ratio)), tells, told)
