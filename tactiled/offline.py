@@ -347,12 +347,15 @@ def _run_recording(
 
 
 def _change(pipeline: Pipeline, item: Input) -> None:
-    """Pass an input that is no read to the pipeline; detectors are set by the command line."""
+    """Pass an input that is no read to the pipeline; detectors are set by the command line.
+
+    Motion of the hand is no setting: it was measured, as the readings were.
+    """
     if item.name == "disconnected":
         pipeline.disconnected()
     elif item.name in ("damaged", "dropped"):
         pipeline.interrupted()
-    elif item.name in ("adapter", "ping"):
+    elif item.name in ("adapter", "ping", "motion"):
         pipeline.command(item.name, item.values(), item.time_s)
 
 

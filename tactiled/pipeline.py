@@ -11,6 +11,7 @@ from pydantic import Field
 
 from tactiled.array import Array
 from tactiled.detect.base import in_order
+from tactiled.detect.grip.announced import course_of
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker
@@ -291,11 +292,11 @@ class Pipeline:
         Parameters
         ----------
         name : str
-            ``"tare"``, ``"speed"``, ``"friction"``, ``"object-changed"``, ``"inhibit"``,
-            ``"expect-load-change"`` or ``"thresholds"`` (protocols/control.md); ``"adapter"``, which only the
-            port says: its ``handover_s``; ``"ping"``, just before the daemon sends one: its ``token``;
-            ``"late-fit"``, which only a recording says: the ``index`` of the scan at which a fit was due and
-            not ready.
+            ``"tare"``, ``"speed"``, ``"friction"``, ``"object-changed"``, ``"motion"``, ``"inhibit"``,
+            ``"expect-load-change"`` or ``"thresholds"`` (protocols/control.md; the instants of ``"motion"``
+            are those of the scans' clock); ``"adapter"``, which only the port says: its ``handover_s``;
+            ``"ping"``, just before the daemon sends one: its ``token``; ``"late-fit"``, which only a
+            recording says: the ``index`` of the scan at which a fit was due and not ready.
         arguments : mapping
             Checked ones.
         now_s : float
@@ -317,6 +318,8 @@ class Pipeline:
             reason = tuning.state_friction(arguments["value"], arguments["sd"])
         elif name == "object-changed":
             reason = tuning.change_object()
+        elif name == "motion":
+            reason = tuning.announce_motion(*course_of(arguments))
         elif name == "inhibit":
             tuning.inhibit(now_s, arguments["duration_s"])
         elif name == "expect-load-change":

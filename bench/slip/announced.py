@@ -15,6 +15,7 @@ class _RecordedEvents:
 
     texture = None
     learns_friction = ()
+    takes_motion = ()
 
     def __init__(self, events: Sequence[SlipEvent]) -> None:
         self._events = events

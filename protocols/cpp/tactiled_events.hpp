@@ -872,8 +872,8 @@ struct Command {
     std::int64_t run = 0;
     // The id that the client gave its request.
     std::string request_id;
-    // Name of the command: tare, speed, friction, object-changed, inhibit, expect-load-change, thresholds,
-    // rate, record, mark.
+    // Name of the command: tare, speed, friction, object-changed, motion, inhibit, expect-load-change,
+    // thresholds, rate, record, mark.
     std::string command;
     // The other fields of the request, as a JSON object.
     std::string arguments;

@@ -127,8 +127,8 @@ def command(
 ) -> None:
     """Send a request to a running daemon and print its reply as JSON; exit code 1 if it is refused.
 
-    NAME is tare, speed, friction, object-changed, inhibit, expect-load-change, thresholds, rate, record, mark
-    or state; for the fields see protocols/control.md.
+    NAME is tare, speed, friction, object-changed, motion, inhibit, expect-load-change, thresholds, rate,
+    record, mark or state; for the fields see protocols/control.md.
 
     Example: tactiled command thresholds grip.incipient_p=0.5
     """

@@ -8,7 +8,7 @@ import asyncio
 import itertools
 import secrets
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -192,6 +192,33 @@ class Commander(_Connected):
                 if reply is not None:
                     return reply
 
+    def announce_motion(
+        self,
+        acceleration_m_s2: float | Iterable[float],
+        time_s: float | Iterable[float] | None = None,
+        timeout_s: float = TIMEOUT_S,
+        **arguments: Any,
+    ) -> Reply:
+        """Announce the motion of the hand itself to the detectors, with 10 to 1000 values a second.
+
+        Parameters
+        ----------
+        acceleration_m_s2 : float or iterable of float
+            Acceleration of the hand along the pull, gravity's part included: 9.81 for a hand at rest. At most
+            256 values.
+        time_s : float or iterable of float, optional
+            Instant of each value by ``time.monotonic()`` of this program, never decreasing, within 1 s of
+            now. A value holds for 0.1 s. Left out: one value, which counts from its arrival on.
+        **arguments
+            Such as ``board``.
+
+        Raises
+        ------
+        OperatorError
+            See `send`.
+        """
+        return self.send("motion", timeout_s, **arguments, **_motion(acceleration_m_s2, time_s))
+
     def __enter__(self) -> Self:
         return self
 
@@ -218,11 +245,35 @@ class AsyncCommander(_Connected):
                 if reply is not None:
                     return reply
 
+    async def announce_motion(
+        self,
+        acceleration_m_s2: float | Iterable[float],
+        time_s: float | Iterable[float] | None = None,
+        timeout_s: float = TIMEOUT_S,
+        **arguments: Any,
+    ) -> Reply:
+        """Announce the motion of the hand itself; see `Commander.announce_motion`."""
+        return await self.send("motion", timeout_s, **arguments, **_motion(acceleration_m_s2, time_s))
+
     async def __aenter__(self) -> Self:
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self.close()
+
+
+def _motion(
+    acceleration_m_s2: float | Iterable[float], time_s: float | Iterable[float] | None
+) -> dict[str, Any]:
+    """Return the fields of the command ``motion``, with the present time where there are instants."""
+    values = {"acceleration_m_s2": _numbers(acceleration_m_s2)}
+    if time_s is None:
+        return values
+    return {**values, "time_s": _numbers(time_s), "sent_s": time.monotonic()}
+
+
+def _numbers(values: float | Iterable[float]) -> list[float]:
+    return [float(value) for value in (values if isinstance(values, Iterable) else (values,))]
 
 
 def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:

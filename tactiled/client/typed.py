@@ -717,8 +717,8 @@ class CommandData(TypedDict):
     request_id: str
     """The id that the client gave its request."""
     command: str
-    """Name of the command: tare, speed, friction, object-changed, inhibit, expect-load-change, thresholds,
-    rate, record, mark.
+    """Name of the command: tare, speed, friction, object-changed, motion, inhibit, expect-load-change,
+    thresholds, rate, record, mark.
     """
     arguments: str
     """The other fields of the request, as a JSON object."""

@@ -183,15 +183,15 @@ class BoardRunner:
         return self._commands.settings(now_s)
 
     def do(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Carry out a command, publish its outcome, and answer the client."""
+        """Carry out a command, publish its outcome (of a stream, the first), and answer the client."""
 
         def finish(reason: str) -> None:
-            self._outlets.publish_and_record(
-                self._commands.event(request, requester, reason, time.monotonic())
-            )
+            event = self._commands.event(request, requester, reason, time.monotonic())
+            if event is not None:
+                self._outlets.publish_and_record(event)
             done(reason)
 
-        self._commands.do(request, now_s, finish)
+        self._commands.do(request, requester, now_s, finish)
         self._path.act()
 
     async def _connect(self, pause_s: float) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field, model_validator
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
 from tactiled.detect.grip.detector import GripDetector, GripParams
 from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
@@ -124,6 +124,14 @@ class LearnsFriction(Protocol):
         ...
 
 
+class TakesMotion(Protocol):
+    """Detector that the hand's own motion can be announced to."""
+
+    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
+        """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,)."""
+        ...
+
+
 class DetectorPair:
     """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
 
@@ -141,10 +149,11 @@ class DetectorPair:
         self._slip = slip
         self.texture = texture
         self._grip = grip
-        self.learns_friction: Sequence[LearnsFriction] = tuple(
-            part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector)
-        )
+        models = tuple(part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector))
+        self.learns_friction: Sequence[LearnsFriction] = models
         """Detectors that friction can be stated to."""
+        self.takes_motion: Sequence[TakesMotion] = models
+        """Detectors that the hand's own motion can be announced to."""
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
@@ -179,6 +188,11 @@ class Suite(Detector, Protocol):
         """Detectors that friction can be stated to."""
         ...
 
+    @property
+    def takes_motion(self) -> Sequence[TakesMotion]:
+        """Detectors that the hand's own motion can be announced to."""
+        ...
+
 
 class BridgedSuite(GapBridge):
     """`Suite` whose detectors are given interpolated scans in place of short gaps."""
@@ -187,6 +201,7 @@ class BridgedSuite(GapBridge):
         super().__init__(methods)
         self.texture: TextureEstimator | None = methods.texture
         self.learns_friction = methods.learns_friction
+        self.takes_motion = methods.takes_motion
 
 
 class DetectorFactories(NamedTuple):

@@ -1,4 +1,4 @@
-"""Run-time settings of the detectors: zero, sliding speed, friction, thresholds, suppression of slips.
+"""Run-time settings of the detectors: zero, speed, friction, motion, thresholds, suppression of slips.
 
 `TunedSuite` replaces a suite. Without any command its events are those of the suite, bit for bit. Its
 settings survive gaps and replugs; `reset()` restores the configuration. Every change takes effect at a scan
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
+from tactiled.detect.grip.announced import AnnouncedMotion
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.zero import StartZero
@@ -36,6 +37,7 @@ _STILL_OF_RANGE = 1 / 1024  # where the array file gives no contact level
 _NO_FRICTION = (
     "no detector of this configuration learns friction: it takes shear, load and the topic grip or slip"
 )
+_NO_MOTION = "no detector of this configuration takes motion: it takes shear, load and the topic grip or slip"
 _KEPT_INTERVALS = 8  # a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 
 
@@ -102,6 +104,7 @@ class TunedSuite:
         """Speed last set; None while that of the configuration is used."""
         self.friction: tuple[float, float] | None = None
         """Friction last stated, and the sd of its logarithm; None while that of the configuration is used."""
+        self._motion = AnnouncedMotion()
         self.next_index = 0
         """Index of the first scan that a command given now applies to."""
         self._suite = self._build(self._array, self.params)
@@ -212,6 +215,28 @@ class TunedSuite:
             for detector in self._suite.learns_friction:
                 detector.state_friction(*self.friction)
 
+    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> str:
+        """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,).
+
+        They apply to scans that are processed from now on: see `AnnouncedMotion`.
+        """
+        if not self._suite.takes_motion:
+            return _NO_MOTION
+        self._motion.announce(time_s, acceleration_m_s2)
+        for detector in self._suite.takes_motion:
+            detector.announce_motion(time_s, acceleration_m_s2)
+        return ""
+
+    def acceleration_m_s2(self, now_s: float) -> float:
+        """Return the acceleration that is announced for now; NaN for none."""
+        return self._motion.at(now_s)
+
+    def _pass_motion(self) -> None:
+        time_s, acceleration_m_s2 = self._motion.course
+        if time_s.size:
+            for detector in self._suite.takes_motion:
+                detector.announce_motion(time_s, acceleration_m_s2)
+
     def expect_late_fit(self, due_index: int) -> None:
         """Treat the fit that is due at a scan as not ready, as it was in the live run."""
         if self._suite.texture is not None:
@@ -259,6 +284,7 @@ class TunedSuite:
         self._suite = self._build(self._array, params)
         self._pass_speed()
         self._pass_friction()
+        self._pass_motion()
         return "", events
 
     def _pass_speed(self) -> None:

@@ -3,6 +3,7 @@
 import asyncio
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -77,6 +78,36 @@ def test_a_request_has_its_arguments_and_its_reply_comes_back(is_async: bool, tm
     known = {name: request[name] for name in ("v", "do", "who", "board", "text")}
     assert known == {"v": 1, "do": "mark", "who": "gripper", "board": "B", "text": "here"}
     assert request["id"] == f"{request['session'][:8]}-1"
+
+
+@both
+@pytest.mark.parametrize(
+    ("values", "instants", "sent"),
+    [
+        (9.81, None, {"acceleration_m_s2": [9.81]}),
+        (12, 7.0, {"acceleration_m_s2": [12.0], "time_s": [7.0]}),
+        ((9.81, 12), (7.0, 7.5), {"acceleration_m_s2": [9.81, 12.0], "time_s": [7.0, 7.5]}),
+    ],
+)
+def test_motion_is_announced_with_the_clock_of_its_instants(
+    is_async: bool, values: Any, instants: Any, sent: dict[str, Any], tmp_path: Path
+) -> None:
+    async def announce(control: str) -> Reply:
+        async with AsyncCommander(control=control) as commander:
+            return await commander.announce_motion(values, instants, board="B")
+
+    before_s = time.monotonic()
+    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, asked):
+        if is_async:
+            assert asyncio.run(announce(control)).ok
+        else:
+            with Commander(control=control) as commander:
+                assert commander.announce_motion(values, instants, board="B").ok
+    ((request),) = asked
+    assert (request["do"], request["board"]) == ("motion", "B")
+    assert {name: request[name] for name in sent} == sent
+    assert ("sent_s" in request) == (instants is not None)
+    assert before_s <= request.get("sent_s", before_s) <= time.monotonic()
 
 
 @both

@@ -149,6 +149,7 @@ class ScriptedSlips:
     contact_state = "holding"
     texture = None
     learns_friction = ()
+    takes_motion = ()
 
     def __init__(self, onset_s: float) -> None:
         self._onset_s = onset_s

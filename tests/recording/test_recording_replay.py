@@ -1,15 +1,20 @@
 """Run again, a recording gives the events that were live: bit for bit, whatever the file looks like."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
-from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads
+from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads, write_step
 
+from tactiled.detect.grip.detector import GripDetector
 from tactiled.errors import DataError
 from tactiled.events.codec import decode, encode
-from tactiled.events.types import Event, SlipEvent
+from tactiled.events.types import Event, GripEvent, SlipEvent
+from tactiled.offline import Choices, detect_messages
 from tactiled.pipeline import Pipeline
 from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
@@ -20,6 +25,7 @@ from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
 from tactiled.recording.session import RecordEntry, RecordingSession
+from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 
@@ -168,6 +174,44 @@ def test_parts_lost_ports_and_commands_are_replayed(tmp_path: Path, reads: list[
         replay([parts[2], parts[0]], lambda _: None)
     with pytest.raises(DataError, match="each once"):
         replay([parts[0], parts[0]], lambda _: None)
+
+
+def test_scans_have_the_announced_motion_that_they_had_live(
+    tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The grip messages say here what motion their scan was processed with."""
+    step = GripDetector._step  # noqa: SLF001  no message has it
+
+    def saying(self: GripDetector, *arguments: Any) -> GripEvent | None:
+        event = step(self, *arguments)
+        return None if event is None else replace(event, shear_x=np.nan_to_num(self.acceleration_m_s2))
+
+    monkeypatch.setattr(GripDetector, "_step", saying)
+    told: list[Read | Input] = []
+    for k, read in enumerate(reads):
+        told.append(read)
+        if k % 5 == 0 and k % 200 < 150:  # with pauses, and up to 30 ms late or ahead
+            time_s = [read.arrival_s + (k % 7 - 3 + step) / 100 for step in range(5)]
+            course = {"time_s": time_s, "acceleration_m_s2": [9.81 + 0.01 * k + step for step in range(5)]}
+            told.append(Input(read.arrival_s + 1e-3, UNIX_OFFSET_S, "motion", json.dumps(course)))
+    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    live = hand_over(session, told, Pipeline(SOURCE.layout, SOURCE.array))
+    session.end(reads[-1].arrival_s)
+    said = {event.shear_x for event in live if isinstance(event, GripEvent)}
+    assert 0.0 in said
+    assert len(said) > 100
+    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
+    assert verdict.words() == f"{len(live)} events reproduced bit for bit"
+    _, messages = detect_messages(tmp_path / "a.mcap", choices=Choices(grip_hz=1e4))
+    assert said == {message["shear_x"] for message in messages if message["topic"] == "grip"}
+
+
+def test_a_recording_with_motion_that_is_no_course_is_refused(tmp_path: Path, reads: list[Read]) -> None:
+    with RecordingWriter(tmp_path / "a.mcap", HEADER) as writer:
+        write_step(writer, reads[0], [])
+        writer.input(Input(reads[0].arrival_s, UNIX_OFFSET_S, "motion", '{"time_s": [2, 1]}'))
+    with pytest.raises(DataError, match="motion: time_s and acceleration_m_s2 are not"):
+        replay([tmp_path / "a.mcap"], lambda _: None)
 
 
 def hello_of(reads: list[Read]) -> bytes:

@@ -1,13 +1,15 @@
 """Execution of commands: detector settings, scan rate, recording. No I/O; time is an argument."""
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.board.terms import SessionParams, is_same_rate
-from tactiled.daemon.zmq.requests import CommandRequest, Mark, Rate, Record, Requester
+from tactiled.daemon.zmq.motion import MotionSenders
+from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
@@ -53,10 +55,11 @@ class Commands:
         self._session = session
         self._tuned = tuned
         self._record = record
+        self._motion = MotionSenders()
         self._rate: _RateChange | None = None
         self._commanded_hz: float | None = None
 
-    def do(self, command: CommandRequest, now_s: float, done: Done) -> None:
+    def do(self, command: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
         """Carry out a command; `done` is called at once, or from `look` when the board has answered."""
         if isinstance(command, Mark):
             done("")
@@ -64,11 +67,18 @@ class Commands:
             done(self._set_recording(command.on))
         elif isinstance(command, Rate):
             self._set_rate(command.rate_hz, now_s, done)
+        elif isinstance(command, Motion):
+            reason, course = self._motion.course(command, sender_of(command, requester), now_s)
+            done(reason or self._tune(command.do, course, now_s))
         else:
-            reason, events = self._pipeline.command(command.do, command.arguments, now_s)
-            if not reason:
-                self._tuned(command.do, command.arguments, events, now_s)
-            done(reason)
+            done(self._tune(command.do, command.arguments, now_s))
+
+    def _tune(self, name: str, arguments: dict[str, Any], now_s: float) -> str:
+        """Give a command to the pipeline; return the reason for a refusal."""
+        reason, events = self._pipeline.command(name, arguments, now_s)
+        if not reason:
+            self._tuned(name, arguments, events, now_s)
+        return reason
 
     def look(self, now_s: float) -> None:
         """Check whether the board has accepted a rate; call it whenever the session may have changed."""
@@ -115,17 +125,25 @@ class Commands:
     def settings(self, now_s: float) -> dict[str, Any]:
         """Return the present settings, by the names that requests use."""
         tuning = self._pipeline.tuning
+        acceleration_m_s2 = tuning.acceleration_m_s2(now_s)
         return {
             "speed_mm_s": tuning.speed_mm_s or 0.0,
             "friction": list(tuning.friction or ()),
+            "acceleration_m_s2": [] if math.isnan(acceleration_m_s2) else [acceleration_m_s2],
             "inhibited_s": tuning.inhibited_s(now_s),
             "tared": tuning.baseline_volts is not None,
             "rate_hz": self._session.rate_hz,
             "detect": tuning.params.model_dump(mode="json", exclude_none=True),
         }
 
-    def event(self, command: CommandRequest, requester: Requester, reason: str, now_s: float) -> CommandEvent:
-        """Make the command event: the requester, the command and its outcome."""
+    def event(
+        self, command: CommandRequest, requester: Requester, reason: str, now_s: float
+    ) -> CommandEvent | None:
+        """Make the command event: the requester, the command and its outcome; None for most of a stream."""
+        if isinstance(command, Motion):
+            sender = sender_of(command, requester)
+            if not self._motion.is_event(sender, ok=not reason, now_s=now_s):
+                return None
         return CommandEvent(
             time_s=now_s,
             request_id=command.id,

@@ -12,7 +12,16 @@ from typing import Any
 import msgpack
 
 from tactiled.daemon.zmq.publisher import Publisher
-from tactiled.daemon.zmq.requests import CONTROL_VERSION, Bad, CommandRequest, Events, Requester, parse
+from tactiled.daemon.zmq.requests import (
+    CONTROL_VERSION,
+    Bad,
+    CommandRequest,
+    Events,
+    Motion,
+    Requester,
+    parse,
+    sender_of,
+)
 from tactiled.events.types import EVENT_TYPES
 from tactiled.limited_log import RateLimitedLog
 
@@ -22,6 +31,9 @@ REPLY_BYTES = (
     128 * 1024
 )  # limit of the messages in a reply: 200 scans; a minute of scans takes 30 round trips
 _REMEMBERED = 1000  # commands whose replies are kept for repeated requests; some 2 MB at worst
+# Those of motion, which come in streams and would displace the others: 2 s at 100 Hz, while a client repeats
+# a command after 0.5 s; some 4 MB at worst.
+_REMEMBERED_MOTION = 200
 _MOST_WAITING = 8  # repetitions of one pending command that get an answer
 
 Respond = Callable[[bytes], None]
@@ -74,6 +86,7 @@ class Control:
         self._settings = settings
         self._boards = boards
         self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
+        self._asked_motion: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
         """Answer a request; never raises, whatever the payload contains.
@@ -123,9 +136,11 @@ class Control:
             self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
             respond(self._reply(command.id, command.do, _NO_COMMANDS))
             return
-        session = ("session", command.session) if command.session else ("connection", requester.connection)
-        name = (requester.key, *session, command.id)
-        asked = self._asked.get(name)
+        name = (*sender_of(command, requester), command.id)
+        known, most = self._asked, _REMEMBERED
+        if isinstance(command, Motion):
+            known, most = self._asked_motion, _REMEMBERED_MOTION
+        asked = known.get(name)
         if asked is not None and asked.command != command:
             respond(self._reply(command.id, command.do, "id: was used for another request"))
         elif asked is not None and asked.reply:
@@ -134,9 +149,9 @@ class Control:
             if len(asked.waiting) < _MOST_WAITING:
                 asked.waiting.append(respond)
         else:
-            asked = self._asked[name] = _Asked(command, waiting=[respond])
-            if len(self._asked) > _REMEMBERED:
-                self._asked.popitem(last=False)
+            asked = known[name] = _Asked(command, waiting=[respond])
+            if len(known) > most:
+                known.popitem(last=False)
             self._do(command, requester, now_s, lambda reason: self._finish(asked, requester, now_s, reason))
 
     def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:

@@ -5,10 +5,10 @@ one. Its time and memory are bounded by the limit of `LONGEST_BYTES` on the payl
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgpack
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
 from tactiled import tomlfile
 from tactiled.errors import ConfigError
@@ -16,12 +16,22 @@ from tactiled.tomlfile import Params
 
 CONTROL_VERSION = 1
 LONGEST_BYTES = 16 * 1024  # ten times a mark of 1000 characters with every threshold
+MOST_VALUES = 256  # in a command: a quarter of a second at 1000 Hz, some 5 kB
 _LONGEST_REASON = 500  # characters: a reason quotes the request
 _SEQ_LIMIT = 2**63
+T = TypeVar("T")
 
 Id = Annotated[str, Field(min_length=1, max_length=64)]
 Who = Annotated[str, Field(max_length=64)]
 Session = Annotated[str, Field(max_length=64)]
+Values = Annotated[
+    list[T], BeforeValidator(lambda value: value if isinstance(value, list) else [value]),
+    Field(min_length=1, max_length=MOST_VALUES),
+]  # fmt: skip
+"""List of numbers, or one number in place of a list of one."""
+Acceleration = Annotated[float, Field(ge=-1000, le=1000)]
+# Seconds of a monotonic clock or since 1970, with a resolution of 2 microseconds; nanoseconds are refused.
+SenderTime = Annotated[float, Field(ge=0, le=1e10)]
 
 
 @dataclass(frozen=True)
@@ -132,6 +142,22 @@ class ObjectChanged(CommandRequest):
     do: Literal["object-changed"]
 
 
+class Motion(CommandRequest):
+    """Announce the hand's own motion, at 10 to 1000 Hz."""
+
+    do: Literal["motion"]
+    acceleration_m_s2: Values[Acceleration] = Field(
+        description="of the hand along the pull, gravity's part included: 9.81 at rest; a number or a list"
+    )
+    time_s: Values[SenderTime] | None = Field(
+        default=None,
+        description="instant of each value in your own clock; left out: one value, from its arrival on",
+    )
+    sent_s: SenderTime | None = Field(
+        default=None, description="your clock when you sent the command; with time_s only"
+    )
+
+
 class Inhibit(CommandRequest):
     """Publish slips that begin in the next seconds as suppressed, because the hand itself moves."""
 
@@ -185,6 +211,7 @@ REQUESTS: dict[str, type[Request]] = {
         Speed,
         StatedFriction,
         ObjectChanged,
+        Motion,
         Inhibit,
         ExpectLoadChange,
         Thresholds,
@@ -193,6 +220,12 @@ REQUESTS: dict[str, type[Request]] = {
         Mark,
     )
 }
+
+
+def sender_of(command: CommandRequest, requester: Requester) -> tuple[str, ...]:
+    """Return what identifies the sender of a command: its session, or the connection where it names none."""
+    session = ("session", command.session) if command.session else ("connection", requester.connection)
+    return (requester.key, *session)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.grip.announced import AnnouncedMotion
 from tactiled.detect.grip.compiled_model import AnyContactModel, contact_model
 from tactiled.detect.grip.friction import FrictionPosterior
 from tactiled.detect.grip.model import INCIPIENT_SHARE, NEEDED_UTILISATION, STEP_S, Grip
@@ -124,12 +125,18 @@ class GripDetector:
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
         self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
+        self._motion = AnnouncedMotion()
         self._places = np.stack([x, y]) / self._radius_mm
         self._least_load = _CONTACT_RANGE * array.full_scale
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen; keep the parameters, and friction that was stated."""
+        """Forget everything seen and announced; keep the parameters, and friction that was stated."""
+        self._motion.reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget everything seen."""
         self._friction = self._prior()
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._n_baseline = 0
@@ -142,6 +149,21 @@ class GripDetector:
         self._last_s = 0.0
         self.is_trusted = True
         """False where the newest scan came late or could not be read."""
+        self.acceleration_m_s2 = math.nan
+        """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
+        where none is announced."""
+
+    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
+        """Take the hand's own motion, for the scans that are processed from now on.
+
+        Parameters
+        ----------
+        time_s : (n,) float64
+            Instants in the clock of the scans, never decreasing; see `AnnouncedMotion.announce`.
+        acceleration_m_s2 : (n,) float64
+            Along the pull, gravity's part included: 9.81 for a hand at rest.
+        """
+        self._motion.announce(time_s, acceleration_m_s2)
 
     def state_friction(self, value: float, log_sd: float) -> None:
         """Take friction from outside, from the next contact on; one that goes on keeps what it has shown.
@@ -235,7 +257,7 @@ class GripDetector:
     def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
         events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
-        self.reset()
+        self._begin()
         return events
 
     def _step(
@@ -247,6 +269,7 @@ class GripDetector:
     ) -> GripEvent | None:
         """Take the newest scan of the readings."""
         before_s, self._last_s = self._last_s, time_s
+        self.acceleration_m_s2 = self._motion.at(time_s)
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if reading.is_lost:
             self._friction.spread(_DROPPED_SD)

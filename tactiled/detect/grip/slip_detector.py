@@ -65,6 +65,10 @@ class GripSlip:
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         self._grip.reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget everything seen, beside what the contact model has forgotten by itself."""
         self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: PosteriorSlips | None = None
@@ -79,6 +83,10 @@ class GripSlip:
     def change_object(self) -> None:
         """Forget friction: see `GripDetector.change_object`."""
         self._grip.change_object()
+
+    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
+        """Take the hand's own motion: see `GripDetector.announce_motion`."""
+        self._grip.announce_motion(time_s, acceleration_m_s2)
 
     @property
     def contact_state(self) -> ContactState:
@@ -153,7 +161,7 @@ class GripSlip:
     def _forget(self) -> list[Event]:
         events = self._cut_off()
         lost = self._grip.lose_contact()
-        self.reset()
+        self._begin()
         return events + (lost if self._params.publish else [])
 
     def _cut_off(self) -> list[Event]:

@@ -3,6 +3,7 @@
 import asyncio
 import json
 import threading
+import time
 from collections.abc import Awaitable, Callable
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,7 @@ from tactiled.daemon.served import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.commands import RATE_S, Commands
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import Rate
+from tactiled.daemon.zmq.requests import Rate, Requester
 from tactiled.events.types import EVENT_TYPES, Sent
 from tactiled.pipeline import Pipeline
 
@@ -156,6 +157,28 @@ def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
     play(setup, story)
 
 
+def test_a_stream_of_motion_is_one_command_event_and_its_refusal_another(tmp_path: Path) -> None:
+    setup = Setup(tmp_path)
+
+    async def story(daemon: AsyncCommander) -> None:
+        with PtyBoard(setup.link):
+            await setup.until_running()
+            assert (await daemon.send("state")).data["settings"]["acceleration_m_s2"] == []
+            for _ in range(5):
+                now_s = time.monotonic()
+                plan_s = [now_s + 0.05 * k for k in range(20)]
+                assert (await daemon.announce_motion([12.5] * 20, plan_s)).ok
+            assert (await daemon.send("state")).data["settings"]["acceleration_m_s2"] == [12.5]
+            refused = [await daemon.announce_motion([9.81, 9.81]) for _ in range(2)]
+            assert [reply.reason.split(":")[0] for reply in refused] == ["time_s", "time_s"]
+            last = await daemon.send("mark", text="end")
+            await setup.audited(last.data["id"])
+            heard = [(row["command"], row["ok"]) for row in setup.heard["command"]]
+            assert heard == [("motion", True), ("motion", False), ("mark", True)]
+
+    play(setup, story)
+
+
 def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
     setup = Setup(tmp_path)
 
@@ -213,7 +236,8 @@ def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(asked
     commands = Commands(Pipeline(LAYOUT, ARRAY), session, lambda *_: None)
     reasons: list[str] = []
     session.opened(0.0)
-    commands.do(Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0), 0.0, reasons.append)
+    rate = Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0)
+    commands.do(rate, Requester("1"), 0.0, reasons.append)
     assert session.terms.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
     commands.configure(read_again)

@@ -10,9 +10,10 @@ from unittest.mock import patch
 from patience import PATIENCE_S
 
 from tactiled import resources
+from tactiled.daemon.zmq.motion import MotionSenders
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams
-from tactiled.daemon.zmq.requests import CommandRequest, Requester
+from tactiled.daemon.zmq.requests import CommandRequest, Motion, Requester
 from tactiled.events.types import ContactEvent
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
@@ -20,7 +21,7 @@ CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 
 
 def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> None:
     page = resources.shipped("protocols", "control.md").read_text()
-    code, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code, *_ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     endpoint = f"ipc://{tmp_path}/events.ipc"
     script = code.replace("tcp://127.0.0.1:9872", endpoint).replace(
         "tcp://127.0.0.1:9873", f"ipc://{tmp_path}/control.ipc"
@@ -64,7 +65,7 @@ def test_the_command_in_the_documentation_is_done_exactly_once(
     tmp_path: Path,
 ) -> None:
     page = resources.shipped("protocols", "control.md").read_text()
-    _, code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    _, code, _ = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     script = code.replace("ipc:///run/tactiled/TS0001/control.ipc", f"ipc://{tmp_path}/control.ipc")
     done: list[str] = []
 
@@ -90,3 +91,36 @@ def test_the_command_in_the_documentation_is_done_exactly_once(
 
     asyncio.run(main())
     assert done == ["1", "1"]
+
+
+def test_the_motion_in_the_documentation_is_announced_with_its_instants(tmp_path: Path) -> None:
+    page = resources.shipped("protocols", "control.md").read_text()
+    *_, code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    script = code.replace('Commander(who="arm")', f'Commander("{endpoint}", who="arm")')
+    done: list[CommandRequest] = []
+
+    def do(
+        command: CommandRequest, _requester: Requester, _now_s: float, finish: Callable[[str], None]
+    ) -> None:
+        done.append(command)
+        finish("")
+
+    async def main() -> None:
+        network = Network(PublishParams(endpoints=(endpoint,)), do, lambda *_: {})
+        serving = asyncio.create_task(network.run())
+        try:
+            child = await asyncio.create_subprocess_exec(sys.executable, "-c", script)
+            assert await asyncio.wait_for(child.wait(), PATIENCE_S) == 0
+        finally:
+            serving.cancel()
+            await asyncio.gather(serving, return_exceptions=True)
+            network.close()
+
+    asyncio.run(main())
+    (command,) = done
+    assert isinstance(command, Motion)
+    reason, course = MotionSenders().course(command, ("", "session", "arm"), 200.0)
+    assert reason == ""
+    assert course["acceleration_m_s2"] == [9.81, 10.4, 11.2]
+    assert 199.9 < course["time_s"][0] < course["time_s"][2] - 0.019
