@@ -11,6 +11,7 @@ import numpy as np
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import Document, any_direction_deg, log_uniform, made
 
+_SHORTEST_S = 0.001  # of a phase, as `description` has it
 HOLD_S = 7.0
 """Duration of a grasp."""
 LIFTED_S = 2.4
@@ -63,9 +64,11 @@ def hold(seed: int) -> Scene:
     _lift_acceleration(rng, scene, settle_s + 0.4, lift_s, weight_n)
     event = EVENTS[int(rng.integers(len(EVENTS)))]
     _add_event(rng, scene, event, weight_n)
-    length_s = sum(phase["duration_s"] for phase in scene["phases"])
-    if length_s < HOLD_S:
-        scene["phases"] += [{"kind": "hold", "duration_s": HOLD_S - length_s}]
+    left_s = HOLD_S - sum(phase["duration_s"] for phase in scene["phases"])
+    if left_s >= _SHORTEST_S:
+        scene["phases"] += [{"kind": "hold", "duration_s": left_s}]
+    elif left_s > 0:  # the phase before ends a moment later
+        scene["phases"][-1]["duration_s"] += left_s
     scene["description"] = event
     return made(scene)
 
