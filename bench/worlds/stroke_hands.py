@@ -1,4 +1,4 @@
-"""What hands do in the worlds of strokes: pieces of a course, in which travel or shear is given.
+"""Courses of hands in the worlds of strokes, made of pieces in which travel or shear is given.
 
 A course is a row of touches; each begins and ends without load. Loads are in parts of the usual load, shear
 in parts of what the contact bears at the usual load.

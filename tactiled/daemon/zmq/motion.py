@@ -25,7 +25,7 @@ class _Sender:
 
     clock: SenderClock = field(default_factory=SenderClock)
     told_s: dict[bool, float] = field(default_factory=dict)
-    """When its last command event was published, by outcome."""
+    """Host time of its last command event, by outcome."""
 
 
 class MotionSenders:
