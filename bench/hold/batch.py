@@ -172,6 +172,6 @@ def _surfaces(plates: Sequence[FlatPlate], taxels: int) -> Surface:
     """Plates as one surface whose numbers are arrays (plates * taxels,), which the contact model allows."""
     columns = {
         name: np.repeat([getattr(plate, name) for plate in plates], taxels)
-        for name in ("friction", "static_ratio", "stribeck_mm_s")
+        for name in ("friction", "static_ratio", "stribeck_mm_s", "unevenness")
     }
     return Surface(**columns)  # type: ignore[arg-type]  # its arithmetic is elementwise

@@ -7,7 +7,7 @@ Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out
 place of that origin over the surface (taxel place plus travel of the skin). Forces are those on the skin.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -42,6 +42,8 @@ class Surface:
         ``depth (1 + cos(2 pi s / period)) / 2`` with s along the groove normal (cos angle, sin angle).
     static_ratio, stribeck_mm_s : float
         Friction at rest over friction while sliding, and the speed scale of the fall (Stribeck).
+    unevenness : float
+        Standard deviation of friction from place to place, over its mean (`unevenness`).
     """
 
     friction: float
@@ -50,6 +52,7 @@ class Surface:
     depth_mm: float = 0.0
     static_ratio: float = 1.0
     stribeck_mm_s: float = 1.0
+    unevenness: float = field(default=0.0, repr=False)  # solved tables are named by the text of even plates
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,7 @@ from tactiled.emulator.mechanics.displaced import DisplacementEffects, on_linear
 from tactiled.emulator.mechanics.skin import SkinCompliance, shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
+from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
 
 STEP_S = 0.01  # a scan: friction depends on the path and not on time, so shorter steps only cost more
@@ -166,6 +167,9 @@ class Compliance:
         before = self._current(taxel, held)
         assert taxel.base_mm is not None
         here = taxel.base_mm
+        if self._surface.unevenness:
+            factor = float(friction_factor(self._surface.unevenness, base_mm))
+            taxel.solver.friction = self._surface.friction * factor
         solution, frame = self._solve(taxel, held, value, base_mm)
         taxel.failures += not solution.converged
         if not solution.converged and halvings and taxel.failures < _FAILURES:

@@ -28,6 +28,7 @@ from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Readout, Surface, TaxelForces
 from tactiled.emulator.mechanics.sides import SideWeights, growth
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
+from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
 
 # Fit to finite elements of one taxel (config/contact/fem-*-load.json, 0.03 to 0.25 mm): from 0.3 to 2.3 N
@@ -121,6 +122,8 @@ class Lumped:
         self._base_mm = base_mm[-1].copy()
         friction = friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
         capacity = normal * friction * self.friction_part
+        if np.any(self._surface.unevenness):
+            capacity = capacity * friction_factor(self._surface.unevenness, base_mm)
         tangential, slipping = self._slide(moved, depth, capacity)
         pressed, tilted = growth(normal)
         side = pressed * normal[..., None] * self._normal_side + tilted * (tangential @ self._tangential_side)

@@ -10,6 +10,7 @@ after a change of load or direction, the effect at rest of the phase at which th
 between the loads of the tables, directions finer than a degree.
 """
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
 
@@ -46,6 +47,7 @@ IntArray = NDArray[np.int64]
 
 STEP_S = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s
 
+_MOST_PART = 2.0  # of sliding friction: where friction is uneven, more than 1
 _MOVING = 1e-6  # part of sliding friction below which no table of sliding is needed
 
 # As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Errors are
@@ -88,10 +90,12 @@ class Periodic:
         readout: Readout = "edge",
         mesh: str = "coarse",
     ) -> None:
+        # Forces grow with friction, and tables are those of even plates.
+        self._onset = Lumped(Surface(surface.friction, unevenness=surface.unevenness), azimuth_deg, n_taxels)
+        surface = dataclasses.replace(surface, unevenness=0.0)
         Compliance(surface, azimuth_deg, 1, readout=readout, mesh=mesh)  # raises ConfigError
         self._surface, self._readout, self._mesh = surface, readout, mesh
         self._azimuth_deg = tuple(float(a) for a in azimuth_deg)
-        self._onset = Lumped(Surface(surface.friction), azimuth_deg, n_taxels)
 
     def reset(self) -> None:
         """Return to no contact and no history."""
@@ -147,7 +151,7 @@ class Periodic:
         """
         pull = -onset.tangential_n
         capacity = self._surface.friction * onset.normal_n
-        part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), 1.0)
+        part = np.minimum(np.hypot(pull[..., 0], pull[..., 1]) / np.maximum(capacity, 1e-12), _MOST_PART)
         direction_deg = np.rint(np.rad2deg(np.arctan2(pull[..., 1], pull[..., 0]))).astype(np.int64)
         level = np.log(np.maximum(value / LEVEL[held], 1e-12)) / np.log(LEVEL_RATIO)
         low = np.clip(np.floor(level), LOWEST, HIGHEST - 1).astype(np.int64)

@@ -73,7 +73,7 @@ class ContactSolver:
         self._flat = compliance.reshape(3 * self._n, 3 * self._n)
         stiffness = 1.0 / np.diag(self._flat).reshape(3, self._n)
         self._rho_n, self._rho_t = stiffness[0], stiffness[1:].min(axis=0)
-        self._friction = friction
+        self.friction = friction
         self._factor: _Factorisation | None = None
 
     def solve(
@@ -100,9 +100,9 @@ class ContactSolver:
         for iteration in range(_ITERATIONS):
             v, pull = self._motion(frame, free, force, approach)
             push = force[0] - self._rho_n * v[0]
-            touches, bound = push > 0, self._friction * np.maximum(push, 0.0)
+            touches, bound = push > 0, self.friction * np.maximum(push, 0.0)
             size = np.hypot(pull[0], pull[1])
-            slips = touches & ((size > bound) | (self._friction == 0))
+            slips = touches & ((size > bound) | (self.friction == 0))
             kept = np.minimum(1.0, bound / np.maximum(size, 1e-300))
             residual = max(
                 float(np.abs(force[0] - np.maximum(push, 0.0)).max()),
@@ -161,7 +161,7 @@ class ContactSolver:
         among = nodes[slipping]
         size = np.maximum(np.hypot(*pull[:, among]), 1e-300)
         along = pull[:, among] / size
-        bound = self._friction * np.maximum(force[0, among], 0.0)
+        bound = self.friction * np.maximum(force[0, among], 0.0)
         goal = -v[:, nodes]
         goal[1:, slipping] = bound * along - force[1:, among]
         right = goal.ravel()
@@ -215,6 +215,6 @@ class ContactSolver:
             matrix[two, two] += 1 - across[2]
             matrix[one, two] -= across[1]
             matrix[two, one] -= across[1]
-            matrix[one, slipping] -= self._friction * along[0]
-            matrix[two, slipping] -= self._friction * along[1]
+            matrix[one, slipping] -= self.friction * along[0]
+            matrix[two, slipping] -= self.friction * along[1]
         return matrix

@@ -12,6 +12,12 @@ LARGEST_FORCE_N = 2000.0  # of a load, a grip or a pull
 Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds that the phase lasts")]
 
 
+Unevenness = Annotated[
+    float,
+    Field(ge=0, le=0.5, description="standard deviation of friction from place to place over its mean"),
+]
+
+
 class Plate(Params):
     """Parameters of every plate."""
 
@@ -22,6 +28,7 @@ class Plate(Params):
     stribeck_mm_s: float = Field(
         default=1.0, ge=1e-6, le=1e6, description="speed scale over which friction falls to that of sliding"
     )
+    unevenness: Unevenness = 0.0
     entry_mm: float = Field(
         default=1.0,
         ge=1e-6,
@@ -34,6 +41,8 @@ class FlatPlate(Plate):
     """Plate without texture."""
 
     kind: Literal["flat"] = "flat"
+    # Without it, shear that slides and shear that rests are the same signal: no real plate is that even.
+    unevenness: Unevenness = 0.05
 
 
 class GroovedPlate(Plate):

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics import lumped
 from tactiled.emulator.mechanics.stepper import GridInterpolator
+from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.emulator.scene.loading import PrescribedLoad
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import GroovedPlate
@@ -94,7 +95,7 @@ class SignalContact:
         slips = (state.speed_mm_s > 0).astype(np.float64)
         return ContactState(
             normal_n=normal,
-            tangential_n=-normal[..., None] * (friction * shear)[:, None, :],
+            tangential_n=-normal[..., None] * (friction[..., None] * shear[:, None, :]),
             slipping=np.repeat(slips[:, None], normal.shape[1], axis=1),
             slipping_share=slips,
             load_n=state.load_n,
@@ -105,11 +106,12 @@ class SignalContact:
     def _friction_and_ripple(
         self, time_s: FloatArray, x_mm: FloatArray, y_mm: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Friction coefficient at these times, and groove ripple at places over the surface."""
-        friction, ripple = np.zeros(time_s.shape), np.zeros(x_mm.shape)
+        """Friction coefficient and groove ripple at places over the surface."""
+        friction, ripple = np.zeros(x_mm.shape), np.zeros(x_mm.shape)
         for number, surface in enumerate(self._motion.surfaces):
             share = self._motion.surface_share(number, time_s)
-            friction += share * surface.friction
+            factor = friction_factor(surface.unevenness, np.stack([x_mm, y_mm], axis=-1))
+            friction += share * surface.friction * factor
             if isinstance(surface, GroovedPlate):
                 ripple += share * groove_ripple(surface, groove_phase(surface, x_mm, y_mm))
         return friction, ripple

@@ -68,7 +68,12 @@ def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
 def model_surface(plate: FlatPlate | GroovedPlate, model: str) -> Surface:
     """Convert a scene's plate for a contact model; `ConfigError` for grooves as deep as the bump is high."""
     if isinstance(plate, FlatPlate):
-        return Surface(plate.friction, static_ratio=plate.static_ratio, stribeck_mm_s=plate.stribeck_mm_s)
+        return Surface(
+            plate.friction,
+            static_ratio=plate.static_ratio,
+            stribeck_mm_s=plate.stribeck_mm_s,
+            unevenness=plate.unevenness,
+        )
     if plate.depth_mm >= BUMP_MM:
         fault = (
             f"surface.depth_mm: {plate.depth_mm:g} mm is as deep as the bump is high ({BUMP_MM:g} mm); "
@@ -82,6 +87,7 @@ def model_surface(plate: FlatPlate | GroovedPlate, model: str) -> Surface:
         plate.depth_mm,
         plate.static_ratio,
         plate.stribeck_mm_s,
+        plate.unevenness,
     )
 
 

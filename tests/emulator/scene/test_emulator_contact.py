@@ -16,6 +16,7 @@ from tactiled.emulator.scene.prescribed import SignalContact
 WANG = load_array("wang2019-3x3")
 PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 18.0}
 HOLD = {"kind": "hold", "duration_s": 1.0}
+EVEN = {"kind": "flat", "unevenness": 0.0}
 
 
 def forces(
@@ -24,7 +25,7 @@ def forces(
     array: Array = WANG,
     **rest: object,
 ) -> NDArray[np.float64]:
-    scene = Scene.model_validate({"name": "test", "phases": phases, **rest})
+    scene = Scene.model_validate({"name": "test", "surface": EVEN, "phases": phases, **rest})
     instants = np.repeat(np.asarray(time_s, dtype=float)[:, None], array.n_channels, axis=1)
     return SignalContact(SceneMotion(scene), array).forces(instants)
 

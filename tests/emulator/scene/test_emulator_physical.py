@@ -23,11 +23,13 @@ from tactiled.wire.layout import load_layout
 WANG = load_array("wang2019-3x3")
 PRESS = {"kind": "press", "duration_s": 1.0, "force_n": 15.0}
 HOLD = {"kind": "hold", "duration_s": 1.0}
+EVEN = {"kind": "flat", "unevenness": 0.0}
 SLIDE = {"kind": "slide", "duration_s": 3.0, "speed_mm_s": 1.0}
 
 
 def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
-    return Scene.model_validate({"name": "test", "contact": "lumped", "phases": list(phases), **rest})
+    document = {"name": "test", "contact": "lumped", "surface": EVEN, "phases": list(phases), **rest}
+    return Scene.model_validate(document)
 
 
 def contact(played: Scene, array: Array = WANG) -> PhysicalContact:
