@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from bench.worlds import bristles, grasps, laws, sheet, strokes
+from bench.worlds import bristles, grasps, laws, plates, sheet, strokes
 from bench.worlds.world import World
 
 
@@ -16,6 +16,7 @@ GENERATORS: Mapping[str, Callable[[range, float, tuple[str, ...]], list[World]]]
     "sheet": sheet.draw_worlds,
     "strokes": strokes.draw_worlds,
     "grasps": grasps.draw_worlds,
+    "plates": plates.draw_worlds,
 }
 """Functions of seeds, minutes of each world, and hands to draw from (none: the generator's own)."""
 

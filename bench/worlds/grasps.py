@@ -11,29 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
-from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
+from bench.hold.batch import ALL_SLIDES, HeldBatch
 from bench.hold.play import MOST_N, least_n
-from bench.worlds.sensors import runs
-from bench.worlds.world import World, onsets, tenths_s
+from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
+from bench.worlds.world import World
 from tactiled.array import Array, load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import HOLD_S, LIFTED_S, START_N, hold
-from tactiled.samples.block import regular_block
 
 FloatArray = NDArray[np.float64]
 
 _SCANS = round(HOLD_S * RATE_HZ)
-_TOUCHING_N = 0.03 * START_N
-_GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
 _CATCHES = 0.8  # share of grippers that grip harder when the object slides
-_TOLD, _TOLD_N = 0.2, 1.0  # utilisation and load from which readings tell their ratio to the forces
 _CATCH_S = (0.01, 0.15)  # an object that slides by a tenth of its weight falls within 0.2 s
-_SMOOTH_SCANS = 21
-_NEAREST = (
-    0.8  # quantile of utilisation from which readings say what they are at the limit: they are not linear
-)
 _BATCH = 24
 
 
@@ -66,17 +57,6 @@ class _Grasp:
     tighter: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Played:
-    """States of a grasp after each scan, and its readings."""
-
-    volts: FloatArray
-    grip_n: FloatArray
-    shear_n: FloatArray
-    friction: FloatArray
-    slides: NDArray[np.bool_]
-
-
 def draw_worlds(seeds: range, _minutes: float, hands: tuple[str, ...] = ()) -> list[World]:
     """Play grasps of 7 s, whatever the minutes asked for."""
     array = load_array("wang2019-3x3")
@@ -84,7 +64,8 @@ def draw_worlds(seeds: range, _minutes: float, hands: tuple[str, ...] = ()) -> l
     found = []
     for first in range(0, len(grasps), _BATCH):
         some = grasps[first : first + _BATCH]
-        found += [_world(grasp, one, array) for grasp, one in zip(some, _play(some, array), strict=True)]
+        for grasp, played in zip(some, _play(some, array), strict=True):
+            found.append(world_of("grasps", grasp.hand, grasp.seed, grasp.scene, played, array))
     return found
 
 
@@ -150,7 +131,7 @@ COURSES: Mapping[str, Callable[[np.random.Generator], list[_Move]]] = {
 HANDS = (*("hold",) * 3, *("rest",) * 3, *("steps",) * 2, *("ease",) * 2, *("dips",) * 2)
 
 
-def _play(grasps: Sequence[_Grasp], array: Array) -> list[_Played]:
+def _play(grasps: Sequence[_Grasp], array: Array) -> list[Played]:
     """Play a batch in simulated time, until each object falls."""
     batch = HeldBatch([grasp.scene for grasp in grasps], array)
     goal_n = np.stack([grasp.goal_n for grasp in grasps], axis=1)
@@ -165,55 +146,11 @@ def _play(grasps: Sequence[_Grasp], array: Array) -> list[_Played]:
         grip_n.append(batch.grip_n)
         shear_n.append(batch.shear_n)
         friction.append(batch.friction)
-        slides.append((batch.sliding > ALL_SLIDES) & (batch.grip_n > _TOUCHING_N))
+        slides.append((batch.sliding > ALL_SLIDES) & (batch.grip_n > TOUCHING_N))
         fallen.append(batch.has_fallen.copy())
         slid = np.where(slides[-1], slid + 1, 0)
         caught = slid > catch_scans
         times, slid = np.where(caught, times * tighter, times), np.where(caught, 0, slid)
     lengths = np.sum(~np.array(fallen), axis=0)
     series = [np.array(one) for one in (volts, grip_n, shear_n, friction, slides)]
-    return [_Played(*(one[:n, e] for one in series)) for e, n in enumerate(lengths.tolist())]
-
-
-def _world(grasp: _Grasp, played: _Played, array: Array) -> World:
-    gross = runs(runs(played.slides, _GROSS_SCANS), _STICK_SCANS, of=False)
-    touching = played.grip_n > _TOUCHING_N
-    load = np.maximum(played.grip_n, _TOUCHING_N)
-    ratio = np.hypot(*played.shear_n.T) / load
-    borne = np.where(gross & played.slides, ratio, played.friction)  # friction falls with the speed
-    used = np.where(touching, np.where(gross & played.slides, 1.0, np.minimum(ratio / borne, 1.0)), 0.0)
-    shown = _reading_ratio(array, played, ratio, used)
-    near = used >= np.quantile(used[touching], _NEAREST)
-    begins = onsets(gross)
-    surface = grasp.scene.surface
-    return World(
-        generator="grasps",
-        law=grasp.scene.description,
-        hand=grasp.hand,
-        seed=grasp.seed,
-        rate_hz=RATE_HZ,
-        noise_mv=1e3 * grasp.scene.electronics.noise_v,
-        array=array,
-        block=regular_block(played.volts, RATE_HZ),
-        utilisation=used,
-        gross=gross,
-        gross_s=[float(scan) / RATE_HZ for scan in begins],
-        tenth_s=tenths_s(used, begins, 1 / RATE_HZ),
-        direction_deg=np.degrees(np.arctan2(played.shear_n[:, 1], played.shear_n[:, 0])),
-        friction=np.where(touching, shown * borne, np.nan),
-        static_friction=float(np.median(shown[near])) * surface.friction * surface.static_ratio,
-        load=played.grip_n,
-        touching=touching,
-        acceleration_m_s2=np.full(len(gross), np.nan),
-    )
-
-
-def _reading_ratio(array: Array, played: _Played, ratio: FloatArray, used: FloatArray) -> FloatArray:
-    """Ratio of readings over that of forces (n,), where they tell it, and between."""
-    shear = np.hypot(*(array.shear_weights() @ played.volts.T).sum(axis=1))
-    load = (array.normal_weights() @ played.volts.T).sum(axis=0)
-    tells = np.flatnonzero((used > _TOLD) & (played.grip_n > _TOLD_N))
-    if not len(tells):
-        return np.full(len(ratio), array.shear_per_friction)
-    told = median_filter(shear[tells] / load[tells] / ratio[tells], _SMOOTH_SCANS, mode="nearest")
-    return np.interp(np.arange(len(ratio)), tells, told)
+    return [Played(*(one[:n, e] for one in series)) for e, n in enumerate(lengths.tolist())]

@@ -20,6 +20,8 @@ _MOST = 0.8  # of the range, so that usual loads never saturate
 _GROSS_S = 0.02  # a contact that slides for a shorter time did not slide
 _STICK_S = 0.04  # and one that rests for a shorter time went on
 _CREEP_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # a power law of time as a sum of exponentials
+# Part of the worlds in which the noise grows at some time, as beside a motor that starts; by what at most.
+_LOUDER, _MOST_LOUDER = 0.15, 30.0
 _XYZ = ("shear_x", "shear_y", "normal")
 
 
@@ -217,7 +219,10 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], sd: float, rate_hz:
     white, slow = rng.normal(size=shape), rng.normal(size=shape)
     keep = np.exp(-2.0 / rate_hz)
     red = lfilter([np.sqrt(1 - keep**2)], [1, -keep], slow, axis=0)
-    return np.asarray(sd * (white + rng.uniform(0, 0.5) * red))
+    noise = sd * (white + rng.uniform(0, 0.5) * red)
+    if rng.random() < _LOUDER:
+        noise[int(rng.uniform(0.2, 0.9) * shape[0]) :] *= np.exp(rng.uniform(0.0, np.log(_MOST_LOUDER)))
+    return np.asarray(noise)
 
 
 def _drift(rng: np.random.Generator, time_s: FloatArray, like: FloatArray) -> FloatArray:
@@ -236,7 +241,7 @@ def _array(kind: str, side: int, pitch_mm: float) -> Array:
     )
     places_mm = [pitch_mm * (k - (side - 1) / 2) for k in range(side)]
     units: dict[str, tuple[Unit, tuple[float, float]]] = {
-        "counts": ("count", (-32768.0, 32767.0)), "pillars": ("N", (-50.0, 50.0)), "sides": ("V", (-8.0, 8.0))
+        "counts": ("count", (-32768.0, 32767.0)), "pillars": ("N", (-10.0, 10.0)), "sides": ("V", (-8.0, 8.0))
     }  # fmt: skip
     unit, limits = units[kind]
     return build(

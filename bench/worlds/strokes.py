@@ -22,7 +22,7 @@ FloatArray = NDArray[np.float64]
 
 HANDS = (
     *("stroke",) * 4, *("strokes",) * 3, *("grooves",) * 2, *("steps",) * 3, *("ease",) * 3,
-    *("rest-near-limit",) * 6, *("swing",) * 4, *("press",) * 2,
+    *("rest-near-limit",) * 6, *("swing",) * 4, *("press",) * 4,
 )  # fmt: skip
 LAWS = ("mindlin", "exponential", "ramp")
 _TREMOR = 0.008  # of the load, at most

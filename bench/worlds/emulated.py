@@ -1,0 +1,93 @@
+"""Worlds of the emulator: what was played, with readings and truth at each scan."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from bench.hold.batch import RATE_HZ
+from bench.worlds.sensors import runs
+from bench.worlds.world import World, onsets, tenths_s
+from tactiled.array import Array
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.holding import START_N
+from tactiled.samples.block import regular_block
+
+__all__ = ["RATE_HZ", "TOUCHING_N", "Played", "world_of"]
+
+FloatArray = NDArray[np.float64]
+
+TOUCHING_N = 0.03 * START_N
+_GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
+_TOLD, _TOLD_N = 0.2, 1.0  # utilisation and load from which readings tell their ratio to the forces
+_SMOOTH_SCANS = 21
+# Quantile of utilisation from which readings say what they are at the limit: they are not linear.
+_NEAREST = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class Played:
+    """States of a scene after each scan, and its readings.
+
+    Attributes
+    ----------
+    volts : (n, channels) float64
+    load_n : (n,) float64
+    shear_n : (n, 2) float64
+    friction : (n,) float64
+        Coefficient that the contact bears at rest.
+    slides : (n,) bool
+        All of the contact slides.
+    """
+
+    volts: FloatArray
+    load_n: FloatArray
+    shear_n: FloatArray
+    friction: FloatArray
+    slides: NDArray[np.bool_]
+
+
+def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played, array: Array) -> World:
+    """Make a world of a scene that was played."""
+    gross = runs(runs(played.slides, _GROSS_SCANS), _STICK_SCANS, of=False)
+    touching = played.load_n > TOUCHING_N
+    load = np.maximum(played.load_n, TOUCHING_N)
+    ratio = np.hypot(*played.shear_n.T) / load
+    borne = np.where(gross & played.slides, ratio, played.friction)  # friction falls with the speed
+    used = np.where(touching, np.where(gross & played.slides, 1.0, np.minimum(ratio / borne, 1.0)), 0.0)
+    shown = _reading_ratio(array, played, ratio, used)
+    near = used >= np.quantile(used[touching], _NEAREST)
+    begins = onsets(gross)
+    surface = scene.surface
+    return World(
+        generator=generator,
+        law=scene.description,
+        hand=hand,
+        seed=seed,
+        rate_hz=RATE_HZ,
+        noise_mv=1e3 * scene.electronics.noise_v,
+        array=array,
+        block=regular_block(played.volts, RATE_HZ),
+        utilisation=used,
+        gross=gross,
+        gross_s=[float(scan) / RATE_HZ for scan in begins],
+        tenth_s=tenths_s(used, begins, 1 / RATE_HZ),
+        direction_deg=np.degrees(np.arctan2(played.shear_n[:, 1], played.shear_n[:, 0])),
+        friction=np.where(touching, shown * borne, np.nan),
+        static_friction=float(np.median(shown[near])) * surface.friction * surface.static_ratio,
+        load=played.load_n,
+        touching=touching,
+        acceleration_m_s2=np.full(len(gross), np.nan),
+    )
+
+
+def _reading_ratio(array: Array, played: Played, ratio: FloatArray, used: FloatArray) -> FloatArray:
+    """Ratio of readings over that of forces (n,), where they tell it, and between."""
+    shear = np.hypot(*(array.shear_weights() @ played.volts.T).sum(axis=1))
+    load = (array.normal_weights() @ played.volts.T).sum(axis=0)
+    tells = np.flatnonzero((used > _TOLD) & (played.load_n > _TOLD_N))
+    if not len(tells):
+        return np.full(len(ratio), array.shear_per_friction)
+    told = median_filter(shear[tells] / load[tells] / ratio[tells], _SMOOTH_SCANS, mode="nearest")
+    return np.interp(np.arange(len(ratio)), tells, told)

@@ -1,0 +1,98 @@
+"""Learning the contact filter: looks with their truth, weights, and and trees as flat arrays."""
+
+import json
+import math
+from array import array
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.train import data, fit
+from bench.train.__main__ import train
+from bench.train.rows import Looks, looks_of
+from bench.worlds.generators import draw
+from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
+from tactiled.detect.contact.posterior import EDGES, N_STATES
+from tactiled.detect.contact.signs import NAMES
+from tactiled.detect.contact.trees import Trees
+from tactiled.resources import shipped
+
+
+@pytest.fixture(scope="module")
+def worlds() -> list[Looks]:
+    few = [*draw("strokes", range(7000, 7008), 0.1), *draw("laws", range(7000, 7006), 0.1)]
+    return [looks for looks in map(looks_of, few) if len(looks.signs)]
+
+
+def test_looks_are_those_of_the_detector_with_the_truth_of_their_scans() -> None:
+    (world,) = draw("strokes", range(7000, 7001), 0.1)
+    looks = looks_of(world, as_trained=False)
+    assert looks.signs.shape == (len(looks.time_s), len(NAMES))
+    scans = np.round(looks.time_s * world.rate_hz).astype(int)
+    np.testing.assert_array_equal(looks.slides, world.gross[scans])
+    assert looks.begins[0]
+    assert ((looks.soon > 0) == (looks.ahead_s <= 0.3)).all()
+    detector = GripDetector(world.array)
+    seen = [
+        np.array(scan.filter.signs.row)
+        for _ in detector.scans(world.block)
+        if (scan := detector.contact) is not None and scan.is_look
+    ]
+    np.testing.assert_array_equal(np.array(seen), looks.signs)
+
+
+def test_generators_and_classes_have_the_weight_that_was_stated(worlds: list[Looks]) -> None:
+    slides = np.concatenate([w.slides for w in worlds])
+    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
+    weight = fit.weights(worlds, slides, 0.1, np.ones_like(slides))
+    for name in ("strokes", "laws"):
+        own = generator == name
+        assert weight[own].sum() == pytest.approx(weight.sum() / 2)
+        assert weight[own & slides].sum() == pytest.approx(0.1 * weight[own].sum())
+
+
+def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
+    rows = np.concatenate([w.signs for w in worlds])
+    classes = np.searchsorted(EDGES, np.concatenate([w.utilisation for w in worlds]))
+    shape = fit.Shape(trees=5, leaves=6, rate=0.2, least_rows=20)
+    forest = fit.grown(shape, rows, classes, np.ones(len(rows)), 0)
+    ours = Trees(fit.flat(forest))
+    chosen = rows[::97]
+    for row, wanted in zip(chosen, forest.predict_proba(chosen), strict=True):
+        ours.evaluate(array("d", row))
+        scores = np.exp(np.array(ours.scores) - max(ours.scores))
+        np.testing.assert_allclose(scores / scores.sum(), wanted, rtol=1e-9, atol=1e-12)
+
+
+def test_the_shipped_trees_fit_the_signs_and_say_what_they_were_learnt_from() -> None:
+    table = shipped_trees()
+    about = json.loads(shipped(*FILE).with_suffix(".json").read_text())
+    assert about["signs"] == list(NAMES)
+    assert about["nodes"] == {name: len(table[f"{name}.feature"]) for name in ("signs", "state", "soon")}
+    assert "dirty" not in about["commit"]
+    assert set(about["learnt_from"]) == {"laws", "bristles", "sheet", "strokes", "grasps"}
+    learnt = learnt_from(table)
+    assert (len(learnt.signs.first), len(learnt.state.first), len(learnt.soon.first)) == (1, N_STATES, 4)
+    assert table["signs.feature"].max() < len(NAMES)
+    learnt.signs.evaluate(array("d", [math.nan] * len(NAMES)))
+    assert math.isfinite(learnt.signs.scores[0])
+
+
+def test_the_command_writes_trees_that_the_detector_runs_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(data, "GENERATORS", {"strokes": None, "laws": None})
+    monkeypatch.setattr(data, "MINUTES", 0.1)
+    path = tmp_path / "slip.npz"
+    done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
+    assert done.exit_code == 0, done.output
+    assert set(json.loads(done.stdout)) == {"strokes", "laws"}
+    about = json.loads(path.with_suffix(".json").read_text())
+    assert about["command"] == "./run train slip"
+    with np.load(path) as table:
+        (world,) = draw("laws", range(7001, 7002), 0.1)
+        events = GripDetector(world.array, learnt=learnt_from(table)).process(world.block)
+    assert events
