@@ -62,6 +62,22 @@ def wrong(events: list[Event]) -> list[str]:
     return compare(SLIDES, events, T0_S).wrong
 
 
+def test_an_onset_is_judged_by_the_certainty_that_it_states() -> None:
+    late = [dataclasses.replace(e, onset_s=e.onset_s + 0.1) if e.kind == "gross" else e for e in FIRST]
+    assert any("gross at" in words for words in wrong([*late, *LAST, TEXTURE, *GRIPS]))
+    less_certain = [dataclasses.replace(e, onset_sd_s=0.05) for e in late]
+    assert wrong([*less_certain, *LAST, TEXTURE, *GRIPS]) == []
+
+
+def test_slip_during_a_lift_may_be_reported_and_need_not_be() -> None:
+    release = TrueSlip(12.0, 12.5, None, FlatPlate(), shear_s=12.0, incipient_s=12.0, gross_s=12.01)
+    lifted = [dataclasses.replace(e, detected_s=T0_S + 12.4, onset_s=T0_S + 12.3) for e in FIRST]
+    events = [*ALL, *lifted]
+    assert compare(SLIDES, events, T0_S, [release]).wrong == []
+    assert compare(SLIDES, ALL, T0_S, [release]).wrong == []
+    assert any("slides reported" in words for words in wrong(events))
+
+
 def test_everything_found_is_right() -> None:
     verdict = compare(SLIDES, ALL, T0_S)
     assert verdict.wrong == []

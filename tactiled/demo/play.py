@@ -21,7 +21,7 @@ import numpy as np
 
 from tactiled import child
 from tactiled.array import load_array
-from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_slides
+from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_releases, true_slides
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
@@ -139,7 +139,7 @@ def _judge(
     picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float, cut_short: str
 ) -> bool:
     """Print the results; estimates are judged only if the host kept up with the board."""
-    verdict = compare(slides, seen.events, t0_s)
+    verdict = compare(slides, seen.events, t0_s, true_releases(truth))
     _say("host:", str(seen.host))
     if too_slow := seen.host.too_slow(is_wrong=bool(verdict.wrong)):
         load, _, _ = os.getloadavg()
