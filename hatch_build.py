@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +50,7 @@ def with_absolute_links(text: str, address: str, tag: str) -> str:
     return _LINK.sub(absolute, text)
 
 
-NAMES = "compiled.h", "compiled.c", "compiled_readings.c", "compiled_contact.c", "compiled_grip.c"
+NAMES = "compiled.h", "compiled.c", "compiled_readings.c"
 SOURCES, LIBRARY = tuple(f"tactiled/{name}" for name in NAMES), "tactiled/_compiled.so"
 # No fused multiply-add, which rounds otherwise than numpy; no errno, so that sqrt is one instruction; nobody
 # reads the flags of floating-point exceptions, so that a choice between two values needs no branch.
@@ -81,6 +82,59 @@ def compile_library(root: Path) -> bool:
     return True
 
 
+MODULES = tuple(f"tactiled/detect/contact/{name}.py" for name in ("memory", "posterior", "signs", "trees"))
+# Bits as in Python: no fused multiply-add. Indices are never negative, and arrays never too short.
+_DIRECTIVES = (
+    *("language_level=3", "annotation_typing=False", "infer_types=True", "boundscheck=False"),
+    *("wraparound=False", "initializedcheck=False", "cdivision=True"),
+)
+_MODULE_FLAGS = "-O2", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC", "-w"
+
+
+def module_library(source: Path) -> Path:
+    """Return the path of the compiled form of a plain module, as `tactiled.compiled` looks for it."""
+    digest = hashlib.sha256(source.read_bytes() + source.with_suffix(".pxd").read_bytes()).hexdigest()[:16]
+    return source.with_name(f"_{source.stem}_{digest}{sysconfig.get_config_var('EXT_SUFFIX')}")
+
+
+def compile_modules(root: Path) -> list[Path]:
+    """Build the plain modules that have types of C; return none where there is no compiler or no Python.h."""
+    compiler, include = shutil.which(os.environ.get("CC", "cc")), Path(sysconfig.get_path("include"))
+    if compiler is None or not (include / "Python.h").exists():
+        print(
+            "no C compiler or no Python.h (python3-dev): the contact filter runs as plain Python",
+            file=sys.stderr,
+        )
+        return []
+    found = []
+    for source in (root / name for name in MODULES):
+        library = module_library(source)
+        for old in set(source.parent.glob(f"_{source.stem}_*")) - {library}:
+            old.unlink()
+        if not library.exists():
+            try:
+                _compile_module(source, library, compiler, include)
+            except subprocess.CalledProcessError as error:
+                print(f"{source.name} does not compile, it runs as plain Python: {error}", file=sys.stderr)
+                return []
+        found.append(library)
+    return found
+
+
+def _compile_module(source: Path, library: Path, compiler: str, include: Path) -> None:
+    name = library.name.split(".")[0]
+    with tempfile.TemporaryDirectory() as temporary:
+        work = Path(temporary)
+        shutil.copy(source, work / f"{name}.py")
+        shutil.copy(source.with_suffix(".pxd"), work / f"{name}.pxd")
+        to_c = [sys.executable, "-m", "cython", *(f"-X{one}" for one in _DIRECTIVES), f"{name}.py"]
+        new = library.with_suffix(f".{os.getpid()}")
+        to_library = [compiler, *_MODULE_FLAGS, f"-I{include}", f"{name}.c", "-lm", "-o", str(new)]
+        for command in (to_c, to_library):
+            subprocess.run(command, cwd=work, check=True)
+        new.replace(library)  # at once: another process may build the same
+
+
 class CompiledLibrary(BuildHookInterface):  # type: ignore[type-arg]  # of a configuration that it does not use
     """Build the compiled path of a scan into a wheel, and into the checkout of an editable install."""
 
@@ -88,10 +142,14 @@ class CompiledLibrary(BuildHookInterface):  # type: ignore[type-arg]  # of a con
         """Compile, and mark the wheel as one for this platform."""
         if self.target_name != "wheel" or not compile_library(Path(self.root)):
             return
+        root, platform = Path(self.root), re.sub("[-.]", "_", sysconfig.get_platform())
+        modules = compile_modules(root)
+        python = f"cp{sys.version_info.major}{sys.version_info.minor}"
         build_data["pure_python"] = False
-        build_data["tag"] = f"py3-none-{re.sub('[-.]', '_', sysconfig.get_platform())}"
-        build_data["artifacts"].append(LIBRARY)
+        build_data["tag"] = f"{python}-{python}-{platform}" if modules else f"py3-none-{platform}"
+        build_data["artifacts"] += [LIBRARY, *(str(one.relative_to(root)) for one in modules)]
 
 
 if __name__ == "__main__":
-    sys.exit(not compile_library(Path(__file__).parent))
+    _ROOT = Path(__file__).parent
+    sys.exit(not (compile_library(_ROOT) and compile_modules(_ROOT)))

@@ -31,12 +31,10 @@ BENCHES = {
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
     "hostile": "bench.hostile.bench",
-    "learnt": "bench.learnt.bench",
 }
-WITH_PLOT = ("contact", "slip", "grip", "hold", "force", "texture")
-WITH_ABLATION = ("grip",)
+WITH_PLOT = ("contact", "slip", "hold", "force", "texture")
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
-WITH_JSON = ("force", "texture", "sensors", "web")
+WITH_JSON = ("force", "grip", "texture", "sensors", "web")
 
 
 @click.command()
@@ -44,7 +42,6 @@ WITH_JSON = ("force", "texture", "sensors", "web")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
 @click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
-@click.option("--ablate", is_flag=True, help="grip: also without each part of the model, a few minutes more.")
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
@@ -53,7 +50,6 @@ def bench(
     quick: bool,
     plot: Path | None,
     numbers: Path | None,
-    ablate: bool,
     dask: str | None,
 ) -> None:
     """Measure, and print tables of what was measured.
@@ -63,22 +59,22 @@ def bench(
     beside a C program. throughput: scans a second, files in times real time, processor and memory.
     boards: cost, memory and latency of many boards in one process, by their number. soak: days of board
     time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
-    slip events of every setting, on random worlds and on the emulator's families. grip: margins and
-    forecasts of the contact model over worlds drawn at random. hands: false alarms of hands that hold,
-    over ten hours. hold: drops and grip force of a controller that follows the contact model's margin,
+    slip events of every setting, on random worlds and on the emulator's families. grip: sliding,
+    margins and forecasts of the contact filter on worlds of a generator that it never saw. hands: false
+    alarms of hands that hold, over two hours. hold: drops and grip force of a controller that follows
+    the filter's margin,
     beside fixed grips and slip events. force: errors of calibrated forces on rigs drawn at random,
     beside ridge regression and the bound. texture: errors of groove estimates over the Cramer-Rao
     bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
     beside the strongest line of a spectrum. web: delays of the live page in a browser, and what server
     and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
     bytes of many boards through two routers of zenoh. hostile: attacks on every border, with what was seen.
-    learnt: trees that learn the signs of sliding, scored on worlds of a generator that they never saw.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 
     Example: ./run bench slip --quick --plot slip.png
     """
-    options = BenchOptions(quick, plot, numbers, ablate, dask)
+    options = BenchOptions(quick, plot, numbers, dask)
     for name in names:
         check_options(name, options)
     if (plot is not None or numbers is not None) and len(names) > 1:
@@ -99,7 +95,6 @@ def check_options(name: str, options: BenchOptions) -> None:
     for option, is_given, benches in (
         ("--plot", options.plot is not None, WITH_PLOT),
         ("--json", options.json is not None, WITH_JSON),
-        ("--ablate", options.ablate, WITH_ABLATION),
         ("--dask", options.dask is not None, WITH_JOBS),
     ):
         if is_given and name not in benches:

@@ -62,8 +62,6 @@ class BenchOptions:
         Fewer seeds and cases.
     plot, json : Path, optional
         Files to write. A bench may measure more for them.
-    ablate : bool
-        Also take parts of the method out, one at a time.
     dask : str, optional
         Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
     """
@@ -71,7 +69,6 @@ class BenchOptions:
     quick: bool = False
     plot: Path | None = None
     json: Path | None = None
-    ablate: bool = False
     dask: str | None = None
 
 

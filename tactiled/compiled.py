@@ -8,16 +8,19 @@ numpy.
 
 import ctypes
 import hashlib
+import importlib.util
 import os
+import sysconfig
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-_NAMES = "compiled.h", "compiled.c", "compiled_readings.c", "compiled_contact.c", "compiled_grip.c"
+_NAMES = "compiled.h", "compiled.c", "compiled_readings.c"
 SOURCES = tuple(Path(__file__).with_name(name) for name in _NAMES)
 LIBRARY = Path(__file__).with_name("_compiled.so")
 SETTING = "TACTILED_COMPILED"
@@ -41,14 +44,6 @@ _DECLARED = {
     "readings_rest": ("", "pr"),
     "readings_release": ("", "p"),
     "readings_interrupt": ("", "p"),
-    "model": ("s", "ssssrpppppppppppppp"),
-    "model_measure": ("", "pr"),
-    "model_follow": ("", "prrrr"),
-    "model_skip": ("", "p"),
-    "model_look": ("", "psprr"),
-    "model_grip": ("", "p"),
-    "model_loosen": ("", "pp"),
-    "model_taxels": ("", "pp"),
 }
 
 
@@ -105,6 +100,38 @@ path = load()
 def library() -> Any | None:
     """Return the functions for an object that is being made, or None for numpy."""
     return path.functions
+
+
+def compiled_module(name: str) -> ModuleType | None:
+    """Load the compiled form of a plain module, which Cython made with the types of its ``.pxd`` file.
+
+    Returns
+    -------
+    ModuleType or None
+        None where the installation had no compiler, or was built from other sources.
+    """
+    if os.environ.get(SETTING, "1") == "0":
+        return None
+    source = Path(__file__).parents[1].joinpath(*name.split(".")).with_suffix(".py")
+    library = module_library(source)
+    if not library.exists():
+        return None
+    spec = importlib.util.spec_from_file_location(f"{name.rpartition('.')[0]}.{_stem(library)}", library)
+    assert spec is not None  # of a file that exists
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def module_library(source: Path) -> Path:
+    """Return the path of the compiled form of a plain module; its name has the hash of both sources."""
+    digest = source_hash((source, source.with_suffix(".pxd")))[:16]
+    return source.with_name(f"_{source.stem}_{digest}{sysconfig.get_config_var('EXT_SUFFIX')}")
+
+
+def _stem(library: Path) -> str:
+    return library.name.split(".")[0]
 
 
 def address(array: NDArray[Any]) -> int:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from tactiled.array import Array
 from tactiled.detect.base import in_order
-from tactiled.detect.grip.announced import course_of
+from tactiled.detect.contact.announced import course_of
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker

@@ -20,12 +20,8 @@ from touches import Touch, pieces, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, load_array
-from tactiled.detect.grip.compiled_model import TrendValues, contact_model
-from tactiled.detect.grip.detector import GripDetector
-from tactiled.detect.grip.friction import FrictionPosterior
-from tactiled.detect.grip.model import Grip
-from tactiled.detect.grip.observe import approximation_taps
-from tactiled.detect.grip.readings import taxel_readings
+from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.readings import taxel_readings
 from tactiled.detect.signal.contact import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
@@ -132,7 +128,7 @@ def layouts(tmp_path_factory: pytest.TempPathFactory) -> list[Layout]:
 @every_array
 @given(seed=st.integers(0, 2**32), data=st.data())
 @settings(max_examples=6, deadline=None)
-def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(
+def test_loads_and_noise_of_a_contact_have_the_bits_of_numpy(
     array: Array, seed: int, data: st.DataObject
 ) -> None:
     block = touched(array, seed)
@@ -161,55 +157,6 @@ def test_loads_and_noise_of_the_contact_model_have_the_bits_of_numpy(
         if rng.random() < 0.2:
             for readings in both:
                 readings.interrupt()
-
-
-@needs_library
-@given(
-    n_taxels=st.sampled_from([1, 2, 9, 16]),
-    median=st.sampled_from([0.02, 0.6, 50.0]),
-    seed=st.integers(0, 2**32),
-)
-@settings(max_examples=20, deadline=None)
-def test_the_posterior_of_a_contact_has_the_bits_of_numpy(n_taxels: int, median: float, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    x, y = rng.standard_normal((2, n_taxels))
-    level = int(rng.integers(3))
-    history = np.zeros((len(approximation_taps(level)) + int(rng.integers(3)), 3, n_taxels))
-    both = of_both(lambda: contact_model(x, y, FrictionPosterior(median, 0.6), history, 0.01))
-    offset_sd = float(rng.choice([0.0, 0.05]))
-    load = rng.uniform(0.0, 2.0, n_taxels) * rng.choice([1e-9, 1.0, 1e6])
-    load[rng.random(n_taxels) < 0.2] = 0.0
-    size = float(rng.choice([0.0, 1e-300, 1e-6, 0.3, 2.0, 1e6])) * median
-    along = rng.standard_normal(2) * rng.choice([1.0, 1.0, 0.0], 2)
-    turn = rng.choice([0.0, 1.0]) * rng.standard_normal() * np.stack([-y, x])
-    for k in range(80):
-        ratio = size * np.sin(k / 20) * (along[:, np.newaxis] + turn) + rng.choice([0.0, 1e-3])
-        history[:-1] = history[1:]
-        history[-1, 0] = load * rng.choice([1.0, 1.01])
-        history[-1, 1:] = load * ratio * (1 + 0.1 * rng.standard_normal((2, n_taxels)))
-        if k == 50:
-            switched = rng.random(n_taxels) < 0.5
-            for model in both:
-                model.loosen(switched)
-                model.skip(0.3)
-        for model in both:
-            model.parts[:] = size * 0.1
-            whole = max(float(history[-1, 0].sum()), 1e-9)
-            if k:
-                model.follow(whole, 1e-3, 0.3 if k == 50 else 0.01, offset_sd)
-            else:
-                model.measure(whole)
-            if k % 2:
-                model.look(level, 1e-3, 0.02)
-        found, wanted = (model.grip() for model in both)
-        for name, one, other in zip(Grip._fields, found, wanted, strict=True):
-            assert is_same(one, other), name
-        for name in ("total", "shear", "sliding_log_odds"):
-            assert is_same(getattr(both[0], name), getattr(both[1], name)), name
-        for name in TrendValues._fields:
-            assert is_same(getattr(both[0].trend, name), getattr(both[1].trend, name)), name
-        assert is_same(both[0].friction.weights, both[1].friction.weights)
-        assert both[0].slipping_taxels() == both[1].slipping_taxels()
 
 
 @needs_library

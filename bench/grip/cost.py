@@ -1,25 +1,22 @@
-"""Processor time of the contact model for a scan, compiled and on numpy, over arrays of several sizes.
+"""Processor time of the contact filter for a scan, over arrays of several sizes.
 
 Hot: scans one after the other. Live: a scan each 10 ms, as a board sends them; meanwhile the processor sleeps
 or does other work, and caches are cold.
 """
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from tactiled import compiled
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
-from tactiled.detect.grip.detector import GripDetector, GripParams
+from tactiled.detect.contact.detector import GripDetector, GripParams
 from tactiled.samples.block import ScanBlock, regular_block
 
 SIDES = (1, 3, 4, 8)  # taxels along the side of a square, each with a load and two shears
 SHIPPED = "wang2019-3x3"
 RATE_HZ = 100.0
-WAYS = ("compiled", "numpy")
 _SETTLED_SCANS, _SCANS = 250, 200  # until shear grows, and measured from then on
 _NOISE_V = 1e-3
 
@@ -31,30 +28,16 @@ class ScanCost(NamedTuple):
     live_us: float
 
 
-def scan_costs() -> dict[str, dict[str, ScanCost]]:
-    """Return the cost by way and array; without a library, on numpy only."""
-    ways = WAYS if compiled.path.functions is not None else WAYS[1:]
+def scan_costs() -> dict[str, ScanCost]:
+    """Return the cost by array."""
     arrays = {SHIPPED: load_array(SHIPPED)} | {f"{side} x {side}": _square(side) for side in SIDES}
-    return {way: {name: _measure(way, array) for name, array in arrays.items()} for way in ways}
+    return {name: _measure(array) for name, array in arrays.items()}
 
 
-def _measure(way: str, array: Array) -> ScanCost:
-    with _on(way):
-        touch = _touch(array)
-        blocks = [touch[k : k + 1] for k in range(len(touch))]
-        return ScanCost(_spent_us(array, blocks, 0.0), _spent_us(array, blocks, 1.0 / RATE_HZ))
-
-
-@contextmanager
-def _on(way: str) -> Iterator[None]:
-    """Make objects on the compiled path or on numpy."""
-    before = compiled.path
-    if way == "numpy":
-        compiled.path = compiled.CompiledPath(None, "bench")
-    try:
-        yield
-    finally:
-        compiled.path = before
+def _measure(array: Array) -> ScanCost:
+    touch = _touch(array)
+    blocks = [touch[k : k + 1] for k in range(len(touch))]
+    return ScanCost(_spent_us(array, blocks, 0.0), _spent_us(array, blocks, 1.0 / RATE_HZ))
 
 
 def _square(side: int) -> Array:
@@ -103,11 +86,7 @@ def _spent_us(array: Array, blocks: list[ScanBlock], pause_s: float) -> float:
     return 1e6 * spent_s / _SCANS
 
 
-def cost_rows(costs: dict[str, dict[str, ScanCost]]) -> Iterator[dict[str, str]]:
+def cost_rows(costs: Mapping[str, ScanCost]) -> Iterator[dict[str, str]]:
     """Yield a row for each array."""
-    for name in costs["numpy"]:
-        yield {"array": name} | {
-            f"{way}, {kind} (us)": f"{value:.0f}"
-            for way, found in costs.items()
-            for kind, value in zip(("hot", "live"), found[name], strict=True)
-        }
+    for name, cost in costs.items():
+        yield {"array": name, "hot (us)": f"{cost.hot_us:.0f}", "live (us)": f"{cost.live_us:.0f}"}

@@ -32,7 +32,7 @@ from bench.report import (
 )
 from tactiled.array import load_array
 from tactiled.client.grip_controller import TARGET, GripController
-from tactiled.detect.grip.slip_detector import GripSlip
+from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold

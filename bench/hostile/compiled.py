@@ -14,32 +14,31 @@ import sys, threading
 import numpy as np
 from tactiled import compiled
 from tactiled.array import ArrayFile, build
-from tactiled.detect.grip.compiled_model import contact_model
-from tactiled.detect.grip.friction import FrictionPosterior
-from tactiled.detect.grip.readings import taxel_readings
+from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.readings import taxel_readings
 from tactiled.samples.block import regular_block
 
 side, side_read, stack_kb = map(int, sys.argv[1:])
 seen = []
 
-def contact():
-    x, y = (one.ravel() for one in np.meshgrid(np.arange(side) * 2.0, np.arange(side) * 2.0))
-    history = np.zeros((8, 3, side * side))
-    model = contact_model(x, y, FrictionPosterior(0.6, 0.6), history, 0.01)
-    for scan in range(4):
-        history[:, 0], history[:, 1] = 1.0, 0.1 * scan
-        model.follow(float(side * side), 1e-3, 0.01, 1e-3)
-        model.look(0, 1e-3, 0.02)
-    seen.append(np.isfinite(model.grip().utilisation).all() and len(model.slipping_taxels()) <= side * side)
-
-def readings():
-    places = [2.0 * k for k in range(side_read)]
+def wide(side):
+    places = [2.0 * k for k in range(side)]
     kinds = [{"name": name, "kind": kind} for name, kind in
              (("X", "shear_x"), ("Y", "shear_y"), ("Z", "normal"))]
-    array = build(ArrayFile.model_validate({
+    return build(ArrayFile.model_validate({
         "name": "wide", "unit": "V", "range": [0.0, 5.0], "grids": [{"x_mm": places, "y_mm": places}],
         "taxel_channels": kinds,
     }))
+
+def contact():
+    array = wide(side)
+    volts = np.zeros((8, array.n_channels))
+    volts[2:, 2::3], volts[4:, 0::3] = 1.0, 0.3
+    events = GripDetector(array).process(regular_block(volts, 100.0))
+    seen.append(len(events) == 6 and all(np.isfinite(event.utilisation) for event in events))
+
+def readings():
+    array = wide(side_read)
     of_all = taxel_readings(array, 100.0)
     of_all.begin(regular_block(np.ones((4, array.n_channels)), 100.0))
     for scan in range(4):

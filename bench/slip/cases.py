@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from bench.slip.resting import LOADS, loaded
 from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, Announcement, PlayedScene, play
-from bench.worlds.world import World
+from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
+from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grip.model import INCIPIENT_USED
 from tactiled.samples.block import ScanBlock
 
 RANDOM = "random worlds"
+REPORTED_FROM = 3_000
+"""First seed of the random worlds: nothing was learnt from these."""
+_HELD_OUT_EACH, _BATCH = 4, 12  # one batch in so many has a contact law that was never learnt from
 _JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belongs to it
 
 
@@ -133,3 +136,9 @@ def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
         shear_s=np.nan if slip is None else slip.shear_s,
         announcements=played.announcements,
     )
+
+
+def draw_reported(seeds: range) -> list[World]:
+    """Draw a batch of random worlds; one batch in four has a contact law that was never learnt from."""
+    is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
+    return draw_worlds(seeds, Population(laws=(HELD_OUT_LAW,)) if is_held_out else USUAL)

@@ -19,7 +19,7 @@ _BLOCK = 1000  # scans at once in a file
 _SCANS = 500
 
 DETECTORS: Mapping[str, Callable[[Array], Detector]] = {
-    "contact model": lambda array: build_suite(array, DetectParams(), topics=("slip", "contact")),
+    "contact filter": lambda array: build_suite(array, DetectParams(), topics=("slip", "contact")),
     **OTHERS,
 }
 
@@ -41,7 +41,7 @@ class DetectorCost(NamedTuple):
 
 
 def detector_costs() -> dict[str, DetectorCost]:
-    """Cost of the contact model, which is the same for all its settings, and of the other detectors."""
+    """Cost of the contact filter, which is the same for all its settings, and of the other detectors."""
     played = play("1 mm/s", at_speed(1.0), _SEED)
     counts = played.counts(NOISES_V[0], draw=0)
     whole = block_of(counts)

@@ -11,11 +11,11 @@ import numpy as np
 from bench.slip.cases import Case
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.grip.detector import ContactScan, GripParams
-from tactiled.detect.grip.model import INCIPIENT_USED
-from tactiled.detect.grip.slip_detector import SETTINGS
-from tactiled.detect.grip.slips import ScanInstant
-from tactiled.detect.grip.thresholds import SlipsByThreshold, SlipThresholds
+from tactiled.detect.contact.detector import ContactScan, GripParams
+from tactiled.detect.contact.posterior import INCIPIENT_USED
+from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.slips import ScanInstant
+from tactiled.detect.contact.thresholds import SlipsByThreshold, SlipThresholds
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent
@@ -26,13 +26,13 @@ OTHERS: Mapping[str, Callable[[Array], Detector]] = {
         array, DetectParams(setting="wang2019"), topics=("slip", "contact")
     ),
 }
-"""Detectors beside the contact model."""
+"""Detectors beside the contact filter."""
 
 NAMES = (*SETTINGS, *OTHERS)
 INCIPIENT_PS = (0.1, 0.2, 0.3, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
 GROSS_PS = (0.05, 0.1, 0.25, 0.35, 0.5, 0.7, 0.9)
 _OTHER_GROSS_P, _OTHER_INCIPIENT_P = 0.5, 0.9  # while the other probability is varied
-_SURE_GROWTH = 3.0  # standard deviations of the rate
+_SURE_GROWTH = 3.0  # standard deviations of the growth
 N_BINS = 10
 
 
@@ -70,7 +70,7 @@ class CaseEvents:
     by_name : mapping of str to sequence of SlipEvent
         By setting, or name of another detector.
     by_threshold : mapping of SlipThresholds to sequence of SlipEvent
-        Of the contact model.
+        Of the contact filter.
     partial : Reliability
         Probability that a tenth of the area slips, where shear over load certainly grows beyond what was
         borne before: a contact that rests has slipped, and does not slip.
@@ -134,8 +134,8 @@ class _CountedSlips(SlipsByThreshold):
 
     def take(self, scan: ContactScan, at: ScanInstant) -> None:
         super().take(scan, at)
-        trend = scan.model.trend
-        if trend.is_fresh and trend.growth > _SURE_GROWTH * trend.rate_sd:
+        signs = scan.filter.signs
+        if signs.ratio >= signs.largest and signs.growth > _SURE_GROWTH * scan.filter.growth_sd:
             is_partial = self._case.utilisation_at(at.time_s) >= INCIPIENT_USED
             step_s = 1.0 / self._case.block.rate_hz
-            self.reliability.take(min(scan.grip.p_incipient, 1.0), is_partial, step_s)
+            self.reliability.take(min(scan.verdict.p_incipient, 1.0), is_partial, step_s)

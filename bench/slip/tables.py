@@ -37,8 +37,8 @@ from bench.slip.score import (
     slow_reported_ahead,
     usual,
 )
-from tactiled.detect.grip.slip_detector import SETTINGS
-from tactiled.detect.grip.thresholds import SlipThresholds
+from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.thresholds import SlipThresholds
 from tactiled.emulator.scene.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING
 
 DEFAULT = "balanced"

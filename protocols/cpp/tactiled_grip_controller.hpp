@@ -25,7 +25,7 @@ namespace tactiled {
 class GripController {
 public:
     static constexpr double PRESS_S = 0.6;
-    static constexpr double TARGET = 0.85;
+    static constexpr double TARGET = 0.95;
     static constexpr double GRASP_AGAIN = 1.4;
     static constexpr double SAME_S = 2.0;
     static constexpr double BLIND = 1.3;

@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.grip.detector import GripDetector, GripParams
-from tactiled.detect.grip.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
@@ -28,14 +28,6 @@ from tactiled.tomlfile import Params
 
 DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
 Setting = Literal["fast", "balanced", "quiet", "wang2019"]
-
-
-_FORMER_SETTINGS = {"grip-fast": "fast", "grip": "balanced", "grip-quiet": "quiet"}
-_NO_SLIP_TABLE = (
-    "the table slip is gone, with false_alarms_per_hour, least_shear and gross_shear: slips come from the "
-    "contact model; remove the table and choose detect.setting, or incipient_p and gross_p in detect.grip; "
-    "levels of the contact are in detect.grip.contact"
-)
 
 
 class Wang2019Params(Params):
@@ -60,14 +52,10 @@ class DetectParams(Params):
     @model_validator(mode="before")
     @classmethod
     def _as_the_setting_says(cls, document: Any) -> Any:
-        """Complete the table `grip` with the probabilities of the setting; refuse keys that are gone."""
+        """Complete the table `grip` with the probabilities of the setting."""
         if not isinstance(document, Mapping):
             return document
-        if "slip" in document:
-            raise ValueError(_NO_SLIP_TABLE)
         setting, given = str(document.get("setting", "balanced")), document.get("grip", {})
-        if setting in _FORMER_SETTINGS:
-            raise ValueError(f"setting {setting!r} is now called {_FORMER_SETTINGS[setting]!r}")
         if setting not in SETTINGS or not isinstance(given, Mapping):
             return document
         at = SETTINGS[setting]
@@ -242,7 +230,7 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 
 
 def _model_slip(array: Array, params: DetectParams) -> SlipDetector:
-    """Make the slip detector of the contact model, which needs shear over load, or what sliding shows."""
+    """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if measures_ratio(array):
         return GripSlip(array, params.grip)
     # Grip events, where these are published, come from a detector of their own.
@@ -310,6 +298,6 @@ def build_methods(
     needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
     slip = factories.slip(array, params) if needs_slip else None
     asks_grip = params.grip.publish and "grip" in topics
-    # The slip detector of the contact model publishes the grip events itself.
+    # The slip detector of the contact filter publishes the grip events itself.
     grip = GripDetector(array, params.grip) if asks_grip and not isinstance(slip, GripSlip) else None
     return DetectorPair(slip, texture, grip)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
-from tactiled.detect.grip.announced import AnnouncedMotion
+from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.zero import StartZero

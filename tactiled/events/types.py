@@ -110,7 +110,7 @@ class GripEvent(Event):
     p_sliding: float = 0.0
     """Probability that all of the contact slides now."""
     p_gross_50ms: float = 0.0
-    """Probability that gross slip begins within 50 ms, or goes on."""
+    """Probability that gross slip begins within 50 ms, if the contact does not slide yet; 1 in gross slip."""
     p_gross_100ms: float = 0.0
     p_gross_300ms: float = 0.0
     load: float = 0.0

@@ -6,16 +6,15 @@ on both, so that the proposed setting is the one that reports earliest among tho
 both kinds than the user accepts.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grip.detector import ContactScan, GripParams
-from tactiled.detect.grip.slip_detector import SETTINGS
-from tactiled.detect.grip.slips import ScanInstant
-from tactiled.detect.grip.thresholds import SlipsByThreshold
+from tactiled.detect.contact.detector import ContactScan, GripParams
+from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.slips import ScanInstant
+from tactiled.detect.contact.thresholds import SlipsByThreshold
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite, measures_ratio
 from tactiled.events.types import Event, SlipEvent
@@ -25,6 +24,10 @@ from tactiled.tune.rates import rate_interval
 N_STAGES = 3  # progress steps: hold, motion, the end of the motion
 # Log friction of one object differs from contact to contact by 15 % (dry rubber on one surface): a prior.
 _CONTACT_SD = 0.15
+_KNOWN = (
+    0.95  # of the spread before any contact: what is known no better is not worth a line of configuration
+)
+_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
 Report = Callable[[str], None]
 
@@ -140,7 +143,7 @@ def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report:
 
 
 class _Reports:
-    """Slip reports of all settings, and the friction posterior of the newest contact.
+    """Slip reports of all settings, and the friction that contacts showed.
 
     Where the array measures no shear over load, slips come from what sliding shows, whatever the setting is.
     """
@@ -158,17 +161,17 @@ class _Reports:
         return self._model.of(recording)
 
     def friction(self) -> Friction | None:
-        """Return the friction of the newest contact if it is known better than before it."""
+        """Return the friction that contacts showed, if it is known better than before them."""
         return None if self._model is None else self._model.friction()
 
 
 class _ModelReports(SlipsByThreshold):
-    """Slips of all settings on one posterior, and the friction of the newest contact in any recording."""
+    """Slips of all settings on one posterior, and the friction where most was borne."""
 
     def __init__(self, array: Array) -> None:
         self._prior_sd = GripParams().friction_log_sd
-        self._log_friction = np.zeros(1)
-        self._weights: FloatArray | None = None
+        self._largest = 0.0
+        self._friction: tuple[float, float, float] | None = None  # quantiles, at the largest ratio
         super().__init__(array, GripParams(), SETTINGS.values())
 
     def of(self, recording: Recording) -> dict[str, ReportCount]:
@@ -179,18 +182,17 @@ class _ModelReports(SlipsByThreshold):
         return {name: _count(self.found[at]) for name, at in SETTINGS.items()}
 
     def take(self, scan: ContactScan, at: ScanInstant) -> None:
-        """Take a scan in contact, and keep its friction: at its end the contact forgets a part."""
+        """Take a scan in contact, and keep its friction where most was borne: there it shows."""
         super().take(scan, at)
-        friction = scan.model.friction
-        self._log_friction, self._weights = friction.log_friction, friction.weights.copy()
+        if scan.size > self._largest:
+            self._largest, self._friction = scan.size, scan.filter.friction
 
     def friction(self) -> Friction | None:
-        if self._weights is None:
+        if self._friction is None:
             return None
-        mean = float(np.average(self._log_friction, weights=self._weights))
-        variance = float(np.average((self._log_friction - mean) ** 2, weights=self._weights))
-        log_sd = float(np.sqrt(variance + _CONTACT_SD**2))
-        return Friction(float(np.exp(mean)), log_sd) if log_sd < self._prior_sd else None
+        low, median, high = self._friction
+        log_sd = math.hypot(math.log(high / low) / (2 * _FIVE_PERCENT), _CONTACT_SD)
+        return Friction(median, log_sd) if log_sd < _KNOWN * self._prior_sd else None
 
 
 def _count(events: Iterable[Event]) -> ReportCount:

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.detect.grip.slip_detector import SETTINGS
+from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.tune.hold import Recording
 from tactiled.tune.rates import rate_interval
 from tactiled.tune.study import ReportCount, Study

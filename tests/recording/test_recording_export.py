@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from recordings import HEADER, items, record, simulated_reads
 
-from tactiled.detect.grip.model import STEP_S
+from tactiled.detect.contact.signs import LOOK_S
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.offline import detect_file
@@ -62,7 +62,7 @@ def test_detect_finds_the_same_in_the_table(
     assert [(e["topic"], e["state"]) for e in table] == [(e["topic"], e["state"]) for e in ours]
     # A table does not say when within a scan each channel was sampled: an onset may move by a scan, and an
     # event by one of the looks at the taxels' parts of the shear.
-    assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=0.01 + STEP_S)
+    assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=0.01 + LOOK_S)
 
 
 def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:

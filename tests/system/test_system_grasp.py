@@ -17,7 +17,9 @@ from tactiled.client import Client, Message
 
 pytestmark = pytest.mark.system
 SCENE_S = 13.0  # of `grasp`: the load has grown beyond what 10 N hold, and the jerk is over
-TIGHTER = 1.5
+# An incipient slip opens from a seventh of the limit on, and there is one onset of it while the pull grows to
+# 1.7 times what the first grip bears. Who wants less force follows the margin in `grip` (`GripController`).
+TIGHTER = 2.0
 
 
 @contextmanager

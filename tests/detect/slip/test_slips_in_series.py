@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from touches import onsets, pieces, run, slip_detector, slips, splits, uneven_friction
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.grip.slip_detector import SETTINGS
+from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -63,23 +63,17 @@ def test_a_slip_after_the_load_was_taken_off_is_another() -> None:
 
 
 def test_two_slips_in_quick_succession_are_both_told() -> None:
-    """The shear is gone for 50 ms between a jerk that was gross and the next."""
-    shear = 0.6 * ramp(3, 0.05) * (1 - ramp(3.3, 0.05)) + 0.6 * ramp(3.4, 0.05)
-    events = said(held(shear, ((3.05, 3.3), (3.45, 10.0))))
+    """The shear is gone for a quarter of a second between a jerk that was gross and the next."""
+    shear = 0.6 * ramp(3, 0.05) * (1 - ramp(3.3, 0.05)) + 0.6 * ramp(3.6, 0.05)
+    events = said(held(shear, ((3.05, 3.3), (3.65, 10.0))))
     assert words(events) == ["incipient", "gross", "end", "incipient", "gross"]
-    assert 3.4 < events[3].detected_s < 3.6
+    assert 3.6 < events[3].detected_s < 3.8
 
 
 @pytest.mark.parametrize("setting", ["fast", "balanced"])  # `quiet` waits for more than an even surface shows
 def test_a_load_that_rested_and_grows_until_it_slides_is_reported(setting: str) -> None:
     events = said(held(0.42 * ramp(4, 1.0) + 0.12 * ramp(7, 0.2), ((7.1, 10.0),)), setting)
     assert any(event.kind == "gross" and 7 < event.detected_s < 7.6 for event in onsets(events))
-
-
-def test_gross_slip_on_an_even_surface_is_told_where_friction_is_known() -> None:
-    """Shear over load stays at the friction that the configuration states."""
-    events = slips(slip_detector(ARRAY, "balanced", 1.0).process(held(0.6 * ramp(4, 0.2))))
-    assert words(events)[:2] == ["incipient", "gross"]
 
 
 SHAKES = {

@@ -1,0 +1,221 @@
+"""Scores of the contact filter on worlds whose truth is known."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.worlds.world import World
+from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.learnt import Learnt
+
+FloatArray = NDArray[np.float64]
+RECALLS = (0.6, 0.7, 0.8, 0.9)
+_EARLY_S, _LATE_S = 0.1, 0.3  # of an alarm about the beginning of gross slip, within which it is found
+_OFF_S = 0.08
+_ANNOUNCED_S = 0.02  # between values that a hand announces
+_USED = 0.5  # utilisation from which its error counts
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Answers for one world, by scan in contact, beside the truth."""
+
+    world: World
+    at: NDArray[np.int64]
+    p_sliding: FloatArray
+    quantiles: FloatArray
+    p_gross_300ms: FloatArray
+    told_gross: NDArray[np.bool_]
+
+    @property
+    def slides(self) -> NDArray[np.bool_]:
+        """Truth."""
+        return self.world.gross[self.at]
+
+    @property
+    def slid_before(self) -> NDArray[np.bool_]:
+        """A slide came and went before the scan."""
+        ends = np.flatnonzero(np.diff(self.slides.astype(int)) < 0)
+        found: NDArray[np.bool_] = np.zeros(len(self.at), dtype=np.bool_)
+        if len(ends):
+            found[ends[0] + 1 :] = True
+        return found
+
+    @property
+    def utilisation(self) -> FloatArray:
+        """Truth; 1 while all slides."""
+        return np.where(self.slides, 1.0, np.minimum(self.world.utilisation[self.at], 1.0))
+
+    @property
+    def soon(self) -> NDArray[np.bool_]:
+        """Gross slip begins within 300 ms."""
+        begin_s = np.array([*self.world.gross_s, np.inf])
+        time_s = self.at / self.world.rate_hz
+        return begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s <= 0.3
+
+
+def course(
+    world: World, learnt: Learnt | None = None, params: GripParams | None = None, *, announces: bool = False
+) -> Course:
+    """Run the contact filter over a world.
+
+    Parameters
+    ----------
+    world : World
+    learnt : Learnt, optional
+        The shipped trees where it is left out.
+    params : GripParams, optional
+    announces : bool
+        The hand announces its acceleration, where the world has one.
+    """
+    detector = GripDetector(world.array, params, learnt)
+    if announces:
+        at = np.flatnonzero(np.isfinite(world.acceleration_m_s2))[
+            :: max(1, round(_ANNOUNCED_S * world.rate_hz))
+        ]
+        if len(at):
+            detector.announce_motion(world.block.time_s[at], world.acceleration_m_s2[at])
+    rows, scans = [], []
+    for scan, event in enumerate(detector.scans(world.block)):
+        contact = detector.contact
+        if contact is None or event is None or event.state == "none":
+            continue
+        scans.append(scan)
+        used = event.utilisation_low, event.utilisation, event.utilisation_high
+        rows.append((contact.filter.p_sliding, *used, event.p_gross_300ms, event.state == "gross"))
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), 6)
+    seen = np.array(scans, dtype=np.int64)
+    return Course(world, seen, table[:, 0], table[:, 1:4], table[:, 4], table[:, 5] > 0)
+
+
+class Score(NamedTuple):
+    """Scores of many worlds.
+
+    Attributes
+    ----------
+    auc : float
+        Of the probability of sliding, scan by scan.
+    skill_sliding, skill_300ms : float
+        Brier skill: of the probability of sliding; of gross slip within 300 ms where nothing slides, and
+        nothing is said to.
+    used_rms, used_bias, coverage : float
+        Utilisation from 0.5: error of the median, part within the interval of 90 %.
+    used_rms_later : float
+        The same error after a first slide in the world; NaN without one.
+    told_gross : float
+        Part of the sliding time in which the state is gross.
+    rest_told_gross : float
+        Part of the other time in which it is.
+    false_per_h : dict
+        False gross slips in an hour of contact, by recall; NaN where the recall is never reached.
+    resting_false_per_h : float
+        Gross slips an hour at the setting, in worlds that never use half of the limit.
+    """
+
+    auc: float
+    skill_sliding: float
+    skill_300ms: float
+    used_rms: float
+    used_bias: float
+    used_rms_later: float
+    coverage: float
+    told_gross: float
+    rest_told_gross: float
+    false_per_h: dict[float, float]
+    resting_false_per_h: float
+
+
+def score(courses: Sequence[Course]) -> Score:
+    """Score courses of one generator."""
+    p = np.concatenate([c.p_sliding for c in courses])
+    slides = np.concatenate([c.slides for c in courses])
+    used = np.concatenate([c.utilisation for c in courses])
+    quantiles = np.concatenate([c.quantiles for c in courses])
+    told = np.concatenate([c.told_gross for c in courses])
+    asked = ~slides & ~told  # while a gross slip is open, nothing is forecast
+    ahead = np.concatenate([c.p_gross_300ms for c in courses])[asked]
+    soon = np.concatenate([c.soon for c in courses])[asked]
+    later = np.concatenate([c.slid_before for c in courses])
+    high = used >= _USED
+    error = quantiles[high, 1] - used[high]
+    inside = (quantiles[high, 0] - 1e-9 <= used[high]) & (used[high] <= quantiles[high, 2] + 1e-9)
+    calm = [c for c in courses if len(c.at) and c.utilisation.max() < _USED]
+    hours = sum(len(c.at) / c.world.rate_hz for c in calm) / 3600
+    return Score(
+        auc=_auc(p, slides),
+        skill_sliding=_skill(p, slides),
+        skill_300ms=_skill(ahead, soon),
+        used_rms=float(np.sqrt(np.mean(error**2))),
+        used_bias=float(np.mean(error)),
+        used_rms_later=float(np.sqrt(np.mean(error[later[high]] ** 2))) if later[high].any() else math.nan,
+        coverage=float(np.mean(inside)),
+        told_gross=float(told[slides].mean()),
+        rest_told_gross=float(told[~slides].mean()),
+        false_per_h=_curve(courses),
+        resting_false_per_h=sum(int(np.sum(np.diff(c.told_gross.astype(int), prepend=0) > 0)) for c in calm)
+        / max(hours, 1e-9),
+    )
+
+
+def _auc(p: FloatArray, truth: NDArray[np.bool_]) -> float:
+    rank = np.searchsorted(np.sort(p), p, side="left") + np.searchsorted(np.sort(p), p, side="right")
+    n1, n0 = int(truth.sum()), int((~truth).sum())
+    return float((rank[truth].sum() / 2 - n1 * n1 / 2) / max(n1 * n0, 1))
+
+
+def _skill(p: FloatArray, truth: NDArray[np.bool_]) -> float:
+    base = truth.mean()
+    return float(1 - np.mean((p - truth) ** 2) / max(base * (1 - base), 1e-12))
+
+
+def _curve(courses: Sequence[Course]) -> dict[float, float]:
+    """Return false gross slips an hour at recalls, over all thresholds."""
+    hours = sum(len(c.at) / c.world.rate_hz for c in courses) / 3600
+    n = sum(len(c.world.gross_s) for c in courses)
+    points = []
+    for threshold in (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
+        found = wrong = 0
+        for c in courses:
+            f, w = _alarms(c, threshold)
+            found, wrong = found + f, wrong + w
+        points.append((found / max(n, 1), wrong / hours))
+    points.sort()
+    recall, false = np.array(points).T
+    return {r: float(np.interp(r, recall, false)) if recall[-1] >= r else float("nan") for r in RECALLS}
+
+
+def _alarms(c: Course, threshold: float) -> tuple[int, int]:
+    """Return true slips that an alarm finds, and alarms without a slip."""
+    rate = c.world.rate_hz
+    opens, closes, low, is_open = [], [], 0, False
+    n_off = max(1, round(_OFF_S * rate))
+    last = -(10**9)
+    for at, p in zip(c.at.tolist(), c.p_sliding.tolist(), strict=True):
+        if at != last + 1 and is_open:  # another contact
+            closes.append(last)
+            is_open = False
+        last = at
+        if not is_open:
+            if p >= threshold:
+                is_open, low = True, 0
+                opens.append(at)
+        else:
+            low = low + 1 if p < threshold / 2 else 0
+            if low >= n_off:
+                is_open = False
+                closes.append(at)
+    if is_open:
+        closes.append(last)
+    begin, end = np.array(opens) / rate, np.array(closes) / rate
+    found = sum(
+        bool(np.any((begin <= t + _LATE_S) & (end >= t - _EARLY_S) & ((begin >= t - _EARLY_S) | (end >= t))))
+        for t in c.world.gross_s
+    )
+    reach = round(_LATE_S * rate)
+    gross = c.world.gross
+    wrong = sum(not gross[max(0, a - reach) : a + reach + 1].any() for a in opens)
+    return found, wrong

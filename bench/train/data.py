@@ -1,0 +1,45 @@
+"""Worlds to learn from, by generator."""
+
+from concurrent.futures import Executor
+from enum import Enum
+
+from bench.train.rows import Looks, looks_of
+from bench.worlds.generators import GENERATORS, draw
+from tactiled.progress import ProgressBar
+
+TRAINED_FROM = 100_000  # seeds
+BATCH = 24  # worlds that are simulated at once
+MINUTES = 0.2  # of a world
+
+
+class Size(Enum):
+    """Number of worlds of each generator."""
+
+    QUICK = 24
+    FULL = 312
+
+    @property
+    def worlds(self) -> int:
+        """Number of worlds of each generator."""
+        return self.value
+
+    @property
+    def batches(self) -> int:
+        """Batches of worlds, of all generators."""
+        return len(GENERATORS) * -(-self.value // BATCH)
+
+
+def all_looks(pool: Executor, size: Size, progress: ProgressBar) -> dict[str, list[Looks]]:
+    """Return the looks of the worlds of each generator."""
+    jobs = [(name, TRAINED_FROM + at) for name in GENERATORS for at in range(0, size.worlds, BATCH)]
+    looks: dict[str, list[Looks]] = {name: [] for name in GENERATORS}
+    for (name, _), found in zip(jobs, pool.map(_looks, jobs), strict=True):
+        looks[name] += found
+        progress.advance(f"worlds of {name}")
+    return looks
+
+
+def _looks(job: tuple[str, int]) -> list[Looks]:
+    name, start = job
+    worlds = draw(name, range(start, start + BATCH), MINUTES)
+    return [looks for looks in map(looks_of, worlds) if len(looks.signs)]

@@ -1,0 +1,195 @@
+"""Fit of the three forests of the contact filter, and their form as flat arrays."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import HistGradientBoostingClassifier
+
+from bench.train.rows import Looks
+from tactiled.detect.contact import memory
+from tactiled.detect.contact.fast import Memory
+from tactiled.detect.contact.filter import LOAD_CHANGE, STATE_SIGNS
+from tactiled.detect.contact.posterior import EDGES, N_STATES
+from tactiled.detect.contact.signs import NAMES
+
+FloatArray = NDArray[np.float64]
+_COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
+# Prior friction of rubber on objects, as in `GripParams`.
+_FRICTION, _FRICTION_SD = 0.6, 0.6
+
+
+class Shape(NamedTuple):
+    """Size of a forest."""
+
+    trees: int
+    leaves: int
+    rate: float
+    least_rows: int
+
+
+SIGNS = Shape(trees=80, leaves=16, rate=0.08, least_rows=400)
+STATE = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
+SOON = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
+# Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
+# begins within the longest horizon: priors. Generators have other ones, each its own.
+_SLIDES, _SOON = 0.1, 0.02
+_SHRINK = 10.0  # rows of doubt in each leaf: what few rows say seldom holds for another physics
+_THIN = 5  # neighbouring looks say the same: one in so many is learnt from
+
+
+# Signs of which more never speaks against sliding: taxels that move on their own, and ripples that travel.
+# What few worlds have seen of large ones says otherwise.
+_SPEAKS_FOR_SLIDING = ("wander_", "detail_1", "detail_2", "detail_3", "detail_noises_", "ripple_travels")
+_MONOTONE = [int(name.startswith(_SPEAKS_FOR_SLIDING)) for name in NAMES]
+
+
+def fit(worlds: Sequence[Looks], seed: int = 0) -> dict[str, Any]:
+    """Fit all forests on looks of worlds; generators weigh the same, however many looks they have.
+
+    The trees of the state must know how far to trust the odds of the first ones on physics that those have
+    not seen. So they learn from odds of trees that were fitted without the generator of the look.
+
+    Parameters
+    ----------
+    worlds : sequence of Looks
+        Of two generators at least.
+
+    Returns
+    -------
+    dict
+        Arrays that `learnt_from` reads.
+    """
+    signs = np.concatenate([w.signs for w in worlds])
+    slides = np.concatenate([w.slides for w in worlds])
+    weight = weights(worlds, slides, _SLIDES, np.ones_like(slides))
+    thin = np.concatenate([np.arange(len(w.signs)) % _THIN == k % _THIN for k, w in enumerate(worlds)])
+    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
+    p = np.zeros(len(slides))
+    for name in np.unique(generator):
+        learns, asked = thin & (generator != name), generator == name
+        forest = grown(SIGNS, signs[learns], slides[learns], weight[learns], seed, _MONOTONE)
+        p[asked] = forest.predict_proba(signs[asked])[:, 1]
+    first = grown(SIGNS, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
+    base_odds = float(np.log(_SLIDES / (1 - _SLIDES)))
+    rows = state_rows(worlds, p, base_odds)
+    state = grown(STATE, rows[thin], states(worlds)[thin], weight[thin], seed)
+    sticks = thin & ~slides
+    soon = np.concatenate([w.soon for w in worlds])
+    weight = weights(worlds, soon > 0, _SOON, ~slides)
+    ahead = grown(SOON, rows[sticks], soon[sticks], weight[sticks], seed)
+    return {
+        **{f"signs.{name}": values for name, values in flat(first).items()},
+        **{f"state.{name}": values for name, values in flat(state).items()},
+        **{f"soon.{name}": values for name, values in flat(ahead).items()},
+        "base_odds": np.array(base_odds),
+    }
+
+
+def states(worlds: Sequence[Looks]) -> NDArray[np.int64]:
+    """Return the cell of each look."""
+    used = np.concatenate([w.utilisation for w in worlds])
+    slides = np.concatenate([w.slides for w in worlds])
+    cell = np.clip(np.searchsorted(EDGES, used, side="right") - 1, 0, N_STATES - 2)
+    return np.where(slides, N_STATES - 1, cell)
+
+
+def state_rows(worlds: Sequence[Looks], p: FloatArray, base_odds: float) -> FloatArray:
+    """Return what the second trees see: signs, and the memory of the odds of the first ones."""
+    found, at = [], 0
+    for world in worlds:
+        found.append(_memory_rows(world, p[at : at + len(world.signs)], base_odds))
+        at += len(world.signs)
+    signs = np.concatenate([w.signs[:, _COLUMNS] for w in worlds])
+    return np.concatenate([signs, np.concatenate(found)], axis=1)
+
+
+def _memory_rows(world: Looks, p: FloatArray, base_odds: float) -> FloatArray:
+    one = Memory(_FRICTION, _FRICTION_SD, base_odds)
+    if world.stated is not None:
+        one.expect(*world.stated)
+    rows = np.empty((len(p), len(memory.NAMES)))
+    ratio, load_change = world.ratio.tolist(), world.signs[:, LOAD_CHANGE].tolist()
+    for k, (begins, odds) in enumerate(zip(world.begins.tolist(), p.tolist(), strict=True)):
+        if begins:
+            if k:
+                one.end_contact()
+            one.begin_contact()
+        one.take(odds, ratio[k], world.look_s, load_change[k])
+        rows[k] = one.row
+    return rows
+
+
+def weights(
+    worlds: Sequence[Looks], is_so: NDArray[np.bool_], part: float, among: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the weight of each look among some, so that generators weigh the same.
+
+    Looks count by their time. Those that are so have a part of each generator's weight.
+    """
+    seconds = np.repeat([w.look_s for w in worlds], [len(w.signs) for w in worlds])
+    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
+    weight = np.zeros(len(seconds))
+    names = np.unique(generator)
+    for name in names:
+        for chosen, share in ((is_so, part), (~is_so, 1.0 - part)):
+            of = among & chosen & (generator == name)
+            weight[of] = seconds[of] * share / max(float(seconds[of].sum()), 1e-9)
+    return weight * int(among.sum()) / len(names)
+
+
+def grown(
+    shape: Shape,
+    rows: FloatArray,
+    classes: NDArray[Any],
+    weight: FloatArray,
+    seed: int,
+    monotone: list[int] | None = None,
+) -> HistGradientBoostingClassifier:
+    """Fit a forest; `monotone` has 1 for each column of which more never speaks against class 1."""
+    empty = np.isnan(rows).all(axis=0)
+    if empty.any():  # a column without any value cannot be divided into bins
+        rows = np.where(empty & (np.arange(len(rows)) == 0)[:, np.newaxis], 0.0, rows)
+    return HistGradientBoostingClassifier(
+        max_iter=shape.trees,
+        max_leaf_nodes=shape.leaves,
+        learning_rate=shape.rate,
+        min_samples_leaf=shape.least_rows,
+        l2_regularization=_SHRINK,
+        monotonic_cst=monotone,
+        early_stopping=False,
+        random_state=seed,
+    ).fit(rows, classes, sample_weight=weight)
+
+
+def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
+    """Return the trees as arrays, in the form of `tactiled.detect.contact.trees.Trees`."""
+    roots, outputs, tables, n = [], [], [], 0
+    for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
+        for output, tree in enumerate(trees):
+            nodes = tree.nodes
+            leaf = nodes["is_leaf"].astype(bool)
+            roots.append(n)
+            outputs.append(output)
+            tables.append(
+                (
+                    np.where(leaf, -1, nodes["feature_idx"]),
+                    np.where(leaf, 0, nodes["left"].astype(np.int64) + n),
+                    np.where(leaf, 0, nodes["right"].astype(np.int64) + n),
+                    np.where(leaf, nodes["value"], nodes["num_threshold"]),
+                    nodes["missing_go_to_left"].astype(np.int64),
+                )
+            )
+            n += len(nodes)
+    feature, left, right, value, missing = (np.concatenate(parts) for parts in zip(*tables, strict=True))
+    return {
+        "first": np.ravel(forest._baseline_prediction).astype(np.float64),  # noqa: SLF001
+        "root": np.array(roots, dtype=np.int32),
+        "output": np.array(outputs, dtype=np.int16),
+        "feature": feature.astype(np.int16),
+        "left": left.astype(np.int32),
+        "right": right.astype(np.int32),
+        "value": value.astype(np.float64),
+        "missing_left": missing.astype(np.int8),
+    }

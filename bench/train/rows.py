@@ -1,0 +1,138 @@
+"""Looks of random worlds: signs from the program's own front end, beside the truth of the world."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.worlds.world import World
+from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.fast import Trees
+from tactiled.detect.contact.filter import HORIZONS_S
+from tactiled.detect.contact.learnt import Learnt
+from tactiled.detect.contact.signs import LOOK_S, NAMES
+
+FloatArray = NDArray[np.float64]
+_ACCELERATION = NAMES.index("acceleration")
+_RATIO = NAMES.index("ratio")
+# Parts of the worlds in which the hand announces its acceleration, somebody states friction, or the log
+# begins within a contact: each often enough to be learnt, and seldom enough not to be needed.
+_ANNOUNCES, _STATES, _CUT = 0.4, 0.35, 0.12
+_STATED_SD = (0.05, 0.1, 0.2)
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """Looks of one world.
+
+    Attributes
+    ----------
+    world : str
+        Generator and seed.
+    generator, hand : str
+    look_s : float
+        Time between looks.
+    time_s : (n,) float64
+    signs : (n, signs) float64
+    begins : (n,) bool
+        First look of a contact.
+    slides : (n,) bool
+        Truth, as the next three.
+    utilisation : (n,) float64
+    ahead_s : (n,) float64
+        Time to the next beginning of gross slip; infinite without one.
+    friction : (n,) float64
+    stated : tuple of float, optional
+        Friction that somebody states, and the sd of its logarithm.
+    """
+
+    world: str
+    generator: str
+    hand: str
+    look_s: float
+    time_s: FloatArray
+    signs: FloatArray
+    begins: NDArray[np.bool_]
+    slides: NDArray[np.bool_]
+    utilisation: FloatArray
+    ahead_s: FloatArray
+    friction: FloatArray
+    stated: tuple[float, float] | None
+
+    @property
+    def ratio(self) -> FloatArray:
+        """Ratio of shear and load."""
+        return self.signs[:, _RATIO]
+
+    @property
+    def soon(self) -> NDArray[np.int64]:
+        """Class of the time to gross slip: 0 none, 1, 2 and 3 within the longest to the shortest horizon."""
+        return np.asarray(np.sum([self.ahead_s <= horizon_s for horizon_s in HORIZONS_S], axis=0))
+
+
+def silent() -> Learnt:
+    """Return trees that say nothing: looks do not depend on them."""
+
+    def one(n: int) -> Trees:
+        empty: dict[str, list[float]] = {
+            key: [] for key in ("root", "output", "feature", "left", "right", "missing_left", "value")
+        }
+        return Trees({"first": [0.0] * n, **empty})
+
+    return Learnt(one(1), one(9), one(4), 0.0)
+
+
+def looks_of(world: World, *, as_trained: bool = True) -> Looks:
+    """Run the front end over a world and keep each look.
+
+    Parameters
+    ----------
+    world : World
+    as_trained : bool
+        Announce, state and cut at random, from the seed; otherwise none of it.
+    """
+    rng = np.random.default_rng([25, world.seed])
+    announces, states, cuts = rng.random(3) < (_ANNOUNCES, _STATES, _CUT) if as_trained else (False,) * 3
+    block, first = world.block, 0
+    if cuts and world.touching.any():
+        touching = np.flatnonzero(world.touching)
+        first = int(touching[int(rng.uniform(0.05, 0.6) * len(touching))])
+        block = block[first:]
+    detector = GripDetector(world.array, learnt=silent())
+    signs, scans, begins = [], [], []
+    contact: object = None  # signs of the contact that the newest look is of
+    for scan, _ in enumerate(detector.scans(block)):
+        found = detector.contact
+        if found is None or not found.is_look:
+            continue
+        now = found.filter.signs
+        begins.append(now is not contact)
+        contact = now
+        signs.append(np.array(now.row))
+        scans.append(first + scan)
+    at = np.array(scans, dtype=np.int64)
+    table = np.array(signs).reshape(len(at), len(NAMES))
+    if announces:
+        table[:, _ACCELERATION] = world.acceleration_m_s2[at]
+    time_s = at / world.rate_hz
+    begin_s = np.array([*world.gross_s, np.inf])
+    stated = None
+    if states:
+        sd = float(rng.choice(_STATED_SD))
+        stated = world.static_friction * math.exp(rng.normal(0.0, sd)) / world.array.shear_per_friction, sd
+    n_look = max(1, round(LOOK_S * world.rate_hz))
+    return Looks(
+        world=f"{world.generator}-{world.seed}",
+        generator=world.generator,
+        hand=world.hand,
+        look_s=n_look / world.rate_hz,
+        time_s=time_s,
+        signs=table,
+        begins=np.array(begins, dtype=np.bool_),
+        slides=world.gross[at],
+        utilisation=np.where(world.gross[at], 1.0, np.minimum(world.utilisation[at], 1.0)),
+        ahead_s=begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s,
+        friction=world.friction[at] / world.array.shear_per_friction,
+        stated=stated,
+    )

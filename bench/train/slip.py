@@ -1,0 +1,85 @@
+"""``./run train slip``: learn the trees of the contact filter from worlds of all generators."""
+
+import json
+import platform
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sklearn
+
+from bench.report import BENCH_WORKERS
+from bench.train.data import MINUTES, TRAINED_FROM, Size, all_looks
+from bench.train.fit import SIGNS, SOON, STATE, fit
+from bench.train.rows import Looks
+from tactiled.detect.contact.filter import STATE_SIGNS
+from tactiled.detect.contact.learnt import FILE
+from tactiled.detect.contact.posterior import EDGES
+from tactiled.detect.contact.signs import NAMES
+from tactiled.jobs import executor
+from tactiled.progress import ProgressBar
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Mapping[str, Any]:
+    """Train on all generators, and write the trees beside a text that says what they were learnt from.
+
+    Parameters
+    ----------
+    progress : ProgressBar
+    is_quick : bool
+        Few worlds: trees to try the command with.
+    to : Path, optional
+        The shipped file where it is left out.
+
+    Returns
+    -------
+    mapping
+        What the text says.
+    """
+    size = Size.QUICK if is_quick else Size.FULL
+    progress.begin(size.batches + 1)
+    with executor(BENCH_WORKERS, None) as pool:
+        looks = all_looks(pool, size, progress)
+    table = fit([look for some in looks.values() for look in some])
+    progress.advance("trees")
+    path = to or ROOT.joinpath(*FILE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(path, **table)
+    about = _about(size, looks, table)
+    path.with_suffix(".json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+    return about
+
+
+def _about(size: Size, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]) -> dict[str, Any]:
+    commit = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    return {
+        "command": "./run train slip",
+        "commit": commit.stdout.strip(),
+        "python": platform.python_version(),
+        "scikit-learn": sklearn.__version__,
+        "seeds": f"{TRAINED_FROM} to {TRAINED_FROM + size.worlds - 1} of each generator",
+        "seconds_of_a_world": 60 * MINUTES,
+        "learnt_from": {
+            name: {
+                "contacts": sum(int(w.begins.sum()) for w in some),
+                "looks": sum(len(w.signs) for w in some),
+                "sliding": round(float(np.mean(np.concatenate([w.slides for w in some]))), 3),
+            }
+            for name, some in looks.items()
+        },
+        "tuned": {
+            "trees": {
+                name: shape._asdict() for name, shape in (("signs", SIGNS), ("state", STATE), ("soon", SOON))
+            },
+            "cells_of_utilisation": EDGES,
+        },
+        "signs": NAMES,
+        "state_signs": STATE_SIGNS,
+        "nodes": {name: len(table[f"{name}.feature"]) for name in ("signs", "state", "soon")},
+    }

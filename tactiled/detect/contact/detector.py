@@ -1,0 +1,461 @@
+"""Grip events from scans: contact gate, zero, contact filter, one event for each scan in contact."""
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydantic import Field
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.contact.announced import AnnouncedMotion
+from tactiled.detect.contact.filter import ContactFilter, Verdict
+from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
+from tactiled.detect.contact.posterior import INCIPIENT_SHARE, INCIPIENT_USED
+from tactiled.detect.contact.press import PressZero
+from tactiled.detect.contact.readings import AnyTaxelReadings, ScanReading, taxel_readings
+from tactiled.detect.contact.travelling import TravellingRipple
+from tactiled.detect.signal.contact import ContactParams
+from tactiled.events.types import Event, GripEvent, GripState
+from tactiled.samples.block import Gap, ScanBlock
+from tactiled.tomlfile import Params
+
+# A contact begins where the mean load of the taxels exceeds both, and ends at half of it.
+_CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
+_CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
+_FRICTION = 0.6  # of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
+_BASELINE_S = 1.0  # averaging time of the readings without contact
+_SCANNED = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
+_LONGEST_GAP_S = 2.0  # beyond, what is held is held anew
+# Of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes hold anew
+# seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
+_SAME_LOADS = 0.5
+NEEDED_UTILISATION = 0.7
+"""Utilisation that `needed_load` would leave."""
+_SURELY = 2.0  # standard deviations by which the ratio falls where a contact is unloaded
+_TINY = 1e-9
+_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
+_UNKNOWN_USED = (0.0, 0.5, 1.0)  # utilisation of a contact whose beginning nobody saw
+# Standard deviation of the logarithm of friction by which the model errs although friction is known: taxels
+# are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow with it.
+_MODEL_SD = 0.1
+_DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
+
+
+class GripParams(Params):
+    """Prior of the contact filter, probabilities at which slips are reported, switch of the grip messages."""
+
+    publish: bool = Field(default=True, description="a grip message for each scan in contact")
+    friction: float | None = Field(
+        default=None,
+        ge=0.01,
+        le=100,
+        description="median of friction before any contact, in shear reading over load; left out: 0.6 times "
+        "`shear_per_friction` of the array",
+    )
+    # Skin-like rubber on objects spans 0.2 to 2 (log sd 0.5); gains of uncalibrated shear add 0.3.
+    friction_log_sd: float = Field(
+        default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
+    )
+    incipient_p: float = Field(
+        default=0.9, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
+    )
+    gross_p: float = Field(
+        default=0.5, gt=0, lt=1, description="probability of gross slip from which slip events report it"
+    )
+    contact: ContactParams = ContactParams()
+
+
+class ContactScan(NamedTuple):
+    """State of a contact after a scan, for those who report slips.
+
+    Attributes
+    ----------
+    filter : ContactFilter
+    verdict : Verdict
+    shear : (2, taxels) float64
+        Force of the object on the skin, over the total load.
+    ratio : tuple of 3 float
+        Sum of the shear along x and along y, and its moment over the mean distance of the taxels from their
+        centre; all over the total load.
+    rippled_s : float
+        Length of the window in which a ripple travels over the taxels; 0.0 where none does.
+    is_look : bool
+        The filter took a look at this scan.
+    """
+
+    filter: ContactFilter
+    verdict: Verdict
+    shear: FloatArray
+    ratio: tuple[float, float, float]
+    rippled_s: float
+    is_look: bool
+
+    @property
+    def size(self) -> float:
+        """Length of the ratio: by the ellipsoid of Howe and Cutkosky (1996), compared with friction."""
+        return math.hypot(*self.ratio)
+
+
+class GripDetector:
+    """Compute how close a contact is to slipping, for each scan.
+
+    An array without shear or without load channels cannot tell, and gets no events.
+
+    Parameters
+    ----------
+    array : Array
+    params : GripParams
+
+    Examples
+    --------
+    A press, then shear along +x by Mindlin's curve from 4.0 s, until all of the contact slips at 4.8 s:
+
+    >>> import numpy as np
+    >>> from tactiled.array import load_array
+    >>> from tactiled.samples.block import regular_block
+    >>> array, rng, time_s = load_array("wang2019-3x3"), np.random.default_rng(0), np.arange(600) / 100
+    >>> travel = np.clip((time_s - 4) / 0.8, 0, 1)[:, np.newaxis]
+    >>> shear_volts = 0.4 * (1 - (1 - travel) ** 1.5) * np.tile([1, 0, -1, 0], 9)
+    >>> load_volts = np.clip(time_s - 1, 0, 1)[:, np.newaxis]
+    >>> volts = load_volts + shear_volts + 1e-4 * rng.standard_normal((600, 36))
+    >>> grips = GripDetector(array).process(regular_block(volts, 100.0))
+    >>> for grip in (grip for grip in grips if f"{grip.time_s:.2f}" in ("3.90", "4.20", "4.60")):
+    ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
+    3.90 s: sticking, utilisation 0.1
+    4.20 s: partial, utilisation 0.3
+    4.60 s: partial, utilisation 0.9
+    """
+
+    def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
+        self._array = array
+        self._params = params or GripParams()
+        self._learnt = learnt
+        self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
+        self.can_tell = bool(np.any(array.normal_weights() != 0)) and array.has_shear
+        """True where the array has load and shear channels."""
+        x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
+        # A pad that turns about its centre bears mu P times the mean distance of its loads.
+        self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
+        self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
+        self._motion = AnnouncedMotion()
+        self._places = np.stack([x, y]) / self._radius_mm
+        self._least_load = _CONTACT_RANGE * array.full_scale
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything seen and announced; keep the parameters, and friction that was stated."""
+        self._motion.reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget everything seen."""
+        self._is_friction_due = False  # the next contact begins with the prior anew
+        self._n_baseline = 0
+        self._rate_hz = 0.0
+        self._readings: AnyTaxelReadings | None = None  # from the first scan on
+        self._touch: _Touch | None = None
+        self._before_gap: _Touch | None = None  # contact that a gap interrupted
+        self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
+        self._loads_before_gap: FloatArray = np.zeros(1)
+        self._last_s = 0.0
+        self.is_trusted = True
+        """False where the newest scan came late or could not be read."""
+        self.may_slip = True
+        """False where others, who report the contact, see none: no slip is then open."""
+        self.acceleration_m_s2 = math.nan
+        """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
+        where none is announced."""
+
+    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
+        """Take the hand's own motion, for the scans that are processed from now on.
+
+        Parameters
+        ----------
+        time_s : (n,) float64
+            Instants in the clock of the scans, never decreasing; see `AnnouncedMotion.announce`.
+        acceleration_m_s2 : (n,) float64
+            Along the pull, gravity's part included: 9.81 for a hand at rest.
+        """
+        self._motion.announce(time_s, acceleration_m_s2)
+
+    def state_friction(self, value: float, log_sd: float) -> None:
+        """Take friction from outside, from the next contact on; one that goes on keeps what it has shown.
+
+        Parameters
+        ----------
+        value : float
+            In shear reading over load, as in the events.
+        log_sd : float
+            Standard deviation of its logarithm. That of the filter itself is added: see `_MODEL_SD`.
+        """
+        self._stated = value, math.hypot(log_sd, _MODEL_SD)
+        self._renew_friction()
+
+    def change_object(self) -> None:
+        """Forget friction, stated or learnt: from the next contact on, another object is held."""
+        self._stated = None
+        self._renew_friction()
+
+    def _renew_friction(self) -> None:
+        if self._readings is None:
+            return
+        if self._touch is None and self._before_gap is None:
+            self._expect_friction()
+        else:
+            self._is_friction_due = True
+
+    def _expect_friction(self) -> None:
+        median, log_sd = self._prior()
+        self._filter.memory.expect(median / self._array.shear_per_friction, log_sd)
+
+    def _prior(self) -> tuple[float, float]:
+        if self._stated is not None:
+            return self._stated
+        median = self._params.friction or _FRICTION * self._array.shear_per_friction
+        return median, self._params.friction_log_sd
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        """Return an event for each scan in contact, and one of state none when the contact ends."""
+        if isinstance(item, Gap):
+            return self.pass_gap(item)
+        events = self.lose_contact() if item.rate_hz != self._rate_hz else []
+        events += [event for event in self.scans(item) if event is not None]
+        return events
+
+    @property
+    def contact(self) -> ContactScan | None:
+        """Newest scan of the present contact; None without one."""
+        return None if self._touch is None else self._touch.scan
+
+    @property
+    def keeps_enough(self) -> bool:
+        """True where so many taxels can be read that what is said of the contact is valid."""
+        return self._readings is None or self._readings.keeps_enough
+
+    def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
+        """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
+
+        A block of another scan rate follows a `lose_contact`.
+        """
+        if not self.can_tell:
+            yield from itertools.repeat(None, len(block))
+            return
+        readings = self._readings
+        if readings is None:
+            readings = self._make(block.rate_hz)
+        readings.begin(block)
+        for scan, (time_s, is_late) in enumerate(
+            zip(block.time_s.tolist(), block.late.tolist(), strict=True)
+        ):
+            in_contact = self._touch is not None or self._before_gap is not None
+            is_pressed = self._touch is not None and self._touch.is_pressed
+            reading = readings.take(scan, in_contact=in_contact, is_pressed=is_pressed)
+            self.is_trusted = reading.is_read and not is_late
+            yield self._step(readings, reading, time_s, is_late)
+
+    def _make(self, rate_hz: float) -> AnyTaxelReadings:
+        """Make all that depends on the scan rate."""
+        self._rate_hz = rate_hz
+        self._readings = taxel_readings(self._array, rate_hz)
+        self._ripple = TravellingRipple(self._array, rate_hz)
+        x, y = self._places
+        self._filter = ContactFilter(
+            x,
+            y,
+            rate_hz,
+            self._array.shear_per_friction,
+            *self._prior(),
+            self._params.incipient_p,
+            self._params.gross_p,
+            self._learnt or learnt_from(shipped_trees()),
+        )
+        return self._readings
+
+    def pass_gap(self, gap: Gap) -> list[Event]:
+        """Return the end of a contact that a gap interrupts, and predict over the gap.
+
+        Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
+        tells whether the contact went on.
+        """
+        if gap.cause not in _SCANNED or self._readings is None:
+            return self.lose_contact()
+        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
+        if self._touch is not None:
+            self._before_gap, self._touch = self._touch, None
+            self._loads_before_gap = self._readings.history[-1, 0].copy()
+        self._is_after_gap = True
+        self._readings.interrupt()
+        return events
+
+    def lose_contact(self) -> list[Event]:
+        """Forget everything seen; return the end of a contact that is cut off."""
+        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
+        self._begin()
+        return events
+
+    def _step(
+        self,
+        readings: AnyTaxelReadings,
+        reading: ScanReading,
+        time_s: float,
+        is_late: bool,
+    ) -> GripEvent | None:
+        """Take the newest scan of the readings."""
+        before_s, self._last_s = self._last_s, time_s
+        self.acceleration_m_s2 = self._motion.at(time_s)
+        is_seen, self._is_after_gap = not self._is_after_gap, False
+        if reading.is_lost:
+            self._filter.memory.widen(_DROPPED_SD)
+        load = reading.load
+        least = max(_CONTACT_NOISES * reading.load_sd, self._least_load)
+        if self._before_gap is not None:
+            loads = readings.history[-1, 0]
+            self._touch = self._resume(self._before_gap, loads, load > least, time_s - before_s)
+            self._before_gap = None
+            if self._touch is None:
+                self._end_touch(readings)
+                if load <= least:  # the contact that was cut off is known to have ended
+                    return _no_contact(time_s, valid=self.is_trusted)
+        if self._touch is None:
+            if load <= least:
+                self._n_baseline += 1
+                readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
+                return None
+            per_friction = self._array.shear_per_friction
+            zero = PressZero(self._array.n_taxels, self._rate_hz, per_friction, least, is_seen=is_seen)
+            self._filter.begin(is_seen=is_seen)
+            self._ripple.reset()
+            self._touch = _Touch(self._filter, zero, self._ripple)
+        elif load < least / 2:
+            self._end_touch(readings)
+            return _no_contact(time_s, valid=self.is_trusted)
+        self._touch.take(reading, readings.history[-1], self.acceleration_m_s2, may_slip=self.may_slip)
+        return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
+
+    def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
+        """Return the contact if it went on in a gap, by the loads (taxels,) after it; None if it ended."""
+        before = self._loads_before_gap
+        changed = float(np.abs(load - before).sum())
+        most = _SAME_LOADS * max(float(before.sum()), float(load.sum()))
+        if touches and 0.0 < gap_s <= _LONGEST_GAP_S and changed < most:
+            touch.pass_gap(gap_s)
+            return touch
+        self._filter.memory.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
+        return None
+
+    def _end_touch(self, readings: AnyTaxelReadings) -> None:
+        self._touch = None
+        readings.release()
+        if self._is_friction_due:
+            self._is_friction_due = False
+            self._expect_friction()
+        else:
+            self._filter.end()
+
+
+class _Touch:
+    """One contact: its zero, and what the filter says of it."""
+
+    def __init__(self, contact: ContactFilter, zero: PressZero, ripple: TravellingRipple) -> None:
+        self._filter, self._zero, self._ripple = contact, zero, ripple
+        self._offset_sd = zero.whole_sd  # of shear over load
+        self._shear = np.asarray(contact.signs.over_load).reshape(2, -1)  # a view, which each scan changes
+        self.scan: ContactScan | None = None
+
+    @property
+    def is_pressed(self) -> bool:
+        """True once the press is over, or a pull has begun in it."""
+        return self._zero.is_measured or self._zero.is_left
+
+    def pass_gap(self, gap_s: float) -> None:
+        """Predict over a gap in which the contact went on."""
+        self._zero.is_measured = True
+        self._filter.memory.walk(gap_s)
+        self._filter.restart()
+        self._ripple.reset()
+
+    def take(
+        self, reading: ScanReading, newest: FloatArray, acceleration_m_s2: float, *, may_slip: bool
+    ) -> None:
+        """Take a scan, with its loads and shears (3, taxels) and the announced acceleration."""
+        zero, contact = self._zero, self._filter
+        signs = contact.signs
+        if not zero.is_measured:
+            zero.take(newest[0], newest[1:], reading.shear_sd, reading.total_sd)
+            load = max(float(newest[0].sum()), _TINY)
+            self._offset_sd = math.hypot(zero.whole_sd, reading.total_sd / load)
+        signs.take(newest.reshape(-1), zero.parts.reshape(-1))
+        rippled_s = self._ripple.take(newest)
+        is_look = self.scan is None or signs.n_scans >= contact.n_look
+        if is_look:
+            contact.look(reading.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
+            contact.is_known = contact.is_known or zero.is_seen
+        if contact.gate.is_open and not may_slip:
+            contact.gate.close()
+        if is_look:
+            self._verdict = contact.verdict()
+        load = max(signs.total_load, _TINY)
+        self.scan = ContactScan(
+            filter=contact,
+            verdict=self._verdict,
+            shear=self._shear.copy(),
+            ratio=(signs.total_x / load, signs.total_y / load, signs.moment / load),
+            rippled_s=rippled_s,
+            is_look=is_look,
+        )
+
+    def event(
+        self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
+    ) -> GripEvent:
+        """Return the event of the scan that was taken."""
+        contact, verdict, signs = self._filter, self._verdict, self._filter.signs
+        low, median, high = verdict.utilisation
+        x, y, moment, load = signs.total_x, signs.total_y, signs.moment, max(signs.total_load, _TINY)
+        state: GripState = "unknown"
+        if not contact.is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
+            low, median, high = _UNKNOWN_USED
+            if contact.gate.is_open:
+                state, low = "partial", INCIPIENT_USED
+        elif contact.gate.is_gross:
+            state = "gross"
+        elif contact.gate.is_open:
+            state = "partial"
+            median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
+        elif signs.growth < -_SURELY * contact.growth_sd:
+            state = "unloading"
+        else:
+            state = "partial" if verdict.slipping_share > INCIPIENT_SHARE else "sticking"
+        # What is not known of the zero is more shear that may be borne.
+        size = math.hypot(x, y, moment) + _FIVE_PERCENT * self._offset_sd * load
+        friction_low, friction, friction_high = verdict.friction
+        needed_load = size / (NEEDED_UTILISATION * friction_low)
+        in_50, in_100, in_300 = verdict.p_gross
+        return GripEvent(
+            time_s=time_s,
+            utilisation=median,
+            utilisation_low=low,
+            utilisation_high=high,
+            friction=friction,
+            friction_low=friction_low,
+            friction_high=friction_high,
+            slipping_share=verdict.slipping_share,
+            p_sliding=verdict.p_sliding,
+            p_gross_50ms=in_50,
+            p_gross_100ms=in_100,
+            p_gross_300ms=in_300,
+            load=load,
+            shear_x=x,
+            shear_y=y,
+            torsion=moment * radius_mm + 0.0,  # never -0.0
+            unit=unit,
+            needed_load=needed_load if contact.is_known else max(needed_load, load),
+            state=state,
+            valid=is_trusted,
+            late=is_late,
+        )
+
+
+def _no_contact(time_s: float, *, valid: bool) -> GripEvent:
+    return GripEvent(time_s=time_s, valid=valid)

@@ -1,0 +1,50 @@
+"""The trees of the contact filter and their data file."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tactiled.detect.contact.fast import Trees
+from tactiled.resources import shipped
+
+FILE = "config", "learnt", "slip.npz"
+
+
+class Learnt(NamedTuple):
+    """Trees, and the base rate of what they were trained on.
+
+    Attributes
+    ----------
+    signs : Trees
+        Score of sliding, from the signs of a look.
+    state : Trees
+        Score of each state, from some signs and the memory.
+    soon : Trees
+        Score of each time to gross slip, from the same.
+    base_odds : float
+        Log odds of sliding in the looks that `signs` was trained on.
+    """
+
+    signs: Trees
+    state: Trees
+    soon: Trees
+    base_odds: float
+
+
+def learnt_from(table: Mapping[str, Any]) -> Learnt:
+    """Make the trees from arrays by name, ``forest.array``, as `bench.train.fit` makes them."""
+
+    def forest(name: str) -> Trees:
+        prefix = f"{name}."
+        return Trees({key.removeprefix(prefix): table[key] for key in table if key.startswith(prefix)})
+
+    return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]))
+
+
+@functools.cache
+def shipped_trees() -> Mapping[str, Any]:
+    """Return the arrays that are shipped."""
+    with np.load(shipped(*FILE), allow_pickle=False) as found:
+        return {key: found[key] for key in found.files if key != "about"}

@@ -1,0 +1,132 @@
+"""Ripple that travels over the taxels of a contact: proof of sliding, even where shear says nothing.
+
+A ridge passes the taxels one after the other. What a hand does to a held object acts on a rigid body: loads
+change in proportion to the load and to the place, along x and along y, and so do shears. The plane through
+the loads and those through the shears, each taxel weighed by its load, are therefore left out. A line of
+the spectrum is then taken for a travelling ripple where
+
+1. it stands out of the other frequencies,
+2. most of it is in what the planes leave, and
+3. its phases fill the circle: a part that shakes has phases of 0 and 180 degrees only.
+
+A line needs four periods, and a window that holds the beginning of the slide shows more than a line. So
+windows of 2 to 16 s are looked at: the two shortest each half second, the others in turn.
+"""
+
+import functools
+
+import numpy as np
+
+from tactiled.array import Array, FloatArray
+
+_HOP_S = 0.5
+# Hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a millisecond.
+_SHORT, _LONG = (4, 6), (8, 12, 16, 24, 32)
+_LEAST_CYCLES = 4  # slower changes are of the hand
+_FASTEST_HZ = 20.0  # faster scans are averaged
+_FEWEST = 6  # taxels: a plane takes three of them, and phases need some more
+# Power of the line over the median of all frequencies: 2.5 is the most of white noise in 18 directions.
+_STANDS_OUT = 10.0
+# Power of the line over that of any other frequency but its lobe and harmonics: slow noise has no line.
+_OVER_OTHERS = 8.0
+_LOBE, _HARMONICS = 2, (2, 3)
+_BEYOND_PLANES = 0.1  # of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
+_MOST_ALIKE = 0.7  # mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
+_STOPPED = 0.25  # power of the newest quarter over that of the window
+
+
+class TravellingRipple:
+    """Detect a ripple that travels over an array, at one scan rate.
+
+    Parameters
+    ----------
+    array : Array
+        With places, loads and shears.
+    rate_hz : float
+
+    Attributes
+    ----------
+    seen_s : float
+        Length of the window in which a ripple travels now; 0.0 where none does.
+    """
+
+    def __init__(self, array: Array, rate_hz: float) -> None:
+        self._n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
+        self._step_s = self._n_mean / rate_hz
+        self._hop = max(4, round(_HOP_S / self._step_s))
+        places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
+        self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
+        self.can_tell = array.has_places and array.n_taxels >= _FEWEST
+        self._past = np.zeros((_LONG[-1] * self._hop, 3, array.n_taxels))
+        self._sum = np.zeros((3, array.n_taxels))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen: the contact is another one, or a gap came between."""
+        self._n = self._n_summed = 0
+        self._sum[:] = 0.0
+        self.seen_s = 0.0
+        self._seen_in = 0  # hops
+
+    def take(self, responses: FloatArray) -> float:
+        """Take loads and shears (3, taxels) of a scan in contact; return `seen_s`."""
+        if not self.can_tell:
+            return 0.0
+        self._sum += responses
+        self._n_summed += 1
+        if self._n_summed < self._n_mean:
+            return self.seen_s
+        self._past[self._n % len(self._past)] = self._sum / self._n_mean
+        self._sum[:], self._n_summed = 0.0, 0
+        self._n += 1
+        if self._n % self._hop == 0:
+            self._look(self._n // self._hop)
+        return self.seen_s
+
+    def _look(self, hops: int) -> None:
+        """Look at windows that are full; a ripple goes on until the window that showed it shows none."""
+        if self._seen_in:
+            windows = [window for window in _SHORT if window < self._seen_in] + [self._seen_in]
+        else:
+            windows = [*_SHORT, _LONG[hops % len(_LONG)]]
+        self._seen_in = next((w for w in windows if w <= hops and self._travels(w * self._hop)), 0)
+        self.seen_s = self._seen_in * self._hop * self._step_s
+
+    def _travels(self, n: int) -> bool:
+        """Return True where a ripple travels in the newest means."""
+        responses = self._past[np.arange(self._n - n, self._n) % len(self._past)]
+        load = np.maximum(responses[:, 0].mean(axis=0), 0.0)
+        planes = np.linalg.qr((self._places * load).T)[0]
+        line, hann = _bases(n)
+        flat = responses.reshape(n, -1)
+        centred = (flat - line @ (line.T @ flat)).reshape(responses.shape)
+        own = centred - (centred @ planes) @ planes.T
+        lines = np.fft.rfft(hann[:, np.newaxis, np.newaxis] * own, axis=0)[: n // 2]
+        power = (np.abs(lines) ** 2).sum(axis=(1, 2))
+        power[0] = 0.0
+        cycles = np.arange(len(power))
+        peak = int(power.argmax())
+        if peak < _LEAST_CYCLES:
+            return False
+        others = np.abs(cycles - cycles[peak]) > _LOBE
+        for harmonic in _HARMONICS:
+            others &= np.abs(cycles - harmonic * cycles[peak]) > 1
+        rest = max(
+            _STANDS_OUT * float(np.median(power)), _OVER_OTHERS * float(power[others].max(initial=0.0))
+        )
+        if power[peak] <= rest:
+            return False
+        z = lines[peak]
+        turns = np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
+        whole = float((np.abs(np.tensordot(turns * hann, centred, 1)) ** 2).sum())
+        if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
+            return False
+        newest = own[-n // 4 :]
+        return bool((newest**2).mean() > _STOPPED * (own**2).mean())
+
+
+@functools.lru_cache(maxsize=16)
+def _bases(n: int) -> tuple[FloatArray, FloatArray]:
+    """Return mean and slope (n, 2), and a Hann window (n,): other slow changes stay in view."""
+    steps = np.linspace(-1.0, 1.0, n)
+    return np.linalg.qr(np.polynomial.legendre.legvander(steps, 1))[0], np.hanning(n)

@@ -1,0 +1,77 @@
+"""Slip events, grip messages and contact state say the same of a contact, on worlds of every generator."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from bench.worlds.generators import GENERATORS, draw
+from bench.worlds.world import World
+from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.posterior import INCIPIENT_USED, LEAST_GROSS_USED
+from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
+
+HANDS = {
+    "laws": ("pull", "ease"),
+    "bristles": ("slow-pull", "ease"),
+    "sheet": ("slow-pull", "reverse"),
+    "strokes": ("strokes", "ease"),
+    "grasps": ("ease", "dips"),
+    "plates": ("slide", "gripped", "load"),
+}
+
+
+@pytest.fixture(scope="module", params=sorted(GENERATORS))
+def worlds(request: pytest.FixtureRequest) -> list[World]:
+    found = draw(request.param, range(7000, 7006), 0.2, HANDS[request.param])
+    assert any(world.slips for world in found)
+    return found
+
+
+def told(world: World, setting: str) -> Sequence[Event]:
+    at = SETTINGS[setting]
+    params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
+    return GripSlip(world.array, params).process(world.block)
+
+
+@pytest.mark.parametrize("setting", sorted(SETTINGS))
+def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], setting: str) -> None:
+    n_gross = 0
+    for world in worlds:
+        slip: SlipEvent | None = None
+        contact = "none"
+        for event in told(world, setting):
+            if isinstance(event, SlipEvent):
+                slip = event if event.state == "onset" else None
+            elif isinstance(event, ContactEvent):
+                contact = event.state
+            elif isinstance(event, GripEvent) and event.state != "none":
+                kind = "" if slip is None else slip.kind
+                assert (contact == "sliding") == (kind == "gross")
+                assert (event.state == "gross") == (kind == "gross")
+                if kind == "gross":
+                    n_gross += 1
+                    assert event.utilisation_low >= LEAST_GROSS_USED
+                    assert (event.p_gross_50ms, event.p_gross_300ms, event.slipping_share) == (1.0, 1.0, 1.0)
+                    assert event.p_sliding >= SETTINGS[setting].gross / 3
+                    assert event.friction_low <= event.friction <= event.friction_high
+                    size = event.needed_load * 0.7 * event.friction_low
+                    assert size >= 0.999 * math.hypot(event.shear_x, event.shear_y)
+                elif kind == "incipient":
+                    assert event.state == "partial"
+                    assert event.utilisation >= INCIPIENT_USED
+    assert n_gross > 0
+
+
+def test_a_contact_whose_beginning_nobody_saw_is_unknown_until_it_slid() -> None:
+    (world,) = draw("laws", range(7001, 7002), 0.2, ("pull",))
+    first = int(np.flatnonzero(world.touching)[0]) + round(0.8 * world.rate_hz)
+    events = GripSlip(world.array).process(world.block[first:])
+    grips = [event for event in events if isinstance(event, GripEvent)]
+    assert (grips[0].state, grips[0].utilisation_low, grips[0].utilisation_high) == ("unknown", 0.0, 1.0)
+    assert all(event.needed_load >= event.load for event in grips if event.state == "unknown")
+    states = [event.state for event in grips]
+    if "gross" in states:
+        assert "unknown" not in states[states.index("gross") :]

@@ -1,0 +1,220 @@
+"""Memory of a contact, thresholds, and the posterior that is published."""
+
+import math
+from array import array
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.train.rows import silent
+from tactiled.detect.contact import memory
+from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.gate import SlipHysteresis
+from tactiled.detect.contact.memory import Memory
+from tactiled.detect.contact.posterior import N_STATES, RIPPLE_P, Posterior
+from tactiled.detect.contact.trees import Trees
+
+LOOK_S = 0.02
+
+
+def told(p: float, ratio: float, seconds: float, one: Memory | None = None) -> Memory:
+    """Memory after a time of the same odds and ratio."""
+    one = one or Memory(0.6, 0.6, -2.0)
+    for _ in range(round(seconds / LOOK_S)):
+        one.take(p, ratio, LOOK_S)
+    return one
+
+
+def test_a_slide_teaches_friction_and_the_next_contact_keeps_it() -> None:
+    one = told(0.95, 0.35, 1.5)
+    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.1)
+    sd = math.sqrt(one.variance)
+    assert sd < 0.15
+    one.end_contact()
+    one.begin_contact()
+    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.1)
+    assert sd < math.sqrt(one.variance) < 0.3
+    one.forget_object()
+    assert (math.exp(one.log_friction), math.sqrt(one.variance)) == pytest.approx((0.6, 0.6))
+
+
+def test_shear_that_is_borne_is_a_lower_bound_of_friction() -> None:
+    one = told(0.001, 0.9, 1.0)
+    assert math.exp(one.log_friction) >= 0.9
+    assert math.sqrt(one.variance) > 0.4
+
+
+@pytest.mark.parametrize("p", [0.95, 0.001])
+def test_a_lift_teaches_no_friction(p: float) -> None:
+    """Shear that is left while the load goes makes a large ratio, which the next contact need not bear."""
+    one = told(0.95, 0.35, 1.5)
+    left_log = 0.0
+    for look in range(24):
+        left_log = math.log(1 - look / 25)
+        one.take(p, 0.35 / (1 - look / 50), LOOK_S, left_log)
+    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.15)
+
+
+def test_stated_friction_has_a_floor_of_what_one_number_can_say() -> None:
+    one = Memory(0.6, 0.6, -2.0)
+    one.expect(0.5, 0.001)
+    assert math.exp(one.log_friction) == pytest.approx(0.5)
+    assert math.sqrt(one.variance) >= 0.05
+
+
+def test_silence_refutes_what_was_said() -> None:
+    filtered = memory.NAMES.index("filtered_odds")
+    one = told(0.9, 0.5, 1.0)
+    assert one.row[filtered] > 2
+    assert told(0.001, 0.5, 1.0, one).row[filtered] < -2
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1e6)), max_size=200))
+@settings(max_examples=30, deadline=None)
+def test_memory_is_finite_and_friction_no_wider_than_before(
+    looks: list[tuple[float, float]],
+) -> None:
+    one = Memory(0.6, 0.6, -2.0)
+    for p, ratio in looks:
+        one.take(p, ratio, LOOK_S)
+        assert all(math.isfinite(value) for value in one.row)
+        assert 0 < one.variance <= 0.36 + 1e-12
+
+
+def test_a_slip_opens_at_its_probability_and_closes_well_below_it() -> None:
+    gate = SlipHysteresis(0.9, 0.5, LOOK_S)
+    states = []
+    course = [*10 * [0.1], 0.6, *5 * [0.3], *3 * [0.1], 0.3, *10 * [0.1]]
+    for p in course:
+        gate.look(p, p, 0.5, 0.0)
+        states.append(gate.is_gross)
+    assert states == [*10 * [False], *17 * [True], *3 * [False]]
+
+
+def test_no_slip_opens_right_after_a_gap() -> None:
+    gate = SlipHysteresis(0.9, 0.5, LOOK_S)
+    found = []
+    for _ in range(5):
+        gate.look(1.0, 1.0, 0.5, 0.0)
+        found.append(gate.is_open)
+    assert found == [False, False, False, True, True]
+    gate.close()
+    assert (gate.is_open, gate.is_gross) == (False, False)
+
+
+def test_a_ratio_that_does_not_grow_is_no_new_incipient_slip() -> None:
+    gate = SlipHysteresis(0.9, 0.5, LOOK_S)
+    gate.begin(is_seen=False)
+    for _ in range(20):
+        gate.look(0.95, 0.0, 0.5, 0.0)
+    assert not gate.is_open
+    gate.look(0.95, 0.0, 0.56, 0.0)
+    assert (gate.is_open, gate.is_gross) == (True, False)
+
+
+def test_what_noise_may_make_of_the_ratio_is_no_slip() -> None:
+    gate = SlipHysteresis(0.9, 0.5, LOOK_S)
+    for _ in range(20):
+        gate.look(0.95, 0.0, 0.2, 0.1)
+    assert not gate.is_open
+    gate.look(0.95, 0.0, 0.31, 0.1)
+    assert gate.is_open
+
+
+def test_a_slide_that_is_surely_over_closes_at_once() -> None:
+    gate = SlipHysteresis(0.9, 0.5, LOOK_S)
+    for p in (*5 * [0.9], 0.01):
+        gate.look(p, p, 0.5, 0.0)
+    assert not gate.is_open
+
+
+def posterior(cells: Sequence[float]) -> Posterior:
+    """Posterior after scores that are cells; a ratio that every friction of the prior may bear."""
+    one = Posterior([], 0)
+    scores = [math.log(max(p, 1e-9)) for p in cells]
+    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.2, math.log(0.6), 1e6, math.log(0.6), 1e6, 0)
+    return one
+
+
+POSITIVE = st.lists(st.floats(0.001, 1), min_size=N_STATES, max_size=N_STATES)
+
+
+@given(POSITIVE, st.booleans())
+def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], is_gross: bool) -> None:
+    contact = ContactFilter(np.array([-1.0, 1.0]), np.zeros(2), 100.0, 1.0, 0.6, 0.6, 0.9, 0.5, silent())
+    contact.posterior = posterior(weights)
+    contact.gate.is_gross = contact.gate.is_open = is_gross
+    contact.signs.ratio = contact.slid_at = 0.5
+    verdict = contact.verdict()
+    low, median, high = verdict.utilisation
+    assert 0 <= low <= median <= high <= 1
+    assert verdict.friction[0] <= verdict.friction[1] <= verdict.friction[2]
+    assert verdict.p_gross[0] <= verdict.p_gross[1] <= verdict.p_gross[2] <= 1
+    assert verdict.p_sliding <= verdict.p_incipient + 1e-12
+    if is_gross:
+        assert low >= 0.9
+        assert verdict.p_gross == (1.0, 1.0, 1.0)
+        assert verdict.p_sliding >= 0.5 / 3
+        assert verdict.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
+    else:
+        assert verdict.p_sliding == pytest.approx(weights[-1] / sum(weights))
+
+
+@given(POSITIVE, st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans())
+def test_the_posterior_is_a_distribution_for_any_ratio(
+    weights: list[float], ratio: float, sd: float, ripple_travels: bool
+) -> None:
+    one = Posterior([], 0)
+    scores = [math.log(weight) for weight in weights]
+    known = math.log(0.6), 0.36, math.log(0.6), sd * sd
+    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, *known, ripple_travels)
+    assert sum(one.cells) == pytest.approx(1.0)
+    assert min(one.cells) > 0
+    assert 0 < one.soon[0] < one.soon[1] < one.soon[2] < 1
+    assert not ripple_travels or one.cells[-1] >= RIPPLE_P - 1e-12
+
+
+def test_a_friction_that_nothing_has_is_not_believed() -> None:
+    """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
+    one = Posterior([], 0)
+    alike = [0.0] * N_STATES
+    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, math.log(0.6), 0.36, 0)
+    assert sum(one.cells[:3]) < 0.05
+    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, math.log(0.6), 0.36, 0)
+    assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
+
+
+def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
+    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.36, math.log(0.6), 0.01)
+    one = Posterior([], 0)
+    one.take(alike, [0.0] * 4, 0.55, *known, 0)
+    whole = one.cells[-1]
+    one.take(alike, [0.0] * 4, 0.15, *known, 0)
+    assert one.cells[-1] < 0.02 < whole
+
+
+def test_quantiles_are_those_of_the_cells() -> None:
+    cells = [0.0] * N_STATES
+    cells[4] = 1.0  # 0.6 to 0.7
+    one = posterior(cells)
+    one.publish(0, 0.25, 0.3, math.log(0.6), 0.36)
+    assert list(one.utilisation) == pytest.approx([0.605, 0.65, 0.695], abs=1e-6)
+    assert one.friction[1] == pytest.approx(0.3 / 0.65)
+    one = posterior([0.0] * (N_STATES - 1) + [1.0])
+    one.publish(0, 0.25, 0.3, math.log(0.6), 0.36)
+    assert list(one.utilisation) == [1.0, 1.0, 1.0]
+
+
+def test_trees_add_the_leaf_that_a_row_reaches_and_nan_goes_where_it_was_told() -> None:
+    table = {
+        "first": [1.0], "root": [0, 3], "output": [0, 0], "feature": [0, -1, -1, 1, -1, -1],
+        "left": [1, 0, 0, 4, 0, 0], "right": [2, 0, 0, 5, 0, 0], "missing_left": [0, 0, 0, 1, 0, 0],
+        "value": [0.5, 10.0, 20.0, -1.0, 100.0, 200.0],
+    }  # fmt: skip
+    forest = Trees(table)
+    for row, wanted in (([0.5, 0.0], 211.0), ([0.6, -1.0], 121.0), ([math.nan, math.nan], 121.0)):
+        forest.evaluate(array("d", row))
+        assert forest.scores[0] == wanted

@@ -1,0 +1,101 @@
+"""Friction that is stated from outside: from the next contact on, until another object is held."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.slip_detector import GripSlip
+from tactiled.detect.suite import DetectParams
+from tactiled.detect.tuning import TunedSuite
+from tactiled.events.types import Event, GripEvent
+from tactiled.samples.block import Gap, ScanBlock, regular_block
+
+ARRAY = load_array("wang2019-3x3")
+SCANS = 400  # of a touch and the rest after it
+PRIOR = 0.6 * ARRAY.shear_per_friction
+
+
+def touch(number: int, shear: float = 0.2) -> ScanBlock:
+    """Return the scans of one touch: press from 0.5 s to 1 s, shear from 2 s, lift at 3 s."""
+    t = np.arange(SCANS)[:, np.newaxis] / 100
+    lifted = t < 3.0
+    volts: FloatArray = np.clip((t - 0.5) / 0.5, 0, 1) * lifted * np.ones(36)
+    volts = volts + shear * np.clip((t - 2.0) / 0.4, 0, 1) * lifted * np.tile([1.0, 0.0, -1.0, 0.0], 9)
+    volts += 1e-4 * np.random.default_rng(number).standard_normal(volts.shape)
+    return regular_block(volts, 100.0, start_s=number * SCANS / 100, index=number * SCANS)
+
+
+def grips(events: list[Event]) -> list[GripEvent]:
+    return [event for event in events if isinstance(event, GripEvent) and event.state != "none"]
+
+
+def log_sd(event: GripEvent) -> float:
+    return math.log(event.friction_high / event.friction_low) / (2 * 1.645)
+
+
+@pytest.mark.parametrize("make", [GripDetector, GripSlip])
+def test_the_next_contact_begins_with_what_was_stated(make: type[GripDetector] | type[GripSlip]) -> None:
+    detector = make(ARRAY)
+    detector.state_friction(1.8, 0.1)
+    first = grips(detector.process(touch(0)))[5]
+    assert first.friction == pytest.approx(1.8, rel=0.02)
+    assert 0.1 < log_sd(first) < 0.3  # what the model does not know is added
+
+
+def test_a_contact_that_goes_on_keeps_what_it_has_shown() -> None:
+    plain, stated = GripDetector(ARRAY), GripDetector(ARRAY)
+    block = touch(0)
+    expected = plain.process(block[:200]) + plain.process(block[200:])
+    found = stated.process(block[:200])
+    stated.state_friction(0.2, 0.0)
+    assert found + stated.process(block[200:]) == expected
+    assert grips(stated.process(touch(1)))[5].friction == pytest.approx(0.2, rel=0.02)
+
+
+def test_another_object_has_the_friction_of_the_configuration() -> None:
+    detector = GripDetector(ARRAY, GripParams(friction=2.0))
+    detector.state_friction(0.5, 0.1)
+    detector.process(touch(0)[:200])
+    detector.change_object()
+    detector.process(touch(0)[200:])
+    assert grips(detector.process(touch(1)))[5].friction == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_contact_teaches_the_next_one_unless_the_object_changed() -> None:
+    kept, changed = GripDetector(ARRAY), GripDetector(ARRAY)
+    for detector in (kept, changed):
+        detector.process(touch(0, shear=0.7))
+    changed.change_object()
+    after, anew = (grips(detector.process(touch(1)))[5] for detector in (kept, changed))
+    assert after.friction > 1.1 * PRIOR  # it bore more than the prior expects
+    assert anew.friction == pytest.approx(PRIOR, rel=0.05)
+
+
+def test_thresholds_and_a_board_that_began_anew_change_nothing_of_it() -> None:
+    suite = TunedSuite(ARRAY, DetectParams())
+    assert suite.state_friction(0.9, 0.1) == ""
+    suite.process(touch(0))
+    assert suite.set_thresholds({"grip.incipient_p": 0.5})[0] == ""
+    suite.process(Gap(0, "restart", 2 * SCANS))
+    found = grips(suite.process(touch(2)))[5]
+    assert found.friction == pytest.approx(0.9, rel=0.02)
+    assert suite.friction == (0.9, 0.1)
+    assert suite.change_object() == ""
+    suite.process(Gap(0, "restart", 3 * SCANS))
+    assert grips(suite.process(touch(3)))[5].friction == pytest.approx(PRIOR, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("array", "setting"),
+    [("normal-4x4", "balanced"), ("wang2019-3x3", "wang2019")],
+    ids=["no shear", "paper"],
+)
+def test_detectors_that_learn_no_friction_refuse_it(array: str, setting: str) -> None:
+    params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
+    suite = TunedSuite(load_array(array), params)
+    assert "learns friction" in suite.state_friction(0.6, 0.1)
+    assert "learns friction" in suite.change_object()
+    assert suite.friction is None
