@@ -173,7 +173,6 @@ def slide_over_grooves_handed_over_late(path: Path) -> None:
             writer.read(Read(arrival_s, 0.0, data))
 
 
-@pytest.mark.xfail(strict=True, reason="this slide of 4 s over grooves is called gross only at its end")
 def test_lateness_of_a_recording_is_no_reason_to_refuse(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

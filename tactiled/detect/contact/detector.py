@@ -125,7 +125,7 @@ class GripDetector:
     ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.1
     4.20 s: partial, utilisation 0.3
-    4.60 s: partial, utilisation 0.9
+    4.60 s: partial, utilisation 0.6
     """
 
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:

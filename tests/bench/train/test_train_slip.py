@@ -73,7 +73,7 @@ def test_the_shipped_trees_fit_the_signs_and_say_what_they_were_learnt_from() ->
     assert about["signs"] == list(NAMES)
     assert about["nodes"] == {name: len(table[f"{name}.feature"]) for name in ("signs", "state", "soon")}
     assert "dirty" not in about["commit"]
-    assert set(about["learnt_from"]) == {"laws", "bristles", "sheet", "strokes", "grasps"}
+    assert set(about["learnt_from"]) == {"laws", "bristles", "sheet", "strokes", "grasps", "plates"}
     learnt = learnt_from(table)
     assert (len(learnt.signs.first), len(learnt.state.first), len(learnt.soon.first)) == (1, N_STATES, 4)
     assert table["signs.feature"].max() < len(NAMES)

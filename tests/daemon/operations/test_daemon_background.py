@@ -112,7 +112,7 @@ def events_of(pipeline: Pipeline, reads: list[Read], late: dict[int, list[int]] 
 @pytest.fixture(scope="module")
 def reads() -> list[Read]:
     """The demo's scene up to its second slide, over grooves."""
-    return simulated_reads(19.0)
+    return simulated_reads(20.0)
 
 
 @pytest.fixture(params=[1, 2])
