@@ -69,6 +69,12 @@ def test_an_onset_is_judged_by_the_certainty_that_it_states() -> None:
     assert wrong([*less_certain, *LAST, TEXTURE, *GRIPS]) == []
 
 
+def test_late_groove_fits_excuse_groove_estimates_alone() -> None:
+    assert compare(SLIDES, [*FIRST, *LAST, *GRIPS], T0_S).is_groove_wrong
+    assert not compare(SLIDES, [*LAST, TEXTURE, *GRIPS], T0_S).is_groove_wrong
+    assert not compare(SLIDES, ALL, T0_S).is_groove_wrong
+
+
 def test_slip_during_a_lift_may_be_reported_and_need_not_be() -> None:
     release = TrueSlip(12.0, 12.5, None, FlatPlate(), shear_s=12.0, incipient_s=12.0, gross_s=12.01)
     lifted = [dataclasses.replace(e, detected_s=T0_S + 12.4, onset_s=T0_S + 12.3) for e in FIRST]

@@ -35,6 +35,7 @@ MAX_LATE_FITS = 5
 # Share of scans that never came. Single ones are bridged; with one in twenty, answers are given up as stale.
 MAX_LOST_SHARE = 0.05
 
+GROOVE_ROWS = (": answer after", ": period", ": angle")
 HEAD = ["quantity", "truth", "estimate", "error", "allowed", ""]
 
 
@@ -97,6 +98,11 @@ class DemoComparison:
 
     rows: list[list[str]] = field(default_factory=list)
     wrong: list[str] = field(default_factory=list)
+
+    @property
+    def is_groove_wrong(self) -> bool:
+        """A groove estimate is wrong or missing, for which late fits may be the reason."""
+        return any(row in words for words in self.wrong for row in GROOVE_ROWS)
 
     def add(
         self, what: str, truth: float, estimate: float, allowed: float, unit: str, error: float | None = None

@@ -141,7 +141,7 @@ def _judge(
     """Print the results; estimates are judged only if the host kept up with the board."""
     verdict = compare(slides, seen.events, t0_s, true_releases(truth))
     _say("host:", str(seen.host))
-    if too_slow := seen.host.too_slow(is_wrong=bool(verdict.wrong)):
+    if too_slow := seen.host.too_slow(is_wrong=verdict.is_groove_wrong):
         load, _, _ = os.getloadavg()
         _say(
             f"this host is too slow or too busy for the demo: {too_slow} (load {load:.1f} on "
