@@ -38,7 +38,9 @@ from hypothesis import Phase, settings
 from tools.mutations import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
-_COMPILED = "tactiled/_compiled.so"  # no file of git, but the tests run on it
+# No files of git, but the tests run on them. A module that is changed is not the one that was compiled: the
+# contact filter then runs as plain Python.
+_COMPILED = "tactiled/_compiled.so", "tactiled/detect/contact/_*.so"
 # The client over zenoh needs a router and a bridge, which the tests of the room zenoh have. What detectors do
 # in numpy runs only where it is compared with what is compiled.
 _ALSO = {"client": ("zenoh",), "detect": ("test_compiled.py",)}
@@ -63,14 +65,17 @@ class Baseline:
         default_factory=dict
     )  # file, line: tests; "" is the import
     modules: list[str] = field(default_factory=list)  # libraries that the tests have imported
+    compiled: set[str] = field(default_factory=set)  # files of Python that were compiled
 
     def tests_of(self, mutation: Mutation) -> dict[str, float]:
         """Tests that can find a mutation, in the order in which they should run, with their seconds."""
         lines = self.executed.get(mutation.file, {})
         here = {test for line in mutation.lines for test in lines.get(line, ())}
         direct = (here - {""}) | self.starts_process
-        # A name of the module or a default value is used by lines that import it: every test may see it.
-        files = {_file(test) for test in (self.seconds if "" in here else direct)}
+        # A name of the module or a default value is used by lines that import it: every test may see it. What
+        # is compiled hides its lines from coverage.
+        anywhere = "" in here or mutation.file in self.compiled
+        files = {_file(test) for test in (self.seconds if anywhere else direct)}
         users = {_file(test) for tests in lines.values() for test in tests if test}
         stem = Path(mutation.file).stem
         cost: dict[str, float] = defaultdict(float)
@@ -144,7 +149,8 @@ class Tree:
         self.copy = Path(tempfile.mkdtemp(prefix="mutate-"))
         command = ["git", "-C", str(root), "ls-files", "-co", "--exclude-standard", "-z"]
         names = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split("\0")
-        for name in [*names, _COMPILED]:
+        compiled = [str(path.relative_to(root)) for pattern in _COMPILED for path in root.glob(pattern)]
+        for name in [*names, *compiled]:
             if name and (root / name).is_file():
                 (self.copy / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(root / name, self.copy / name)
@@ -204,6 +210,8 @@ class Tree:
                 name = str(Path(path).relative_to(self.copy))
                 baseline.executed[name] = dict(data.contexts_by_lineno(path))
             baseline.seconds = dict(baseline.seconds)
+            typed = (path.with_suffix(".py") for path in self.copy.glob("tactiled/**/*.pxd"))
+            baseline.compiled = {str(path.relative_to(self.copy)) for path in typed}
             baseline.modules = [name for name, module in sys.modules.items() if _is_library(module)]
             kept.write_bytes(pickle.dumps(baseline))
             return code

@@ -98,7 +98,6 @@ def test_settings_trade_early_against_sure() -> None:
     assert known[0] < known[2]
 
 
-@pytest.mark.xfail(strict=True, reason="an even slide and a rest at the limit have the same readings")
 def test_a_slide_over_an_even_surface_is_near_its_limit_where_friction_is_known() -> None:
     """A rest that bears the same shear has the same readings: only utilisation can be told."""
     params = DetectParams.model_validate({"grip": {"friction": 1.0, "friction_log_sd": 0.1}})
@@ -106,7 +105,6 @@ def test_a_slide_over_an_even_surface_is_near_its_limit_where_friction_is_known(
     grips = [e for e in events if isinstance(e, GripEvent) and 4.6 < e.time_s - START_S < 7.9]
     assert np.median([e.utilisation for e in grips]) > 0.85
     assert all(e.utilisation_high > 0.99 for e in grips)
-    assert max(e.p_sliding for e in grips) > 0.3
 
 
 # --- physical scenes with known truth
