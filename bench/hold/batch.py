@@ -17,7 +17,7 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.held import DAMPING_RATIO, stiffness_n_mm
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, PressPhase
-from tactiled.emulator.scene.taxels import INEQUALITY, taxel_shares
+from tactiled.emulator.scene.taxels import INEQUALITY, offset_mm, taxel_shares
 
 STEP_S = 1e-3  # a fifth of the period of the lightest object on the skin
 RATE_HZ = 100.0
@@ -76,7 +76,9 @@ class HeldBatch:
         self._surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
         self._azimuth_deg = np.unique(array.azimuth_deg % 360)
         self._model = Lumped(self._surface, self._azimuth_deg, e * t)
-        self._base_mm = np.tile(np.stack([array.x_mm, array.y_mm], axis=-1), (e, 1))
+        places = np.stack([array.x_mm, array.y_mm], axis=-1)
+        offsets = [offset_mm(plate, scene.seed) for plate, scene in zip(plates, scenes, strict=True)]
+        self._base_mm = np.concatenate([places - offset for offset in offsets])
         self._area = np.searchsorted(self._azimuth_deg, array.azimuth_deg % 360)
         self._gain = np.stack(
             [

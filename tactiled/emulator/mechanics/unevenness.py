@@ -16,7 +16,7 @@ _WAVES = 16
 # github.com/imanlab/tactile_prediction_flat_dataset) had 0.032, 0.041 and 0.051, noise and tilt of about 0.02
 # included.
 _LENGTHS_MM = (1.0, 10.0)
-_SEED = 19  # one plate for all scenes
+_SEED = 19  # one plate, which scenes touch at different places
 _LEAST = 0.2  # factor, where large changes would turn friction round
 
 

@@ -171,7 +171,7 @@ class ContactStepper:
         self._models = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
         self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
         self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
-        self._offset_mm = [offset_mm(plate) for plate in motion.surfaces]
+        self._offset_mm = [offset_mm(plate, scene.seed) for plate in motion.surfaces]
         self.held = HeldMotion(scene, scene.held_object, step_s) if scene.held_object else None
         self.step_s = self.held.step_s if self.held else step_s
         self._memory = LoadMemory(self.step_s, scene.electronics.creep_time_s)

@@ -11,6 +11,7 @@ from tactiled.errors import ConfigError
 
 # Relative spread of the load between taxels, and between the areas of one taxel, of a hand-made array.
 INEQUALITY = 0.05
+_PLATE_MM = 100.0  # a scene touches an uneven plate within so much of its middle: ten of its longest waves
 
 
 class ChannelForces:
@@ -91,9 +92,13 @@ def model_surface(plate: FlatPlate | GroovedPlate, model: str) -> Surface:
     )
 
 
-def offset_mm(plate: FlatPlate | GroovedPlate) -> FloatArray:
-    """Offset (2,) of the plate's pattern; contact models have a ridge at their origin."""
+def offset_mm(plate: FlatPlate | GroovedPlate, seed: int) -> FloatArray:
+    """Offset (2,) of the plate's pattern; contact models have a ridge at their origin.
+
+    Each scene touches an uneven plate at another place, by its seed.
+    """
     if isinstance(plate, FlatPlate):
-        return np.zeros(2)
+        place_mm = np.random.default_rng([seed, 4]).uniform(-_PLATE_MM, _PLATE_MM, 2)
+        return place_mm if plate.unevenness else np.zeros(2)
     angle = np.deg2rad(plate.angle_deg)
     return plate.offset_mm * np.array([np.cos(angle), np.sin(angle)])
