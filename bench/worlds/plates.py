@@ -161,6 +161,24 @@ def _loads(rng: np.random.Generator, scene: Document, left_s: float) -> None:
         scene["phases"] += [load | beyond]
 
 
+def _oblique(rng: np.random.Generator, scene: Document, left_s: float) -> None:
+    """Press, change and take off load and shear together, within the friction cone."""
+    scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
+    press, hold = scene["phases"]
+    left_s += press["duration_s"] + hold["duration_s"]
+    load, limit_n, n = load_phase(rng, scene, 1.0, 1.0), friction_n(scene), int(rng.integers(2, 6))
+    scene["phases"] = []
+    for _ in range(n):
+        length_s = min(log_uniform(rng, 0.05, 2.0), left_s / n / 2)
+        part = log_uniform(rng, 0.3, 1.5)
+        load = load | {
+            "duration_s": length_s,
+            "force_n": part * press["force_n"],
+            "tangential_n": part * rng.uniform(0.1, 0.9) * limit_n,
+        }
+        scene["phases"] += [load, _hold(left_s / n - length_s)]
+
+
 def _swings(rng: np.random.Generator, scene: Document, left_s: float) -> None:
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 1.0)}
     of_weight = rng.uniform(0.05, 0.5)
@@ -189,13 +207,14 @@ COURSES: Mapping[str, Callable[[np.random.Generator, Document, float], None]] = 
     "gripped": _gripped,
     "short": _short,
     "load": _loads,
+    "oblique": _oblique,
     "swing": _swings,
     "dragged": _dragged,
 }
 """Phases after press and hold, by name of the hand; each takes about so much time as is left, in s."""
 HANDS = (
     *("slide",) * 4, *("grooves",) * 2, *("to-and-fro",) * 2, *("gripped",) * 2, *("short",) * 5,
-    *("load",) * 4, *("swing",) * 3, *("dragged",),
+    *("load",) * 4, *("oblique",) * 3, *("swing",) * 3, *("dragged",),
 )  # fmt: skip
 
 
