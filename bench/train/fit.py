@@ -165,31 +165,32 @@ def grown(
 
 def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
     """Return the trees as arrays, in the form of `tactiled.detect.contact.trees.Trees`."""
-    roots, outputs, tables, n = [], [], [], 0
+    roots, outputs = [], []
+    links: list[tuple[int, int]] = []
+    values: list[float] = []
     for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
         for output, tree in enumerate(trees):
-            nodes = tree.nodes
-            leaf = nodes["is_leaf"].astype(bool)
-            roots.append(n)
+            roots.append(len(values))
             outputs.append(output)
-            tables.append(
-                (
-                    np.where(leaf, -1, nodes["feature_idx"]),
-                    np.where(leaf, 0, nodes["left"].astype(np.int64) + n),
-                    np.where(leaf, 0, nodes["right"].astype(np.int64) + n),
-                    np.where(leaf, nodes["value"], nodes["num_threshold"]),
-                    nodes["missing_go_to_left"].astype(np.int64),
-                )
-            )
-            n += len(nodes)
-    feature, left, right, value, missing = (np.concatenate(parts) for parts in zip(*tables, strict=True))
+            _lay_out(tree.nodes, 0, links, values)
     return {
         "first": np.ravel(forest._baseline_prediction).astype(np.float64),  # noqa: SLF001
         "root": np.array(roots, dtype=np.int32),
         "output": np.array(outputs, dtype=np.int16),
-        "feature": feature.astype(np.int16),
-        "left": left.astype(np.int32),
-        "right": right.astype(np.int32),
-        "value": value.astype(np.float64),
-        "missing_left": missing.astype(np.int8),
+        "links": np.array(links, dtype=np.int32),
+        "value": np.array(values, dtype=np.float64),
     }
+
+
+def _lay_out(nodes: NDArray[Any], at: int, links: list[tuple[int, int]], values: list[float]) -> None:
+    """Append a node and all below it, the left ones first."""
+    node, place = nodes[at], len(values)
+    if node["is_leaf"]:
+        links.append((-1, 0))
+        values.append(node["value"])
+        return
+    links.append((0, 0))  # until the place of its right child is known
+    values.append(node["num_threshold"])
+    _lay_out(nodes, node["left"], links, values)
+    links[place] = 2 * int(node["feature_idx"]) + int(node["missing_go_to_left"]), len(values)
+    _lay_out(nodes, node["right"], links, values)

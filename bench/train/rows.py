@@ -75,9 +75,7 @@ def silent() -> Learnt:
     """Return trees that say nothing: looks do not depend on them."""
 
     def one(n: int) -> Trees:
-        empty: dict[str, list[float]] = {
-            key: [] for key in ("root", "output", "feature", "left", "right", "missing_left", "value")
-        }
+        empty: dict[str, list[float]] = {key: [] for key in ("root", "output", "links", "value")}
         return Trees({"first": [0.0] * n, **empty})
 
     return Learnt(one(1), one(9), one(4), 0.0)

@@ -81,5 +81,5 @@ def _about(size: Size, looks: Mapping[str, Sequence[Looks]], table: Mapping[str,
         },
         "signs": NAMES,
         "state_signs": STATE_SIGNS,
-        "nodes": {name: len(table[f"{name}.feature"]) for name in ("signs", "state", "soon")},
+        "nodes": {name: len(table[f"{name}.value"]) for name in ("signs", "state", "soon")},
     }

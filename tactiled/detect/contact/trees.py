@@ -8,20 +8,22 @@ from typing import Any
 class Trees:
     """Gradient-boosted trees: one score for each output.
 
+    After a pause no node is in the cache of the processor, and fetching them takes most of the time: a node
+    has 16 bytes, and its left child is the next node.
+
     Parameters
     ----------
     table : mapping
-        ``first`` (outputs,) float64, scores before any tree; ``root`` and ``output`` (trees,) int64, first
-        node of each tree and the output that it adds to; ``feature``, ``left`` and ``right`` (nodes,) int64,
-        with a feature of -1 in a leaf; ``value`` (nodes,) float64, threshold of a node or score of a leaf;
-        ``missing_left`` (nodes,) int64, 1 where a feature that is NaN goes left.
+        ``first`` (outputs,) float64, scores before any tree; ``root`` and ``output`` (trees,), first node of
+        each tree and the output that it adds to; ``links`` (nodes, 2) int32: twice the feature, and 1 more
+        where a feature that is NaN goes left, or -1 in a leaf; then the right child; ``value`` (nodes,)
+        float64, largest value that goes left, or score of a leaf.
     """
 
     def __init__(self, table: Mapping[str, Any]) -> None:
         self.first = array("d", table["first"])
         self.root, self.output = array("q", table["root"]), array("q", table["output"])
-        self.feature, self.left = array("q", table["feature"]), array("q", table["left"])
-        self.right, self.missing_left = array("q", table["right"]), array("q", table["missing_left"])
+        self.links = array("i", [link for node in table["links"] for link in node])
         self.value = array("d", table["value"])
         self.scores = array("d", self.first)
 
@@ -31,13 +33,10 @@ class Trees:
             self.scores[k] = self.first[k]
         for t in range(len(self.root)):
             node = self.root[t]
-            feature = self.feature[node]
-            while feature >= 0:
-                value = row[feature]
-                if value != value:
-                    goes_left = self.missing_left[node] == 1
-                else:
-                    goes_left = value <= self.value[node]
-                node = self.left[node] if goes_left else self.right[node]
-                feature = self.feature[node]
+            link = self.links[2 * node]
+            while link >= 0:
+                value = row[link >> 1]
+                goes_left = (link & 1) == 1 if value != value else value <= self.value[node]
+                node = node + 1 if goes_left else self.links[2 * node + 1]
+                link = self.links[2 * node]
             self.scores[self.output[t]] += self.value[node]

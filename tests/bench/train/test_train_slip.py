@@ -71,12 +71,12 @@ def test_the_shipped_trees_fit_the_signs_and_say_what_they_were_learnt_from() ->
     table = shipped_trees()
     about = json.loads(shipped(*FILE).with_suffix(".json").read_text())
     assert about["signs"] == list(NAMES)
-    assert about["nodes"] == {name: len(table[f"{name}.feature"]) for name in ("signs", "state", "soon")}
+    assert about["nodes"] == {name: len(table[f"{name}.value"]) for name in ("signs", "state", "soon")}
     assert "dirty" not in about["commit"]
     assert set(about["learnt_from"]) == {"laws", "bristles", "sheet", "strokes", "grasps", "plates"}
     learnt = learnt_from(table)
     assert (len(learnt.signs.first), len(learnt.state.first), len(learnt.soon.first)) == (1, N_STATES, 4)
-    assert table["signs.feature"].max() < len(NAMES)
+    assert table["signs.links"][:, 0].max() // 2 < len(NAMES)
     learnt.signs.evaluate(array("d", [math.nan] * len(NAMES)))
     assert math.isfinite(learnt.signs.scores[0])
 

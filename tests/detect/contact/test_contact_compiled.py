@@ -77,10 +77,12 @@ def test_trees(seed: int) -> None:
         "first": rng.standard_normal(3),
         "root": root,
         "output": rng.integers(0, 3, n_trees),
-        "feature": np.where(np.arange(5 * n_trees) % 5 < 2, rng.integers(0, 8, 5 * n_trees), -1),
-        "left": np.repeat(root, 5) + np.tile([1, 2, 0, 0, 0], n_trees),
-        "right": np.repeat(root, 5) + np.tile([4, 3, 0, 0, 0], n_trees),
-        "missing_left": rng.integers(0, 2, 5 * n_trees),
+        "links": np.column_stack(
+            [
+                np.where(np.arange(5 * n_trees) % 5 < 2, rng.integers(0, 16, 5 * n_trees), -1),
+                np.repeat(root, 5) + np.tile([4, 3, 0, 0, 0], n_trees),
+            ]
+        ),
         "value": rng.standard_normal(5 * n_trees),
     }
     row = rng.standard_normal(8)

@@ -210,8 +210,8 @@ def test_quantiles_are_those_of_the_cells() -> None:
 
 def test_trees_add_the_leaf_that_a_row_reaches_and_nan_goes_where_it_was_told() -> None:
     table = {
-        "first": [1.0], "root": [0, 3], "output": [0, 0], "feature": [0, -1, -1, 1, -1, -1],
-        "left": [1, 0, 0, 4, 0, 0], "right": [2, 0, 0, 5, 0, 0], "missing_left": [0, 0, 0, 1, 0, 0],
+        "first": [1.0], "root": [0, 3], "output": [0, 0],
+        "links": [(0, 2), (-1, 0), (-1, 0), (3, 5), (-1, 0), (-1, 0)],  # the second: feature 1, NaN goes left
         "value": [0.5, 10.0, 20.0, -1.0, 100.0, 200.0],
     }  # fmt: skip
     forest = Trees(table)
