@@ -38,8 +38,7 @@ from hypothesis import Phase, settings
 from tools.mutations import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
-# No files of git, but the tests run on them. A module that is changed is not the one that was compiled: the
-# contact filter then runs as plain Python.
+# No files of git, but the tests run on them.
 _COMPILED = "tactiled/_compiled.so", "tactiled/detect/contact/_*.so"
 # The client over zenoh needs a router and a bridge, which the tests of the room zenoh have. What detectors do
 # in numpy runs only where it is compared with what is compiled.
@@ -187,10 +186,18 @@ class Tree:
         path.write_text(mutation.apply(before.decode()))
         os.utime(path, (stat.st_atime, stat.st_mtime + 10.0))  # so that no older bytecode is taken for it
         try:
+            self._compile(path)
             yield
         finally:
             path.write_bytes(before)
             os.utime(path, (stat.st_atime, stat.st_mtime))
+            self._compile(path)
+
+    def _compile(self, path: Path) -> None:
+        """Compile a module that has types of C; as plain Python it would make the tests ten times as long."""
+        if path.with_suffix(".pxd").is_file():
+            command = [sys.executable, "hatch_build.py"]
+            subprocess.run(command, cwd=self.copy, capture_output=True, check=False)
 
     def baseline(self) -> Baseline:
         """Run all tests without a mutation; raise SystemExit where one fails."""

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import (
     MAX_CANDIDATES,
@@ -107,7 +107,7 @@ def weigh_readings(
     if 1 - posterior.weights.max() <= params.error_probability:
         return posterior
     by_channel, by_load = Phasors(z, 2 * variance / window.n, layout).by_mismatch(found.k)
-    part = special.logistic(float(by_load.max() - by_channel.max()))
+    part = special.expit(float(by_load.max() - by_channel.max()))
     weights = part * special.softmax(by_load / _TEMPERATURE) + (1 - part) * posterior.weights
     return replace(posterior, weights=weights)
 
@@ -139,7 +139,7 @@ def contradicts_motion(
     if not len(others.k):
         return False
     shared = len(layout.x_mm) / len(layout.places_mm)
-    least = shared * special.chi_square_quantile(1, _FALSE_CONFLICT)
+    least = shared * special.chdtri(1, _FALSE_CONFLICT)
     # Allowing for mismatch improves both fits: a free motion gains more without mismatch than with it.
     likeliest = found[int(found.gain.argmax())]
     plain = WaveSolver(window, layout, motion, best.variance).solve(

@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 
 _TREND_ORDER = 3
 _FLOOR_ORDER = 2
@@ -174,7 +174,7 @@ def _mean_rate_hz(time_s: FloatArray) -> tuple[float, float]:
 
 def _detrended(readings: FloatArray) -> FloatArray:
     steps = np.linspace(-1.0, 1.0, len(readings))
-    trend = np.linalg.qr(special.legendre(steps, _TREND_ORDER))[0]
+    trend = np.linalg.qr(np.polynomial.legendre.legvander(steps, _TREND_ORDER))[0]
     centred = readings - readings.mean(axis=0)
     return np.asarray(centred - trend @ (trend.T @ centred))
 
@@ -184,7 +184,7 @@ def _pooled_power(spectra: NDArray[np.complex128], log_cycles: FloatArray) -> Fl
     m, c = spectra.shape
     power = np.abs(spectra) ** 2
     log_power = np.log(np.maximum(power, power.mean(axis=0) * 1e-12))
-    basis = np.linalg.qr(special.legendre(_scaled(log_cycles), _FLOOR_ORDER))[0]
+    basis = np.linalg.qr(np.polynomial.legendre.legvander(_scaled(log_cycles), _FLOOR_ORDER))[0]
     whitened = spectra / np.exp(basis @ (basis.T @ log_power) / 2)
     # Each bin counts once, however strong: a line is no noise that channels share.
     directions = whitened / np.maximum(np.linalg.norm(whitened, axis=1, keepdims=True), 1e-300)
@@ -200,7 +200,7 @@ def _significant(
     y: FloatArray, log_cycles: FloatArray, false_alarms: float, in_band: NDArray[np.bool_]
 ) -> list[tuple[int, float]]:
     """Bins of the significant lines with statistic over threshold, in the order in which they were found."""
-    basis = special.legendre(_scaled(log_cycles), _LEVEL_ORDER)
+    basis = np.asarray(np.polynomial.legendre.legvander(_scaled(log_cycles), _LEVEL_ORDER), np.float64)
     bins = np.arange(len(y))
     chance = false_alarms / len(y)
     free = np.ones(len(y), dtype=np.bool_)  # bins of no line
@@ -234,7 +234,7 @@ def _studentised(y: FloatArray, basis: FloatArray, rest: NDArray[np.bool_], at: 
     variance = float(((y[rest] - design @ fitted) ** 2).sum()) / freedom
     leverage = float(basis[at] @ np.linalg.solve(design.T @ design, basis[at]))
     sd = np.sqrt(max(variance, 1e-24) * (1 + leverage))
-    return float((y[at] - basis[at] @ fitted) / sd / special.student_quantile(freedom, chance))
+    return float((basis[at] @ fitted - y[at]) / sd / special.stdtrit(freedom, chance))
 
 
 def _noise_power(spectra: NDArray[np.complex128], beside: NDArray[np.bool_]) -> FloatArray:

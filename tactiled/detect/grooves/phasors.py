@@ -7,9 +7,9 @@ load of its taxel, which is common to all channels of the taxel.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.model import ChannelLayout
 from tactiled.detect.worker import pause
 
@@ -203,6 +203,4 @@ class Phasors:
         """True where one wave with equal channels of each kind leaves no more than noise."""
         left = np.abs(self.z - self.fit(k[np.newaxis, np.newaxis])[0, :, 0]) ** 2
         dof = 2 * (len(self.z) - self.is_kind.shape[1] - 1)
-        return bool(
-            (left / self.variance).sum() < special.chi_square_quantile(max(dof, 1), _FALSE_SECOND_WAVE)
-        )
+        return bool((left / self.variance).sum() < special.chdtri(max(dof, 1), _FALSE_SECOND_WAVE))

@@ -13,9 +13,9 @@ to the answer is then one sample of the scatter between taxels (cluster-robust v
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams
 from tactiled.detect.grooves.solve import WaveSolver
@@ -152,7 +152,7 @@ def suits_channels(
     if float(best.mismatch[:, 0].mean()) / equations.n_harmonics >= _MOST_MISMATCH:
         return False
     free = float((equations.explained() / best.variance).sum())
-    noise = special.chi_square_quantile(len(best.variance) * equations.n_harmonics, FALSE_LINE)
+    noise = float(special.chdtri(len(best.variance) * equations.n_harmonics, FALSE_LINE))
     plain = WaveSolver(window, layout, motion, best.variance)
     # Where this wave is right, it also passes at the maximum without mismatch.
     most = max(MOST_UNEXPLAINED_PART * free, noise)
@@ -205,7 +205,7 @@ def variance_inflation(
 
 def _small_sample_factor(dof: float) -> float:
     """Widening that gives a variance from few degrees of freedom the usual coverage at two sigma."""
-    return (special.student_quantile(dof, _TAIL) / special.normal_quantile(_TAIL)) ** 2
+    return (special.stdtrit(dof, _TAIL) / special.ndtri(_TAIL)) ** 2
 
 
 def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float, float]:
@@ -234,7 +234,7 @@ def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float,
 
 def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:
     """The ratio where white noise would rarely reach it, else 1."""
-    return np.where(ratio > special.chi_square_quantile(dof, _FALSE_INFLATION) / dof, ratio, 1.0)
+    return np.where(ratio > special.chdtri(dof, _FALSE_INFLATION) / dof, ratio, 1.0)
 
 
 def _noise_beside(window: DetrendedWindow, best: RefinedWave) -> FloatArray:

@@ -11,9 +11,9 @@ from the fit. The mismatch is integrated out like any Gaussian unknown; frequenc
 import operator
 
 import numpy as np
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.linear import (
     Linearisation,
     PhaseGeometry,
@@ -201,7 +201,7 @@ class WaveSolver:
         spent = 1.0 + 2.0 / max(equations.n_harmonics * self._geometry.is_kind.shape[1], 1)
         dof = np.maximum(self._geometry.is_kind.T @ seen - spent, 0.0)
         q, total = self._geometry.is_kind.T @ excess, self._geometry.is_kind.T @ known
-        if q.sum() <= special.chi_square_quantile(max(float(dof.sum()), 1e-3), _FALSE_MISMATCH):
+        if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_MISMATCH):
             return np.zeros_like(q)
         share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
         found = (q > dof) & (dof > 0)

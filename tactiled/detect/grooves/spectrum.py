@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveMotion, WaveParams
 from tactiled.detect.grooves.search import channel_phasors, explained_power, most_explained_power
@@ -199,7 +199,7 @@ def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
     scatter = 1.4826 * _median(np.abs(around - level[:, np.newaxis]))
     shape = np.clip(1.0 / np.maximum(scatter, 1e-3) ** 2, 1.0, n_channels)
     mean = np.exp(level - special.digamma(shape)) * shape
-    needed = mean * special.gamma_quantiles(shape, n_channels, FALSE_LINE / len(bins)) / shape
+    needed = mean * special.gammainccinv(shape, FALSE_LINE / len(bins)) / shape
     return np.repeat(needed, _PADDING)[: len(pooled)]
 
 
@@ -287,7 +287,7 @@ def _fundamental(
         more = float(((equations.explained() - alone) / variance).sum())
         # Drift that no polynomial describes is strongest where a slower line would be.
         floor = max(1.0, floor_beside(left, phase_rate / part, variance, phase_rate))
-        level = floor * special.chi_square_quantile(2 * (part - 1) * len(variance), FALSE_LINE)
+        level = floor * special.chdtri(2 * (part - 1) * len(variance), FALSE_LINE)
         if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
             return phase_rate / part
     return phase_rate
@@ -323,7 +323,7 @@ def visible_harmonics(window: DetrendedWindow, phase_rate: float, params: WavePa
     variance = noise_variance(window, equations)
     information = np.linalg.inv(equations.gram[:, : 2 * highest, : 2 * highest])
     parts = equations.phasors()
-    level = special.chi_square_quantile(2 * len(parts), FALSE_LINE)
+    level = special.chdtri(2 * len(parts), FALSE_LINE)
     for h in range(highest, 1, -1):
         pair = slice(2 * h - 2, 2 * h)
         own = np.linalg.solve(information[:, pair, pair], parts[:, pair, np.newaxis])[..., 0]
@@ -380,7 +380,7 @@ def foreign_lines(
     """
     power = window.n / 2  # power of a line of amplitude 1
     n_channels = len(variance)
-    level = special.chi_square_quantile(n_channels, FALSE_LINE)
+    level = special.chdtri(n_channels, FALSE_LINE)
     n_free = max(n_channels - layout.is_kind.shape[1] - 2, 1)
     foreign = []
     for h in range(1, equations.n_harmonics + 1):

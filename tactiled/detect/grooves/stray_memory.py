@@ -26,9 +26,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 
 # Standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a taxel.
 # The largest are where phases tell nothing; below the smallest no noise is as low.
@@ -64,7 +64,7 @@ _TINY = 1e-300
 
 def _log_prior() -> FloatArray:
     log = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
-    return np.asarray(log - special.log_sum_exp(log))
+    return np.asarray(log - np.logaddexp.reduce(log, axis=None))
 
 
 # Logarithms of the prior probabilities of the grid, (sigmas_c, sigmas_t).
@@ -299,11 +299,11 @@ class LearntStrays:
         if self.models:
             changed, same = np.log(_CHANGED), np.log1p(-_CHANGED)
             total = float(np.logaddexp(same + known, changed + alone))
-            repeat = special.logistic(float(np.log(repeat) - np.log1p(-repeat) + total - alone))
+            repeat = special.expit(float(np.log(repeat) - np.log1p(-repeat) + total - alone))
             begun = [replace(model, log_weight=model.log_weight + changed) for model in begun]
             learnt = [replace(model, log_weight=model.log_weight + same) for model in learnt]
         kept = sorted([*begun, *learnt], key=lambda model: -model.log_weight)[:MOST_MODELS]
-        kept_total = float(special.log_sum_exp(np.array([model.log_weight for model in kept])))
+        kept_total = float(np.logaddexp.reduce([model.log_weight for model in kept]))
         # What was dropped matters as long as the strays of the array have not changed since.
         before = (1 - _CHANGED) * self.lost
         lost = before + max(0.0, 1 - float(np.exp(kept_total - total)))

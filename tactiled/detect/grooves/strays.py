@@ -20,9 +20,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.grooves.stray_memory import (
     LOG_PRIOR,
@@ -133,9 +133,9 @@ def weigh_waves(
         about_mean = _between(log[:, :, number], *model.places(slides))
         each.append(about_mean + model.log_sigmas[..., np.newaxis])
     # (hypotheses, waves)
-    of_wave = np.stack([special.log_sum_exp(one, axis=(0, 1)) for one in each])
+    of_wave = np.stack([np.logaddexp.reduce(one, axis=(0, 1)) for one in each])
     joint = of_wave + learnt.log_weights[:, np.newaxis]
-    weights = special.softmax(special.log_sum_exp(joint, axis=0))
+    weights = special.softmax(np.logaddexp.reduce(joint, axis=0))
     likeliest = int(weights.argmax())
     log_sigmas = each[0][:, :, likeliest] - of_wave[0, likeliest]
     moved = np.einsum("st,sta->a", np.exp(log_sigmas), evidence.best[:, :, likeliest, -2:])
@@ -145,8 +145,8 @@ def weigh_waves(
         pairs = joint.ravel()
         most = np.argsort(-pairs, kind="stable")[:MOST_MODELS]
         begun, later = [], []
-        alone = special.log_sum_exp(of_wave[0])
-        of_any_wave = special.log_sum_exp(each[0], axis=2) - alone
+        alone = np.logaddexp.reduce(of_wave[0], axis=None)
+        of_any_wave = np.logaddexp.reduce(each[0], axis=2) - alone
         for pair in most[pairs[most] > pairs[most[0]] + _LEAST_PAIR]:
             pause()
             number, wave = divmod(int(pair), len(k))
@@ -161,7 +161,7 @@ def weigh_waves(
         known = -np.inf
         if learnt.models:
             weight = np.array([[model.log_weight] for model in learnt.models])
-            known = float(special.log_sum_exp(of_wave[1:] + weight))
+            known = float(np.logaddexp.reduce(of_wave[1:] + weight, axis=None))
         return learnt.after(of_any_wave, float(alone), known, begun, later)
 
     return StrayPosterior(weights, k[likeliest] + moved, log_sigmas, error_if_alike, learn)

@@ -15,9 +15,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.grooves.fit import prepare_window, with_wave
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
 from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_channels
@@ -128,9 +128,7 @@ def is_another_pattern(window: DetrendedWindow, best: RefinedWave, n_block: int)
     power = (z.real**2 + z.imag**2).sum(axis=0)
     part = 1 - np.abs(earlier.conj() @ z) ** 2 / np.maximum(power, _TINY)
     # In white noise, each part of a phasor has the variance 2 / n_block; `earlier` has its own.
-    white = (
-        2 / n_block * (1 + 1 / n_earlier) * special.chi_square_quantile(2 * (n_channels - 1), _FALSE_CHANGE)
-    )
+    white = 2 / n_block * (1 + 1 / n_earlier) * special.chdtri(2 * (n_channels - 1), _FALSE_CHANGE)
     # Coloured noise makes the earlier blocks unlike, too. One of their degrees of freedom is in `earlier`.
     usual = float(part[:-1].sum()) / (n_earlier - 1)
     return bool(part[-1] > max(_ANOTHER_PATTERN, white / max(power[-1], _TINY), _UNLIKE_EARLIER * usual))

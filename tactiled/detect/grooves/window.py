@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect import special
 from tactiled.detect.worker import pause
 from tactiled.samples.block import ScanBlock
 
@@ -179,7 +178,7 @@ class DetrendedWindow:
 def trend_basis(n: int, order: int) -> FloatArray:
     """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1), read-only."""
     steps = np.linspace(-1.0, 1.0, n)
-    basis = np.asarray(np.linalg.qr(special.legendre(steps, order))[0])
+    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
     basis.flags.writeable = False
     return basis
 
