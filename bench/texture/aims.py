@@ -104,7 +104,7 @@ def _rarely_wrong_slides(found: Found) -> Reading:
 
 
 def _strayed(found: Found) -> Reading:
-    mine = [t for t in found["strays"] if t.name == _STRAYS.name and t.after_s > 0]
+    mine = [t for t in found["strays"] if t.name == _STRAYS.name]
     parts = {words: [t for t in mine if t.is_speed_known == known] for known, words in SPEEDS.items()}
     ok = {words: sum(t.status == "ok" for t in part) / max(len(part), 1) for words, part in parts.items()}
     both = sum(t.status == "ok" for t in mine) / max(len(mine), 1)
@@ -192,7 +192,7 @@ AIMS: tuple[Aim[Found], ...] = (
     ),
     Aim("wrong answers, followed slides", f"at most {1e3 * _WRONG:g} in 1000", _rarely_wrong_slides),
     Aim(
-        f"strays of {_STRAYS.channel_rad:g} rad: answered after another slide",
+        f"strays of {_STRAYS.channel_rad:g} rad: answered",
         f"{100 * _STRAYED_ANSWERED:g} %, speed known or not",
         _strayed,
     ),
@@ -200,11 +200,6 @@ AIMS: tuple[Aim[Found], ...] = (
         "strays of 0 to 0.3 rad: wrong answers",
         f"at most {1e3 * _WRONG:g} in 1000",
         partial(_rarely_wrong, "strays", None),
-    ),
-    Aim(
-        "learnt strays of 0.05 to 0.3 rad: wrong answers",
-        f"at most {1e3 * _WRONG:g} in 1000",
-        partial(_rarely_wrong, "learnt strays", None),
     ),
     Aim("grooves that change are noticed", f"within {NOTICED_S:g} s", _noticed),
     Aim(

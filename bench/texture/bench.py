@@ -17,7 +17,6 @@ from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, s
 from bench.texture import spoiled, tables
 from bench.texture.aims import AIMS
 from bench.texture.cost import cost_table, online_table, run_cost
-from bench.texture.learnt import LEARNT_KINDS, learnt_trials
 from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
 from bench.texture.strays import STRAY_KINDS, STRAYED_S, STRAYED_SNR_DB, stray_trials
 from bench.texture.tables import TrialSet
@@ -74,9 +73,7 @@ class TextureSizes:
     tracks : int
         Slides of each kind that are followed, and slides over each change of grooves.
     arrays : int
-        Arrays of each kind of strays, four slides each, speed known and not.
-    learnt : int
-        Arrays of each kind whose strays are learnt, eleven slides each.
+        Arrays of each kind of strays, a slide each, speed known and not.
     """
 
     trials: int
@@ -89,7 +86,6 @@ class TextureSizes:
     slides: int
     tracks: int
     arrays: int
-    learnt: int
     repeats: int
 
 
@@ -105,7 +101,6 @@ QUICK = TextureSizes(
     slides=2,
     tracks=2,
     arrays=2,
-    learnt=1,
     repeats=2,
 )
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
@@ -120,8 +115,7 @@ FULL = TextureSizes(
     misfits=30,
     slides=16,
     tracks=40,
-    arrays=100,
-    learnt=20,
+    arrays=400,
     repeats=10,
 )
 
@@ -148,7 +142,6 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     plates = list(itertools.product(sizes.plates, range(sizes.scenes)))
     tracked = [range(first, min(first + _SLIDES, sizes.tracks)) for first in range(0, sizes.tracks, _SLIDES)]
     strayed = [range(first, min(first + _SLIDES, sizes.arrays)) for first in range(0, sizes.arrays, _SLIDES)]
-    learnt = [range(first, min(first + _SLIDES, sizes.learnt)) for first in range(0, sizes.learnt, _SLIDES)]
     return {
         "grid": BenchPart(
             1.15 * sizes.trials, partial(grid_trials, "joint", sizes.trials), cells(True, False)
@@ -175,10 +168,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
         "tracks": BenchPart(
             8.0 * sizes.tracks, track_trials, list(itertools.product((*WHITE, *COLOURED, *STRAYS), tracked))
         ),
-        "strays": BenchPart(1.8 * sizes.arrays, stray_trials, list(itertools.product(STRAY_KINDS, strayed))),
-        "learnt strays": BenchPart(
-            50.0 * sizes.learnt, learnt_trials, list(itertools.product(LEARNT_KINDS, learnt))
-        ),
+        "strays": BenchPart(0.45 * sizes.arrays, stray_trials, list(itertools.product(STRAY_KINDS, strayed))),
         "changes": BenchPart(1.0 * sizes.tracks, change_trials, list(itertools.product(CHANGES, tracked))),
     }
 
@@ -269,13 +259,9 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         f"Slides of {SLIDE_S:g} s that are followed ({seeds_in_words(sizes.tracks)} of each kind, the speed "
         "given to every other), gains 0.7 to 1.3: the answer of every hop is counted.",
         tables.track_table(trials["tracks"]),
-        f"Channels whose phases stray, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB, four slides of each "
-        f"array over other gratings ({seeds_in_words(sizes.arrays)}); the next is given what was learnt.",
+        f"Channels whose phases stray, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB "
+        f"({seeds_in_words(sizes.arrays)}):",
         tables.stray_table(trials["strays"]),
-        f"Slide after slide with one array ({seeds_in_words(sizes.learnt)} of each kind), over other "
-        "gratings at 10 to 30 dB in windows of 2 to 5 s. Strays of the cause named, as many radians at 1.5 "
-        "mm and 3 Hz:",
-        tables.learnt_table(trials["learnt strays"]),
         f"Grooves that change under the skin, {CHANGE_PERIODS_MM[0]:g} to {CHANGE_PERIODS_MM[1]:g} mm "
         f"before, {CHANGE_SNR_DB:g} dB: time until the old answer is withdrawn or replaced.",
         tables.change_table(trials["changes"]),

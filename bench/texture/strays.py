@@ -1,8 +1,4 @@
-"""Arrays whose channels stray in phase from the wave: what one slide tells, and what slides before it add.
-
-An array is drawn: gains of 0.7 to 1.3 and, for each channel and each taxel, a stray that stays. It slides
-over one grating after another. What `fit_wave` learns of the strays is given to the next slide.
-"""
+"""Arrays whose channels stray in phase from the wave, by channel and by taxel, with gains of 0.7 to 1.3."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +11,6 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
 
 STRAYED_S, STRAYED_SNR_DB = 3.0, 20.0
-BEFORE = (0, 1, 2, 3)  # slides before
 _GAINS = (0.7, 1.3)
 
 
@@ -40,32 +35,25 @@ STRAY_KINDS = (
 
 
 def stray_trials(kind: Strays, seeds: Sequence[int]) -> list[Trial]:
-    """Slides of one array for each seed; `after_s` holds the number of slides before."""
-    trials = []
+    """Slide once for each seed, the speed known and not."""
+    layout, trials = channel_layout(ARRAY), []
     for seed, is_known in [(seed, is_known) for seed in seeds for is_known in (True, False)]:
         numbers = [seed, is_known, round(1000 * kind.channel_rad), round(1000 * kind.taxel_rad)]
         rng = np.random.default_rng([int(number) for number in numbers])
         stray_rad = kind.channel_rad * rng.standard_normal(ARRAY.n_channels)
         stray_rad += kind.taxel_rad * rng.standard_normal(len(ARRAY.x_mm))[ARRAY.channel_taxel]
         gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
-        layout = channel_layout(ARRAY)
-        for before in BEFORE:
-            grating = draw_grating(ARRAY, rng, STRAYED_S, STRAYED_SNR_DB, MIN_PERIODS)
-            sensed, wave = grating.sensed, grating.wave
-            own_rad = sensed.phase_rad[sensed.kind] + stray_rad[:, None]
-            sensed = replace(
-                sensed,
-                amplitude_volts=gain * sensed.amplitude_volts,
-                kind=np.arange(ARRAY.n_channels),
-                phase_rad=own_rad,
-            )
-            volts = readings(replace(grating, sensed=sensed), rng)
-            motion = WaveMotion(
-                wave.speed_mm_s if is_known else 0.0, 0.0, wave.direction_deg, DIRECTION_SD_DEG
-            )
-            fit = fit_wave(volts, grating.time_s, sensed.offset_s, layout, motion, WaveParams())
-            if fit.strays is not None:
-                layout = replace(layout, strays=fit.strays)
-            fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
-            trials.append(compare(fit, wave, after_s=float(before), periods=grating.periods, **fields))
+        grating = draw_grating(ARRAY, rng, STRAYED_S, STRAYED_SNR_DB, MIN_PERIODS)
+        sensed, wave = grating.sensed, grating.wave
+        sensed = replace(
+            sensed,
+            amplitude_volts=gain * sensed.amplitude_volts,
+            kind=np.arange(ARRAY.n_channels),
+            phase_rad=sensed.phase_rad[sensed.kind] + stray_rad[:, None],
+        )
+        volts = readings(replace(grating, sensed=sensed), rng)
+        motion = WaveMotion(wave.speed_mm_s if is_known else 0.0, 0.0, wave.direction_deg, DIRECTION_SD_DEG)
+        fit = fit_wave(volts, grating.time_s, sensed.offset_s, layout, motion, WaveParams())
+        fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
+        trials.append(compare(fit, wave, periods=grating.periods, **fields))
     return trials

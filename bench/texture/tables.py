@@ -8,7 +8,6 @@ from scipy import special
 
 from bench.paper.bench import PUBLISHED
 from bench.report import NONE, counts_in_words, grouped, rms, spread, table
-from bench.texture.learnt import SHOWN
 from bench.texture.plates import Plate
 from bench.texture.trials import (
     COLOURED_SNRS_DB,
@@ -199,35 +198,20 @@ def track_table(trials: Sequence[Trial]) -> str:
 
 
 def stray_table(trials: Sequence[Trial]) -> str:
-    """Answers by strays of the channels and by the number of slides before (`Trial.after_s`)."""
+    """Answers by strays of the channels."""
     rows = []
     for name, mine in grouped(trials, lambda t: t.name).items():
         found = TrialSet(mine)
         row = {"strays": name}
         for is_known, speed in SPEEDS.items():
-            for words, before in (("first slide", {0.0}), ("later", {1.0, 2.0, 3.0})):
-                part = TrialSet(t for t in mine if t.is_speed_known == is_known and t.after_s in before)
-                row[f"{speed}: {words}"] = part.answered_percent
+            part = TrialSet(t for t in mine if t.is_speed_known == is_known)
+            row[f"{speed}: answered"] = part.answered_percent
         row |= {"answers": f"{len(found.ok)}", "wrong": f"{found.n_wrong}"}
         row |= {
             f"{quantity} within 95 %": f"{100 * within(found.ok, quantity):.1f} %" if found.ok else NONE
             for quantity in reversed(QUANTITIES)
         }
         rows.append(row | {"refused as": found.refused})
-    return table(rows)
-
-
-def learnt_table(trials: Sequence[Trial]) -> str:
-    """Answers by what repeats and by the number of slides before (`Trial.after_s`)."""
-    rows = []
-    for name, mine in grouped(trials, lambda t: t.name).items():
-        found = TrialSet(mine)
-        row = {"strays": name}
-        for before in SHOWN:
-            part = TrialSet(t for t in mine if t.after_s == before)
-            row[f"after {before} slides"] = part.answered_percent
-        row |= {"answers of all slides": f"{len(found.ok)}", "wrong": f"{found.n_wrong}"}
-        rows.append(row | {"wrong on first slides": f"{TrialSet(t for t in mine if not t.after_s).n_wrong}"})
     return table(rows)
 
 

@@ -64,7 +64,7 @@ def assess_ambiguity(
     error = float(1 - posterior.weights[0])
     is_known = likeliest == 0 and error <= params.error_probability
     if is_known and not contradicts_motion(best, found, window, layout, motion, params):
-        return replace(fit, error_probability=error, stray_rad=posterior.stray_rad, strays=posterior.learn())
+        return replace(fit, error_probability=error, stray_rad=posterior.stray_rad)
     is_uneven = posterior.error_if_alike <= params.error_probability
     return WaveFit(
         "uneven-channels" if is_uneven else "ambiguous",
@@ -73,7 +73,6 @@ def assess_ambiguity(
         error_probability=error,
         candidates=_candidates(found, posterior.weights),
         stray_rad=posterior.stray_rad,
-        strays=posterior.learn(),
     )
 
 
@@ -102,7 +101,6 @@ def weigh_readings(
         motion,
         float(best.waves.phase_rate[0]) / window.half_travel,
         line.phase_rate_sd(variance) / window.half_travel,
-        2 * np.pi * window.frequency_hz(float(best.waves.phase_rate[0])),
     )
     if 1 - posterior.weights.max() <= params.error_probability:
         return posterior

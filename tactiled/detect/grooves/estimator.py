@@ -18,15 +18,13 @@
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
 * Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
   every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
-* How the phases of the array's channels stray is learnt from each fit and is known in the next window that is
-  begun (`stray_memory`), which then tells gratings apart that it would leave open alone.
 * With two gratings in view the event describes the stronger one, and `candidates` of an "ok" event lists
   both, weighted by their shares of the ripple's power.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -37,7 +35,6 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, channel_layout
-from tactiled.detect.grooves.stray_memory import LearntStrays
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
@@ -131,9 +128,8 @@ class _Span(NamedTuple):
 class _Window:
     """Scans of one slip in one direction, and what was answered of them."""
 
-    def __init__(self, n_scans: int, layout: ChannelLayout) -> None:
-        self.layout = layout
-        self.scans = ScanWindow(n_scans, len(layout.kind))
+    def __init__(self, n_scans: int, n_channels: int) -> None:
+        self.scans = ScanWindow(n_scans, n_channels)
         self.n_scans = 0
         self.n_next_fit = 0
         self.n_pending = 0
@@ -233,7 +229,6 @@ class JointTexture:
         """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s, self._looks_back_s)
         self._pending: deque[_PendingFit] = deque()
-        self._strays: LearntStrays | None = None
         self._told_late: set[int] = set()
         self._late: list[int] = []
         self._end_slip()
@@ -264,15 +259,13 @@ class JointTexture:
         Parameters
         ----------
         item : ScanBlock or Gap
-            A gap discards the window, its fits and what was learnt of strays; the estimator then waits
-            for the next slip.
+            A gap discards the window and its fits; the estimator then waits for the next slip.
         slip : sequence of Event
             Events of the slip detector for the same item; other topics are ignored.
         """
         if isinstance(item, Gap):
             self._gate.close()
             self._pending.clear()
-            self._strays = None
             self._end_slip()
             return []
         events: list[Event] = []
@@ -288,7 +281,7 @@ class JointTexture:
                 events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or _Window(0, self._layout)
+                window = self._window or _Window(0, 0)
                 window.end = piece
                 events += self._refusal(window, piece.time_s)
             self._end_slip()
@@ -323,8 +316,7 @@ class JointTexture:
         return events
 
     def _begin_window(self, n_scans: int, sign: float) -> _Window:
-        layout = self._layout if self._strays is None else replace(self._layout, strays=self._strays)
-        self._window = _Window(n_scans, layout)
+        self._window = _Window(n_scans, len(self._layout.kind))
         self._slip_speed_sign = self._slip_speed_sign or sign
         return self._window
 
@@ -352,7 +344,7 @@ class JointTexture:
             scans.volts.copy(),
             scans.time_s.copy(),
             newest.channel_offset_s,
-            window.layout,
+            self._layout,
             self._motion(scans),
             self._params,
             scans.good.copy(),
@@ -375,8 +367,7 @@ class JointTexture:
     def _answer_before(self, index: int, block: ScanBlock) -> list[Event]:
         """Report the fits that are due at the scans of a block before one of them, at which a window begins.
 
-        Otherwise they would be reported with the first scans of that window, and what they tell of strays
-        would come too late for it, but not where scans come one by one.
+        Otherwise they would be reported at the first scans of that window, but not where scans come singly.
         """
         n_before = index - int(block.index[0])
         return self._answer(block[:n_before]) if n_before else []
@@ -396,8 +387,6 @@ class JointTexture:
                 fit = WaveFit("stale")
             if fit.status == "ok" and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
                 fit = WaveFit("too-few-periods")
-            if fit.strays is not None:
-                self._strays = fit.strays
             if self._is_reported(pending, fit):
                 window.has_answer = fit.status in ANSWERS
                 events.append(_event(pending.span, fit, answered_s, self._params))

@@ -133,8 +133,7 @@ def prepare_window(
     readings = _filled(volts[:, chosen], usable[:, chosen])
     x_mm, y_mm = layout.x_mm[chosen], layout.y_mm[chosen]
     centre = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
-    strays = None if layout.strays is None else layout.strays.among(chosen)
-    here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen], strays, chosen)
+    here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
     rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.stray_memory import LearntStrays
 from tactiled.events.types import UNKNOWN_SD_DEG, Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
@@ -113,17 +112,11 @@ class ChannelLayout:
     x_mm, y_mm : (channels,) float64
     kind : (channels,) int64
         Channels with the same number share the phases ``phi_h`` of the ripple.
-    strays : LearntStrays or None
-        What slides have told of the strays of their phases, or None before the first slide.
-    channel : (channels,) int64 or None
-        Their numbers in the array, ascending; None where they are all of it.
     """
 
     x_mm: FloatArray
     y_mm: FloatArray
     kind: NDArray[np.int64]
-    strays: LearntStrays | None = None
-    channel: NDArray[np.int64] | None = None
 
     @cached_property
     def is_kind(self) -> FloatArray:
@@ -224,8 +217,6 @@ class WaveFit:
         True where the newest scans show another pattern than those before (`track`).
     stray_rad : float
         Root-mean-square stray of the channels' phases from the wave, where it was estimated.
-    strays : LearntStrays or None
-        What is known of the strays after this window, where waves were weighed.
     """
 
     status: TextureStatus
@@ -245,7 +236,6 @@ class WaveFit:
     wave: TrackedWave | None = None
     is_new_pattern: bool = False
     stray_rad: float = 0.0
-    strays: LearntStrays | None = None
 
     @property
     def period_sd_mm(self) -> float:

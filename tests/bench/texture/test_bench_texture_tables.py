@@ -15,7 +15,6 @@ from bench.texture.tables import (
     band_table,
     curve_table,
     drawn_table,
-    learnt_table,
     misfit_table,
     noise_table,
     over_bound_table,
@@ -154,7 +153,6 @@ def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
         "two waves": [],
         "tracks": [replace(t, name="white noise, 20 dB") for t in grid],
         "strays": [],
-        "learnt strays": [],
         "changes": [],
     }
     found |= {name.replace("_", " "): trials for name, trials in parts.items()}
@@ -199,26 +197,13 @@ def test_aims_that_are_missed() -> None:
 
 
 def test_strayed_channels_must_be_answered_at_either_speed() -> None:
-    name = "strays of 0.13 rad: answered after another slide"
-    known = replace(RIGHT, name="channels 0.13, taxels 0 rad", after_s=1.0)
+    name = "strays of 0.13 rad: answered"
+    known = replace(RIGHT, name="channels 0.13, taxels 0 rad")
     unknown = replace(known, is_speed_known=False)
-    first = replace(refused(known), after_s=0.0)
-    met = aims([RIGHT], strays=[known] * 100 + [unknown] * 100 + [first] * 100)[name]
+    met = aims([RIGHT], strays=[known] * 100 + [unknown] * 100)[name]
     assert met == "met: 100 % of 200 (speed known 100 %, speed unknown 100 %)"
     missed = aims([RIGHT], strays=[known] * 100 + [unknown] * 50 + [refused(unknown)] * 50)[name]
     assert missed == "MISSED: 75 % of 200 (speed known 100 %, speed unknown 50 %)"
-
-
-def test_wrong_answers_with_learnt_strays_are_counted() -> None:
-    name = "learnt strays of 0.05 to 0.3 rad: wrong answers"
-    slide = replace(RIGHT, name="phase, 0.13 rad", after_s=1.0)
-    first, wrong = replace(refused(slide), after_s=0.0), replace(slide, is_wrong=True)
-    assert aims([RIGHT], learnt_strays=[slide] * 4000)[name].startswith("met: 0 of 4000")
-    assert aims([RIGHT], learnt_strays=[slide] * 90 + [wrong] * 10)[name].startswith("MISSED: 10 of 100")
-    found = rows(learnt_table([first, slide, slide, wrong]))
-    assert found[0][:3] == ["strays", "after 0 slides", "after 1 slides"]
-    assert found[2][0] == "phase, 0.13 rad"
-    assert found[2][-3:] == ["3", "1", "0"]
 
 
 def test_plates_drawn_at_random_must_be_answered() -> None:

@@ -12,8 +12,7 @@ from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
-from tactiled.detect.grooves.model import ChannelLayout, WaveFit
-from tactiled.detect.grooves.stray_memory import LOG_PRIOR, LearntStrays
+from tactiled.detect.grooves.model import WaveFit
 from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -63,14 +62,8 @@ def test_any_chunking_gives_the_same_bits(speed_mm_s: float) -> None:
 @given(cuts=splits(1000))
 @settings(max_examples=10, deadline=None)
 def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[int]) -> None:
-    """What they tell of strays is known in the window that begins next, however the scans come."""
-
-    def fit(
-        _volts: FloatArray, time_s: FloatArray, _offset: FloatArray, layout: ChannelLayout, *_: object
-    ) -> WaveFit:
-        known = 0.0 if layout.strays is None else layout.strays.repeat
-        strays = LearntStrays(np.arange(36), LOG_PRIOR, repeat=float(time_s[-1]) / 1000)
-        return WaveFit("ok", period_mm=1.0, frequency_hz=99.0, stray_rad=known, strays=strays)
+    def fit(_volts: FloatArray, time_s: FloatArray, *_: object) -> WaveFit:
+        return WaveFit("ok", period_mm=1.0, frequency_hz=99.0, stray_rad=float(time_s[-1]))
 
     block = regular_block(np.zeros((1000, 36)), 100.0)
     slips = [slip_at(block, "onset", 100), slip_at(block, "end", 405), slip_at(block, "onset", 412)]
@@ -89,7 +82,7 @@ def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[in
         ]
 
     live = texture(pieces(block, range(1, 1000)))
-    assert len({event.stray_rad for event in textures(live)}) == 4  # none, and of three earlier windows
+    assert len(textures(live)) > 20
     assert texture([block]) == live
     assert texture(pieces(block, cuts)) == live
 

@@ -1,19 +1,12 @@
 """The posterior of waves and strays, beside dense matrices of the same model."""
 
-import dataclasses
-from typing import Any
-
 import numpy as np
 import pytest
 from scipy import stats
 
-from bench.texture.trials import slip_at
 from tactiled.array import load_array
-from tactiled.detect.grooves.estimator import JointParams, JointTexture
-from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, channel_layout
-from tactiled.detect.grooves.stray_memory import LOG_PRIOR, SIGMAS_C, SIGMAS_T, LearntStrays, carried
-from tactiled.detect.grooves.strays import weigh_waves
-from tactiled.samples.block import Gap, regular_block
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
+from tactiled.detect.grooves.strays import LOG_PRIOR, SIGMAS_C, SIGMAS_T, weigh_waves
 
 LAYOUT = channel_layout(load_array("wang2019-3x3"))
 PLACE = np.stack([LAYOUT.x_mm - LAYOUT.x_mm.mean(), LAYOUT.y_mm - LAYOUT.y_mm.mean()], axis=1)
@@ -23,7 +16,6 @@ TRUE = np.array([4.0, 1.5])
 RIVAL = TRUE + np.array([2 * np.pi / 3.65, 0.0])
 ALONG_X = WaveMotion(2.0, 0.0, 0.0, 1.5)
 UNKNOWN = WaveMotion(0.0, 0.0, 0.0, 1.5)
-ALL = np.arange(36)
 
 
 def phasors(rng: np.random.Generator, sigma_c: float, sigma_t: float, noise: float = 0.01) -> np.ndarray:
@@ -48,8 +40,8 @@ def test_weights_are_those_of_the_dense_gaussian_model(
     """Unknown phases and corrections of k as Gaussians of huge variance in one dense covariance matrix."""
     z = phasors(np.random.default_rng(1), sigma_c, sigma_t)
     k = np.stack([TRUE, RIVAL])
-    layout = dataclasses.replace(CENTRED, strays=LearntStrays(ALL, at(sigma_c, sigma_t)))
-    found = weigh_waves(z, np.full(36, 1e-4), layout, k, motion, float(TRUE[0]), 0.05, 10.0)
+    prior = at(sigma_c, sigma_t)
+    found = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, motion, float(TRUE[0]), 0.05, prior)
 
     same = CENTRED.taxel[:, np.newaxis] == CENTRED.taxel
     noise = np.diag(1e-4 / np.abs(z) ** 2 + sigma_c**2) + sigma_t**2 * same
@@ -87,24 +79,10 @@ def test_strays_of_channels_and_taxels_are_found() -> None:
                 UNKNOWN,
                 0.0,
                 0.0,
-                10.0,
             ).stray_rad
             for _ in range(20)
         ]
         assert np.mean(found) == pytest.approx(np.hypot(sigma_c, sigma_t), rel=0.2)
-
-
-def test_what_earlier_slides_tell_of_strays_settles_more_windows() -> None:
-    rng, k, variance = np.random.default_rng(2), np.stack([TRUE, RIVAL]), np.full(36, 1e-4)
-    layout, alone, learnt = CENTRED, [], []
-    for _ in range(300):
-        z = phasors(rng, 0.13, 0.0)
-        alone.append(weigh_waves(z, variance, CENTRED, k, UNKNOWN, 0.0, 0.0, 10.0).weights[0])
-        found = weigh_waves(z, variance, layout, k, UNKNOWN, 0.0, 0.0, 10.0)
-        learnt.append(found.weights[0])
-        layout = dataclasses.replace(CENTRED, strays=LearntStrays(ALL, carried(found.log_sigmas)))
-    assert np.sum(np.array(learnt) > 0.99) > np.sum(np.array(alone) > 0.99)
-    assert min(learnt) > 0.01
 
 
 def test_weights_mean_what_they_say() -> None:
@@ -116,7 +94,7 @@ def test_weights_mean_what_they_say() -> None:
         i, j = divmod(int(cell), len(SIGMAS_T))
         z = phasors(rng, float(SIGMAS_C[i]), float(SIGMAS_T[j]))
         k = np.stack([TRUE, RIVAL])
-        weights = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, UNKNOWN, 0.0, 0.0, 10.0).weights
+        weights = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, UNKNOWN, 0.0, 0.0).weights
         said.append(weights.max())
         right.append(weights.argmax() == 0)
     some = (np.array(said) > 0.9) & (np.array(said) < 0.99)
@@ -128,39 +106,7 @@ def test_weights_mean_what_they_say() -> None:
 
 def test_even_channels_and_an_exact_alias_are_ambiguous_not_uneven() -> None:
     z = phasors(np.random.default_rng(4), 0.3, 0.0)
-    uneven = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, RIVAL]), UNKNOWN, 0.0, 0.0, 10.0)
+    uneven = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, RIVAL]), UNKNOWN, 0.0, 0.0)
     assert uneven.error_if_alike < 1e-6 < 1 - uneven.weights.max()
-    same = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, TRUE]), UNKNOWN, 0.0, 0.0, 10.0)
+    same = weigh_waves(z, np.full(36, 1e-4), CENTRED, np.stack([TRUE, TRUE]), UNKNOWN, 0.0, 0.0)
     assert same.error_if_alike == pytest.approx(0.5)
-
-
-def test_a_carried_prior_is_a_distribution_that_keeps_part_of_the_first_one() -> None:
-    prior = np.exp(carried(at(0.1, 0.06)))
-    assert prior.sum() == pytest.approx(1)
-    assert (prior >= 0.0999 * np.exp(LOG_PRIOR)).all()
-    assert prior.argmax() == np.ravel_multi_index((5, 2), prior.shape)
-
-
-def test_the_online_estimator_learns_from_an_answer_and_forgets_at_a_gap() -> None:
-    handed: list[LearntStrays | None] = []
-    learnt = LearntStrays(ALL, carried(at(0.1, 0.0)))
-
-    def recorded(*window: Any) -> WaveFit:
-        handed.append(window[3].strays)
-        return WaveFit("ok", 2.0, period_mm=1.0, strays=learnt)
-
-    rng = np.random.default_rng(6)
-    detector = JointTexture(load_array("wang2019-3x3"), JointParams(speed_mm_s=2.0), fit=recorded)
-    first = regular_block(1 + 0.01 * rng.normal(size=(300, 36)), 100.0)
-    detector.process(first, [slip_at(0.0, 0.0)])
-    assert len(handed) > 3
-    assert all(strays is None for strays in handed)
-    handed.clear()
-    later = regular_block(1 + 0.01 * rng.normal(size=(300, 36)), 100.0, start_s=3.0, index=300)
-    detector.process(later, [slip_at(3.0, 0.0)])
-    assert handed[-1] is learnt
-    handed.clear()
-    detector.process(Gap(300, "missing", 600))
-    last = regular_block(1 + 0.01 * rng.normal(size=(300, 36)), 100.0, start_s=9.0, index=900)
-    detector.process(last, [slip_at(9.0, 0.0)])
-    assert handed[0] is None
