@@ -6,6 +6,7 @@ has learnt from other seeds of the same generator, too. Where that one is better
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -55,20 +56,23 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 
     Quick: 24 worlds of each to learn from, which teach little.
     """
-    from bench.train.fit import fit  # scikit-learn takes seconds to load
+    from bench.train.fit import first_forest, fit, left_out  # scikit-learn takes seconds to load
 
     size = Size.QUICK if options.quick else Size.FULL
     reported = _REPORTED_QUICK if options.quick else _REPORTED
     batches = range(0, reported, BATCH)
-    progress.begin(size.batches + len(GENERATORS) * (1 + len(batches)) + 1)
+    nothing: frozenset[str] = frozenset()
+    kept_out = [nothing, *(frozenset({name}) for name in GENERATORS)]
+    sets = list(dict.fromkeys(one for without in kept_out for one in left_out(GENERATORS, without)))
+    progress.begin(size.batches + len(sets) + len(kept_out) + len(GENERATORS) * len(batches))
     scores: dict[str, dict[str, Score]] = {}
     with executor(BENCH_WORKERS, options.dask) as pool:
         looks = all_looks(pool, size, progress)
-        sets = [[look for some in looks.values() for look in some]]
-        sets += [
-            [look for other, some in looks.items() if other != name for look in some] for name in GENERATORS
-        ]
-        whole, *others = _counted(pool.map(fit, sets), progress, "trees")
+        worlds = [look for some in looks.values() for look in some]
+        grown = _counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")
+        forests = dict(zip(sets, grown, strict=True))
+        fits = pool.map(partial(fit, worlds, forests), kept_out)
+        whole, *others = _counted(fits, progress, "trees of the state")
         for name, without in zip(GENERATORS, others, strict=True):
             jobs = [(name, REPORTED_FROM + at, without, whole) for at in batches]
             found = [row for some in _counted(pool.map(_courses, jobs), progress, name) for row in some]

@@ -1,6 +1,6 @@
 """Fit of the three forests of the contact filter, and their form as flat arrays."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,46 +45,71 @@ _SPEAKS_FOR_SLIDING = ("wander_", "detail_1", "detail_2", "detail_3", "detail_no
 _MONOTONE = [int(name.startswith(_SPEAKS_FOR_SLIDING)) for name in NAMES]
 
 
-def fit(worlds: Sequence[Looks], seed: int = 0) -> dict[str, Any]:
-    """Fit all forests on looks of worlds; generators weigh the same, however many looks they have.
+Generators = frozenset[str]
 
-    The trees of the state must know how far to trust the odds of the first ones on physics that those have
-    not seen. So they learn from odds of trees that were fitted without the generator of the look.
+
+def left_out(generators: Iterable[str], without: Generators = frozenset()) -> list[Generators]:
+    """Return which generators the first forests of a fit without some of them are each grown without."""
+    return [without, *(without | {name} for name in generators if name not in without)]
+
+
+def first_forest(
+    worlds: Sequence[Looks], without: Generators, seed: int = 0
+) -> HistGradientBoostingClassifier:
+    """Grow the forest that scores sliding by the signs of a look, without worlds of some generators."""
+    some = [w for w in worlds if w.generator not in without]
+    slides = np.concatenate([w.slides for w in some])
+    weight = weights(some, slides, _SLIDES, np.ones_like(slides))
+    signs, thin = np.concatenate([w.signs for w in some]), _thin(some)
+    return grown(SIGNS, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
+
+
+def fit(
+    worlds: Sequence[Looks],
+    forests: Mapping[Generators, HistGradientBoostingClassifier],
+    without: Generators = frozenset(),
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Fit the forests of the state, and return them beside the first one.
+
+    Generators weigh the same, however many looks they have. The trees of the state must know how far to trust
+    the odds of the first ones on physics that those have not seen. So they learn from odds of trees that were
+    grown without the generator of the look.
 
     Parameters
     ----------
     worlds : sequence of Looks
-        Of two generators at least.
+    forests : mapping
+        First forests, by the generators that each is grown without: all of `left_out`.
+    without : frozenset of str
+        Generators that nothing is learnt from.
 
     Returns
     -------
     dict
         Arrays that `learnt_from` reads.
     """
-    signs = np.concatenate([w.signs for w in worlds])
-    slides = np.concatenate([w.slides for w in worlds])
-    weight = weights(worlds, slides, _SLIDES, np.ones_like(slides))
-    thin = np.concatenate([np.arange(len(w.signs)) % _THIN == k % _THIN for k, w in enumerate(worlds)])
-    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
-    p = np.zeros(len(slides))
-    for name in np.unique(generator):
-        learns, asked = thin & (generator != name), generator == name
-        forest = grown(SIGNS, signs[learns], slides[learns], weight[learns], seed, _MONOTONE)
-        p[asked] = forest.predict_proba(signs[asked])[:, 1]
-    first = grown(SIGNS, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
+    some = [w for w in worlds if w.generator not in without]
+    p = np.concatenate([forests[without | {w.generator}].predict_proba(w.signs)[:, 1] for w in some])
+    slides, thin = np.concatenate([w.slides for w in some]), _thin(some)
     base_odds = float(np.log(_SLIDES / (1 - _SLIDES)))
-    rows = state_rows(worlds, p, base_odds)
-    state = grown(STATE, rows[thin], states(worlds)[thin], weight[thin], seed)
+    rows = state_rows(some, p, base_odds)
+    weight = weights(some, slides, _SLIDES, np.ones_like(slides))
+    state = grown(STATE, rows[thin], states(some)[thin], weight[thin], seed)
     sticks = thin & ~slides
-    soon = np.concatenate([w.soon for w in worlds])
-    weight = weights(worlds, soon > 0, _SOON, ~slides)
+    soon = np.concatenate([w.soon for w in some])
+    weight = weights(some, soon > 0, _SOON, ~slides)
     ahead = grown(SOON, rows[sticks], soon[sticks], weight[sticks], seed)
     return {
-        **{f"signs.{name}": values for name, values in flat(first).items()},
+        **{f"signs.{name}": values for name, values in flat(forests[without]).items()},
         **{f"state.{name}": values for name, values in flat(state).items()},
         **{f"soon.{name}": values for name, values in flat(ahead).items()},
         "base_odds": np.array(base_odds),
     }
+
+
+def _thin(worlds: Sequence[Looks]) -> NDArray[np.bool_]:
+    return np.concatenate([np.arange(len(w.signs)) % _THIN == k % _THIN for k, w in enumerate(worlds)])
 
 
 def states(worlds: Sequence[Looks]) -> NDArray[np.int64]:

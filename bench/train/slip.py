@@ -4,6 +4,7 @@ import json
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import sklearn
 
 from bench.report import BENCH_WORKERS
 from bench.train.data import MINUTES, TRAINED_FROM, Size, all_looks
-from bench.train.fit import SIGNS, SOON, STATE, fit
+from bench.train.fit import SIGNS, SOON, STATE, first_forest, fit, left_out
 from bench.train.rows import Looks
+from bench.worlds.generators import GENERATORS
 from tactiled.detect.contact.filter import STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE
 from tactiled.detect.contact.posterior import EDGES
@@ -41,11 +43,17 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
         What the text says.
     """
     size = Size.QUICK if is_quick else Size.FULL
-    progress.begin(size.batches + 1)
+    sets = left_out(GENERATORS)
+    progress.begin(size.batches + len(sets) + 1)
     with executor(BENCH_WORKERS, None) as pool:
         looks = all_looks(pool, size, progress)
-    table = fit([look for some in looks.values() for look in some])
-    progress.advance("trees")
+        worlds = [look for some in looks.values() for look in some]
+        forests = {}
+        for without, forest in zip(sets, pool.map(partial(first_forest, worlds), sets), strict=True):
+            forests[without] = forest
+            progress.advance("trees of the signs")
+    table = fit(worlds, forests)
+    progress.advance("trees of the state")
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
