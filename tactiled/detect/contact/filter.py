@@ -105,11 +105,16 @@ class ContactFilter:
         self.memory = Memory(friction / shear_per_friction, log_sd, learnt.base_odds)
         self.posterior = Posterior([NAMES.index(name) for name in STATE_SIGNS], len(self.memory.row))
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
+        # Each access to an array of a compiled class makes a view: a microsecond, and a look needs ten.
+        self._memory_row, self._state_row = self.memory.row, self.posterior.row
+        self._score = learnt.signs.scores
+        self._state_scores, self._soon_scores = learnt.state.scores, learnt.soon.scores
         self.begin(is_seen=True)
 
     def begin(self, *, is_seen: bool) -> None:
         """Begin a contact, whose touch was seen or not."""
         self.signs = Signs(self._x, self._y, self.look_s, self.per_friction, is_seen=is_seen)
+        self._row = self.signs.row
         self.memory.begin_contact()
         self.is_known = is_seen
         self.posterior.begin()
@@ -144,17 +149,18 @@ class ContactFilter:
             A ripple travels over the taxels: proof of sliding (`travelling`).
         """
         signs, memory, learnt, posterior = self.signs, self.memory, self._learnt, self.posterior
+        row = self._row
         signs.look(noise, acceleration)
-        learnt.signs.evaluate(signs.row)
-        p = 1.0 / (1.0 + math.exp(-min(max(learnt.signs.scores[0], -30.0), 30.0)))
+        learnt.signs.evaluate(row)
+        p = 1.0 / (1.0 + math.exp(-min(max(self._score[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
-        memory.take(p, signs.ratio, self.look_s, signs.row[LOAD_CHANGE])
-        posterior.gather(signs.row, memory.row)
-        learnt.state.evaluate(posterior.row)
-        learnt.soon.evaluate(posterior.row)
+        memory.take(p, signs.ratio, self.look_s, row[LOAD_CHANGE])
+        posterior.gather(row, self._memory_row)
+        learnt.state.evaluate(self._state_row)
+        learnt.soon.evaluate(self._state_row)
         posterior.take(
-            learnt.state.scores,
-            learnt.soon.scores,
+            self._state_scores,
+            self._soon_scores,
             signs.ratio,
             memory.first_log,
             memory.first_variance,

@@ -100,9 +100,11 @@ class TravellingRipple:
         line, hann = _bases(n)
         flat = responses.reshape(n, -1)
         centred = (flat - line @ (line.T @ flat)).reshape(responses.shape)
-        own = centred - (centred @ planes) @ planes.T
-        lines = np.fft.rfft(hann[:, np.newaxis, np.newaxis] * own, axis=0)[: n // 2]
-        power = (np.abs(lines) ** 2).sum(axis=(1, 2))
+        beyond = np.eye(len(load)) - planes @ planes.T
+        own = (centred.reshape(-1, len(load)) @ beyond).reshape(centred.shape)
+        series = np.ascontiguousarray(own.reshape(n, -1).T)
+        lines = np.fft.rfft(hann * series)[:, : n // 2]
+        power = (lines.real**2 + lines.imag**2).sum(axis=0)
         power[0] = 0.0
         cycles = np.arange(len(power))
         peak = int(power.argmax())
@@ -116,7 +118,7 @@ class TravellingRipple:
         )
         if power[peak] <= rest:
             return False
-        z = lines[peak]
+        z = lines[:, peak]
         turns = np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
         whole = float((np.abs(np.tensordot(turns * hann, centred, 1)) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
