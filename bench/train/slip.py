@@ -54,10 +54,10 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
             progress.advance("trees of the signs")
     table = fit(worlds, forests)
     progress.advance("trees of the state")
+    about = _about(size, looks, table)  # before a file that git knows is written over
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
-    about = _about(size, looks, table)
     path.with_suffix(".json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     return about
 

@@ -349,13 +349,10 @@ def test_a_load_that_comes_to_rest_is_not_gross(part: float, seed: int) -> None:
             assert all(e.kind == "incipient" for e in slips(detect(block, setting)))
 
 
-OBLIQUE = pytest.mark.xfail(strict=True, reason="a load that is taken off obliquely is called gross")
-
-
 @pytest.mark.parametrize(
     ("family", "seed"),
     [
-        pytest.param("inclined-load", 201, marks=OBLIQUE),
+        ("inclined-load", 201),
         ("inclined-load", 202),
         ("arm-acceleration", 201),
         ("arm-acceleration", 202),
