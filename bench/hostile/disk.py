@@ -1,6 +1,7 @@
 """Disks and clocks: recordings that must not be deleted."""
 
 import contextlib
+import json
 import os
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.hostile.attack import Attack, Outcome
+from tactiled.recording.age import FILE
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.directory import new_name
 from tactiled.recording.writer import RecordingWriter
@@ -71,16 +73,28 @@ def _clock_ahead(folder: Path, _: float) -> Outcome:
     return Outcome(f"{n_left} of 5 left, reason in the log: {is_said}", held=n_left == 5 and is_said)
 
 
-def _recorded_ahead(folder: Path, _: float) -> Outcome:
+def _recorded(folder: Path, days: float) -> Outcome:
+    """Keep 5 recordings of a clock that was right, and 5 of the same clock when it is some days off."""
     records = folder / "records"
     records.mkdir()
     now_s = time.time()
-    paths = [_written(records, now_s - 31 * _DAY_S + 60 * k, 1000.0 + 60 * k) for k in range(5)]
-    paths.append(_written(records, now_s - 60, 1400.0))  # the same start of the host, its clock set ahead
+    paths = [_written(records, now_s + 60 * k, 1000.0 + 60 * k) for k in range(-10, -5)]
     with _daemon(folder, records) as log:
-        is_said = _until(log, _REASON)
+        _until(log, "tactiled")
+    paths += [_written(records, now_s + days * _DAY_S + 60 * k, 1400.0 + 60 * k) for k in range(-5, 0)]
+    with _daemon(folder, records) as log:
+        _until(log, _REASON if days < -_KEEP_DAYS else "tactiled")
+        time.sleep(1.0)  # for what it might remove
     n_left = sum(path.exists() for path in paths)
-    return Outcome(f"{n_left} of 6 left, reason in the log: {is_said}", held=n_left == 6 and is_said)
+    return Outcome(f"{n_left} of 10 left", held=n_left == 10)
+
+
+def _recorded_ahead(folder: Path, _: float) -> Outcome:
+    return _recorded(folder, 31.0)
+
+
+def _recorded_behind(folder: Path, _: float) -> Outcome:
+    return _recorded(folder, -3650.0)
 
 
 def _month_passed(folder: Path, _: float) -> Outcome:
@@ -89,6 +103,8 @@ def _month_passed(folder: Path, _: float) -> Outcome:
     now_s = time.time()
     old = _written(records, now_s - 31 * _DAY_S, 1000.0)
     new = _written(records, now_s - 60, 1000.0 + 31 * _DAY_S)
+    ages_s = {old.name: 31 * _DAY_S, new.name: 0.0}
+    (records / FILE).write_text(json.dumps({"saved_unix_s": now_s, "ages_s": ages_s}))
     with _daemon(folder, records) as log:
         is_said = _until(log, "removed the 1 oldest")
     return Outcome(
@@ -106,13 +122,19 @@ ATTACKS: tuple[Attack, ...] = (
     ),
     Attack(
         "clock ahead, recorded",
-        "the same, and a recording that was made with the wrong clock",
-        "6 of 6 left, and the log says why",
+        "5 recordings, and 5 more that were made 31 days ahead; two runs of the daemon",
+        "10 of 10 left",
         _recorded_ahead,
     ),
     Attack(
+        "clock behind, recorded",
+        "5 recordings, and 5 more that were made with a clock ten years behind; two runs of the daemon",
+        "10 of 10 left",
+        _recorded_behind,
+    ),
+    Attack(
         "a month that passed",
-        "two recordings between which the host ran for 31 days, keep_days = 30",
+        "two recordings, one of which the daemon has run beside for 31 days, keep_days = 30",
         "the old one is removed, the new one kept",
         _month_passed,
     ),

@@ -95,9 +95,14 @@ def web(
             replay = ReplayFile(files, loaded, bar.reach)
 
     def ready(url: str) -> None:
-        address = f"{url}#token={token}" if token else url
+        # Output may end in a log that others read: a token that somebody gave is not repeated there.
+        is_drawn = bool(token) and token_file is None and not os.environ.get(_TOKEN_ENV)
+        address = f"{url}#token={token}" if is_drawn else url
         click.echo(json.dumps({"what": "page", "url": address}))
         click.echo(f"web: open {address}", err=True)
+        if token and not is_drawn:
+            source = f"${_TOKEN_ENV}" if token_file is None else str(token_file)
+            click.echo(f"web: to give commands, add #token= and the token of {source}", err=True)
         if not is_loopback(host):
             click.echo(
                 f"web: every host that reaches {host} can look; the connection is not encrypted", err=True

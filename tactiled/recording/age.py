@@ -1,112 +1,87 @@
-"""Age of recordings, as far as recordings themselves prove that time has passed.
+"""Ages of recordings, counted by the daemon itself while it runs beside them.
 
-A wall clock may be wrong by months: a host without a battery for it, a wrong date typed in, a spoofed time
-server. Recordings hold two clocks at each read from the port, the wall clock and CLOCK_MONOTONIC, which
-nobody can set and which begins at 0 with each start of the host. From one instant in recordings to the next,
-time has passed as far as *both* say so, where the difference of the two is the same at both instants: the
-host was not started anew and its wall clock was not set between them. Anywhere else nothing tells how long
-the host was off or by how much the clock was set, so such a pause counts at most `PAUSE_PART` of the age at
-which recordings are removed. A wrong clock makes recordings older by one such part, and not by what it says.
+A wall clock may be wrong by months, ahead or behind: a host without a battery for it, a wrong date typed in,
+a spoofed time server. So the age of a recording is the time that a daemon has run since it first saw it, by
+CLOCK_MONOTONIC, which nobody can set. Ages are kept in a file beside the recordings. How long the host was
+off, nothing but the wall clock tells: a pause between two runs counts as far as the clock says, and at most
+`PAUSE_PART` of the age at which recordings are removed. One wrong clock makes all recordings older by at most
+that; and what comes later is never older than what was there before, whatever dates they carry.
 """
 
+import contextlib
+import json
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any
 
-from mcap.records import Message
-
+from tactiled import outside
 from tactiled.errors import DataError
-from tactiled.recording import contents
-from tactiled.recording.chunks import Index, read_chunk, read_index
-from tactiled.recording.directory import Finished
-from tactiled.recording.reader import open_recording, topic_of
 
 # Of `keep_days`. At 30 days a pause counts at most a day: a host that is used daily loses nothing, and its
 # recordings are removed late by the weekends; thirty errors of the clock would have to come together.
 PAUSE_PART = 1 / 30
-# Change of the difference of both clocks that is neither a start of the host nor a clock that was set: time
-# servers slew a clock by at most 500 ppm, and step it by less than a second while they follow it.
-_SLEW, _STEP_S = 500e-6, 1.0
-MOST_READ = 10  # files read for their times at each check, once a minute, beside the recording
-_MOST_CHUNKS = 20  # searched for a read from the port, at either end; each second closes a chunk
+FILE = "ages.json"
+_SAVE_S = 600.0  # between two writes: a kill makes recordings younger by so much
+_MOST_BYTES = 16_000_000  # of a file that is read: the names of a quarter of a million recordings
 
 
-@dataclass(frozen=True)
-class Instant:
-    """Both clocks at one read from the port, in seconds."""
-
-    unix_s: float
-    monotonic_s: float
-
-
-@dataclass(frozen=True)
-class RecordedSpan:
-    """First and last read from the port in a recording."""
-
-    first: Instant
-    last: Instant
-
-
-def proven_ages_s(spans: Mapping[Path, RecordedSpan], pause_s: float) -> dict[Path, float]:
-    """Return the least time (s) from the end of each recording to the end of the newest.
+class Ages:
+    """Ages of the recordings in a directory.
 
     Parameters
     ----------
-    spans : mapping of Path to RecordedSpan
+    directory : Path
     pause_s : float
-        The most that counts of a time that only the wall clock proves.
+        The most that a pause between two runs counts.
     """
-    instants = sorted(
-        {instant for span in spans.values() for instant in (span.first, span.last)},
-        key=lambda instant: (instant.unix_s, instant.monotonic_s),
-    )
-    ages_s = {instants[-1]: 0.0} if instants else {}
-    for later, earlier in pairwise(reversed(instants)):
-        by_wall_s = later.unix_s - earlier.unix_s
-        by_monotonic_s = later.monotonic_s - earlier.monotonic_s
-        goes_on = abs(by_wall_s - by_monotonic_s) <= _STEP_S + _SLEW * by_wall_s
-        ages_s[earlier] = ages_s[later] + min(by_wall_s, max(by_monotonic_s if goes_on else 0.0, pause_s))
-    return {path: ages_s[span.last] for path, span in spans.items()}
+
+    def __init__(self, directory: Path, pause_s: float) -> None:
+        self._path = directory / FILE
+        self._pause_s = pause_s
+        self._ages_s: dict[str, float] = {}
+        self._last_s: float | None = None
+        self._next_save_s = -math.inf
+
+    def advance(self, names: Iterable[str], now_s: float, now_unix_s: float) -> Mapping[str, float]:
+        """Count the time since the last call; return the age (s) of each recording.
+
+        Parameters
+        ----------
+        names : iterable of str
+            Recordings that are there; new ones begin at 0.
+        now_s, now_unix_s : float
+            By the monotonic clock, and by the wall clock, which tells of pauses between two runs alone.
+        """
+        if self._last_s is None:
+            self._ages_s, saved_unix_s = _load(self._path)
+            passed_s = min(max(now_unix_s - saved_unix_s, 0.0), self._pause_s)
+        else:
+            passed_s = max(now_s - self._last_s, 0.0)
+        self._last_s = now_s
+        before = self._ages_s
+        self._ages_s = {name: before[name] + passed_s if name in before else 0.0 for name in names}
+        if now_s >= self._next_save_s or self._ages_s.keys() != before.keys():
+            self._next_save_s = now_s + _SAVE_S
+            with contextlib.suppress(OSError):  # on a full disk, recordings must be removed all the same
+                self._save(now_unix_s)
+        return self._ages_s
+
+    def _save(self, now_unix_s: float) -> None:
+        new = self._path.with_suffix(".part")
+        new.write_text(json.dumps({"saved_unix_s": now_unix_s, "ages_s": self._ages_s}), encoding="utf-8")
+        new.replace(self._path)
 
 
-class SpanCache:
-    """Spans of finished recordings, each read once: nothing changes a finished recording."""
-
-    def __init__(self) -> None:
-        self._known: dict[tuple[Path, float], RecordedSpan | None] = {}
-
-    def of(self, files: Iterable[Finished]) -> dict[Path, RecordedSpan]:
-        """Return the spans that are known after reading at most `MOST_READ` more files."""
-        keys = [(file.path, file.ended_unix_s) for file in files]
-        unread = [key for key in keys if key not in self._known]
-        self._known = {key: self._known[key] for key in keys if key in self._known}
-        self._known |= {key: span_of(key[0]) for key in unread[:MOST_READ]}
-        return {path: span for (path, _), span in self._known.items() if span is not None}
-
-
-def span_of(path: Path) -> RecordedSpan | None:
-    """Read both ends of a finished recording; None where it has no reads, or cannot be read."""
+def _load(path: Path) -> tuple[dict[str, float], float]:
+    """Ages and the wall clock at which they were saved; none where the file is not ours to read."""
+    nothing: tuple[dict[str, float], float] = {}, math.inf
     try:
-        with open_recording(path) as stream:
-            index = read_index(stream)
-            if index is None:
-                return None
-            first = next(_instants(stream, index, index.chunks[:_MOST_CHUNKS]), None)
-            last = next(_instants(stream, index, index.chunks[: -_MOST_CHUNKS - 1 : -1], step=-1), None)
-    except (OSError, DataError):
-        return None
-    return RecordedSpan(first, last) if first is not None and last is not None else None
-
-
-def _instants(stream: BinaryIO, index: Index, chunks: Iterable[int], step: int = 1) -> Iterator[Instant]:
-    """Yield the instants of the reads in some chunks; backwards in each with `step` = -1."""
-    raw = {channel.id for channel in index.channels if topic_of(channel) == contents.RAW_TOPIC}
-    for at in chunks:
-        for record in read_chunk(stream, at)[::step]:
-            if isinstance(record, Message) and record.channel_id in raw:
-                read = contents.decode_read(record.data)
-                if math.isfinite(read.arrival_s + read.unix_offset_s):
-                    yield Instant(read.arrival_s + read.unix_offset_s, read.arrival_s)
+        document: Any = outside.json_of(outside.read_text(path, _MOST_BYTES))
+        saved_unix_s = float(document["saved_unix_s"])
+        ages_s = {str(name): float(age_s) for name, age_s in document["ages_s"].items()}
+    except (OSError, DataError, ValueError, TypeError, KeyError, AttributeError, OverflowError):
+        return nothing
+    if not math.isfinite(saved_unix_s) or not all(0.0 <= age_s < math.inf for age_s in ages_s.values()):
+        return nothing
+    return ages_s, saved_unix_s

@@ -52,6 +52,8 @@ class ReplayComparison:
         words = f"{self.compared} events {'reproduced bit for bit' if self.is_good else 'compared and equal'}"
         if not (self.compared or self.difference):
             words = "no events: nothing could be compared"
+        elif not self.compared:
+            words = "no event is equal"
         if self.difference:
             words += f"; first difference {self.difference}"
         if not self.fresh:

@@ -64,24 +64,26 @@ def unfinished(directory: Path) -> list[Path]:
 
 
 def surplus(
-    files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, ages_s: Mapping[Path, float]
+    files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, ages_s: Mapping[str, float]
 ) -> list[Finished]:
     """Select the files to remove, oldest first, to meet both limits; the newest file is always kept.
+
+    The wall clock orders only those of the same age, which were there when a daemon first looked.
 
     Parameters
     ----------
     files : iterable of Finished
     keep_mb, keep_days : float, optional
         Limits of total size (10^6 bytes) and of age; None is no limit.
-    ages_s : mapping of Path to float
-        Proven ages, s; see `age.proven_ages_s`. A file without one is not too old.
+    ages_s : mapping of str to float
+        By name; see `age.Ages`.
     """
-    in_order = sorted(files, key=lambda file: (file.ended_unix_s, file.path.name))
+    in_order = sorted(files, key=lambda file: (-ages_s[file.path.name], file.ended_unix_s, file.path.name))
     total_mb = sum(file.size_mb for file in in_order)
     removed = []
     for file in in_order[:-1]:
         too_many = keep_mb is not None and total_mb > keep_mb
-        too_old = keep_days is not None and ages_s.get(file.path, 0.0) > keep_days * DAY_S
+        too_old = keep_days is not None and ages_s[file.path.name] > keep_days * DAY_S
         if too_many or too_old:
             removed.append(file)
             total_mb -= file.size_mb

@@ -1,9 +1,9 @@
-"""Removal of old recordings from the record directory: by size, and by the age that recordings prove."""
+"""Removal of old recordings from the record directory: by size, and by the age that was counted."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactiled.recording.age import PAUSE_PART, SpanCache, proven_ages_s
+from tactiled.recording.age import PAUSE_PART, Ages
 from tactiled.recording.directory import DAY_S, Finished, finished, surplus
 
 
@@ -36,10 +36,17 @@ class Retention:
         self._directory = directory
         self._keep_mb = keep_mb
         self._keep_days = keep_days
-        self._spans = SpanCache()
+        self._ages = Ages(directory, (keep_days or 0.0) * DAY_S * PAUSE_PART)
 
-    def check(self, now_unix_s: float) -> Retained:
-        """Remove what exceeds a limit; the time of the wall clock explains only what is kept.
+    def check(self, now_s: float, now_unix_s: float) -> Retained:
+        """Count ages, and remove what exceeds a limit.
+
+        Parameters
+        ----------
+        now_s : float
+            By the monotonic clock.
+        now_unix_s : float
+            By the wall clock, which explains what is kept.
 
         Raises
         ------
@@ -49,26 +56,23 @@ class Retention:
         if self._keep_mb is None and self._keep_days is None:
             return Retained([], "")
         files = finished(self._directory)
-        ages_s: dict[Path, float] = {}
-        if self._keep_days is not None:
-            ages_s = proven_ages_s(self._spans.of(files), self._keep_days * DAY_S * PAUSE_PART)
+        ages_s = self._ages.advance([file.path.name for file in files], now_s, now_unix_s)
         removed = surplus(files, self._keep_mb, self._keep_days, ages_s)
         for file in removed:
             file.path.unlink(missing_ok=True)
         kept = [file for file in files if file not in removed]
-        return Retained(removed, self._unproven(kept, ages_s, now_unix_s))
+        return Retained(removed, self._unproven(kept, max(ages_s.values(), default=0.0), now_unix_s))
 
-    def _unproven(self, kept: list[Finished], ages_s: dict[Path, float], now_unix_s: float) -> str:
+    def _unproven(self, kept: list[Finished], most_s: float, now_unix_s: float) -> str:
         if self._keep_days is None:
             return ""
         limit_s = self._keep_days * DAY_S
         n_old = sum(now_unix_s - file.ended_unix_s > limit_s for file in kept)
         if not n_old:
             return ""
-        most_days = max(ages_s.values(), default=0.0) / DAY_S
         return (
             f"{n_old} recordings in {self._directory} are older than record.keep_days = "
             f"{self._keep_days:g} by the clock of this host, which may be wrong; they are kept, because "
-            f"recordings prove an age of {most_days:.3g} days (a pause between them counts at most "
-            f"{self._keep_days * PAUSE_PART:.3g} days)"
+            f"tactiled has counted {most_s / DAY_S:.3g} days beside the oldest (a pause between two runs "
+            f"counts at most {self._keep_days * PAUSE_PART:.3g} days)"
         )

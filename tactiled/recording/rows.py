@@ -2,6 +2,7 @@
 
 import csv
 import fnmatch
+import io
 import math
 import zipfile
 import zlib
@@ -27,6 +28,7 @@ Batch = tuple[FloatArray, FloatArray, float]
 # Declared size of an array in an npz, or of the lists in a Parquet file, as float64. These formats compress:
 # 18 MB may claim 3.7 GB. It is 19 h of 36 channels at 100 Hz; CSV and plain Parquet columns have no limit.
 MOST_BYTES = 2 * 10**9
+_MOST_HEADER_BYTES = 10_000  # of an array in an npz: a hundred are enough, and numpy would read 4 GB
 _MOST_LINE = 4 * 2**20  # characters of a CSV: 12,000 channels have 300,000
 _BATCH_ROWS = 1000  # ten seconds of the published board
 _BATCH_VALUES = 1 << 20  # 8 MB, of arrays of many channels
@@ -207,8 +209,13 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str) -> _Member:
 
 def _npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
     version = np.lib.format.read_magic(stream)
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = read(stream)
+    is_first = version == (1, 0)
+    length = stream.read(2 if is_first else 4)
+    if (n_bytes := int.from_bytes(length, "little")) > _MOST_HEADER_BYTES:
+        raise ValueError(f"the header of an array claims {n_bytes} bytes")
+    header = io.BytesIO(length + stream.read(n_bytes))
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read(header)
     return tuple(int(length) for length in shape), bool(is_fortran), dtype
 
 

@@ -191,7 +191,7 @@ class RecordingSession:
             return
         self._next_retain_s = now_s + RETAIN_S
         try:
-            found, fault = self._retention.check(datetime.now(UTC).timestamp()), ""
+            found, fault = self._retention.check(now_s, datetime.now(UTC).timestamp()), ""
         except OSError as error:
             found, fault = Retained([], self._unproven), f"{error.filename}: {error.strerror}"
         if removed := found.removed:

@@ -1,5 +1,6 @@
-"""Removal by age: recordings prove that time has passed, and a clock that is wrong does not."""
+"""Removal by age: the time that the daemon has run counts, and a clock that is wrong does not."""
 
+import json
 import logging
 import os
 from datetime import UTC, datetime
@@ -10,143 +11,198 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recordings import HEADER
 
-from tactiled.recording import age
-from tactiled.recording.age import Instant, RecordedSpan, SpanCache, proven_ages_s, span_of
-from tactiled.recording.contents import Read
-from tactiled.recording.directory import finished, new_name
+from tactiled.recording.age import FILE, PAUSE_PART, Ages
+from tactiled.recording.directory import new_name
 from tactiled.recording.retention import Retention
 from tactiled.recording.rotation import RecordParams
 from tactiled.recording.session import RecordingSession
-from tactiled.recording.writer import RecordingWriter
 
 DAY_S = 86400.0
 START_S = 1.7e9  # epoch
+RIGHT = 0.0  # error of the wall clock
 
 
-def place(directory: Path, day: float, up_s: float = 100.0, last_s: float = 60.0) -> Path:
-    """Write a recording of `last_s` seconds that begins `up_s` after the start of the host."""
-    begun_s = START_S + day * DAY_S
-    path = directory / new_name(datetime.fromtimestamp(begun_s, UTC))
-    with RecordingWriter(path, HEADER) as writer:
-        for at_s in (0.0, last_s / 2, last_s):
-            writer.read(Read(up_s + at_s, begun_s - up_s, b"read"))
-            writer.sync()
-    os.utime(path, (begun_s + last_s, begun_s + last_s))
-    return path
+class Host:
+    """A daemon that records into a directory, on a host whose wall clock may be wrong."""
+
+    def __init__(self, directory: Path, keep_days: float | None = 30.0, keep_mb: float | None = None) -> None:
+        self.directory, self.keep = directory, (keep_mb, keep_days)
+        self.true_s = 0.0
+        self.start(RIGHT)
+
+    def start(self, error_days: float, off_days: float = 0.0) -> None:
+        """Start the daemon anew, after a time in which the host was off; its monotonic clock begins at 0."""
+        self.true_s += off_days * DAY_S
+        self.retention = Retention(self.directory, *self.keep)
+        self.began_s, self.error_days = self.true_s, error_days
+        self.check()
+
+    def record(self) -> Path:
+        """Write a recording of a minute."""
+        self.true_s += 60.0
+        wall_s = START_S + self.true_s + self.error_days * DAY_S
+        path = self.directory / new_name(datetime.fromtimestamp(wall_s, UTC))
+        path.write_bytes(bytes(1000))
+        os.utime(path, (wall_s, wall_s))
+        self.check()
+        return path
+
+    def run(self, days: float) -> None:
+        """Run for days, an hour at a time."""
+        for _ in range(round(24 * days)):
+            self.true_s += 3600.0
+            self.check()
+
+    def check(self) -> list[Path]:
+        """Check the directory, and return what was removed."""
+        wall_s = START_S + self.true_s + self.error_days * DAY_S
+        retained = self.retention.check(self.true_s - self.began_s, wall_s)
+        self.unproven = retained.unproven
+        return [file.path for file in retained.removed]
 
 
-def check(directory: Path, day: float, keep_days: float = 30.0) -> tuple[list[Path], str]:
-    """Check the directory at a time of the wall clock; return what was removed, and why nothing was."""
-    retained = Retention(directory, None, keep_days).check(START_S + day * DAY_S)
-    return [file.path for file in retained.removed], retained.unproven
+def test_a_recording_is_removed_when_the_daemon_has_run_for_30_days(tmp_path: Path) -> None:
+    host = Host(tmp_path)
+    old = host.record()
+    host.run(15.0)
+    new = host.record()
+    host.run(14.9)
+    assert old.exists()
+    host.run(0.2)
+    assert not old.exists()
+    assert new.exists()
+    assert host.unproven == ""
 
 
-def test_a_clock_that_is_31_days_ahead_removes_none_of_five_recordings(tmp_path: Path) -> None:
-    paths = [place(tmp_path, k / 1440, up_s=100.0 + 60 * k) for k in range(5)]
-    removed, unproven = check(tmp_path, 31.0)
-    assert removed == []
-    assert all(path.exists() for path in paths)
-    assert "5 recordings" in unproven
-    assert "which may be wrong" in unproven
-    assert check(tmp_path, 1.0) == ([], "")
+def test_daily_use_is_removed_after_30_days(tmp_path: Path) -> None:
+    host = Host(tmp_path)
+    first = host.record()
+    for day in range(1, 32):
+        host.run(0.25)
+        host.start(RIGHT, off_days=0.75)
+        host.record()
+        assert first.exists() == (day < 30)
 
 
-@pytest.mark.parametrize("up_s", [500.0, 50.0])  # the clock was set while the host ran, or it was restarted
-def test_a_recording_made_with_the_wrong_clock_removes_none_either(tmp_path: Path, up_s: float) -> None:
-    for k in range(5):
-        place(tmp_path, k / 1440, up_s=100.0 + 60 * k)
-    place(tmp_path, 31.0, up_s)
-    assert check(tmp_path, 31.0)[0] == []
+@pytest.mark.parametrize("error_days", [31.0, -60.0, 3650.0, -3650.0])
+@pytest.mark.parametrize("is_new_start", [True, False])
+def test_a_clock_that_jumps_removes_nothing(tmp_path: Path, error_days: float, is_new_start: bool) -> None:
+    """Neither what was there before nor what is recorded after it, whichever way the clock jumps."""
+    host = Host(tmp_path)
+    for _ in range(3):
+        host.record()
+        host.run(9.0)
+    if is_new_start:
+        host.start(error_days)
+    host.error_days = error_days
+    for _ in range(5):
+        host.record()
+    assert len(list(tmp_path.glob("*.mcap"))) == 8
 
 
-def test_a_new_start_with_a_clock_behind_removes_none_of_its_recordings(tmp_path: Path) -> None:
-    """The host ran for 40 days with a right clock; after a new start its clock is 60 days behind."""
-    place(tmp_path, 60.0, up_s=39 * DAY_S)
-    place(tmp_path, 61.0, up_s=40 * DAY_S)
-    new = [place(tmp_path, 1.0 + k / 1440, up_s=100.0 + 60 * k) for k in range(4)]
-    removed, _ = check(tmp_path, 1.1)
-    assert removed == []
+def test_a_clock_that_was_a_year_ahead_and_is_corrected_removes_old_ones_alone(tmp_path: Path) -> None:
+    host = Host(tmp_path)
+    host.error_days = 365.0
+    old = [host.record() for _ in range(3)]
+    host.run(29.0)
+    host.error_days = RIGHT
+    new = [host.record() for _ in range(3)]
+    host.run(1.5)
+    assert [path.exists() for path in old + new] == [False] * 3 + [True] * 3
+
+
+def test_a_host_without_a_clock_removes_nothing_of_its_newest_run(tmp_path: Path) -> None:
+    """Each start begins at the same instant of the wall clock."""
+    host = Host(tmp_path)
+    host.record()
+    host.run(29.0)
+    host.start(-host.true_s / DAY_S + 0.01)  # a quarter of an hour later, so that names differ
+    new = [host.record() for _ in range(5)]
+    host.run(2.0)
     assert all(path.exists() for path in new)
 
 
-def test_a_clock_that_is_set_within_a_recording_removes_none(tmp_path: Path) -> None:
-    first = place(tmp_path, 0.0)
-    with RecordingWriter(tmp_path / new_name(datetime.fromtimestamp(START_S + 300, UTC)), HEADER) as writer:
-        writer.read(Read(400.0, START_S - 100, b"before"))
-        writer.read(Read(401.0, START_S - 100 + 31 * DAY_S, b"after"))
-    assert check(tmp_path, 31.0)[0] == []
-    assert first.exists()
-
-
-def test_daily_recordings_are_removed_after_30_days(tmp_path: Path) -> None:
-    paths = [place(tmp_path, float(day)) for day in range(33)]
-    retention = Retention(tmp_path, None, 30.0)
-    for _ in range(1 + 33 // age.MOST_READ):
-        retained = retention.check(START_S + 32 * DAY_S)
-    assert [path for path in paths if not path.exists()] == paths[:2]
-    assert retained.unproven == ""
-
-
-def test_a_host_that_runs_on_proves_a_pause_without_recordings(tmp_path: Path) -> None:
-    first = place(tmp_path, 0.0, up_s=100.0)
-    place(tmp_path, 31.0, up_s=100.0 + 31 * DAY_S)
-    assert check(tmp_path, 31.0)[0] == [first]
-
-
-def test_files_that_hold_no_times_are_kept(tmp_path: Path) -> None:
-    for k, data in enumerate((b"", b"garbage", bytes(1000))):
-        path = tmp_path / new_name(datetime.fromtimestamp(START_S + k, UTC))
-        path.write_bytes(data)
-        os.utime(path, (START_S, START_S))
-        assert span_of(path) is None
-    place(tmp_path, 31.0, up_s=31 * DAY_S)
-    assert check(tmp_path, 40.0)[0] == []
-
-
-def test_a_span_is_read_from_both_ends_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = place(tmp_path, 0.0, up_s=100.0, last_s=60.0)
-    cache = SpanCache()
-    expected = RecordedSpan(Instant(START_S, 100.0), Instant(START_S + 60.0, 160.0))
-    assert cache.of(finished(tmp_path)) == {path: expected}
-    monkeypatch.setattr(age, "span_of", lambda _: None)
-    assert cache.of(finished(tmp_path)) == {path: expected}
-
-
-clocks = st.builds(Instant, st.floats(0, 1e10), st.floats(0, 1e8))
-
-
-@given(spans=st.lists(st.builds(RecordedSpan, clocks, clocks), max_size=8), pause_s=st.floats(0, 1e6))
-def test_an_age_is_never_more_than_the_wall_clock_says_nor_below_zero(
-    spans: list[RecordedSpan], pause_s: float
-) -> None:
-    named = {Path(str(k)): span for k, span in enumerate(spans)}
-    newest_s = max((max(s.first.unix_s, s.last.unix_s) for s in spans), default=0.0)
-    for path, age_s in proven_ages_s(named, pause_s).items():
-        assert 0 <= age_s <= (newest_s - named[path].last.unix_s) * (1 + 1e-9)
+def test_size_removes_what_was_there_first_whatever_its_date(tmp_path: Path) -> None:
+    host = Host(tmp_path, keep_days=None, keep_mb=0.007)
+    old = [host.record() for _ in range(5)]
+    host.start(-3650.0)
+    new = [host.record() for _ in range(5)]
+    assert [path.exists() for path in old + new] == [False] * 3 + [True] * 7
 
 
 @given(
-    days=st.lists(st.floats(0, 1), min_size=2, max_size=8),
-    jumps=st.lists(st.floats(0, 1000), max_size=3),
+    steps=st.lists(
+        st.tuples(st.sampled_from(["record", "run", "start", "set"]), st.floats(-4000, 4000)), max_size=12
+    )
 )
-def test_each_error_of_the_clock_counts_at_most_one_pause(days: list[float], jumps: list[float]) -> None:
-    """Recordings of one start of the host, whose wall clock jumps ahead between some of them."""
-    true_s = sorted(day * DAY_S for day in days)
-    shift_s = [sum(jumps[: k + 1]) * DAY_S if jumps else 0.0 for k in range(len(true_s))]
-    spans = {
-        Path(str(k)): RecordedSpan(Instant(t + shift, t), Instant(t + shift, t))
-        for k, (t, shift) in enumerate(zip(true_s, shift_s, strict=True))
-    }
-    ages_s = proven_ages_s(spans, DAY_S)
-    for k, t in enumerate(true_s):
-        assert ages_s[Path(str(k))] <= true_s[-1] - t + DAY_S * len(jumps) + 1e-3
+def test_an_age_is_at_most_the_time_run_and_a_pause_for_each_start(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[str, float]]
+) -> None:
+    host = Host(tmp_path_factory.mktemp("records"))
+    begun: dict[str, tuple[float, int]] = {}
+    ran_s, n_starts = 0.0, 0
+    for what, value in steps:
+        if what == "record":
+            name = host.record().name
+            ran_s += 60.0
+            begun.setdefault(name, (ran_s, n_starts))
+        elif what == "run":
+            host.run(1.0)
+            ran_s += DAY_S
+        elif what == "start":
+            host.start(value)
+            n_starts += 1
+        else:
+            host.error_days = value
+    host.check()
+    ages_s = json.loads((host.directory / FILE).read_text())["ages_s"]
+    for name, age_s in ages_s.items():
+        at_s, starts = begun[name]
+        assert 0 <= age_s <= ran_s - at_s + 30 * DAY_S * PAUSE_PART * (n_starts - starts) + 1e-3
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[", "[]", "{}", '{"saved_unix_s": 1, "ages_s": []}', '{"saved_unix_s": 1e999, "ages_s": {}}',
+        '{"saved_unix_s": 1, "ages_s": {"a": -1}}', '{"saved_unix_s": 1, "ages_s": {"a": "x"}}', "[" * 5000,
+        '{"saved_unix_s": 1, "ages_s": {"a": 1e999}}', f'{{"saved_unix_s": {"9" * 4000}, "ages_s": {{}}}}',
+    ],
+)  # fmt: skip
+def test_a_file_of_ages_that_is_damaged_makes_recordings_new(tmp_path: Path, text: str) -> None:
+    (tmp_path / FILE).write_text(text)
+    assert Ages(tmp_path, 100.0).advance(["a"], 5.0, START_S) == {"a": 0.0}
+    assert json.loads((tmp_path / FILE).read_text()) == {"saved_unix_s": START_S, "ages_s": {"a": 0.0}}
+
+
+def test_ages_that_cannot_be_written_are_counted_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / FILE).mkdir()
+    ages = Ages(tmp_path, 0.0)
+    ages.advance(["a"], 0.0, START_S)
+    assert ages.advance(["a", "b"], 50.0, START_S) == {"a": 50.0, "b": 0.0}
+
+
+def test_ages_are_written_every_ten_minutes_and_with_each_new_recording(tmp_path: Path) -> None:
+    ages = Ages(tmp_path, 0.0)
+
+    def saved() -> object:
+        return json.loads((tmp_path / FILE).read_text())["ages_s"]
+
+    ages.advance(["a"], 0.0, START_S)
+    ages.advance(["a"], 599.0, START_S)
+    assert saved() == {"a": 0.0}
+    ages.advance(["a"], 600.0, START_S)
+    assert saved() == {"a": 600.0}
+    ages.advance(["a", "b"], 601.0, START_S)
+    assert saved() == {"a": 601.0, "b": 0.0}
 
 
 def test_the_session_says_once_why_recordings_are_kept(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    old = place(tmp_path, 0.0)  # years before this test runs
-    place(tmp_path, 0.1)
+    old = tmp_path / new_name(datetime.fromtimestamp(START_S, UTC))  # years before this test runs
+    old.write_bytes(b"")
+    os.utime(old, (START_S, START_S))
     params = RecordParams(directory=str(tmp_path), keep_days=30.0, min_free_mb=0)
     session = RecordingSession(params, HEADER, None, 0.0)
     with caplog.at_level(logging.WARNING):
@@ -155,12 +211,3 @@ def test_the_session_says_once_why_recordings_are_kept(
     session.end(123.0)
     assert old.exists()
     assert caplog.text.count("by the clock of this host") == 1
-
-
-@pytest.mark.parametrize(("stepped_s", "counts"), [(0.9, True), (-0.9, True), (30.0, False)])
-def test_a_clock_that_a_time_server_steps_by_less_than_a_second_runs_on(
-    stepped_s: float, counts: bool
-) -> None:
-    first, last = Instant(START_S, 10.0), Instant(START_S + 100.0 + stepped_s, 110.0)
-    spans = {Path("old"): RecordedSpan(first, first), Path("new"): RecordedSpan(last, last)}
-    assert proven_ages_s(spans, pause_s=0.0)[Path("old")] == pytest.approx(100.0 if counts else 0.0, abs=1.0)

@@ -36,22 +36,23 @@ def test_the_oldest_go_first_until_both_limits_hold_and_the_newest_stays(
 ) -> None:
     now_unix_s = max((file.ended_unix_s for file in files), default=0.0)
     proven = data.draw(st.sets(st.sampled_from(files)) if files else st.just(set()))
-    ages_s = {file.path: now_unix_s - file.ended_unix_s for file in proven}
+    ages_s = {file.path.name: now_unix_s - file.ended_unix_s if file in proven else 0.0 for file in files}
     removed = surplus(files, keep_mb, keep_days, ages_s)
     kept = [file for file in files if file not in removed]
     assert bool(kept) == bool(files)
     if not files:
         return
-    newest = max(file.ended_unix_s for file in files)
+    youngest = min(ages_s.values())
+    newest = max(file.ended_unix_s for file in files if ages_s[file.path.name] == youngest)
     assert newest in {file.ended_unix_s for file in kept}
     if keep_days is None:
-        assert all(gone.ended_unix_s <= file.ended_unix_s for gone in removed for file in kept)
+        assert all(ages_s[gone.path.name] >= ages_s[file.path.name] for gone in removed for file in kept)
     if keep_mb is None:
         assert all(gone in proven for gone in removed)
     if len(kept) > 1:
         assert keep_mb is None or sum(file.size_mb for file in kept) <= keep_mb * (1 + 1e-9)
-        old = [file for file in kept if file.ended_unix_s < newest]
-        assert keep_days is None or all(ages_s.get(file.path, 0) <= keep_days * DAY_S for file in old)
+        old = [file for file in kept if ages_s[file.path.name] > youngest]
+        assert keep_days is None or all(ages_s[file.path.name] <= keep_days * DAY_S for file in old)
     if keep_mb is None and keep_days is None:
         assert removed == []
 
@@ -74,10 +75,10 @@ def test_only_finished_recordings_that_the_daemon_named_are_removed(tmp_path: Pa
     for other in others:
         place_file(tmp_path / other, 5_000_000, 1.0)
     (tmp_path / name(7)).mkdir()
-    removed = Retention(tmp_path, keep_mb=2.5, keep_days=None).check(2000.0).removed
+    removed = Retention(tmp_path, keep_mb=2.5, keep_days=None).check(0.0, 2000.0).removed
     assert [file.path.name for file in removed] == [name(0), part, name(1)]
-    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), name(7), *others}
-    Retention(tmp_path, keep_mb=0.001, keep_days=0.001).check(1e9)
+    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), name(7), "ages.json", *others}
+    Retention(tmp_path, keep_mb=0.001, keep_days=0.001).check(0.0, 1e9)
     assert [file.path.name for file in finished(tmp_path)] == [name(3)]
 
 

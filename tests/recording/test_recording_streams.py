@@ -2,6 +2,7 @@
 
 import json
 import tracemalloc
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -145,6 +146,24 @@ def test_an_array_that_claims_more_than_the_limit_is_not_read(tmp_path: Path, sh
     tracemalloc.start()
     try:
         with pytest.raises(DataError, match=r"at most 2 GB are read from an npz; split it"):
+            detect_file(path)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_a_header_of_an_array_that_claims_gigabytes_is_not_read(tmp_path: Path, version: int) -> None:
+    path = tmp_path / "head.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("time_s", "volts"):
+            with archive.open(f"{name}.npy", "w") as stream:
+                n_bytes = 60_000 if version == 1 else 64 << 20
+                length = n_bytes.to_bytes(2 if version == 1 else 4, "little")
+                stream.write(b"\x93NUMPY" + bytes([version, 0]) + length + b" " * n_bytes)
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match="must be arrays of numbers"):
             detect_file(path)
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:

@@ -25,7 +25,9 @@ def commanding(live: Robot) -> str:
     token = live.folder / "token"
     token.write_text(TOKEN)
     token.chmod(0o600)
-    return live.serve("--allow-commands", "--token-file", str(token)).partition("#")[0]
+    url = live.serve("--allow-commands", "--token-file", str(token))
+    assert "token" not in url
+    return url
 
 
 def commands_of(subscription: Subscription, within_s: float, n: int = 1) -> list[dict[str, Any]]:
