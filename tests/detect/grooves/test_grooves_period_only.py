@@ -134,6 +134,7 @@ def test_several_gratings_are_all_reported_and_harmonics_are_none() -> None:
         assert abs(grating.period_mm - true_mm) < 4 * grating.period_sd_mm
         assert grating.period_min_mm < true_mm < grating.period_max_mm
     assert last.candidates[0].weight > last.candidates[1].weight
+    assert last.period_mm == last.candidates[0].period_mm
     harmonic = answers(unknown_places(16), [ridges(5, {3.0: 0.7, 6.0: 1.0})], speed_mm_s=6.0)[-1]
     assert harmonic.frequency_hz == pytest.approx(3.0, rel=0.01)
 
