@@ -192,7 +192,7 @@ def test_lateness_of_a_recording_is_no_reason_to_refuse(
     for events in found:
         assert all(e["valid"] for e in events if e["topic"] in ("slip", "contact"))
     ours, theirs = ([e for e in events if e["topic"] == "texture"] for events in found)
-    # The table has no times of channels, so that slips, and with them windows, may begin and end at other hops.
+    # The table has no times of channels: slips, and with them windows, may begin and end at other hops.
     assert {e["status"] for e in ours} == {e["status"] for e in theirs} == {"ok"}
     answered = [e for e in ours if e["status"] == "ok"]
     assert len(answered) > 5
