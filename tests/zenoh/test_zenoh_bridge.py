@@ -67,6 +67,9 @@ def running(folder: Path) -> Iterator[Fleet]:
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
     with running(tmp_path_factory.mktemp("fleet")) as fleet:
+        # Bridge and daemon open connections of their own until the first subscriber is served.
+        with Subscription(fleet.endpoint, ("slip",), "TS0001") as subscription:
+            until(subscription, is_fresh)
         yield fleet
 
 
