@@ -61,6 +61,19 @@ def _until(log: Path, words: str) -> bool:
     return False
 
 
+def _looks(records: Path, paths: list[Path]) -> bool:
+    """Wait until the daemon has counted the ages of recordings, and removed what it would."""
+    end_s = time.monotonic() + _WAIT_S
+    while time.monotonic() < end_s:
+        with contextlib.suppress(OSError):
+            counted = json.loads((records / FILE).read_text())["ages_s"]
+            if all(path.name in counted for path in paths):
+                time.sleep(0.5)
+                return True
+        time.sleep(0.05)
+    return False
+
+
 def _clock_ahead(folder: Path, _: float) -> Outcome:
     # A clock that is 31 days ahead sees recordings of this minute as these are seen by a clock that is right.
     begin_s = time.time() - 31 * _DAY_S
@@ -79,14 +92,13 @@ def _recorded(folder: Path, days: float) -> Outcome:
     records.mkdir()
     now_s = time.time()
     paths = [_written(records, now_s + 60 * k, 1000.0 + 60 * k) for k in range(-10, -5)]
-    with _daemon(folder, records) as log:
-        _until(log, "tactiled")
+    with _daemon(folder, records):
+        looked = _looks(records, paths)
     paths += [_written(records, now_s + days * _DAY_S + 60 * k, 1400.0 + 60 * k) for k in range(-5, 0)]
-    with _daemon(folder, records) as log:
-        _until(log, _REASON if days < -_KEEP_DAYS else "tactiled")
-        time.sleep(1.0)  # for what it might remove
+    with _daemon(folder, records):
+        looked = _looks(records, paths) and looked
     n_left = sum(path.exists() for path in paths)
-    return Outcome(f"{n_left} of 10 left", held=n_left == 10)
+    return Outcome(f"{n_left} of 10 left, the daemon looked: {looked}", held=n_left == 10 and looked)
 
 
 def _recorded_ahead(folder: Path, _: float) -> Outcome:
@@ -123,13 +135,13 @@ ATTACKS: tuple[Attack, ...] = (
     Attack(
         "clock ahead, recorded",
         "5 recordings, and 5 more that were made 31 days ahead; two runs of the daemon",
-        "10 of 10 left",
+        "10 of 10 left, which the daemon has looked at",
         _recorded_ahead,
     ),
     Attack(
         "clock behind, recorded",
         "5 recordings, and 5 more that were made with a clock ten years behind; two runs of the daemon",
-        "10 of 10 left",
+        "10 of 10 left, which the daemon has looked at",
         _recorded_behind,
     ),
     Attack(
