@@ -22,7 +22,7 @@ def tactiled(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedPr
 
 
 def test_version_and_check_config_say_which_path_a_scan_takes() -> None:
-    said = f"path of a scan: {compiled.path.words}"
+    said = f"path of a scan: {compiled.path_words()}"
     assert tactiled("--version").stdout.splitlines() == [f"tactiled, version {__version__}", said]
     assert said in tactiled("check-config", str(ROOT / "config" / "tactiled.toml")).stderr.splitlines()
 

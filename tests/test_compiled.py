@@ -1,32 +1,31 @@
-"""The compiled path: the same bits as numpy, built by the hook, refused where it is stale."""
+"""The compiled path: the same bits as plain Python, built by the hook, refused where it is stale."""
 
 import importlib.util
 import itertools
-import json
+import os
+import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from array import array as array_of
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import Touch, pieces, run, splits
+from touches import Touch, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.detector import GripDetector
-from tactiled.detect.contact.readings import taxel_readings
-from tactiled.detect.signal.contact import ContactParams, ContactTracker
+from tactiled.detect.contact.observe import Responses
+from tactiled.detect.contact.readings import TaxelReadings
+from tactiled.detect.signal import front_end
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.stuck_channels import StuckChannelDetector
-from tactiled.detect.signal.wavelet import SwtBank
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.wire import framing, good_scans
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Scan
 from tactiled.wire.framing import make_framer
@@ -35,27 +34,18 @@ from tactiled.wire.layout import Layout, load_layout
 ROOT = Path(__file__).resolve().parent.parent
 ARRAYS = [load_array(name) for name in ("wang2019-3x3", "normal-4x4", "xyz-two-pads-4x4")]
 
-needs_library = pytest.mark.skipif(
-    compiled.path.functions is None, reason=f"no compiled path: {compiled.path.words}"
+needs_compiled = pytest.mark.skipif(
+    bool(compiled.reason_plain) and "TACTILED_CI" not in os.environ,
+    reason=f"no compiled path: {compiled.path_words()}",
 )
 every_array = pytest.mark.parametrize("array", ARRAYS, ids=[array.name for array in ARRAYS])
 
 
-@contextmanager
-def on_numpy() -> Iterator[None]:
-    """Make objects without the compiled path."""
-    before, compiled.path = compiled.path, compiled.CompiledPath(None, "a test")
-    try:
-        yield
-    finally:
-        compiled.path = before
-
-
-def of_both(make: Callable[[], Any]) -> tuple[Any, Any]:
-    """Return what `make` makes, with the compiled path and on numpy."""
-    with on_numpy():
-        plain = make()
-    return make(), plain
+def both(plain: ModuleType) -> list[ModuleType]:
+    """Return a plain module and its compiled form."""
+    found = compiled.compiled_module(plain.__name__)
+    assert found is not None
+    return [plain, found]
 
 
 def touched(array: Array, seed: int) -> ScanBlock:
@@ -76,38 +66,155 @@ def touched(array: Array, seed: int) -> ScanBlock:
     return regular_block(volts, rate_hz, valid=valid, channel_offset_s=offset_s)
 
 
-def is_same(one: Any, other: Any) -> bool:
+def is_same(one: object, other: object) -> bool:
     """Compare numbers by their bits, except that there is one zero."""
-    return np.array_equal(np.asarray(one), np.asarray(other), equal_nan=np.asarray(one).dtype.kind == "f")
+    return np.array_equal(np.asarray(one), np.asarray(other), equal_nan=True)
 
 
-@needs_library
-@every_array
-@given(seed=st.integers(0, 2**32), data=st.data())
-@settings(max_examples=6, deadline=None)
-def test_readings_contact_bank_and_stuck_channels_have_the_bits_of_numpy(
-    array: Array, seed: int, data: st.DataObject
-) -> None:
+@needs_compiled
+@given(seed=st.integers(0, 2**32), n_channels=st.sampled_from([1, 5, 36]), data=st.data())
+@settings(max_examples=15, deadline=None)
+def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: st.DataObject) -> None:
+    rng, n = np.random.default_rng(seed), 300
+    readings = np.repeat(rng.standard_normal((n // 3, n_channels)), 3, axis=0)
+    spoiled = rng.random(readings.shape) < 0.05
+    readings[spoiled] = rng.choice([np.nan, np.inf, -np.inf, 1e308, -9.0, 8.0], spoiled.sum())
+    valid = (rng.random(readings.shape) < 0.97).astype(np.uint8)
+    others = rng.integers(0, n_channels, 2 * n_channels)
+    judged, sign = rng.integers(0, 2, n_channels).astype(np.uint8), rng.choice([-1.0, 1.0], n_channels)
+    taps = [rng.integers(-9, 9, length).astype(np.float64) for length in (2, 6)]
+    cuts = [0, *data.draw(splits(n)), n]
+    found = []
+    for one in both(front_end):
+        hold = one.Hold(n_channels, 8.0, 2.0**20)
+        search = one.StuckChannels(sign, others, judged, 2.0**19, 16, 4, 5, n_channels / 3)
+        bank = one.Bank(n_channels, taps)
+        rows, out = np.zeros((5 + n) * n_channels), np.zeros(n * 2 * n_channels)
+        ok, stuck = np.zeros((2, n * n_channels), dtype=np.uint8)
+        answers: list[object] = []
+        for start, end in itertools.pairwise(cuts):
+            flat, kept = slice(start * n_channels, end * n_channels), rows[(5 + start) * n_channels :]
+            n_piece = end - start
+            first = start * n_channels
+            answers.append(hold.take(n_piece, first, readings.ravel(), valid.ravel(), kept, ok[flat]))
+            answers.append(search.take(n_piece, 0, kept, stuck[flat]))
+            bank.take(n_piece, 5 + start, rows, out[2 * first :])
+        found.append([rows, ok, stuck, out, answers])
+    assert all(map(is_same, *found))
+
+
+@needs_compiled
+@given(seed=st.integers(0, 2**32), each=st.booleans())
+@settings(max_examples=15, deadline=None)
+def test_pressure(seed: int, each: bool) -> None:
+    rng, n, taxels, sides = np.random.default_rng(seed), 20, 3, 4
+    own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
+    steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
+    levels = rng.uniform(-100, 100, (3, (n if each else 1) * taxels))
+    levels[0] = np.round(levels[0] % (sides + 1))
+    sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
+    found = []
+    for one in both(front_end):
+        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5)
+        reals, flags = np.zeros((2 + taxels) * n), np.zeros((2 + taxels) * n, dtype=np.uint8)
+        of.take(n, steps, held, levels.ravel(), reals, flags)
+        found.append([reals, flags])
+    assert all(map(is_same, *found))
+
+
+@needs_compiled
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=15, deadline=None)
+def test_jumps_relieved_sides_and_noise(seed: int) -> None:
+    taxels, channels = 9, 36
+    own = (np.arange(taxels)[:, np.newaxis] == np.arange(channels) // 4).astype(np.uint8).ravel()
+    side_own = np.arange(channels).reshape(taxels, 4).T.ravel().copy()
+    found = []
+    for one in both(front_end):
+        draw = np.random.default_rng(seed)
+        jumps = one.Jumps(own, taxels)
+        relief = one.RelievedSides(side_own, np.ones(channels), np.ones(channels))
+        floor = one.NoiseFloor(channels, 2, 1e-6, 10.0)
+        answers: list[object] = []
+        for k in range(40):
+            readings = array_of(
+                "d", 1.0 + (draw.random(channels) < 0.03) + 1e-4 * draw.standard_normal(channels)
+            )
+            loads = array_of("d", draw.uniform(0.0, 1.0, taxels))
+            jumps.take(readings, 0, loads, floor.sd, k > 5)
+            answers += [list(jumps.found), list(jumps.accepted)]
+            response = array_of("d", np.concatenate([loads, draw.standard_normal(2 * taxels)]))
+            relief.correct(array_of("d", draw.uniform(-0.2, 2.0, channels)), 0, response)
+            answers += [list(response), list(relief.relieved)]
+            floor.take(readings, array_of("d", 1e-4 * draw.standard_normal(2 * channels)))
+            answers.append(list(floor.sd))
+        found.append(answers)
+    assert all(map(is_same, *found))
+
+
+_EVENTS = """
+import sys
+sys.path[:0] = [{helpers!r}, {tests!r}]
+from test_compiled import ARRAYS, play
+for line in play(ARRAYS[int(sys.argv[1])], int(sys.argv[2])):
+    print(line)
+"""
+
+
+def play(array: Array, seed: int) -> list[str]:
+    """Return the events of both settings for a slide with faults."""
     block = touched(array, seed)
-    params = ContactParams(contact_volts=0.2, release_volts=0.1, loading_volts_s=0.05)
-    given_levels = data.draw(st.booleans())
-    quantisers = of_both(lambda: Quantiser(array))
-    stuck_channels = of_both(lambda: StuckChannelDetector(array))
-    gates = of_both(lambda: ContactTracker(array, params if given_levels else ContactParams(), block.rate_hz))
-    banks = of_both(lambda: SwtBank(array))
-    for piece in pieces(block, data.draw(splits(len(block)))):
-        held, plain = (quantiser.process(piece) for quantiser in quantisers)
-        assert is_same(held.steps, plain.steps)
-        assert is_same(held.ok, plain.ok)
-        assert held.all_ok == plain.all_ok
-        stuck, plain_stuck = (detector.process(plain.steps) for detector in stuck_channels)
-        assert is_same(stuck, plain_stuck)
-        found, wanted = (gate.measure(piece, plain, stuck) for gate in gates)
-        for name, value in vars(wanted).items():
-            assert is_same(getattr(found, name), value), name
-        for start in range(0, len(piece), 1024):
-            one, other = (bank.filter_steps(plain.steps[start : start + 1024]) for bank in banks)
-            assert is_same(one, other)
+    block = block[: round(3 * block.rate_hz)]
+    cuts = np.random.default_rng(seed).integers(0, len(block), 12).tolist()
+    pieces_of = [block[a:b] for a, b in itertools.pairwise([0, *sorted(cuts), len(block)]) if a < b]
+    suites = [build_suite(array, DetectParams(setting=setting)) for setting in ("balanced", "wang2019")]
+    words = [repr(event) for suite in suites for event in run(suite, pieces_of)]
+    return [re.sub(r"np\.float64\(([^()]*)\)", r"\1", one) for one in words]
+
+
+@needs_compiled
+@pytest.mark.parametrize("number", range(len(ARRAYS)), ids=[array.name for array in ARRAYS])
+def test_events_are_those_of_plain_python(number: int) -> None:
+    script = _EVENTS.format(helpers=str(ROOT / "tests" / "helpers"), tests=str(ROOT / "tests"))
+    for seed in (1,):
+        done = subprocess.run(
+            [sys.executable, "-c", script, str(number), str(seed)],
+            env=os.environ | {compiled.SETTING: "0", "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        wanted = play(ARRAYS[number], seed)
+        assert wanted
+        assert done.stdout.splitlines() == wanted
+
+
+@every_array
+@given(seed=st.integers(0, 2**32))
+@settings(max_examples=6, deadline=None)
+def test_steps_are_those_of_numpy(array: Array, seed: int) -> None:
+    block, grid = touched(array, seed), Quantiser(array)
+    held = grid.process(block)
+    ok = block.valid & (np.abs(block.volts) <= grid.full_scale_volts)
+    newest = np.maximum.accumulate(np.where(ok, np.arange(1, len(block) + 1)[:, np.newaxis], 0), axis=0)
+    steps = np.concatenate([np.zeros((1, array.n_channels)), grid.round(block.volts)])
+    np.testing.assert_array_equal(held.steps, np.take_along_axis(steps, newest, axis=0))
+    np.testing.assert_array_equal(held.ok, ok)
+    assert held.all_ok == ok.all()
+
+
+def test_loads_and_noise_are_those_of_matrices() -> None:
+    array, rng, n = ARRAYS[2], np.random.default_rng(0), 400
+    volts = 1.0 + 1e-2 * rng.standard_normal((n, array.n_channels))
+    readings, responses = TaxelReadings(array, 100.0), Responses(array)
+    readings.begin(volts.ravel(), np.ones(volts.size, dtype=np.uint8), np.zeros(array.n_channels))
+    for scan in range(n):
+        readings.take(scan, True, False)
+        np.testing.assert_allclose(readings.recent[-1], responses.of(volts[scan]), atol=1e-5)
+    loads, *shears = np.einsum("ktc,nc->knt", responses.weights, volts)
+    assert readings.load_sd == pytest.approx(loads.mean(axis=1).std(), rel=0.2)
+    assert readings.total_sd == pytest.approx(np.mean([s.sum(axis=1).std() for s in shears]), rel=0.2)
+    assert readings.shear_sd == pytest.approx(np.mean([s.std() for s in shears]), rel=0.2)
 
 
 @pytest.fixture(scope="module")
@@ -124,73 +231,27 @@ def layouts(tmp_path_factory: pytest.TempPathFactory) -> list[Layout]:
     return [load_layout("board-v1"), load_layout(str(path))]
 
 
-@needs_library
-@every_array
-@given(seed=st.integers(0, 2**32), data=st.data())
-@settings(max_examples=6, deadline=None)
-def test_loads_and_noise_of_a_contact_have_the_bits_of_numpy(
-    array: Array, seed: int, data: st.DataObject
-) -> None:
-    block = touched(array, seed)
-    block = block[: round(4 * block.rate_hz)]
-    rng = np.random.default_rng(seed)
-    both = of_both(lambda: taxel_readings(array, block.rate_hz))
-    in_contact = is_pressed = False
-    for piece in pieces(block, data.draw(splits(len(block)))):
-        for readings in both:
-            readings.begin(piece)
-        for scan in range(len(piece)):
-            is_pressed = in_contact and (is_pressed or bool(rng.random() < 0.1))
-            found, wanted = (
-                readings.take(scan, in_contact=in_contact, is_pressed=is_pressed) for readings in both
-            )
-            assert found == wanted
-            for name in ("history", "dropped", "switched", "keeps_enough"):
-                assert is_same(getattr(both[0], name), getattr(both[1], name)), name
-            ends = in_contact and rng.random() < 0.02
-            in_contact = not ends and (in_contact or bool(rng.random() < 0.02))
-            for readings in both:
-                if not in_contact:
-                    readings.rest(0.1)
-                if ends:
-                    readings.release()
-        if rng.random() < 0.2:
-            for readings in both:
-                readings.interrupt()
-
-
-@needs_library
-@pytest.mark.parametrize("array", [ARRAYS[0], ARRAYS[2]], ids=["wang2019-3x3", "xyz-two-pads-4x4"])
-@given(seed=st.integers(0, 2**32), data=st.data())
-@settings(max_examples=2, deadline=None)
-def test_grip_events_are_those_of_numpy(array: Array, seed: int, data: st.DataObject) -> None:
-    block = touched(array, seed)
-    block = block[: round(6 * block.rate_hz)]
-    both = of_both(lambda: GripDetector(array))
-    cuts = data.draw(splits(len(block)))
-    for _ in range(2):  # after `reset` as before
-        found, wanted = (run(detector, pieces(block, cuts)) for detector in both)
-        assert found == wanted
-        for detector in both:
-            detector.reset()
-
-
-@needs_library
+@needs_compiled
 @given(data=st.data())
 @settings(max_examples=100, deadline=None)
 def test_frames_are_those_of_python(layouts: list[Layout], data: st.DataObject) -> None:
     layout = data.draw(st.sampled_from(layouts))
-    decoders = of_both(lambda: Decoder(layout))
+    readers = [None, *(one.GoodScans for one in both(good_scans))]
+    decoders = []
+    for reader in readers:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(framing, "_READER", reader)
+            decoders.append(Decoder(layout))
     stream = data.draw(streams(layout))
     for piece in data.draw(st.lists(st.integers(0, max(len(stream), 1))).map(lambda cuts: cut(stream, cuts))):
-        found, wanted = (decoder.feed(piece) for decoder in decoders)
-        assert found == wanted
+        wanted, *found = (decoder.feed(piece) for decoder in decoders)
+        assert found == [wanted, wanted]
     counted = [(d.bytes_in, d.bytes_framed, d.bytes_discarded, d.bytes_pending) for d in decoders]
-    assert counted[0] == counted[1]
+    assert len(set(counted)) == 1
 
 
-@needs_library
-def test_the_library_reads_the_scans_of_both_layouts(layouts: list[Layout]) -> None:
+@needs_compiled
+def test_scans_of_both_layouts_are_read_in_one_pass(layouts: list[Layout]) -> None:
     for layout in layouts:
         scan = Scan(200, np.arange(36), None if layout.tick_s is None else 7, 5)
         framer = make_framer(layout, "board-to-host")
@@ -224,9 +285,22 @@ def streams(draw: st.DrawFn, layout: Layout) -> bytes:
     return b"".join(parts)
 
 
-def hook() -> ModuleType:
-    """Return `hatch_build.py` as a module."""
-    spec = importlib.util.spec_from_file_location("hatch_build", ROOT / "hatch_build.py")
+@pytest.fixture
+def tree(tmp_path: Path) -> Path:
+    """Folder with one plain module that has types of C, and the list of it."""
+    package = tmp_path / "tactiled"
+    package.mkdir()
+    shutil.copy(ROOT / "tactiled" / "compiled.py", package)
+    shutil.copy(ROOT / "tactiled" / "detect" / "contact" / "trees.py", package)
+    shutil.copy(ROOT / "tactiled" / "detect" / "contact" / "trees.pxd", package)
+    text = (package / "compiled.py").read_text()
+    first, last = text.index("MODULES = ("), text.index("SETTING =")
+    (package / "compiled.py").write_text(f'{text[:first]}MODULES = ("tactiled.trees",)\n{text[last:]}')
+    return tmp_path
+
+
+def load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -234,72 +308,38 @@ def hook() -> ModuleType:
     return module
 
 
-@pytest.fixture
-def tree(tmp_path: Path) -> Path:
-    """Folder with the C sources where the hook looks for them."""
-    (tmp_path / "tactiled").mkdir()
-    for source in compiled.SOURCES:
-        shutil.copy(source, tmp_path / "tactiled")
-    return tmp_path
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_the_hook_builds_a_library_that_loads_and_one_of_another_source_is_refused(tree: Path) -> None:
-    build = hook()
-    assert build.compile_library(tree)
-    library, sources = tree / build.LIBRARY, [tree / source for source in build.SOURCES]
-    assert [source.name for source in sources] == [source.name for source in compiled.SOURCES]
-    assert compiled.load(library, sources).words == "compiled"
-    for source in sources:
-        text = source.read_text()
-        source.write_text(text + "/* changed */\n")
-        assert "install again" in compiled.load(library, sources).words
-        source.write_text(text)
-        assert compiled.load(library, sources).words == "compiled"
-
-
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_an_array_of_variable_length_does_not_compile(tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """On the stack of a thread, an array of many taxels would end the process."""
-    build = hook()
-    source = tree / build.SOURCES[-1]
-    grown = "\nreal grown(ptrdiff_t n) { real all[n]; all[n - 1] = 1; return all[n - 1]; }\n"
-    source.write_text(source.read_text() + grown)
-    assert not build.compile_library(tree)
-    assert "variable length array" in capsys.readouterr().err
+@needs_compiled
+def test_the_hook_compiles_a_module_and_one_of_another_source_is_refused(tree: Path) -> None:
+    hook, names = load(ROOT / "hatch_build.py"), load(tree / "tactiled" / "compiled.py")
+    assert "without a C compiler" in names.why_plain()
+    (library,) = hook.compile_modules(tree)
+    assert names.why_plain() == ""
+    assert names.compiled_module("tactiled.trees").Trees is not None
+    source = tree / "tactiled" / "trees.py"
+    source.write_text(source.read_text() + "# changed\n")
+    assert "install again" in names.why_plain()
+    assert names.compiled_module("tactiled.trees") is None
+    assert hook.compile_modules(tree) != [library]
+    assert not library.exists()
 
 
 @pytest.mark.parametrize("compiler", ["no-such-compiler", "false"])
-def test_without_a_compiler_the_hook_leaves_no_library(
+def test_without_a_compiler_scans_take_plain_python(
     tree: Path, compiler: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    build = hook()
-    (tree / build.LIBRARY).write_bytes(b"of an older build")
+    hook, names = load(ROOT / "hatch_build.py"), load(tree / "tactiled" / "compiled.py")
     monkeypatch.setenv("CC", compiler)
-    assert not build.compile_library(tree)
-    left = {path.name for path in (tree / "tactiled").iterdir()}
-    assert left == {source.name for source in compiled.SOURCES}
-    assert "numpy" in capsys.readouterr().err
-    assert compiled.load(tree / build.LIBRARY, compiled.SOURCES).words == (
-        "numpy (built without a C compiler)"
-    )
+    assert hook.compile_modules(tree) == []
+    assert "plain Python" in capsys.readouterr().err
+    assert names.compiled_module("tactiled.trees") is None
 
 
-def test_a_file_that_is_no_library_is_refused(tree: Path) -> None:
-    library = tree / "tactiled" / "_compiled.so"
-    library.write_bytes(b"\x7fELF of nothing")
-    found = compiled.load(library)
-    assert found.functions is None
-    assert "does not load" in found.words
-
-
-def test_the_environment_forces_numpy() -> None:
-    script = "from tactiled import compiled; import json; print(json.dumps(compiled.path.words))"
+def test_the_environment_forces_plain_python() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", script],
-        env={"TACTILED_COMPILED": "0", "PYTHONPATH": str(ROOT)},
+        [sys.executable, "-c", "from tactiled import compiled; print(compiled.path_words())"],
+        env={compiled.SETTING: "0", "PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
         check=True,
     )
-    assert json.loads(done.stdout) == "numpy (TACTILED_COMPILED=0)"
+    assert done.stdout == "plain Python (TACTILED_COMPILED=0)\n"

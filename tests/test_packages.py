@@ -36,7 +36,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     project.write_text(project.read_text().replace('address = ""', f'address = "{ADDRESS}"'))
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
     built = [*pip, "--wheel-dir", str(folder), str(copy), str(copy / "packaging" / "client")]
-    subprocess.run(built, check=True, timeout=120)
+    subprocess.run(built, check=True, timeout=300)
     return {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
 
 
@@ -76,13 +76,13 @@ def test_the_sdist_of_the_client_builds_the_same_wheel(wheels: dict[str, Path], 
     assert (CLIENT / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
     build = "import sys; from hatchling.build import build_{0} as build; print(build(sys.argv[1]))"
     command = [sys.executable, "-c", build.format("sdist"), str(tmp_path)]
-    subprocess.run(command, cwd=CLIENT, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, cwd=CLIENT, check=True, capture_output=True, timeout=300)
     (sdist,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path / "away", filter="data")
     (folder,) = (tmp_path / "away").iterdir()
     command[2] = build.format("wheel")
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
     (wheel,) = tmp_path.glob("*.whl")
     assert files_of(wheel) == files_of(wheels["tactiled_client"])
     assert metadata_of(wheel)["Version"] == __version__

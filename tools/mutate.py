@@ -39,10 +39,9 @@ from tools.mutations import Mutation, mutations
 
 ROOT = Path(__file__).resolve().parents[1]
 # No files of git, but the tests run on them.
-_COMPILED = "tactiled/_compiled.so", "tactiled/detect/contact/_*.so"
-# The client over zenoh needs a router and a bridge, which the tests of the room zenoh have. What detectors do
-# in numpy runs only where it is compared with what is compiled.
-_ALSO = {"client": ("zenoh",), "detect": ("test_compiled.py",)}
+_COMPILED = "tactiled/**/_*.so"
+# The client over zenoh needs a router and a bridge, which the tests of the room zenoh have.
+_ALSO = {"client": ("zenoh",)}
 # A mutation may make a loop endless. A machine that others use may be slower than at the baseline.
 _TIMES_BASELINE, _LEAST_TIMEOUT_S = 5.0, 15.0
 _START_S = 60.0  # for the imports and the collection of tests, which may hang as well
@@ -148,7 +147,7 @@ class Tree:
         self.copy = Path(tempfile.mkdtemp(prefix="mutate-"))
         command = ["git", "-C", str(root), "ls-files", "-co", "--exclude-standard", "-z"]
         names = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split("\0")
-        compiled = [str(path.relative_to(root)) for pattern in _COMPILED for path in root.glob(pattern)]
+        compiled = [str(path.relative_to(root)) for path in root.glob(_COMPILED)]
         for name in [*names, *compiled]:
             if name and (root / name).is_file():
                 (self.copy / name).parent.mkdir(parents=True, exist_ok=True)

@@ -15,7 +15,7 @@ import numpy as np
 from tactiled import compiled
 from tactiled.array import ArrayFile, build
 from tactiled.detect.contact.detector import GripDetector
-from tactiled.detect.contact.readings import taxel_readings
+from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.samples.block import regular_block
 
 side, side_read, stack_kb = map(int, sys.argv[1:])
@@ -39,17 +39,19 @@ def contact():
 
 def readings():
     array = wide(side_read)
-    of_all = taxel_readings(array, 100.0)
-    of_all.begin(regular_block(np.ones((4, array.n_channels)), 100.0))
+    of_all = TaxelReadings(array, 100.0)
+    n = array.n_channels
+    of_all.begin(np.ones(4 * n), np.ones(4 * n, dtype=np.uint8), np.zeros(n))
     for scan in range(4):
-        seen.append(np.isfinite(of_all.take(scan, in_contact=True, is_pressed=True).load))
+        of_all.take(scan, True, True)
+        seen.append(np.isfinite(of_all.load))
 
 threading.stack_size(stack_kb * 1024)
 for part in (contact, readings):
     thread = threading.Thread(target=part)
     thread.start()
     thread.join()
-print(compiled.path.words, len(seen) == 5 and all(seen))
+print(compiled.path_words(), len(seen) == 5 and all(seen))
 """
 
 

@@ -1,4 +1,4 @@
-"""Throughput of the daemon and of files, on the compiled path and on numpy.
+"""Throughput of the daemon and of files, on the compiled path and in plain Python.
 
 A flood through a pty is read by the daemon and, after it, by the C program of `bench.latency`: how long the
 board waits until each has taken the scans. Files are detected and replayed by one processor. All of this is
@@ -46,12 +46,12 @@ from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.frames import Hello
 
-WAYS = {"compiled": "1", "numpy": "0"}
+WAYS = {"compiled": "1", "python": "0"}
 """Path of a scan, and the value of `compiled.SETTING` that selects it."""
 SCENES = ("rest", "slide")
 VERBS = ("detect", "replay")
 _HERE = Path(__file__).parent
-_SCANS = {"compiled": 30_000, "numpy": 30_000, "reference": 500_000}
+_SCANS = {"compiled": 30_000, "python": 30_000, "reference": 500_000}
 _REPEATS, _QUICK_REPEATS = 3, 1
 _QUICK_PART = 5  # so many times fewer scans and seconds
 _LONGEST_S = 120.0
@@ -127,7 +127,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> BenchRepor
     load, _, _ = os.getloadavg()
     text = (
         f"{repeats} repeats (median and range); load average {load:.1f} on {os.cpu_count()} processors. "
-        f"Path of a scan: {compiled.path.words}."
+        f"Path of a scan: {compiled.path_words()}."
     )
     return BenchReport(
         [text, _floods(result), _files(result), aims_table(AIMS, {"measured": result})], numbers=result
@@ -135,7 +135,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> BenchRepor
 
 
 def _ways() -> list[str]:
-    return list(WAYS) if compiled.path.functions is not None else ["numpy"]
+    return ["python"] if compiled.reason_plain else list(WAYS)
 
 
 def _environment(way: str) -> dict[str, str]:

@@ -671,10 +671,10 @@ struct Status {
     bool loss_known = false;
     // False where the frames of the board have no checksum: a damaged reading may then pass as a good one.
     bool damage_known = false;
-    // Path of a scan through the daemon: compiled C code, or numpy where it was installed without a C
-    // compiler; the results are the same, numpy takes more processor time.
+    // Path of a scan through the daemon: compiled, or plain Python where it was installed without a C
+    // compiler; the results are the same, plain Python takes more processor time.
     static constexpr const char* PATH_COMPILED = "compiled";
-    static constexpr const char* PATH_NUMPY = "numpy";
+    static constexpr const char* PATH_PYTHON = "python";
     std::string path;
     // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     // some.

@@ -28,7 +28,7 @@ def _show_version(context: click.Context, _parameter: click.Parameter, is_asked:
         return
     from tactiled import compiled
 
-    click.echo(f"tactiled, version {__version__}\npath of a scan: {compiled.path.words}")
+    click.echo(f"tactiled, version {__version__}\npath of a scan: {compiled.path_words()}")
     context.exit()
 
 

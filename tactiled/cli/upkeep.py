@@ -120,7 +120,7 @@ def check_config(
             click.echo(f"warning: {warning}", err=True)
         for line in resolved_in_words(setup):
             click.echo(line, err=True)
-    click.echo(f"path of a scan: {compiled.path.words}", err=True)
+    click.echo(f"path of a scan: {compiled.path_words()}", err=True)
 
 
 def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:

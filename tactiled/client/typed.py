@@ -571,9 +571,9 @@ class StatusData(TypedDict):
     """
     damage_known: bool
     """False where the frames of the board have no checksum: a damaged reading may then pass as a good one."""
-    path: Literal["compiled", "numpy"]
-    """Path of a scan through the daemon: compiled C code, or numpy where it was installed without a C
-    compiler; the results are the same, numpy takes more processor time.
+    path: Literal["compiled", "python"]
+    """Path of a scan through the daemon: compiled, or plain Python where it was installed without a C
+    compiler; the results are the same, plain Python takes more processor time.
     """
     sent: SentData
     """Number of messages of each topic published in this run: a subscriber that has received fewer has lost

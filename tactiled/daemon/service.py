@@ -91,7 +91,7 @@ class Service:
             tasks.append(asyncio.create_task(self._exporter.run()))
         try:
             self._notifier.ready()
-            logger.info("path of a scan: %s", compiled.path.words)
+            logger.info("path of a scan: %s", compiled.path_words())
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
             self._notifier.stopping()
             for finished in (self._end, *tasks):

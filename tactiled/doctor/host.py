@@ -119,10 +119,12 @@ def check_disk(record: RecordParams) -> list[Finding]:
 
 def check_compiled_path() -> Finding:
     """Say which path a scan takes here; both have the same results."""
-    if compiled.path.functions is not None:
+    if not compiled.reason_plain:
         return Finding("path of a scan", "ok", "compiled")
-    words = f"{compiled.path.words}: the same results, for about twice the processor time of a scan"
-    return Finding("path of a scan", "warn", words, "install a C compiler (cc), then tactiled again")
+    words = f"{compiled.path_words()}; the results are the same, a scan in contact takes 2 ms, not 0.1 ms"
+    return Finding(
+        "path of a scan", "warn", words, "sudo apt install gcc python3-dev, then install tactiled again"
+    )
 
 
 def check_installation(root: Path = Path("/")) -> list[Finding]:

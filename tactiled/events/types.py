@@ -262,7 +262,7 @@ class Sent:
 BoardState = Literal["no-device", "syncing", "running", "stalled", "fault"]
 
 
-ScanPath = Literal["compiled", "numpy"]
+ScanPath = Literal["compiled", "python"]
 
 
 @dataclass(frozen=True, kw_only=True)

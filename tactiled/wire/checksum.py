@@ -13,7 +13,7 @@ class Checksum:
     n_bytes: int
     compute: Callable[[bytes], int]
     crc16_start: int | None = None
-    """First remainder, where the polynomial is that of `compiled.c`."""
+    """First remainder, where the polynomial is that of `good_scans`."""
 
 
 NO_CHECKSUM = Checksum(0, lambda _: 0)

@@ -21,14 +21,13 @@ surely detects).
 """
 
 import itertools
-from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from typing import Any, Protocol
 
 import numpy as np
 
-from tactiled import compiled
+from tactiled.compiled import compiled_module
 from tactiled.wire import cobs
 from tactiled.wire.fixed import FixedCommandFramer
 from tactiled.wire.frames import Corrupt, Scan
@@ -91,45 +90,48 @@ class _Checker:
 _LEAST_TAKEN = 32
 
 
+_MOST_BYTES, _MOST_SCANS = 1 << 16, 1024  # of one call of the compiled reader
+_READER: Any = getattr(compiled_module("tactiled.wire.good_scans"), "GoodScans", None)
+
+
 class _GoodScans:
-    """Compiled reader of the good scans at the beginning of a buffer of COBS frames.
+    """Reader of the good scans at the beginning of a buffer of COBS frames, where it is compiled.
 
     Parameters
     ----------
-    library : ctypes.CDLL
     layout : Layout
     crc16_start : int
     limit : int
         Bytes before which the delimiter of a frame must come.
     """
 
-    MOST_BYTES, MOST_SCANS = 1 << 16, 1024  # of one call
-
-    def __init__(self, library: Any, layout: Layout, crc16_start: int, limit: int) -> None:
+    def __init__(self, layout: Layout, crc16_start: int, limit: int) -> None:
         scan = layout.messages["scan"]
         fields = {name: field[:2] for name, field in (scan.dtype.fields or {}).items()}
         heads = [fields.get(name) for name in ("sequence", "ticks", "flags")]
-        places = [0 if head is None else head[1] + layout.type_bytes for head in heads]
-        widths = [0 if head is None else head[0].itemsize for head in heads]
         counts, counts_at = fields["counts"]
-        numbers = [
-            limit, crc16_start, layout.byte_order == "little",
-            scan.id, layout.type_bytes, layout.body_bytes(scan), *places, *widths,
-            counts_at + layout.type_bytes, counts.base.itemsize, counts.base.kind == "i", layout.n_channels,
-        ]  # fmt: skip
-        self._message = np.array(numbers, dtype=np.int64)
         self._has_ticks = "ticks" in fields
-        self._body = np.empty(limit, dtype=np.uint8)
-        self._heads = array("q", bytes(8 * 4 * self.MOST_SCANS))  # each index takes less time than with numpy
-        self._counts = np.empty((self.MOST_SCANS, layout.n_channels), dtype=np.int64)
-        self._read = compiled.bind(
-            library.tactiled_scans, self._message, self._body, self.MOST_SCANS,
-            self._heads.buffer_info()[0], self._counts,
-        )  # fmt: skip
+        self._counts = np.empty((_MOST_SCANS, layout.n_channels), dtype=np.int64)
+        self._reader = _READER(
+            limit,
+            crc16_start,
+            layout.byte_order == "little",
+            scan.id,
+            layout.type_bytes,
+            layout.body_bytes(scan),
+            [0 if head is None else head[1] + layout.type_bytes for head in heads],
+            [0 if head is None else head[0].itemsize for head in heads],
+            counts_at + layout.type_bytes,
+            counts.base.itemsize,
+            counts.base.kind == "i",
+            _MOST_SCANS,
+            self._counts.reshape(-1),
+        )
+        self._heads = self._reader.heads
 
     def take(self, data: bytes) -> tuple[list[Scan], int]:
         """Return the good scans at the beginning, and the bytes that they take."""
-        n = self._read(data, min(len(data), self.MOST_BYTES))
+        n = self._reader.take(data[:_MOST_BYTES])
         if not n:
             return [], 0
         heads, has_ticks = self._heads, self._has_ticks
@@ -158,10 +160,10 @@ class CobsFramer:
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._buffer = bytearray()
         self._scans: _GoodScans | None = None
-        library, crc16_start = compiled.library(), layout.checksum.crc16_start
+        crc16_start = layout.checksum.crc16_start
         is_plain = not (layout.covers_length or layout.carries_units or layout.channel_places is not None)
-        if library is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
-            self._scans = _GoodScans(library, layout, crc16_start, self._limit)
+        if _READER is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
+            self._scans = _GoodScans(layout, crc16_start, self._limit)
         self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
@@ -170,7 +172,7 @@ class CobsFramer:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
-        """Return what `data` completes, in order: bodies, scans where a library reads them, corruptions."""
+        """Return what `data` completes, in order: bodies, scans that were read already, corruptions."""
         self.bytes_in += len(data)
         scans: list[Scan] = []
         if self._scans is not None and not self._buffer:
@@ -187,7 +189,7 @@ class CobsFramer:
         buffer, limit = self._buffer, self._limit
         while buffer:
             if self._scans is not None:
-                scans, used = self._scans.take(bytes(buffer[: self._scans.MOST_BYTES]))
+                scans, used = self._scans.take(bytes(buffer[:_MOST_BYTES]))
                 if used:
                     self.bytes_framed += used
                     del buffer[:used]

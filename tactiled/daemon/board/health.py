@@ -63,7 +63,7 @@ def status_event(
         fits_late=health.fits_late,
         loss_known=health.loss_known,
         damage_known=health.damage_known,
-        path="numpy" if compiled.path.functions is None else "compiled",
+        path="python" if compiled.reason_plain else "compiled",
     )
 
 

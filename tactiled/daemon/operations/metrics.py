@@ -201,7 +201,7 @@ class Metrics:
 
 def metrics_text(boards: Iterable[Metrics]) -> str:
     """Format the metrics of all boards for one scrape, each family once."""
-    labels = {"version": __version__, "scan_path": compiled.path.words}
+    labels = {"version": __version__, "scan_path": compiled.path_words()}
     version: Family = ("info", "gauge", "Version of tactiled, and the path of a scan.", [("", labels, 1)])
     merged: dict[str, Family] = {"info": version}
     for metrics in boards:

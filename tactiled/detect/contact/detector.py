@@ -14,7 +14,7 @@ from tactiled.detect.contact.filter import ContactFilter, Verdict
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.posterior import INCIPIENT_SHARE, INCIPIENT_USED
 from tactiled.detect.contact.press import PressZero
-from tactiled.detect.contact.readings import AnyTaxelReadings, ScanReading, taxel_readings
+from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact import ContactParams
 from tactiled.events.types import Event, GripEvent, GripState
@@ -154,7 +154,7 @@ class GripDetector:
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._n_baseline = 0
         self._rate_hz = 0.0
-        self._readings: AnyTaxelReadings | None = None  # from the first scan on
+        self._readings: TaxelReadings | None = None  # from the first scan on
         self._touch: _Touch | None = None
         self._before_gap: _Touch | None = None  # contact that a gap interrupted
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
@@ -245,20 +245,24 @@ class GripDetector:
         readings = self._readings
         if readings is None:
             readings = self._make(block.rate_hz)
-        readings.begin(block)
+        readings.begin(
+            block.volts.ravel(),
+            block.valid.ravel().view(np.uint8),
+            block.channel_offset_s,
+        )
         for scan, (time_s, is_late) in enumerate(
             zip(block.time_s.tolist(), block.late.tolist(), strict=True)
         ):
             in_contact = self._touch is not None or self._before_gap is not None
             is_pressed = self._touch is not None and self._touch.is_pressed
-            reading = readings.take(scan, in_contact=in_contact, is_pressed=is_pressed)
-            self.is_trusted = reading.is_read and not is_late
-            yield self._step(readings, reading, time_s, is_late)
+            readings.take(scan, in_contact, is_pressed)
+            self.is_trusted = readings.is_read and not is_late
+            yield self._step(readings, time_s, is_late)
 
-    def _make(self, rate_hz: float) -> AnyTaxelReadings:
+    def _make(self, rate_hz: float) -> TaxelReadings:
         """Make all that depends on the scan rate."""
         self._rate_hz = rate_hz
-        self._readings = taxel_readings(self._array, rate_hz)
+        self._readings = TaxelReadings(self._array, rate_hz)
         self._ripple = TravellingRipple(self._array, rate_hz)
         x, y = self._places
         self._filter = ContactFilter(
@@ -284,7 +288,7 @@ class GripDetector:
         events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
         if self._touch is not None:
             self._before_gap, self._touch = self._touch, None
-            self._loads_before_gap = self._readings.history[-1, 0].copy()
+            self._loads_before_gap = self._readings.recent[-1, 0].copy()
         self._is_after_gap = True
         self._readings.interrupt()
         return events
@@ -297,8 +301,7 @@ class GripDetector:
 
     def _step(
         self,
-        readings: AnyTaxelReadings,
-        reading: ScanReading,
+        readings: TaxelReadings,
         time_s: float,
         is_late: bool,
     ) -> GripEvent | None:
@@ -306,12 +309,12 @@ class GripDetector:
         before_s, self._last_s = self._last_s, time_s
         self.acceleration_m_s2 = self._motion.at(time_s)
         is_seen, self._is_after_gap = not self._is_after_gap, False
-        if reading.is_lost:
+        if readings.is_lost:
             self._filter.memory.widen(_DROPPED_SD)
-        load = reading.load
-        least = max(_CONTACT_NOISES * reading.load_sd, self._least_load)
+        load = readings.load
+        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._before_gap is not None:
-            loads = readings.history[-1, 0]
+            loads = readings.recent[-1, 0]
             self._touch = self._resume(self._before_gap, loads, load > least, time_s - before_s)
             self._before_gap = None
             if self._touch is None:
@@ -331,7 +334,7 @@ class GripDetector:
         elif load < least / 2:
             self._end_touch(readings)
             return _no_contact(time_s, valid=self.is_trusted)
-        self._touch.take(reading, readings.history[-1], self.acceleration_m_s2, may_slip=self.may_slip)
+        self._touch.take(readings, readings.recent[-1], self.acceleration_m_s2, may_slip=self.may_slip)
         return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
 
     def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
@@ -345,7 +348,7 @@ class GripDetector:
         self._filter.memory.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
         return None
 
-    def _end_touch(self, readings: AnyTaxelReadings) -> None:
+    def _end_touch(self, readings: TaxelReadings) -> None:
         self._touch = None
         readings.release()
         if self._is_friction_due:
@@ -377,20 +380,20 @@ class _Touch:
         self._ripple.reset()
 
     def take(
-        self, reading: ScanReading, newest: FloatArray, acceleration_m_s2: float, *, may_slip: bool
+        self, readings: TaxelReadings, newest: FloatArray, acceleration_m_s2: float, *, may_slip: bool
     ) -> None:
         """Take a scan, with its loads and shears (3, taxels) and the announced acceleration."""
         zero, contact = self._zero, self._filter
         signs = contact.signs
         if not zero.is_measured:
-            zero.take(newest[0], newest[1:], reading.shear_sd, reading.total_sd)
+            zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
             load = max(float(newest[0].sum()), _TINY)
-            self._offset_sd = math.hypot(zero.whole_sd, reading.total_sd / load)
+            self._offset_sd = math.hypot(zero.whole_sd, readings.total_sd / load)
         signs.take(newest.reshape(-1), zero.parts.reshape(-1))
         rippled_s = self._ripple.take(newest)
         is_look = self.scan is None or signs.n_scans >= contact.n_look
         if is_look:
-            contact.look(reading.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
+            contact.look(readings.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
             contact.is_known = contact.is_known or zero.is_seen
         if contact.gate.is_open and not may_slip:
             contact.gate.close()

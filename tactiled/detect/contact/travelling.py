@@ -94,14 +94,16 @@ class TravellingRipple:
 
     def _travels(self, n: int) -> bool:
         """Return True where a ripple travels in the newest means."""
-        responses = self._past[np.arange(self._n - n, self._n) % len(self._past)]
+        last = self._n % len(self._past)
+        newest = [self._past[last - n : last]] if n <= last else [self._past[last - n :], self._past[:last]]
+        responses = np.concatenate(newest)
         load = np.maximum(responses[:, 0].mean(axis=0), 0.0)
-        planes = np.linalg.qr((self._places * load).T)[0]
+        # What the planes leave, in directions that are orthogonal to them and to one another.
+        beyond = np.linalg.qr((self._places * load).T, mode="complete")[0][:, len(self._places) :]
         line, hann = _bases(n)
         flat = responses.reshape(n, -1)
-        centred = (flat - line @ (line.T @ flat)).reshape(responses.shape)
-        beyond = np.eye(len(load)) - planes @ planes.T
-        own = (centred.reshape(-1, len(load)) @ beyond).reshape(centred.shape)
+        flat -= line @ (line.T @ flat)
+        own = flat.reshape(-1, len(load)) @ beyond
         series = np.ascontiguousarray(own.reshape(n, -1).T)
         lines = np.fft.rfft(hann * series)[:, : n // 2]
         power = (lines.real**2 + lines.imag**2).sum(axis=0)
@@ -119,16 +121,16 @@ class TravellingRipple:
         if power[peak] <= rest:
             return False
         z = lines[:, peak]
-        turns = np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
-        whole = float((np.abs(np.tensordot(turns * hann, centred, 1)) ** 2).sum())
+        turns = hann * np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
+        whole = float((np.abs(turns @ flat) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
             return False
-        newest = own[-n // 4 :]
-        return bool((newest**2).mean() > _STOPPED * (own**2).mean())
+        energy = (series**2).mean(axis=0)
+        return bool(energy[-n // 4 :].mean() > _STOPPED * energy.mean())
 
 
 @functools.lru_cache(maxsize=16)
 def _bases(n: int) -> tuple[FloatArray, FloatArray]:
-    """Return mean and slope (n, 2), and a Hann window (n,): other slow changes stay in view."""
-    steps = np.linspace(-1.0, 1.0, n)
-    return np.linalg.qr(np.polynomial.legendre.legvander(steps, 1))[0], np.hanning(n)
+    """Return mean and slope (n, 2), orthonormal, and a Hann window (n,): other slow changes stay in view."""
+    line = np.stack([np.ones(n), np.linspace(-1.0, 1.0, n)], axis=1)
+    return line / np.sqrt((line**2).sum(axis=0)), np.hanning(n)

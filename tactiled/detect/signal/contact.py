@@ -11,7 +11,7 @@ state stays and only the count of steady scans starts anew.
 pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,18 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from tactiled import compiled
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.fast import Pressure
 from tactiled.detect.signal.noise import GROUP_SCANS, RestNoise
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# A side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
-# relieved and their load on the third, the multiple would be three.
-_ONE_SIDE = 5.0
-_LEAST_SIDES = 3  # of two readings that differ, the wrong one cannot be identified
 # Levels where neither the parameters nor the array file give any.
 # Noise at rest is stated up to two times too small (`RestNoise`): this leaves 6 standard deviations.
 _CONTACT_SDS = 12.0
@@ -164,46 +160,41 @@ class ContactTracker:
         self._levels = _Levels(array, params)
         self._grid = Quantiser(array)
         weights = array.normal_weights()
-        self._signs = np.sign(weights).T.copy()  # (channels, taxels): whole, so that sums are exact
-        self._sign = self._signs.sum(axis=1)  # a channel is of one taxel
-        self._counted = np.abs(self._signs)
+        self._counted = np.abs(np.sign(weights)).T.copy()  # (channels, taxels)
+        self._all_readings = self._counted.sum(axis=0)
         # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
-        counts = np.maximum(self._counted.sum(axis=0), 1).astype(np.int64)
-        self._denominator = float(np.lcm.reduce(counts))
-        self._total_weights = np.rint(weights.sum(axis=0) * self._denominator)
+        counts = self._all_readings.astype(np.int64)
+        denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
+        self._total_weights = np.rint(weights.sum(axis=0) * denominator)
         own = [np.flatnonzero(column) for column in self._counted.T]
         most = max(1, *map(len, own))
-        self._own = np.array([np.resize(row, most) for row in own])  # (taxels, channels of one)
+        self._own = np.array(
+            [np.resize(row, most) for row in own], dtype=np.int64
+        )  # (taxels, channels of one)
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
-        self._line = 2.0 * np.arange(n) - (n - 1)
-        self._all_readings = self._counted.sum(axis=0)
-        self._slope_scale = (
-            self._grid.volts_per_step / self._denominator * rate_hz * 2 / float(self._line @ self._line)
-        )
+        line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
+        slope_scale = self._grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line)
         # Standard deviation of the slope for a standard deviation of 1 of the total.
-        self._slope_noise = self._slope_scale * float(np.sqrt(self._line @ self._line))
-        self._signs_of_taxels = self._signs.T.copy()
+        self._slope_noise = slope_scale * float(np.sqrt(line @ line))
+        self._pressure = Pressure(
+            self._own.reshape(-1),
+            counts,
+            np.sign(weights).sum(axis=0),  # a channel is of one taxel
+            self._total_weights,
+            line,
+            self._grid.volts_per_step,
+            slope_scale,
+        )
         self._given_levels: FloatArray | None = None
-        if (given := self._levels.given) is not None:
-            self._given_levels = np.empty((3, 1, array.n_taxels))
-            self._given_levels[0], self._given_levels[1], self._given_levels[2] = (
-                self._all_readings,
-                given[0],
-                given[1],
-            )
-        self._measure: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            self._measure = compiled.bind(
-                library.tactiled_contact, array.n_channels, *self._own.shape, n, self._own,
-                self._signs_of_taxels, self._sign, self._total_weights, self._line, _ONE_SIDE, _LEAST_SIDES,
-                self._grid.volts_per_step, self._slope_scale,
-            )  # fmt: skip
+        if self._levels.given is not None:
+            contact, release, _ = self._levels.given
+            of_taxels = np.ones(array.n_taxels)
+            self._given_levels = np.stack([self._all_readings, contact * of_taxels, release * of_taxels])
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self.state: ContactState = "none"
         self._is_first = True
         self._n_blind = self._levels.n_blind  # scans before the levels are known
-        self._totals: FloatArray | None = None
         self._steady = 0
         self._steady_before = 0  # length of the steady stretch before this unsteady one
         self._unsteady = 0
@@ -263,66 +254,21 @@ class ContactTracker:
         release: FloatArray | float,
     ) -> "_TouchingTaxels":
         """Compare the pressure of steps (n, channels) with levels; the slope is that of the held steps."""
-        if self._measure is not None:
-            return self._touch_compiled(self._measure, steps, readings, held, contact, release)
-        pressure = self._sums(steps, readings) * self._grid.volts_per_step / np.maximum(readings, 1.0)
-        taxel_touches = pressure > contact
-        n_touching = np.maximum(taxel_touches.sum(axis=1), 1).astype(np.float64)
-        return _TouchingTaxels(
-            pressure,
-            taxel_touches,
-            taxel_touches.any(axis=1),
-            (pressure < release).all(axis=1),
-            n_touching,
-            self._slope(held) / n_touching,
-        )
-
-    def _touch_compiled(
-        self,
-        measure: Callable[..., None],
-        steps: FloatArray,
-        readings: FloatArray,
-        held: FloatArray,
-        contact: FloatArray | float,
-        release: FloatArray | float,
-    ) -> "_TouchingTaxels":
-        steps, held = compiled.dense(steps, np.float64), compiled.dense(held, np.float64)
         n, taxels = len(steps), len(self._own)
-        each = readings.ndim == 2 or isinstance(contact, np.ndarray)
         levels = self._given_levels
-        if each or levels is None:
-            levels = np.empty((3, n if each else 1, taxels))  # readings, contact, release
+        if levels is None or readings.ndim == 2:
+            levels = np.empty((3, n, taxels))
             levels[0], levels[1], levels[2] = readings, contact, release
-        reals, flags = np.empty((taxels + 2, n)), np.empty((taxels + 2, n), dtype=np.bool_)
-        n_before = len(self._line) - 1
-        totals = np.empty(n_before + n)
-        totals[:n_before] = held[0] @ self._total_weights if self._totals is None else self._totals
-        at = compiled.address
-        level, real, flag = at(levels), at(reals), at(flags)
-        measure(
-            n, at(steps), at(held), level, level + levels[0].nbytes, level + 2 * levels[0].nbytes, each,
-            at(totals), real + 16 * n, real, real + 8 * n, flag + 2 * n, flag, flag + n,
-        )  # fmt: skip
-        n_touching, slope_volts_s, pressure = reals[0], reals[1], reals[2:].reshape(n, taxels)
-        touches, released, taxel_touches = flags[0], flags[1], flags[2:].reshape(n, taxels)
-        self._totals = totals[n:]
-        return _TouchingTaxels(pressure, taxel_touches, touches, released, n_touching, slope_volts_s)
-
-    def _sums(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
-        """Sum the steps of each taxel (n, taxels); whole numbers except where one side was clipped."""
-        sums = steps @ self._signs
-        largest = (steps * self._sign)[:, self._own].max(axis=2)
-        rest = sums - largest
-        bounded = rest + np.minimum(largest, _ONE_SIDE / np.maximum(readings - 1, 1.0) * rest)
-        return np.where(readings >= _LEAST_SIDES, bounded, sums)
-
-    def _slope(self, steps: FloatArray) -> FloatArray:
-        totals = steps @ self._total_weights
-        before = self._totals if self._totals is not None else np.full(len(self._line) - 1, totals[0])
-        seen = np.concatenate([before, totals])
-        self._totals = seen[len(totals) :].copy()
-        slope: FloatArray = np.correlate(seen, self._line, "valid") * self._slope_scale
-        return slope
+        reals, flags = np.empty((2 + taxels) * n), np.empty((2 + taxels) * n, dtype=np.bool_)
+        self._pressure.take(n, steps.ravel(), held.ravel(), levels.ravel(), reals, flags.view(np.uint8))
+        return _TouchingTaxels(
+            pressure=reals[2 * n :].reshape(n, taxels),
+            taxel_touches=flags[2 * n :].reshape(n, taxels),
+            touches=flags[:n],
+            released=flags[n : 2 * n],
+            n_touching=reals[:n],
+            slope_volts_s=reals[n : 2 * n],
+        )
 
     def step(
         self, touches: bool, released: bool, slope_volts_s: float, loading_volts_s: float

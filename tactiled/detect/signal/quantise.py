@@ -7,14 +7,13 @@ ADC of the 2019 paper), and every sum over readings that a detector takes in blo
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled import compiled
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.fast import Hold
 from tactiled.samples.block import ScanBlock
 
 READING_BITS = 23  # with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
@@ -52,48 +51,28 @@ class Quantiser:
         self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
         self.volts_per_step = self.full_scale_volts / 2**READING_BITS
         self._n_channels = array.n_channels
-        self._last = np.zeros(self._n_channels)
-        self._hold_all: Callable[..., int] | None = None
-        if (library := compiled.library()) is not None:
-            self._hold_all = compiled.bind(
-                library.tactiled_hold,
-                self._n_channels,
-                self.full_scale_volts,
-                1.0 / self.volts_per_step,
-                self._last,
-            )
+        self.reset()
 
     def reset(self) -> None:
         """Forget the held readings."""
-        self._last[:] = 0.0
+        self.hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
 
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
-        if self._hold_all is not None:
-            volts, valid = compiled.dense(block.volts, np.float64), compiled.dense(block.valid, np.bool_)
-            steps, ok = np.empty(volts.shape), np.empty(volts.shape, dtype=np.bool_)
-            address = compiled.address
-            none_is_held = self._hold_all(
-                len(volts), address(volts), address(valid), address(steps), address(ok)
-            )
-            return HeldReadings(steps, ok, bool(none_is_held))
-        ok = block.valid & (np.abs(block.volts) <= self.full_scale_volts)
-        steps = self.round(block.volts)
-        all_ok = bool(ok.all())
-        if not all_ok:
-            steps = self._hold(steps, ok)
-        self._last[:] = steps[-1]
-        return HeldReadings(steps, ok, all_ok)
+        shape = block.volts.shape
+        steps, ok = np.empty(shape), np.empty(shape, dtype=np.bool_)
+        is_all = self.hold.take(
+            shape[0],
+            0,
+            block.volts.ravel(),
+            block.valid.ravel().view(np.uint8),
+            steps.reshape(-1),
+            ok.reshape(-1).view(np.uint8),
+        )
+        return HeldReadings(steps, ok, is_all)
 
     def round(self, volts: FloatArray) -> FloatArray:
         """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""
         limit = self.full_scale_volts
         steps: FloatArray = np.rint(np.clip(volts, -limit, limit) * (1.0 / self.volts_per_step))
         return steps
-
-    def _hold(self, steps: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
-        rows = np.arange(1, len(steps) + 1)[:, np.newaxis]
-        newest_good = np.maximum.accumulate(np.where(ok, rows, 0), axis=0)
-        source = np.concatenate([self._last[np.newaxis], steps])
-        held: FloatArray = np.take_along_axis(source, newest_good, axis=0)
-        return held

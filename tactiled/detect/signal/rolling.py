@@ -1,10 +1,7 @@
 """Rows of the newest scans in one dense array, so that windows over them are views."""
 
-import math
-
 import numpy as np
 
-from tactiled import compiled
 from tactiled.array import FloatArray
 
 _SPARE = 2  # times the rows that are added at once: the kept rows move to the front once in so many calls
@@ -27,7 +24,6 @@ class RollingRows:
 
     def __init__(self, n_kept: int, shape: tuple[int, ...], n_most: int) -> None:
         self._rows = np.zeros((n_kept + _SPARE * n_most, *shape))
-        self._address, self._row_bytes = compiled.address(self._rows), 8 * math.prod(shape)
         self._n_kept = n_kept
         self._end = n_kept
 
@@ -38,10 +34,6 @@ class RollingRows:
             self._end = self._n_kept
         self._end += n
         return self._rows[self._end - n : self._end]
-
-    def address(self, n: int) -> int:
-        """Return the address of the first of the newest n rows."""
-        return self._address + (self._end - n) * self._row_bytes
 
     def newest(self, n: int) -> FloatArray:
         """Return the newest n rows."""

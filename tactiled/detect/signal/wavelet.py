@@ -8,23 +8,21 @@ were good readings.
 
 Exactness. Readings are whole steps within 2^23 (see `quantise`); taps are whole multiples of 2^-24. The sum
 of a filter's absolute taps is at most 9.14 (level 6), so no partial sum exceeds 9.14 * 2^47 < 2^50.2 <
-2^53: every matrix product, in any order and any chunking, gives the same bits. Rounded taps are adjusted so
+2^53: the sum, in any order and any chunking, has the same bits. Rounded taps are adjusted so
 that they and their first moment sum to zero exactly: a constant and a steady ramp give exactly 0, for ever.
 The error from rounding is bounded by `error_volts` and is below 1 uV rms in use.
 """
 
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pywt
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
-from tactiled import compiled
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.fast import Bank
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.rolling import RollingRows
 from tactiled.samples.block import Gap, ScanBlock
@@ -33,7 +31,6 @@ from tactiled.tomlfile import Params
 MAX_LEVEL = 6
 PIECE_SCANS = 1024  # most scans filtered at once: bounds the memory of long blocks
 _TAP_SCALE = 2.0**24
-_ROWS = 16  # outputs for each Toeplitz product: long enough for BLAS, short enough to waste little
 
 
 class BankParams(Params):
@@ -145,19 +142,7 @@ class SwtBank:
         self._borders = np.array([border_scans(level) for level in self.levels])
         self._border = int(self._borders[-1])
         scale = self._quantiser.volts_per_step  # a power of two: products with it do not round
-        self._toeplitz = [_toeplitz(taps(level) * scale) for level in self.levels]
-        self._one_scan = np.zeros((len(self.levels), self._border + 1))
-        for row, matrix in zip(self._one_scan, self._toeplitz, strict=True):
-            n_taps = matrix.shape[1] - (_ROWS - 1)
-            row[-n_taps:] = matrix[0, :n_taps]
-        self._lengths = np.array([len(taps(level)) for level in self.levels])
-        self._taps = np.concatenate([taps(level) * scale for level in self.levels])
-        self._filter: Callable[..., None] | None = None
-        if (library := compiled.library()) is not None:
-            n_levels = len(self.levels)
-            self._filter = compiled.bind(
-                library.tactiled_bank, self._n_channels, n_levels, self._lengths, self._taps
-            )
+        self._bank = Bank(array.n_channels, [taps(level) * scale for level in self.levels])
         self.reset()
 
     def reset(self) -> None:
@@ -204,13 +189,8 @@ class SwtBank:
         n = len(steps)
         self._append(steps)
         volts = np.empty((n, len(self.levels), self._n_channels))
-        if self._filter is not None:
-            self._filter(n, self._steps.address(n), compiled.address(volts))
-        elif n == 1:
-            np.matmul(self._one_scan, self._steps.newest(self._border + 1), out=volts[0])
-        else:
-            for row, matrix in enumerate(self._toeplitz):
-                self._filter_level(matrix, volts[:, row])
+        seen = self._steps.newest(n + self._border)
+        self._bank.take(n, self._border, seen.reshape(-1), volts.reshape(-1))
         return volts
 
     def recent_steps(self, n: int) -> FloatArray:
@@ -226,18 +206,6 @@ class SwtBank:
             self._steps.newest(self._border)[:] = steps[0]
         self._steps.append(len(steps))[:] = steps
 
-    def _filter_level(self, matrix: FloatArray, out: FloatArray) -> None:
-        """``out (n, channels)``: Toeplitz products over groups of `_ROWS` scans, then the rest."""
-        n_taps = matrix.shape[1] - (_ROWS - 1)
-        n = len(out)
-        seen = self._steps.newest(n + n_taps - 1)
-        n_grouped = n - n % _ROWS
-        if n_grouped:
-            groups = sliding_window_view(seen, matrix.shape[1], axis=0)[::_ROWS][: n_grouped // _ROWS]
-            out[:n_grouped] = (matrix @ groups.swapaxes(1, 2)).reshape(n_grouped, -1)
-        if rest := n - n_grouped:
-            out[n_grouped:] = matrix[:rest, : n_taps - 1 + rest] @ seen[n_grouped:]
-
     def _usable(self, ok: NDArray[np.bool_], *, all_ok: bool) -> NDArray[np.bool_]:
         n = len(ok)
         scans = np.arange(self._n_usable, self._n_usable + n)[:, np.newaxis]
@@ -249,14 +217,6 @@ class SwtBank:
             self._newest_bad = newest_bad[-1].copy()
         clean_scans = scans - newest_bad
         return clean_scans[:, np.newaxis, :] > self._borders[:, np.newaxis]
-
-
-def _toeplitz(filter_taps: FloatArray) -> FloatArray:
-    """Matrix (`_ROWS`, taps + `_ROWS` - 1) whose product with consecutive scans filters `_ROWS` of them."""
-    matrix = np.zeros((_ROWS, len(filter_taps) + _ROWS - 1))
-    for row in range(_ROWS):
-        matrix[row, row : row + len(filter_taps)] = filter_taps[::-1]
-    return matrix
 
 
 def coefficients(array: Array, block: ScanBlock, params: BankParams | None = None) -> WaveletCoefficients:

@@ -104,7 +104,7 @@ def bare(errors: LineErrors | None = None) -> Metrics:
 
 
 def test_the_version_has_the_path_of_a_scan_as_a_label() -> None:
-    assert f'scan_path="{compiled.path.words}"' in metrics_text([])
+    assert f'scan_path="{compiled.path_words()}"' in metrics_text([])
 
 
 def test_metrics_are_valid_before_the_first_event() -> None:

@@ -1,20 +1,39 @@
-"""Channels that jump, in numpy: what the compiled form is compared with."""
+"""Channels that jump, and those that do not."""
+
+from array import array
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from tactiled.array import load_array
-from tactiled.detect.contact.jumps import JumpGate
+from tactiled.array import FloatArray, load_array
+from tactiled.detect.signal.fast import Jumps
 
 ARRAY = load_array("wang2019-3x3")
 OWN = np.arange(9)[:, np.newaxis] == ARRAY.channel_taxel
 LOADS, SD = np.ones(9), np.full(36, 1e-4)
 
 
-def gate(volts: np.ndarray) -> JumpGate:
-    found = JumpGate(OWN)
-    found.skip(volts)
-    return found
+class Gate:
+    """Readings of a contact whose press is over."""
+
+    def __init__(self, volts: FloatArray) -> None:
+        self._jumps = Jumps(OWN.ravel().view(np.uint8), 9)
+        self._jumps.take(array("d", volts), 0, array("d", LOADS), array("d", SD), False)
+
+    def take(self, volts: FloatArray, loads: FloatArray, sd: FloatArray) -> NDArray[np.bool_] | None:
+        """Return the channels that jump, None without any."""
+        self._jumps.take(array("d", volts), 0, array("d", loads), array("d", sd), True)
+        found = np.array(self._jumps.found, dtype=np.bool_)
+        return found if found.any() else None
+
+    @property
+    def accepted(self) -> list[float]:
+        return list(self._jumps.accepted)
+
+
+def gate(volts: FloatArray) -> Gate:
+    return Gate(volts)
 
 
 @pytest.mark.parametrize(("taxels", "jumps"), [(1, True), (3, True), (4, False), (9, False)])

@@ -1,11 +1,13 @@
 """Loads and shears where a side of the taxels has lost its load."""
 
+from array import array
+
 import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.observe import Responses
-from tactiled.detect.contact.relief import RelievedSides
+from tactiled.detect.contact.observe import Responses, relieved_sides
+from tactiled.detect.signal.fast import RelievedSides
 
 ARRAY = load_array("wang2019-3x3")
 SPREAD = 0.45  # of the pressed side's reading, that the side without load shows
@@ -18,16 +20,24 @@ def read(load: float, shear: tuple[float, float]) -> FloatArray:
     return np.tile(np.maximum(sides, SPREAD * np.roll(sides, 2)), 9)
 
 
+def correct(relieved: RelievedSides, volts: FloatArray) -> FloatArray:
+    """Load and shears (3, taxels) of readings, corrected."""
+    response = Responses(ARRAY).of(volts)
+    flat = array("d", response.ravel())
+    relieved.correct(array("d", volts), 0, flat)
+    return np.array(flat).reshape(response.shape)
+
+
+def made() -> RelievedSides:
+    found = relieved_sides(ARRAY)
+    assert found is not None
+    return found
+
+
 def corrected(courses: FloatArray) -> FloatArray:
     """Means (n, 3) of load and shears over the taxels, for courses (n, 3) of the true ones."""
-    relieved, responses = RelievedSides(ARRAY), Responses(ARRAY)
-    out = []
-    for load, x, y in courses:
-        volts = read(load, (x, y))
-        response = responses.of(volts)
-        relieved.correct(response, volts)
-        out.append(response.mean(axis=1))
-    return np.array(out)
+    relieved = made()
+    return np.array([correct(relieved, read(load, (x, y))).mean(axis=1) for load, x, y in courses])
 
 
 @pytest.mark.parametrize("direction_deg", [0.0, 30.0, 135.0, 270.0])
@@ -49,13 +59,11 @@ def test_a_load_that_changes_is_seen_by_the_other_pair(last: float) -> None:
 
 def test_noise_of_one_scan_does_not_stay_in_the_shear_of_relieved_sides() -> None:
     rng = np.random.default_rng(0)
-    relieved, responses, shears = RelievedSides(ARRAY), Responses(ARRAY), []
+    relieved, shears = made(), []
     for x in np.append(np.linspace(0, 0.74, 60), np.full(60, 0.8)):  # relieved from 0.76 on
         volts = read(1.0, (x, 0.0)) + 3e-3 * rng.standard_normal(36)
-        response = responses.of(volts)
-        relieved.correct(response, volts)
-        shears.append(response[1])
-    assert relieved.relieved[0].all()
+        shears.append(correct(relieved, volts)[1])
+    assert all(list(relieved.relieved)[:9])
     np.testing.assert_allclose(np.mean(shears[-50:], axis=0), 0.8, rtol=0.008)
 
 
@@ -65,9 +73,5 @@ def test_arrays_without_opposed_sides_are_left_as_they_are() -> None:
         TaxelChannel(name="y", kind="shear_y"),
         TaxelChannel(name="z", kind="normal"),
     ]
-    array = build(ArrayFile(name="xyz", grids=[Grid(x_mm=[0.0], y_mm=[0.0])], taxel_channels=channels))
-    volts = np.array([-3.0, 0.5, 1.0])
-    response = Responses(array).of(volts)
-    before = response.copy()
-    RelievedSides(array).correct(response, volts)
-    np.testing.assert_array_equal(response, before)
+    xyz = build(ArrayFile(name="xyz", grids=[Grid(x_mm=[0.0], y_mm=[0.0])], taxel_channels=channels))
+    assert relieved_sides(xyz) is None

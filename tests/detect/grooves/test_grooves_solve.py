@@ -95,3 +95,18 @@ def test_channels_that_hold_no_ripple_give_finite_numbers() -> None:
     found = solver.solve(normal_equations(window, 30.0, 2), np.array([[1.0, 0.3]]), np.array([30.0]))
     for value in (found.k, found.phase_rate, found.gain, found.covariance, found.phase):
         assert np.isfinite(value).all()
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 50.0])
+def test_a_direction_that_is_not_known_well_lets_the_phase_rate_leave_the_tie(angle_deg: float) -> None:
+    """By the root mean square of what errors of the direction change, drawn at random."""
+    volts, time_s = SLIDE.volts(ARRAY), SLIDE.times()
+    window = make_window(volts, time_s, np.full(len(time_s), 2.0), np.zeros(ARRAY.n_channels))
+    solver = WaveSolver(window, LAYOUT, WaveMotion(2.0, 0.0, 0.0, 10.0), np.full(ARRAY.n_channels, NOISE**2))
+    angle, errors = np.radians(angle_deg), np.radians(10.0) * np.random.default_rng(0).standard_normal(20_000)
+    k = 5.0 * np.array([[np.cos(angle), np.sin(angle)]])
+    tied = window.half_travel * 5.0 * np.cos(angle)
+    moved = window.half_travel * 5.0 * np.cos(angle + errors) - tied
+    most = solver.likely_phase_rate(k, 1e9, 2.0)[0]
+    assert most - tied == pytest.approx(2.0 * np.sqrt((moved**2).mean()), rel=0.05)
+    assert solver.likely_phase_rate(k, tied + 1e-3, 2.0)[0] == tied + 1e-3

@@ -62,3 +62,17 @@ def test_the_stated_sd_of_a_direction_holds_for_unequal_resistors() -> None:
 
 def test_without_a_response_there_is_no_direction() -> None:
     assert PAIRS.direction_sd_deg(np.zeros(36), ALL, np.array([1.0, 0.0]), 0.0) == 180.0
+
+
+def test_the_sd_of_a_direction_is_the_standard_error_of_the_sum_of_unequal_taxels() -> None:
+    rng = np.random.default_rng(1)
+    along_x, along_y = (np.repeat(rng.uniform(*span, 9), 4) for span in ((0.5, 1.5), (-0.5, 0.5)))
+    moved = along_x * sheared(0.0) + along_y * sheared(90.0)
+    each = np.array([PAIRS.motion_weights(np.arange(9) == t) @ moved for t in range(9)])
+    along = each.sum(axis=0) / np.hypot(*each.sum(axis=0))
+    across = each @ [-along[1], along[0]]
+    spread_deg = np.degrees(np.sqrt(9) * across.std(ddof=1) / np.hypot(*each.sum(axis=0)))
+    of_model = PAIRS.direction_sd_deg(sheared(0.0), ALL, np.array([1.0, 0.0]), 0.0)  # of equal taxels
+    assert of_model == pytest.approx(1.5, rel=1e-6)
+    stated = PAIRS.direction_sd_deg(moved, ALL, along, 4.0)
+    assert stated == pytest.approx(np.sqrt(4.0**2 + spread_deg**2 + of_model**2), rel=1e-3)

@@ -1,5 +1,6 @@
 """Slip of arrays without shear channels: roughness and ripple are found, and shaking bodies are not."""
 
+import dataclasses
 import functools
 
 import numpy as np
@@ -105,6 +106,15 @@ def test_a_rough_slide_is_one_slip_without_direction(seed: int) -> None:
     assert abs(onset.onset_s - SLIDE_S[0]) < 2 * onset.onset_sd_s
     assert SLIDE_S[1] < end.detected_s < SLIDE_S[1] + 2.5  # a window, and what was believed
     assert onset.direction_sd_deg == UNKNOWN_SD_DEG
+
+
+def test_an_onset_names_the_taxels_that_touch() -> None:
+    touches = (np.arange(16) >= 4).astype(float)
+    block = hold(0, rough(0))
+    lifted = dataclasses.replace(block, volts=block.volts * touches)
+    onset = slips(detector().process(lifted))[0]
+    assert onset.kind == "gross"
+    assert set(onset.taxels) == set(range(4, 16))
 
 
 def test_a_slide_over_ridges_that_is_under_way_in_the_first_scan_is_found() -> None:

@@ -1,0 +1,104 @@
+"""Types of C for front_end.py, which hatch_build.py compiles."""
+
+cdef extern from "math.h":
+    cpdef double sqrt(double x)
+
+cdef double _TO_WHOLE, _INFINITE, _UNKNOWN, _CLIP, _ROUNDING, _MEAN_ABS, _LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES
+cdef double _LOADED, _MOST_JUMP, _RELIEVED, _MOST_SPREAD, _LEAST_PRESSED, _TINY, _ONE_SIDE
+cdef long _CLIPPED_AFTER, _FEWEST_LOADED, _SPARE, _LEAST_SIDES
+
+
+cdef class Hold:
+    cdef public long n_channels
+    cdef public double limit, steps_per_unit
+    cdef public double[::1] last
+
+    cpdef bint take(self, long n, long first, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
+
+
+cdef class StuckChannels:
+    cdef public long n_channels, n_sides, history, turned, long, position
+    cdef public double pressed, most_resting
+    cdef public bint is_begun
+    cdef public double[::1] sign, last, way, began
+    cdef public long long[::1] others, run, n_turns
+    cdef public unsigned char[::1] judged, turns, noisy, stayed
+
+    cpdef bint take(self, long n, long first, const double[::1] steps, unsigned char[::1] stuck)
+
+
+cdef class Bank:
+    cdef public long n_channels, n_filters
+    cdef public long long[::1] lengths
+    cdef public double[::1] taps
+
+    cpdef take(self, long n, long first, const double[::1] steps, double[::1] out)
+
+
+cdef class Pressure:
+    cdef public long n_channels, n_taxels, n_sides
+    cdef public double volts_per_step, slope_scale
+    cdef public bint is_begun
+    cdef public long long[::1] own, counts
+    cdef public double[::1] sign, total_weights, line, totals
+
+    cpdef take(self, long n, const double[::1] steps, const double[::1] held, const double[::1] levels, double[::1] reals, unsigned char[::1] flags)
+
+
+cdef class Jumps:
+    cdef public long n_channels, n_taxels
+    cdef public bint is_out
+    cdef public double[::1] accepted, change, usual
+    cdef public unsigned char[::1] own, found, out, jumps, is_loaded
+
+    cpdef take(self, double[::1] readings, long first, double[::1] loads, double[::1] noise, bint is_pressed)
+    cdef _find(self, long first, double[::1] loads, double least, double heaviest, double[::1] noise)
+
+
+cdef class RelievedSides:
+    cdef public long n_taxels, n_own
+    cdef public long long[::1] own
+    cdef public double[::1] weights, even, load, side, high, proportion, weight
+    cdef public unsigned char[::1] relieved
+
+    cpdef reset(self)
+    cpdef correct(self, double[::1] readings, long first, double[::1] response)
+
+
+cdef class NoiseFloor:
+    cdef public long n_channels, n_levels, n
+    cdef public double least, n_scans
+    cdef public double[::1] mean_abs, last, step, sd
+
+    cpdef take(self, double[::1] readings, double[::1] details)
+    cdef double _known(self, long channel)
+
+
+cdef class Readings:
+    cdef public Hold hold
+    cdef public StuckChannels stuck
+    cdef public Bank bank
+    cdef public Jumps jumps
+    cdef public NoiseFloor floor
+    cdef public RelievedSides relief
+    cdef public long n_channels, n_taxels, n_own, n_hold, n_border, n_history, row
+    cdef public double rate_hz, volts_per_step, most_dropped, load, shear_sd, total_sd, load_sd
+    cdef public bint has_sides, is_begun, is_read, is_lost
+    cdef public long long[::1] own, n_good, n_bad
+    cdef public const double[::1] block, offset_s
+    cdef public const unsigned char[::1] valid
+    cdef public double[::1] weights, history, remainders, rows, details, bent, baseline, readings, pressed, older, oldest
+    cdef public double[::1] remainder, steps
+    cdef public unsigned char[::1] dropped, ok, is_stuck, is_out
+
+    cpdef begin(self, const double[::1] block, const unsigned char[::1] valid, const double[::1] offset_s)
+    cpdef take(self, long scan, bint in_contact, bint is_pressed)
+    cpdef rest(self, double part)
+    cpdef release(self)
+    cpdef interrupt(self)
+    cdef _take_steps(self, long at)
+    cdef _take_instant(self)
+    cdef _take_out(self, bint in_contact)
+    cdef _responses(self, double[::1] readings, long first, double[::1] out)
+    cdef _respond(self, bint in_contact)
+    cdef _take_noise(self)
