@@ -207,7 +207,8 @@ def test_loads_and_noise_are_those_of_matrices() -> None:
     array, rng, n = ARRAYS[2], np.random.default_rng(0), 400
     volts = 1.0 + 1e-2 * rng.standard_normal((n, array.n_channels))
     readings, responses = TaxelReadings(array, 100.0), Responses(array)
-    readings.begin(volts.ravel(), np.ones(volts.size, dtype=np.uint8), np.zeros(array.n_channels))
+    held = Quantiser(array).process(regular_block(volts, 100.0))
+    readings.begin_block(held, np.zeros(array.n_channels))
     for scan in range(n):
         readings.take(scan, True, False)
         np.testing.assert_allclose(readings.recent[-1], responses.of(volts[scan]), atol=1e-5)

@@ -16,6 +16,7 @@ from tactiled import compiled
 from tactiled.array import ArrayFile, build
 from tactiled.detect.contact.detector import GripDetector
 from tactiled.detect.contact.readings import TaxelReadings
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.samples.block import regular_block
 
 side, side_read, stack_kb = map(int, sys.argv[1:])
@@ -40,8 +41,8 @@ def contact():
 def readings():
     array = wide(side_read)
     of_all = TaxelReadings(array, 100.0)
-    n = array.n_channels
-    of_all.begin(np.ones(4 * n), np.ones(4 * n, dtype=np.uint8), np.zeros(n))
+    block = regular_block(np.ones((4, array.n_channels)), 100.0)
+    of_all.begin_block(Quantiser(array).process(block), block.channel_offset_s)
     for scan in range(4):
         of_all.take(scan, True, True)
         seen.append(np.isfinite(of_all.load))

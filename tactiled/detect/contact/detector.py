@@ -17,6 +17,7 @@ from tactiled.detect.contact.press import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact import ContactParams
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import Event, GripEvent, GripState
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -151,6 +152,8 @@ class GripDetector:
 
     def _begin(self) -> None:
         """Forget everything seen."""
+        self.quantiser = Quantiser(self._array)
+        """Holds the readings of the blocks."""
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._n_baseline = 0
         self._rate_hz = 0.0
@@ -234,10 +237,10 @@ class GripDetector:
         """True where so many taxels can be read that what is said of the contact is valid."""
         return self._readings is None or self._readings.keeps_enough
 
-    def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
+    def scans(self, block: ScanBlock, held: HeldReadings | None = None) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
 
-        A block of another scan rate follows a `lose_contact`.
+        A block of another scan rate follows a `lose_contact`. `held` are its readings by `quantiser`.
         """
         if not self.can_tell:
             yield from itertools.repeat(None, len(block))
@@ -245,11 +248,7 @@ class GripDetector:
         readings = self._readings
         if readings is None:
             readings = self._make(block.rate_hz)
-        readings.begin(
-            block.volts.ravel(),
-            block.valid.ravel().view(np.uint8),
-            block.channel_offset_s,
-        )
+        readings.begin_block(held or self.quantiser.process(block), block.channel_offset_s)
         for scan, (time_s, is_late) in enumerate(
             zip(block.time_s.tolist(), block.late.tolist(), strict=True)
         ):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.observe import Responses, relieved_sides
 from tactiled.detect.signal.fast import Bank, Jumps, NoiseFloor, Readings
-from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.stuck_channels import stuck_channels
 from tactiled.detect.signal.wavelet import border_scans, taps
 
@@ -40,7 +40,6 @@ class TaxelReadings(Readings):
         self._most_dropped = (1 - _LEAST_KEPT) * array.n_taxels
         self._is_dropped = np.zeros(array.n_taxels, dtype=np.uint8)
         super().__init__(
-            grid.hold,
             stuck_channels(array),
             Bank(array.n_channels, [taps(k + 1) * grid.volts_per_step for k in range(NOISE_LEVELS)]),
             Jumps(responses.taxel_channels.reshape(-1).view(np.uint8), array.n_taxels),
@@ -56,6 +55,10 @@ class TaxelReadings(Readings):
             self.recent.reshape(-1),
             self._is_dropped,
         )
+
+    def begin_block(self, held: HeldReadings, channel_offset_s: FloatArray) -> None:
+        """Take a block, whose scans are then taken one by one."""
+        self.begin(held.steps.ravel(), held.ok.ravel().view(np.uint8), channel_offset_s)
 
     @property
     def keeps_enough(self) -> bool:

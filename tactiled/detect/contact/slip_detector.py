@@ -13,7 +13,6 @@ from tactiled.detect.signal.contact import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -67,7 +66,6 @@ class GripSlip:
 
     def _begin(self) -> None:
         """Forget everything seen, beside what the contact filter has forgotten by itself."""
-        self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: PosteriorSlips | None = None
         self._signs: object = None  # of the contact whose slips these are
@@ -104,9 +102,10 @@ class GripSlip:
             self._rate_hz = item.rate_hz
             self._tracker = ContactTracker(self._array, self._params.contact, item.rate_hz)
         tracker = self._tracker
-        pressure = tracker.measure(item, self._quantiser.process(item))
+        held = self._grip.quantiser.process(item)
+        pressure = tracker.measure(item, held)
         gate = pressure.rows()
-        scans = self._grip.scans(item)
+        scans = self._grip.scans(item, held)
         for row in range(len(item)):
             if change := tracker.step(*next(gate)):
                 events.append(contact_event(item, row, pressure, change))

@@ -9,7 +9,6 @@ from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.signal.contact import ContactTracker
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -55,7 +54,6 @@ class SlipsByThreshold:
         self._last = ScanInstant(0.0, 0.0, is_valid=False)
         self._rate_hz = 0.0
         self._grip.reset()
-        self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._slips: dict[SlipThresholds, PosteriorSlips] = {}
         self._signs: object = None  # of the contact whose slips these are
@@ -72,14 +70,14 @@ class SlipsByThreshold:
         if item.rate_hz != self._rate_hz:
             self._end(self._last._replace(is_valid=False))
             self._tracker = None
-            self._quantiser = Quantiser(self._array)
             self._grip.lose_contact()
         self._rate_hz = item.rate_hz
         tracker = self._tracker
         if tracker is None:
             tracker = self._tracker = ContactTracker(self._array, self._params.contact, item.rate_hz)
-        gate = tracker.measure(item, self._quantiser.process(item)).rows()
-        for row, _ in enumerate(self._grip.scans(item)):
+        held = self._grip.quantiser.process(item)
+        gate = tracker.measure(item, held).rows()
+        for row, _ in enumerate(self._grip.scans(item, held)):
             tracker.step(*next(gate))
             is_valid = self._grip.keeps_enough and not bool(item.late[row])
             self._last = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), is_valid)

@@ -75,7 +75,6 @@ cdef class NoiseFloor:
 
 
 cdef class Readings:
-    cdef public Hold hold
     cdef public StuckChannels stuck
     cdef public Bank bank
     cdef public Jumps jumps
@@ -85,13 +84,13 @@ cdef class Readings:
     cdef public double rate_hz, volts_per_step, most_dropped, load, shear_sd, total_sd, load_sd
     cdef public bint has_sides, is_begun, is_read, is_lost
     cdef public long long[::1] own, n_good, n_bad
-    cdef public const double[::1] block, offset_s
-    cdef public const unsigned char[::1] valid
+    cdef public const double[::1] steps, offset_s
+    cdef public const unsigned char[::1] read
     cdef public double[::1] weights, history, remainders, rows, details, bent, baseline, readings, pressed, older, oldest
-    cdef public double[::1] remainder, steps
+    cdef public double[::1] remainder
     cdef public unsigned char[::1] dropped, ok, is_stuck, is_out
 
-    cpdef begin(self, const double[::1] block, const unsigned char[::1] valid, const double[::1] offset_s)
+    cpdef begin(self, const double[::1] steps, const unsigned char[::1] read, const double[::1] offset_s)
     cpdef take(self, long scan, bint in_contact, bint is_pressed)
     cpdef rest(self, double part)
     cpdef release(self)

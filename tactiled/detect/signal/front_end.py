@@ -549,7 +549,7 @@ class Readings:
 
     Parameters
     ----------
-    hold, stuck, bank, jumps, floor
+    stuck, bank, jumps, floor
         Of the array.
     relief : RelievedSides or None
         None for arrays whose taxels have no opposed sides.
@@ -581,7 +581,6 @@ class Readings:
 
     def __init__(
         self,
-        hold: Hold,
         stuck: StuckChannels,
         bank: Bank,
         jumps: Jumps,
@@ -597,8 +596,8 @@ class Readings:
         history: FloatArray,
         dropped: Flags,
     ) -> None:
-        channels, taxels = hold.n_channels, len(dropped)
-        self.hold, self.stuck, self.bank, self.jumps, self.floor = hold, stuck, bank, jumps, floor
+        channels, taxels = stuck.n_channels, len(dropped)
+        self.stuck, self.bank, self.jumps, self.floor = stuck, bank, jumps, floor
         self.has_sides = relief is not None
         none = np.zeros(0, dtype=np.int64)
         self.relief = relief or RelievedSides(none, none.astype(float), np.zeros(4 * taxels))
@@ -613,7 +612,6 @@ class Readings:
         self.details, self.bent = _zeros(bank.n_filters * channels), _zeros(3 * taxels)
         self.baseline, self.readings, self.pressed = _zeros(channels), _zeros(channels), _zeros(channels)
         self.older, self.oldest, self.remainder = _zeros(channels), _zeros(channels), _zeros(channels)
-        self.steps = _zeros(channels)
         self.ok, self.is_stuck, self.is_out = _flags(channels), _flags(channels), _flags(channels)
         self.n_good, self.n_bad = _counts(channels), _counts(channels)
         self.begin(np.zeros(0), np.zeros(0, dtype=np.uint8), np.zeros(channels))
@@ -621,25 +619,24 @@ class Readings:
         self.load = self.shear_sd = self.total_sd = self.load_sd = 0.0
         self.is_read = self.is_lost = False
 
-    def begin(self, block: FloatArray, valid: Flags, offset_s: FloatArray) -> None:
+    def begin(self, steps: FloatArray, read: Flags, offset_s: FloatArray) -> None:
         """Take a block, whose scans are then taken one by one.
 
         Parameters
         ----------
-        block : (scans * channels,) float64
-        valid : (scans * channels,) uint8
+        steps : (scans * channels,) float64
+            Readings that are held, in whole steps.
+        read : (scans * channels,) uint8
+            0 where an older one is held.
         offset_s : (channels,) float64
             Instants of the channels after that of their scan.
         """
-        self.block, self.valid, self.offset_s = block, valid, offset_s
+        self.steps, self.read, self.offset_s = steps, read, offset_s
 
     def take(self, scan: int, in_contact: bool, is_pressed: bool) -> None:
         """Take a scan of the block, in a contact whose press may be over."""
         channels, taxels = self.n_channels, self.n_taxels
         self._take_steps(scan * channels)
-        for c in range(channels):
-            self.n_good[c] = self.n_good[c] + 1 if self.ok[c] != 0 else 0
-            self.readings[c] = self.steps[c] * self.volts_per_step
         before = (self.n_history - 1) * 3 * taxels
         self.jumps.take(self.readings, before, self.history, self.floor.sd, is_pressed)
         self._take_instant()
@@ -670,21 +667,23 @@ class Readings:
             self.n_good[c] = 0
 
     def _take_steps(self, at: int) -> None:
-        """Round the scan to steps, find stuck channels, and filter."""
+        """Take the scan whose steps begin at a place: find stuck channels, and filter."""
         channels, border = self.n_channels, self.n_border
-        self.hold.take(1, at, self.block, self.valid, self.steps, self.ok)
         if self.row == border + _SPARE:
             for k in range(border * channels):
                 self.rows[k] = self.rows[_SPARE * channels + k]
             self.row = border
         first = self.row * channels
         for c in range(channels):
-            self.rows[first + c] = self.steps[c]
+            self.rows[first + c] = self.steps[at + c]
+            self.readings[c] = self.steps[at + c] * self.volts_per_step
+            self.ok[c] = self.read[at + c]
+            self.n_good[c] = self.n_good[c] + 1 if self.ok[c] != 0 else 0
         if not self.is_begun:
             for i in range(1, border + 1):
                 for c in range(channels):
-                    self.rows[first - i * channels + c] = self.steps[c]
-        self.stuck.take(1, 0, self.steps, self.is_stuck)
+                    self.rows[first - i * channels + c] = self.steps[at + c]
+        self.stuck.take(1, at, self.steps, self.is_stuck)
         self.bank.take(1, self.row, self.rows, self.details)
         self.row += 1
 

@@ -55,13 +55,13 @@ class Quantiser:
 
     def reset(self) -> None:
         """Forget the held readings."""
-        self.hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
+        self._hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
 
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
         shape = block.volts.shape
         steps, ok = np.empty(shape), np.empty(shape, dtype=np.bool_)
-        is_all = self.hold.take(
+        is_all = self._hold.take(
             shape[0],
             0,
             block.volts.ravel(),
