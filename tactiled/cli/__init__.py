@@ -9,7 +9,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `recordings`: record, replay, recover, export
 - `emulation`: emulate, demo
 - `analysis`: detect, tune
-- `viewers`: web, top, view
+- `viewers`: web, top
 - `ros2`: ros2
 - `fleet`: zenoh, fleet
 - `upkeep`: check-config, doctor, keys, fit-material, setup

@@ -53,7 +53,7 @@ for verb in (
     recordings.record, recordings.replay, recordings.recover, recordings.export,
     emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune, calibration.calibrate, archive.archive,
-    viewers.web, viewers.top, viewers.view, ros2.ros2,
+    viewers.web, viewers.top, ros2.ros2,
     fleet.bridge, fleet.fleet,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material, upkeep.setup,
 ):  # fmt: skip

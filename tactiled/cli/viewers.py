@@ -132,25 +132,6 @@ def top(endpoint: str, array: str | None, once: bool, as_json: bool, keys: Path 
     sys.exit(run_top(endpoint, loaded, keys, once=once, as_json=as_json))
 
 
-@click.command()
-@click.argument("files", nargs=-1, required=True, type=FILE)
-@click.option("--rerun", "in_rerun", is_flag=True, required=True, help="Open it in the viewer rerun.")
-@click.option("--save", type=FILE, help="Write a file for rerun (.rrd) instead of opening the viewer.")
-def view(files: tuple[Path, ...], in_rerun: bool, save: Path | None) -> None:  # noqa: ARG001  the only viewer
-    """Show a recording in the viewer of somebody else.
-
-    Example: tactiled view --rerun slide.mcap
-    """
-    need_extra("rerun", "rerun", "view --rerun")
-    need_readable(*files)
-    from tactiled.progress import ProgressBar
-    from tactiled.view.rerun import view_in_rerun
-
-    with ProgressBar(f"view {files[0]}") as bar:
-        n_events = view_in_rerun(files, save, bar.reach)
-    click.echo(f"{n_events} events", err=True)
-
-
 def _token(file: Path | None) -> str:
     """Token of the commands: from a file, the environment, or drawn."""
     if file is None:
