@@ -4,38 +4,39 @@ Readings are averaged over hops. A growth is the mean of the newest hops less th
 lengths, over the noise of each channel. It is evidence of slip where
 
 * it exceeds the largest growth of that length in the hold before, several times: creep, drift and tremor are
-  in the hold, and a press is not once 1 s of hold follows it,
+  in the hold, and a press is not once 1 s of hold follows it; of a hold that is not known for 1 s yet, creep
+  and tremor are taken to be large,
 * every one of the newest hops has most of it, so that no tap counts,
-* shear channels have most of it, where there are others: a press changes these more,
 * and no single channel of several has nearly all of it.
 
-The slip ends where growth stops. Its direction is unknown, as are axes and signs of many such sensors.
+A press grows as a tug does: along which axes of a magnetic skin depends on where its magnets are. A press on
+one public recording changed x and y twice as much as z, and tugs on another z twice as much as x and y. The
+slip ends where growth stops. Its direction is unknown, as are axes and signs of many such sensors.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.change import Change
 
 _HOP_S = 0.02
-_LENGTHS = (16, 32, 64)  # hops: half of them are averaged, half lie between the two means
-_LASTS = 5  # hops, 0.1 s: longer than a tap
-_KEPT = 300  # hops of the hold, 6 s
-_AGO = 25  # hops: a slow slip must not be compared with its own beginning
-_LEAST_HOLD = 50  # hops, 1 s
+_LENGTHS_S = (0.32, 0.64, 1.28)  # half of them is averaged, half lies between the two means
+_LASTS_S = 0.1  # longer than a tap
+_KEPT_S = 6.0  # of the hold
+_AGO_S = 0.5  # a slow slip must not be compared with its own beginning
+_LEAST_HOLD_S = 1.0  # after which a hold shows its own creep and tremor
+# Squared growth of a channel, over the noise of its hops, that a hold may have of which less is known.
+_UNKNOWN_HOLD = 100.0
 # Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold" and "tug", magnetic pads).
 GROWS = 9.0  # squared growth over the largest of the hold
 # A growth so many times the largest since is a press: creep is a tenth of one. Of 9, 30 and 100, the last
 # adds no slips in tremor that comes in bursts.
 _PRESSES = 100.0
-_STOPS, _STOPS_HOPS = 2.0, 15
-_SHEAR_PART = 0.5  # of the change of a channel in shear over that of a normal channel, squared
+_STOPS, _STOPS_S = 2.0, 0.3
 _MANY, _MOST_OF_ONE = 4, 0.9  # channels, and the part of the growth above which one of them is at fault
 _LEAST_NOISE = 1.0 / 12  # variance of rounding to a step
-_SPANS = tuple(length + length // 2 for length in _LENGTHS)  # hops that a growth is of
-_REACH = _SPANS[-1]
 
 
 class GrowthTracker:
@@ -50,16 +51,23 @@ class GrowthTracker:
     def __init__(self, array: Array, rate_hz: float) -> None:
         kinds = np.array(array.channel_kind)
         self._shear = (kinds == "shear_x") | (kinds == "shear_y")
-        self._normal = kinds == "normal"
         self._mean_of = max(1, round(_HOP_S * rate_hz))
+        hops_s = rate_hz / self._mean_of
+        halves = [max(1, round(0.5 * length_s * hops_s)) for length_s in _LENGTHS_S]
+        self._lengths = tuple(2 * half for half in halves)
+        self._spans = np.array([3 * half for half in halves])  # hops that a growth is of
+        self._n_lasts, self._n_ago = max(1, round(_LASTS_S * hops_s)), round(_AGO_S * hops_s)
+        self._n_kept, self._n_hold = round(_KEPT_S * hops_s), max(2, round(_LEAST_HOLD_S * hops_s))
+        self._n_stops = max(1, round(_STOPS_S * hops_s))
+        self._reach = int(self._spans[-1])
         self._sum = np.zeros(array.n_channels)
         self._n_summed = 0
-        self._means = np.zeros((_REACH, array.n_channels))
+        self._means = np.zeros((self._reach, array.n_channels))
         self._n = 0  # hops
         self._noise = np.full(array.n_channels, _LEAST_NOISE)
-        self._growths = np.full((_KEPT, len(_LENGTHS)), np.nan)  # of the hold
+        self._growths = np.full((self._n_kept, len(halves)), np.nan)  # of the hold
         self._n_slow = 0
-        self._since_slip = 10 * _REACH  # hops
+        self._since_slip = 10 * self._reach  # hops
         self.slides = False
 
     def process(self, held: HeldReadings, _touches: NDArray[np.bool_]) -> list[Change]:
@@ -74,36 +82,46 @@ class GrowthTracker:
             self._sum, self._n_summed = np.zeros_like(self._sum), 0
             self._n += 1
             self._learn_noise()
-            if self._n > _REACH and (change := self._look(row)):
+            if self._n > self._spans[0] and (change := self._look(row)):
                 changes.append(change)
         return changes
 
     def _look(self, row: int) -> Change | None:
-        growths, lasts = np.zeros(len(_LENGTHS)), np.zeros(len(_LENGTHS), dtype=np.bool_)
-        for which, length in enumerate(_LENGTHS):
-            growths[which], lasts[which] = self._growth(length)
-        self._growths = np.concatenate([self._growths[1:], np.full((1, len(_LENGTHS)), np.nan)])
-        hold = self._growths[:-_AGO]
-        known = np.isfinite(hold[:, 0])
+        growths, lasts = np.full(len(self._spans), np.nan), np.zeros(len(self._spans), dtype=np.bool_)
+        for which, length in enumerate(self._lengths):
+            if self._n > self._spans[which]:
+                growths[which], lasts[which] = self._growth(length)
+        self._growths = np.concatenate([self._growths[1:], np.full((1, len(growths)), np.nan)])
+        hold = self._growths[: -self._n_ago]
         self._since_slip = 0 if self.slides else self._since_slip + 1
-        if self._since_slip >= _REACH:
+        if self._since_slip >= self._reach:
             self._growths[-1] = growths
-        if known.sum() < _LEAST_HOLD:
-            return None
-        largest = [_largest(hold[:, which], span) for which, span in enumerate(_SPANS)]
+        largest = [self._largest(hold[:, which], span) for which, span in enumerate(self._spans)]
         over = growths / np.maximum(largest, 1e-12)
         if self.slides:
             self._n_slow = self._n_slow + 1 if over[0] < _STOPS else 0
-            if self._n_slow >= _STOPS_HOPS:
+            if self._n_slow >= self._n_stops:
                 self.slides = False
                 return Change(row, False, float(over[0]), 0)
             return None
-        is_new = self._since_slip >= np.array(_SPANS)  # none of the slip before
+        is_new = self._since_slip >= self._spans  # none of the slip before
         if not (found := np.flatnonzero((over > GROWS) & lasts & is_new)).size:
             return None
         self.slides, self._n_slow = True, 0
-        before = _LENGTHS[int(found[0])] * self._mean_of // 2
+        before = self._lengths[int(found[0])] * self._mean_of // 2
         return Change(row, True, float(over[found[0]]), before, is_gross=False)
+
+    def _largest(self, hold: FloatArray, span: int) -> float:
+        """Largest growth of a hold (hops,), or of what follows its last press; NaN is unknown."""
+        is_known = np.isfinite(hold)
+        n_known = int(is_known.sum())
+        unknown = _UNKNOWN_HOLD * float(self._shear.sum()) if n_known < self._n_hold else 0.0
+        if not n_known:
+            return unknown
+        since = np.fmax.accumulate(hold[::-1])[::-1]
+        n_since = is_known[::-1].cumsum()[::-1]
+        presses = (hold[:-span] > _PRESSES * since[span:]) & (n_since[span:] >= self._n_hold)
+        return max(unknown, float(since[np.flatnonzero(presses)[-1] + span] if presses.any() else since[0]))
 
     def _learn_noise(self) -> None:
         """Follow the variance of each channel's hops, by their second differences."""
@@ -111,7 +129,7 @@ class GrowthTracker:
             return
         bend = self._means[-1] - 2 * self._means[-2] + self._means[-3]
         power = np.maximum(bend**2 / 6, _LEAST_NOISE)
-        self._noise = self._noise + (power - self._noise) / min(self._n - 2, _KEPT)
+        self._noise = self._noise + (power - self._noise) / min(self._n - 2, self._n_kept)
 
     def _growth(self, length: int) -> tuple[float, bool]:
         """Squared growth of the shear channels over their noise, and whether it lasts and is of shear."""
@@ -121,19 +139,8 @@ class GrowthTracker:
         shear = self._shear
         scaled = grown[shear] / np.sqrt(self._noise[shear])
         squared = float(scaled @ scaled)
-        newest = (self._means[-_LASTS:, shear] - before[shear]) / np.sqrt(self._noise[shear])
+        newest = (self._means[-self._n_lasts :, shear] - before[shear]) / np.sqrt(self._noise[shear])
         lasts = bool((newest @ scaled > 0.5 * squared).all())
         if len(scaled) >= _MANY:
             lasts &= float((scaled**2).max()) < _MOST_OF_ONE * squared
-        if self._normal.any():
-            of_shear = float((grown[shear] ** 2).mean())
-            lasts &= of_shear > _SHEAR_PART * float((grown[self._normal] ** 2).mean())
         return squared, lasts
-
-
-def _largest(hold: NDArray[np.float64], span: int) -> float:
-    """Largest growth of a hold (hops,), or of what follows its last press; NaN is unknown."""
-    since = np.fmax.accumulate(hold[::-1])[::-1]
-    n_since = np.isfinite(hold)[::-1].cumsum()[::-1]
-    presses = (hold[:-span] > _PRESSES * since[span:]) & (n_since[span:] >= _LEAST_HOLD)
-    return float(since[np.flatnonzero(presses)[-1] + span] if presses.any() else since[0])
