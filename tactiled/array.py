@@ -31,6 +31,8 @@ _DEFAULT_RANGE = (-8.0, 8.0)  # volts: beyond the reference of every common conv
 _FIRST = re.compile(r"first (\d+(?:\.\d+)?) s")
 _LONGEST_FIRST_S = 60.0  # these scans are kept in memory
 _SMALLEST, _LARGEST = 1e-6, 1e9  # range in its unit, within which squares and fourth powers are exact enough
+# A hundred times the largest array that is known; what is made of an array grows with their product.
+_MOST_TAXELS, _MOST_CHANNELS = 4096, 4 * 4096
 _OWN_AZIMUTH_DEG = {"shear_x": 0.0, "shear_y": 90.0, "normal": float("nan")}
 _AXES_DEG = Field(
     default=0.0, ge=-360, le=360, description="direction of the pad's own x axis; turns channels, not places"
@@ -130,7 +132,7 @@ class ArrayFile(Params):
     grids: list[Grid] = []
     taxels: list[TaxelPlace] = []
     taxel_count: int | None = Field(
-        default=None, ge=1, le=4096, description="taxels whose places are unknown"
+        default=None, ge=1, le=_MOST_TAXELS, description="taxels whose places are unknown"
     )
     taxel_channels: list[TaxelChannel] = Field(default=[], description="the same for every taxel")
     channels: list[Channel] = Field(default=[], description="or each channel, in wire order")
@@ -143,6 +145,11 @@ class ArrayFile(Params):
             )
         if bool(self.taxel_channels) == bool(self.channels):
             raise ValueError("give either [[taxel_channels]] or [[channels]]")
+        if self.n_taxels > _MOST_TAXELS or self.n_channels > _MOST_CHANNELS:
+            raise ValueError(
+                f"{self.n_taxels} taxels and {self.n_channels} channels; at most {_MOST_TAXELS} and "
+                f"{_MOST_CHANNELS} are possible"
+            )
         for index, channel in enumerate(self.channels):
             if channel.taxel >= self.n_taxels:
                 raise ValueError(

@@ -11,6 +11,14 @@ _OF_UNITS = Path("/run/tactiled")  # RuntimeDirectory= of each unit is a folder 
 _NAME = "control.ipc"
 
 
+def _is_ours(folder: Path) -> bool:
+    """Return False for a folder that somebody else made in the place of this user's own."""
+    try:
+        return folder.lstat().st_uid == os.getuid()
+    except OSError:
+        return False
+
+
 def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
     """Return the endpoint for requests of the one daemon on this host, run by this user or as a unit.
 
@@ -25,6 +33,8 @@ def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS)
     found: list[Path] = []
     closed: list[Path] = []
     for folder in (own, *units):
+        if folder == own and not _is_ours(own):
+            continue
         try:
             with socket.socket(socket.AF_UNIX) as probe:
                 probe.connect(str(folder / _NAME))

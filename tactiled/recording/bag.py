@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+from array import array
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from tactiled.errors import DataError, OperatorError, install_command
 from tactiled.recording.others_mcap import check_mcap
 from tactiled.recording.reader import is_recording
+from tactiled.recording.rows import MOST_BYTES, MOST_CHANNELS
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -100,7 +102,8 @@ def _read(
         raise DataError(f"{path}: no topic {name}; {_topics_in_words(bag)}")
     log_ns: list[int] = []
     stamps_ns: list[int] = []
-    rows: list[FloatArray] = []
+    values = array("d")
+    n_channels = 0
     for connection, recorded_ns, data in bag.messages(connections):
         if connection.msgtype not in bag.typestore.fielddefs:
             raise DataError(
@@ -108,24 +111,35 @@ def _read(
                 "it as MCAP (`ros2 bag record -s mcap`), which does, or export it as CSV"
             )
         message = bag.deserialize(data, connection.msgtype)
-        if not rows and not field:
+        if not log_ns and not field:
             field = _only_field(path, name, message)
         row = _numbers(_field(path, name, message, field))
         if row is None or not row.size:
-            raise DataError(f"{path}: {_named(name, field)} has no numbers in message {len(rows) + 1}")
-        if rows and len(row) != len(rows[0]):
+            raise DataError(f"{path}: {_named(name, field)} has no numbers in message {len(log_ns) + 1}")
+        n_channels = n_channels or len(row)
+        if len(row) != n_channels:
             raise DataError(
-                f"{path}: {_named(name, field)} has {len(row)} numbers in message {len(rows) + 1}, but "
-                f"{len(rows[0])} in the first one; every message must be one scan"
+                f"{path}: {_named(name, field)} has {len(row)} numbers in message {len(log_ns) + 1}, but "
+                f"{n_channels} in the first one; every message must be one scan"
             )
-        rows.append(row)
+        if n_channels > MOST_CHANNELS:
+            raise DataError(
+                f"{path}: {_named(name, field)} has {n_channels} numbers; at most {MOST_CHANNELS} are read"
+            )
+        if 8 * (len(values) + n_channels) > MOST_BYTES:
+            raise DataError(
+                f"{path}: {_named(name, field)} has more than {MOST_BYTES / 1e9:g} GB of numbers, the most "
+                "that is read of a bag; split it, or export it as CSV, which has no limit"
+            )
+        values.frombytes(row.tobytes())
         log_ns.append(recorded_ns)
         if (stamp := getattr(getattr(message, "header", None), "stamp", None)) is not None:
             stamps_ns.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-    if len(rows) < 2:
-        raise DataError(f"{path}: {name} has {len(rows)} messages; at least two are needed for the rate")
-    readings = np.array(rows)
-    return _times(path, name, stamps_ns, log_ns, rate_hz), np.where(np.isfinite(readings), readings, np.nan)
+    if len(log_ns) < 2:
+        raise DataError(f"{path}: {name} has {len(log_ns)} messages; at least two are needed for the rate")
+    readings = np.frombuffer(values).reshape(len(log_ns), n_channels)
+    readings[~np.isfinite(readings)] = np.nan
+    return _times(path, name, stamps_ns, log_ns, rate_hz), readings
 
 
 def _times(

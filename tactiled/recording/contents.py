@@ -122,11 +122,16 @@ class Header:
         """Parse MCAP metadata; `KeyError` or `ValueError` where it is not a valid description."""
         if metadata.get(_CHECK, digest := _digest(metadata)) != digest:
             raise ValueError("the description is damaged")
+        source = RecordedBoard(
+            LayoutFile.model_validate_json(metadata["layout"]),
+            ArrayFile.model_validate_json(metadata["array"]),
+        )
+        if source.array_file.n_channels != (
+            n := source.layout.n_channels
+        ):  # before anything of its size is made
+            raise ValueError(f"{n} channels in the frames, {source.array_file.n_channels} in the array")
         return cls(
-            source=RecordedBoard(
-                LayoutFile.model_validate_json(metadata["layout"]),
-                ArrayFile.model_validate_json(metadata["array"]),
-            ),
+            source=source,
             pipeline=PipelineParams.model_validate_json(metadata["pipeline"]),
             config_sha256=metadata["config_sha256"],
             run=metadata["run"],

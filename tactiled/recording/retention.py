@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from tactiled.recording.age import PAUSE_PART, Ages
+from tactiled.recording.age import PAUSE_PART, Ages, boot_id
 from tactiled.recording.directory import DAY_S, Finished, finished, surplus
 
 
@@ -30,13 +30,19 @@ class Retention:
     directory : Path
     keep_mb, keep_days : float, optional
         Limits of total size (10^6 bytes) and of age; None is no limit.
+    boot : str, optional
+        Name of the present boot of the host; by default what the kernel says.
     """
 
-    def __init__(self, directory: Path, keep_mb: float | None, keep_days: float | None) -> None:
+    def __init__(
+        self, directory: Path, keep_mb: float | None, keep_days: float | None, boot: str | None = None
+    ) -> None:
         self._directory = directory
         self._keep_mb = keep_mb
         self._keep_days = keep_days
-        self._ages = Ages(directory, (keep_days or 0.0) * DAY_S * PAUSE_PART)
+        self._ages = Ages(
+            directory, (keep_days or 0.0) * DAY_S * PAUSE_PART, boot_id() if boot is None else boot
+        )
 
     def check(self, now_s: float, now_unix_s: float) -> Retained:
         """Count ages, and remove what exceeds a limit.

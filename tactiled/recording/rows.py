@@ -4,6 +4,7 @@ import csv
 import fnmatch
 import io
 import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
@@ -28,6 +29,8 @@ Batch = tuple[FloatArray, FloatArray, float]
 # Declared size of an array in an npz, or of the lists in a Parquet file, as float64. These formats compress:
 # 18 MB may claim 3.7 GB. It is 19 h of 36 channels at 100 Hz; CSV and plain Parquet columns have no limit.
 MOST_BYTES = 2 * 10**9
+# An array of 4096 taxels with four sides has them. A row of more is no scan, and one row is read at once.
+MOST_CHANNELS = 4 * 4096
 _MOST_HEADER_BYTES = 10_000  # of an array in an npz: a hundred are enough, and numpy would read 4 GB
 _MOST_LINE = 4 * 2**20  # characters of a CSV: 12,000 channels have 300,000
 _BATCH_ROWS = 1000  # ten seconds of the published board
@@ -147,6 +150,7 @@ def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
         RuntimeError,
         zipfile.BadZipFile,
         zlib.error,
+        tokenize.TokenError,  # of numpy, on a header of brackets
     ) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
 
@@ -182,6 +186,8 @@ def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -
     if valid is not None and valid.shape != readings.shape:
         raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
     n_channels = math.prod(readings.shape[1:])
+    if n_channels > MOST_CHANNELS:
+        raise DataError(f"{path}: {name} has {n_channels} channels; at most {MOST_CHANNELS} are read")
     most = _batch_rows(n_channels)
     parts = [_parts(archive, member, most) for member in (time, readings, valid) if member is not None]
     n_done = 0
@@ -195,6 +201,8 @@ def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -
 
 def _member(path: Path, archive: zipfile.ZipFile, name: str) -> _Member:
     """Read the header of an array, and refuse it where it claims too much."""
+    if archive.getinfo(f"{name}.npy").compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise DataError(f"{path}: {name} is compressed as numpy compresses nothing; write it by numpy.savez")
     with archive.open(f"{name}.npy") as stream:
         shape, is_fortran, dtype = _npy_header(stream)
     if not np.can_cast(dtype, np.float64, "same_kind") or any(length < 0 for length in shape):

@@ -51,6 +51,11 @@ class ScanBlock:
         lengths = {len(self.time_s), len(self.time_sd_s), len(self.index), len(self.valid), len(self.late)}
         if n < 1 or lengths != {n} or self.volts.shape != self.valid.shape:
             raise ContractError(f"a ScanBlock's parts differ in length: {n} scans, {sorted(lengths)}")
+        channels = self.volts.shape[1:]
+        if len(channels) != 1 or self.channel_offset_s.shape != channels or self.valid.dtype != np.bool_:
+            raise ContractError(
+                f"a ScanBlock has {channels} channels and {self.channel_offset_s.shape} offsets"
+            )
         if n > 1 and np.any(np.diff(self.index) != 1):
             raise ContractError("a ScanBlock straddles a gap")
 

@@ -16,6 +16,7 @@ from tactiled.events.codec import evidence_key
 from tactiled.events.incoming import checked_map
 
 _EVENTS = 50
+_MOST_BOARDS = 1000
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _LATE_S = 0.16  # samples.late_after_s, and the interval of drawings of a page
 _PERIODS = 3  # scan periods that are not late on a slow board
@@ -172,6 +173,8 @@ class BoardViews:
             return next(iter(self.boards.values()))
         else:
             view = BoardView(name)
+        if len(self.boards) >= _MOST_BOARDS:  # names of a foreign publisher: the oldest goes
+            del self.boards[next(iter(self.boards))]
         self.boards[name] = view
         return view
 

@@ -149,7 +149,8 @@ class CobsFramer:
         self._checker = _Checker(layout, direction)
         self._tail = layout.checksum.n_bytes
         # Possible sizes by first byte (None: any). Checking the first byte makes the search a hundred times
-        # cheaper in the worst noise, a line stuck at 0x01.
+        # cheaper on a line that is stuck at 0x01. Bytes that are the type of a message, without an end, cost
+        # most: 70 us each.
         self._sizes: defaultdict[int | None, set[int]] = defaultdict(set)
         for type_, n in self._checker.body_bytes.items():
             start = type_.to_bytes(layout.type_bytes, layout.byte_order)

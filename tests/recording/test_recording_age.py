@@ -27,14 +27,19 @@ class Host:
 
     def __init__(self, directory: Path, keep_days: float | None = 30.0, keep_mb: float | None = None) -> None:
         self.directory, self.keep = directory, (keep_mb, keep_days)
-        self.true_s = 0.0
+        self.true_s, self.n_boots = 0.0, 0
         self.start(RIGHT)
 
     def start(self, error_days: float, off_days: float = 0.0) -> None:
-        """Start the daemon anew, after a time in which the host was off; its monotonic clock begins at 0."""
+        """Start the host anew after a time in which it was off; its monotonic clock begins at 0."""
         self.true_s += off_days * DAY_S
-        self.retention = Retention(self.directory, *self.keep)
-        self.began_s, self.error_days = self.true_s, error_days
+        self.began_s, self.n_boots = self.true_s, self.n_boots + 1
+        self.restart(error_days)
+
+    def restart(self, error_days: float) -> None:
+        """Start the daemon anew while the host goes on."""
+        self.retention = Retention(self.directory, *self.keep, boot=f"boot {self.n_boots}")
+        self.error_days = error_days
         self.check()
 
     def record(self) -> Path:
@@ -100,6 +105,26 @@ def test_a_clock_that_jumps_removes_nothing(tmp_path: Path, error_days: float, i
     assert len(list(tmp_path.glob("*.mcap"))) == 8
 
 
+def test_a_daemon_that_starts_again_and_again_trusts_no_clock_within_a_boot(tmp_path: Path) -> None:
+    """A crash loop while the clock jumps by days, and a host that learns the time after each boot."""
+    host = Host(tmp_path)
+    old = host.record()
+    host.run(3.0)
+    for flip in range(80):
+        host.restart(3.0 * (flip % 2))
+    for _ in range(40):
+        host.start(-host.true_s / DAY_S - 19000.0)  # 1970, until a server has told the time
+        host.true_s += 300.0
+        host.check()
+        host.restart(RIGHT)
+    assert old.exists()
+    host.record()
+    host.run(26.8)
+    assert old.exists()
+    host.run(0.4)
+    assert not old.exists()
+
+
 def test_a_clock_that_was_a_year_ahead_and_is_corrected_removes_old_ones_alone(tmp_path: Path) -> None:
     host = Host(tmp_path)
     host.error_days = 365.0
@@ -135,7 +160,7 @@ def test_size_removes_what_was_there_first_whatever_its_date(tmp_path: Path) -> 
         st.tuples(st.sampled_from(["record", "run", "start", "set"]), st.floats(-4000, 4000)), max_size=12
     )
 )
-def test_an_age_is_at_most_the_time_run_and_a_pause_for_each_start(
+def test_an_age_is_at_most_the_time_run_and_a_pause_for_each_boot(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[str, float]]
 ) -> None:
     host = Host(tmp_path_factory.mktemp("records"))
@@ -164,26 +189,38 @@ def test_an_age_is_at_most_the_time_run_and_a_pause_for_each_start(
 @pytest.mark.parametrize(
     "text",
     [
-        "", "[", "[]", "{}", '{"saved_unix_s": 1, "ages_s": []}', '{"saved_unix_s": 1e999, "ages_s": {}}',
+        "", "[", "[]", "{}",
+        '{"saved_unix_s": 1, "ages_s": {"a": 1}}', '{"saved_unix_s": 1, "ages_s": []}',
+        '{"saved_unix_s": 1e999, "ages_s": {}}',
         '{"saved_unix_s": 1, "ages_s": {"a": -1}}', '{"saved_unix_s": 1, "ages_s": {"a": "x"}}', "[" * 5000,
         '{"saved_unix_s": 1, "ages_s": {"a": 1e999}}', f'{{"saved_unix_s": {"9" * 4000}, "ages_s": {{}}}}',
     ],
 )  # fmt: skip
 def test_a_file_of_ages_that_is_damaged_makes_recordings_new(tmp_path: Path, text: str) -> None:
     (tmp_path / FILE).write_text(text)
-    assert Ages(tmp_path, 100.0).advance(["a"], 5.0, START_S) == {"a": 0.0}
-    assert json.loads((tmp_path / FILE).read_text()) == {"saved_unix_s": START_S, "ages_s": {"a": 0.0}}
+    assert Ages(tmp_path, 100.0, "now").advance(["a"], 5.0, START_S) == {"a": 0.0}
+    saved = {"ages_s": {"a": 0.0}, "saved_unix_s": START_S, "saved_s": 5.0, "boot": "now"}
+    assert json.loads((tmp_path / FILE).read_text()) == saved
+
+
+def test_a_link_where_ages_are_written_is_not_followed(tmp_path: Path) -> None:
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (tmp_path / FILE).with_suffix(".part").symlink_to(victim)
+    Ages(tmp_path, 0.0, "").advance(["a"], 0.0, START_S)
+    assert victim.read_text() == "mine"
+    assert json.loads((tmp_path / FILE).read_text())["ages_s"] == {"a": 0.0}
 
 
 def test_ages_that_cannot_be_written_are_counted_all_the_same(tmp_path: Path) -> None:
     (tmp_path / FILE).mkdir()
-    ages = Ages(tmp_path, 0.0)
+    ages = Ages(tmp_path, 0.0, "")
     ages.advance(["a"], 0.0, START_S)
     assert ages.advance(["a", "b"], 50.0, START_S) == {"a": 50.0, "b": 0.0}
 
 
 def test_ages_are_written_every_ten_minutes_and_with_each_new_recording(tmp_path: Path) -> None:
-    ages = Ages(tmp_path, 0.0)
+    ages = Ages(tmp_path, 0.0, "")
 
     def saved() -> object:
         return json.loads((tmp_path / FILE).read_text())["ages_s"]

@@ -1,26 +1,32 @@
 """Files that claim gigabytes are refused, or read in part, before anything is allocated."""
 
+import json
 import struct
 import tracemalloc
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import lz4.frame
+import numpy as np
 import pytest
 from bombs import chunk, recording_with, zeros_zstd
 from mcap.opcode import Opcode
-from recordings import noise_read
+from recordings import HEADER, noise_read
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
 from tactiled.recording import chunks
 from tactiled.recording.bag import read_bag
-from tactiled.recording.contents import Read
+from tactiled.recording.contents import Header, Read
 from tactiled.recording.extent import Extent
 from tactiled.recording.others_mcap import MOST_CHUNK_BYTES, check_mcap
 from tactiled.recording.reader import read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
+from tactiled.recording.rows import MOST_CHANNELS
 from tactiled.web.replay import ReplayFile
 
 CLAIMED = 200_000_000
@@ -148,3 +154,71 @@ def test_the_replay_of_a_recording_without_events_says_so(tmp_path: Path) -> Non
     verdict = replay([recording_with(tmp_path / "a.mcap", b"", n_reads=0)], lambda _: None)
     assert not verdict.is_good
     assert verdict.words() == "no events: nothing could be compared"
+
+
+@pytest.mark.parametrize(
+    ("write", "words"),
+    [
+        (
+            lambda path: np.savez_compressed(path, time_s=np.zeros(1), volts=np.zeros((1, 30_000), bool)),
+            "30000",
+        ),
+        (lambda path: npz_of(path, zipfile.ZIP_LZMA, header(b"{'descr': '<f8'}")), "compressed as numpy"),
+        (
+            lambda path: npz_of(path, zipfile.ZIP_STORED, header(b"(" * 9000, version=2)),
+            "cannot be read|numbers",
+        ),
+    ],
+    ids=["a row of many channels", "lzma", "brackets"],
+)
+def test_an_npz_that_is_no_log_of_numpy_is_refused(
+    tmp_path: Path, write: Callable[[Path], None], words: str
+) -> None:
+    write(tmp_path / "a.npz")
+    with pytest.raises(DataError, match=words):
+        detect_file(tmp_path / "a.npz")
+
+
+def header(text: bytes, version: int = 1) -> bytes:
+    size = struct.pack("<H" if version == 1 else "<I", len(text))
+    return b"\x93NUMPY" + bytes([version, 0]) + size + text
+
+
+def npz_of(path: Path, method: int, member: bytes) -> None:
+    with zipfile.ZipFile(path, "w", method) as archive:
+        for name in ("time_s", "volts"):
+            archive.writestr(f"{name}.npy", member)
+
+
+@pytest.mark.parametrize(
+    ("channels", "n"), [(MOST_CHANNELS + 1, 2), (MOST_CHANNELS, 1000)], ids=["wide", "long"]
+)
+def test_a_bag_of_more_numbers_than_the_limit_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, channels: int, n: int
+) -> None:
+    monkeypatch.setattr("tactiled.recording.bag.MOST_BYTES", 8 * MOST_CHANNELS * 10)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "std_msgs/msg/UInt8MultiArray"
+    layout = store.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+    message = store.types[kind](layout=layout, data=np.zeros(channels, dtype=np.uint8))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        at = bag.add_connection("/pad", kind, typestore=store)
+        for k in range(n):
+            bag.write(at, k + 1, store.serialize_cdr(message, kind))
+    with pytest.raises(DataError, match=r"at most 16384 are read|more than"):
+        read_bag(tmp_path / "bag", "/pad")
+
+
+def test_a_recording_whose_array_is_not_that_of_its_frames_is_damaged() -> None:
+    """Weights of an array grow with taxels times channels: 12 kB may claim gigabytes."""
+    metadata = HEADER.to_metadata()
+    array = json.loads(metadata["array"])
+    array["grids"][0] |= {"x_mm": list(range(30)), "y_mm": list(range(30))}
+    metadata = {key: value for key, value in metadata.items() if key != "sha256"} | {
+        "array": json.dumps(array)
+    }
+    with pytest.raises(ValueError, match="36 channels in the frames, 3600 in the array"):
+        Header.from_metadata(metadata)
+    array["grids"][0] |= {"x_mm": list(range(90)), "y_mm": list(range(90))}
+    with pytest.raises(ValueError, match="8100 taxels and 32400 channels; at most 4096 and 16384"):
+        Header.from_metadata(metadata | {"array": json.dumps(array)})

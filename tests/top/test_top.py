@@ -191,6 +191,13 @@ def test_a_daemon_without_a_board_is_the_same_panel_until_it_has_one() -> None:
     assert list(views.boards) == ["TS1"]
 
 
+def test_names_of_a_foreign_publisher_do_not_fill_the_memory() -> None:
+    views = BoardViews()
+    for k in range(2000):
+        views.take(Lost("slip", f"B{k}", 1))
+    assert list(views.boards) == [f"B{k}" for k in range(1000, 2000)]
+
+
 def test_a_snapshot_is_json() -> None:
     assert json.loads(json.dumps(snapshot(views_of().boards["TS1"], NOW_S)))["state"] == "FRESH"
 

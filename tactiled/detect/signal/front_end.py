@@ -636,6 +636,8 @@ class Readings:
     def take(self, scan: int, in_contact: bool, is_pressed: bool) -> None:
         """Take a scan of the block, in a contact whose press may be over."""
         channels, taxels = self.n_channels, self.n_taxels
+        if scan < 0 or (scan + 1) * channels > len(self.steps):
+            raise IndexError("there is no such scan in the block")
         self._take_steps(scan * channels)
         before = (self.n_history - 1) * 3 * taxels
         self.jumps.take(self.readings, before, self.history, self.floor.sd, is_pressed)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Hold
+from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
 
 READING_BITS = 23  # with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
@@ -60,6 +61,8 @@ class Quantiser:
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
         shape = block.volts.shape
+        if shape[1] != self._n_channels:
+            raise ContractError(f"a block of {shape[1]} channels for an array of {self._n_channels}")
         steps, ok = np.empty(shape), np.empty(shape, dtype=np.bool_)
         is_all = self._hold.take(
             shape[0],

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import StuckChannels
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.errors import ContractError
 
 _HISTORY, _TURNED = 128, 52  # 0.4 of all: 3.3 standard deviations above a last bit that flips
 _LONG = 40  # 0.4^40 is 1e-16
@@ -43,6 +44,8 @@ class StuckChannelDetector:
 
     def process(self, steps: FloatArray) -> NDArray[np.bool_]:
         """Return which readings (n, channels) are stuck; the result does not depend on chunking."""
+        if steps.shape[1:] != (self._search.n_channels,):
+            raise ContractError(f"steps {steps.shape} for an array of {self._search.n_channels} channels")
         stuck = np.empty(steps.shape, dtype=np.bool_)
         flat = steps.ravel()
         self._search.take(len(steps), 0, flat, stuck.reshape(-1).view(np.uint8))

@@ -92,6 +92,12 @@ def test_a_press_in_the_hold_does_not_hide_a_slow_tug(kinds: tuple[str, ...]) ->
     assert 5.5 < after[1].detected_s < 6.5
 
 
+def test_a_press_is_no_slip_where_normal_channels_show_it() -> None:
+    press = 150 * np.clip((T - 6) / 0.5, 0, 1)
+    assert slips(detector(FIELD).process(held(FIELD, 2, 0.3 * press, press))) == []
+    assert slips(detector(FIELD).process(held(FIELD, 2, press))) != []
+
+
 @kinds_of
 def test_a_tug_a_second_after_the_log_begins_is_found_and_a_weak_one_waits_for_the_hold(
     kinds: tuple[str, ...],
