@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ BLOCK = regular_block(np.zeros((5, 36)), 100.0)
         {"late": np.zeros(4, dtype=np.bool_)},
     ],
 )
-def test_a_block_whose_parts_do_not_fit_is_refused(change: dict[str, np.ndarray]) -> None:
+def test_a_block_whose_parts_do_not_fit_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(ContractError):
         replace(BLOCK, **change)
 
