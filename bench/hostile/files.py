@@ -10,7 +10,8 @@ from mcap.opcode import Opcode
 
 from bench.hostile.attack import Attack, Outcome
 from bench.hostile.process import Done, tactiled
-from tactiled.recording.contents import Header, Read, load_board
+from tactiled.array import Grid
+from tactiled.recording.contents import Header, Read, RecordedBoard, load_board
 from tactiled.recording.writer import RecordingWriter
 
 _CLAIMED_BYTES = 2_100_000_000
@@ -18,6 +19,7 @@ _MOST_MB = 150.0  # a command takes 60 to 80 MB, and the largest chunk that is r
 # What is held for the median period and the summary has a fixed size, reached within half an hour.
 _GROWTH_MB = 20.0
 _BLOCK = bytes(1 << 20)
+_WIDE = 200_000_000
 _NPZ_ROWS = 12_850_000  # of 36 channels: 3.7 GB
 
 
@@ -83,6 +85,29 @@ def _npz(folder: Path, scale: float) -> Outcome:
     return Outcome(f"{path.stat().st_size / 1e6:.0f} MB on disk; {found.seen}", found.held)
 
 
+def _wide_row(folder: Path, scale: float) -> Outcome:
+    path = folder / "wide.npz"
+    n = int(_WIDE * scale)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, kind, shape, n_bytes in (("time_s", "<f8", (1,), 8), ("volts", "|b1", (1, n), n)):
+            head = repr({"descr": kind, "fortran_order": False, "shape": shape}).ljust(117) + "\n"
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as stream:
+                stream.write(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode())
+                for at in range(0, n_bytes, len(_BLOCK)):
+                    stream.write(_BLOCK[: n_bytes - at])
+    return _seen({"detect": tactiled("detect", str(path))})
+
+
+def _described_array(folder: Path, _: float) -> Outcome:
+    path, board = folder / "array.mcap", load_board("board-v1", "wang2019-3x3")
+    places = [float(k) for k in range(256)]
+    grids = [Grid.model_construct(x_mm=places, y_mm=places)]
+    array_file = board.array_file.model_copy(update={"grids": grids})
+    with RecordingWriter(path, Header(RecordedBoard(board.layout_file, array_file))) as writer:
+        writer.read(Read(0.0, 1.7e9, b"read"))
+    return _seen({"detect": tactiled("detect", str(path)), "replay": tactiled("replay", str(path))})
+
+
 def _long_table(folder: Path, scale: float) -> Outcome:
     """Measure two tables of one kind, the second four times as long."""
     peaks = []
@@ -131,6 +156,20 @@ ATTACKS: tuple[Attack, ...] = (
         f"refused below {_MOST_MB:g} MB",
         _npz,
         0.001,
+    ),
+    Attack(
+        "bomb, a row of an npz",
+        "an npz of 195 kB with one row of 200 million channels; detect",
+        f"refused below {_MOST_MB:g} MB",
+        _wide_row,
+        0.01,
+    ),
+    Attack(
+        "bomb, array of a recording",
+        "a recording of 20 kB whose array has 256 x 256 taxels, 192 GB of weights; detect, replay",
+        f"refused below {_MOST_MB:g} MB",
+        _described_array,
+        1.0,
     ),
     Attack(
         "long table",
