@@ -57,8 +57,8 @@ print(compiled.path_words(), len(seen) == 5 and all(seen))
 
 
 def _wide(_folder: Path, scale: float) -> Outcome:
-    side_read = 24 if scale >= 1.0 else 12
-    command = [sys.executable, "-c", _PLAY, "64", str(side_read), str(STACK_KB)]
+    side, side_read = (64, 24) if scale >= 1.0 else (32, 12)
+    command = [sys.executable, "-c", _PLAY, str(side), str(side_read), str(STACK_KB)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
     seen = done.stdout.strip() or f"ended with {done.returncode}: {done.stderr.strip()[-200:]}"
     return Outcome(seen, held=done.returncode == 0 and seen.endswith("True"))

@@ -116,7 +116,9 @@ def _month_passed(folder: Path, _: float) -> Outcome:
     old = _written(records, now_s - 31 * _DAY_S, 1000.0)
     new = _written(records, now_s - 60, 1000.0 + 31 * _DAY_S)
     ages_s = {old.name: 31 * _DAY_S, new.name: 0.0}
-    (records / FILE).write_text(json.dumps({"saved_unix_s": now_s, "ages_s": ages_s}))
+    (records / FILE).write_text(
+        json.dumps({"ages_s": ages_s, "saved_unix_s": now_s, "saved_s": 0.0, "boot": ""})
+    )
     with _daemon(folder, records) as log:
         is_said = _until(log, "removed the 1 oldest")
     return Outcome(

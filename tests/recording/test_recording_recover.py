@@ -21,7 +21,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Item], 
     path = tmp_path_factory.mktemp("whole") / "a.mcap"
     synced = []
     with RecordingWriter(path, HEADER) as writer:
-        for k, read in enumerate(simulated_reads(0.15), 1):
+        for k, read in enumerate(simulated_reads(0.08), 1):
             writer.read(read)
             if k % 3 == 0:
                 writer.sync()
