@@ -23,7 +23,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Item], 
     with RecordingWriter(path, HEADER) as writer:
         for k, read in enumerate(simulated_reads(0.08), 1):
             writer.read(read)
-            if k % 3 == 0:
+            if k % 2 == 0:
                 writer.sync()
                 synced.append((writer.size_bytes, k))
     return path.read_bytes(), items(path), synced
