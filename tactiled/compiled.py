@@ -16,6 +16,7 @@ from types import ModuleType
 MODULES = (
     "tactiled.wire.good_scans",
     "tactiled.detect.signal.front_end",
+    "tactiled.detect.signal.pressure",
     "tactiled.detect.contact.memory",
     "tactiled.detect.contact.posterior",
     "tactiled.detect.contact.signs",

@@ -21,7 +21,7 @@ from tactiled import compiled
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.observe import Responses
 from tactiled.detect.contact.readings import TaxelReadings
-from tactiled.detect.signal import front_end
+from tactiled.detect.signal import front_end, pressure
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.samples.block import ScanBlock, regular_block
@@ -85,8 +85,8 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
     taps = [rng.integers(-9, 9, length).astype(np.float64) for length in (2, 6)]
     cuts = [0, *data.draw(splits(n)), n]
     found = []
-    for one in both(front_end):
-        hold = one.Hold(n_channels, 8.0, 2.0**20)
+    for one, gate in zip(both(front_end), both(pressure), strict=True):
+        hold = gate.Hold(n_channels, 8.0, 2.0**20)
         search = one.StuckChannels(sign, others, judged, 2.0**19, 16, 4, 5, n_channels / 3)
         bank = one.Bank(n_channels, taps)
         rows, out = np.zeros((5 + n) * n_channels), np.zeros(n * 2 * n_channels)
@@ -114,7 +114,7 @@ def test_pressure(seed: int, each: bool) -> None:
     levels[0] = np.round(levels[0] % (sides + 1))
     sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
     found = []
-    for one in both(front_end):
+    for one in both(pressure):
         of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5)
         reals, flags = np.zeros((2 + taxels) * n), np.zeros((2 + taxels) * n, dtype=np.uint8)
         of.take(n, steps, held, levels.ravel(), reals, flags)

@@ -1,20 +1,16 @@
-"""The classes of `front_end`, compiled where the installation has a compiler (`tactiled.compiled`)."""
+"""The classes of `front_end` and `pressure`, compiled where the installation has a compiler."""
 
 from typing import TYPE_CHECKING
 
 from tactiled.compiled import compiled_module
-from tactiled.detect.signal.front_end import (
-    Bank,
-    Hold,
-    Jumps,
-    NoiseFloor,
-    Pressure,
-    Readings,
-    RelievedSides,
-    StuckChannels,
-)
+from tactiled.detect.signal.front_end import Bank, Jumps, NoiseFloor, Readings, RelievedSides, StuckChannels
+from tactiled.detect.signal.pressure import Hold, Pressure
 
 __all__ = ["Bank", "Hold", "Jumps", "NoiseFloor", "Pressure", "Readings", "RelievedSides", "StuckChannels"]
 
-if not TYPE_CHECKING and (_found := compiled_module("tactiled.detect.signal.front_end")) is not None:
-    globals().update({name: getattr(_found, name) for name in __all__})
+if not TYPE_CHECKING:
+    if (_found := compiled_module("tactiled.detect.signal.front_end")) is not None:
+        Bank, Jumps, NoiseFloor = _found.Bank, _found.Jumps, _found.NoiseFloor
+        Readings, RelievedSides, StuckChannels = _found.Readings, _found.RelievedSides, _found.StuckChannels
+    if (_found := compiled_module("tactiled.detect.signal.pressure")) is not None:
+        Hold, Pressure = _found.Hold, _found.Pressure

@@ -3,17 +3,9 @@
 cdef extern from "math.h":
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _UNKNOWN, _CLIP, _ROUNDING, _MEAN_ABS, _LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES
-cdef double _LOADED, _MOST_JUMP, _RELIEVED, _MOST_SPREAD, _LEAST_PRESSED, _TINY, _ONE_SIDE
-cdef long _CLIPPED_AFTER, _FEWEST_LOADED, _SPARE, _LEAST_SIDES
-
-
-cdef class Hold:
-    cdef public long n_channels
-    cdef public double limit, steps_per_unit
-    cdef public double[::1] last
-
-    cpdef bint take(self, long n, long first, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
+cdef double _INFINITE, _UNKNOWN, _CLIP, _ROUNDING, _MEAN_ABS, _LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES
+cdef double _LOADED, _MOST_JUMP, _RELIEVED, _MOST_SPREAD, _LEAST_PRESSED, _TINY
+cdef long _CLIPPED_AFTER, _FEWEST_LOADED, _SPARE
 
 
 cdef class StuckChannels:
@@ -33,16 +25,6 @@ cdef class Bank:
     cdef public double[::1] taps
 
     cpdef take(self, long n, long first, const double[::1] steps, double[::1] out)
-
-
-cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides
-    cdef public double volts_per_step, slope_scale
-    cdef public bint is_begun
-    cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals
-
-    cpdef take(self, long n, const double[::1] steps, const double[::1] held, const double[::1] levels, double[::1] reals, unsigned char[::1] flags)
 
 
 cdef class Jumps:

@@ -28,7 +28,8 @@ _LASTS_S = 0.1  # longer than a tap
 _KEPT_S = 6.0  # of the hold
 _AGO_S = 0.5  # a slow slip must not be compared with its own beginning
 _LEAST_HOLD_S = 1.0  # after which a hold shows its own creep and tremor
-# Squared growth of a channel, over the noise of its hops, that a hold may have of which less is known.
+# Squared growth of a channel, over the noise of its hops, that a hold may have of which less is known: a
+# prior, ten standard deviations of each channel.
 _UNKNOWN_HOLD = 100.0
 # Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold" and "tug", magnetic pads).
 GROWS = 9.0  # squared growth over the largest of the hold
