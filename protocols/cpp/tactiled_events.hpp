@@ -411,10 +411,11 @@ struct Texture {
     // short, or the published procedure was not given the speed. too-few-periods: the window holds too few
     // periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings
     // fit the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ
-    // from those of one wave by stray_rad, too much to tell the true grating from others. low-snr: no ripple
-    // exceeds the noise. saturated: too few channels can be read. stale: the newest scan of the window was
-    // handled more than samples.late_after_s after it was taken, so that the estimate would be of the past,
-    // or the fit was not ready at the scan at which it was due.
+    // from those of one wave by stray_rad, too much to tell the true grating from others. machine: the
+    // strongest swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds the
+    // noise. saturated: too few channels can be read. stale: the newest scan of the window was handled more
+    // than samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit
+    // was not ready at the scan at which it was due.
     static constexpr const char* STATUS_OK = "ok";
     static constexpr const char* STATUS_PERIOD_ONLY = "period-only";
     static constexpr const char* STATUS_NO_SLIP = "no-slip";
@@ -422,6 +423,7 @@ struct Texture {
     static constexpr const char* STATUS_ALIASED = "aliased";
     static constexpr const char* STATUS_AMBIGUOUS = "ambiguous";
     static constexpr const char* STATUS_UNEVEN_CHANNELS = "uneven-channels";
+    static constexpr const char* STATUS_MACHINE = "machine";
     static constexpr const char* STATUS_LOW_SNR = "low-snr";
     static constexpr const char* STATUS_SATURATED = "saturated";
     static constexpr const char* STATUS_STALE = "stale";

@@ -349,6 +349,7 @@ class TextureData(TypedDict):
         "aliased",
         "ambiguous",
         "uneven-channels",
+        "machine",
         "low-snr",
         "saturated",
         "stale",
@@ -358,10 +359,11 @@ class TextureData(TypedDict):
     short, or the published procedure was not given the speed. too-few-periods: the window holds too few
     periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings fit
     the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ from
-    those of one wave by stray_rad, too much to tell the true grating from others. low-snr: no ripple exceeds
-    the noise. saturated: too few channels can be read. stale: the newest scan of the window was handled more
-    than samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit was
-    not ready at the scan at which it was due.
+    those of one wave by stray_rad, too much to tell the true grating from others. machine: the strongest
+    swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds the noise.
+    saturated: too few channels can be read. stale: the newest scan of the window was handled more than
+    samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit was not
+    ready at the scan at which it was due.
     """
     answered: float
     """Epoch seconds of the scan at which this was reported: answered - timestamp is the time that the fit was

@@ -206,6 +206,11 @@ class DetectorFactories(NamedTuple):
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
 
 
+# Times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for them, a
+# robot does not; and 2,000 channels at 100 Hz take 100 MB.
+_WIDEST = 4
+
+
 def _joint_texture(array: Array, params: DetectParams, worker: Worker, is_given: bool) -> JointTexture:
     """Make the joint estimator, with the fit for what is known of places and direction.
 
@@ -221,7 +226,8 @@ def _joint_texture(array: Array, params: DetectParams, worker: Worker, is_given:
     if is_given:  # from a file: no onset to stay clear of, and no worker to wait for
         texture = texture.model_copy(update={"settle_s": 0.0, "answer_after_s": 0.0})
     looks_back_s = 0.0 if is_given or array.has_shear else LOOKS_BACK_S
-    return JointTexture(array, texture, worker, fit, looks_back_s)
+    widest = _WIDEST if is_given and fit is fit_line else 1
+    return JointTexture(array, texture, worker, fit, looks_back_s, widest)
 
 
 def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given: bool) -> PaperTexture:

@@ -173,6 +173,7 @@ TextureStatus = Literal[
     "aliased",
     "ambiguous",
     "uneven-channels",
+    "machine",
     "low-snr",
     "saturated",
     "stale",

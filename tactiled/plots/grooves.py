@@ -24,6 +24,7 @@ _REASONS: Mapping[str, str] = {
     "ambiguous": "no answer, several gratings fit the phases",
     "uneven-channels": "no answer, the phases of the channels differ too much",
     "period-only": "period without angle",
+    "machine": "no answer, all channels swing at once, as with a motor",
     "low-snr": "no answer, no ripple above the noise",
     "saturated": "no answer, readings are saturated",
     "stale": "no answer, too many scans are late",

@@ -47,6 +47,8 @@ ESTIMATOR = "joint"
 ANSWERS = ("ok", "period-only")
 # Of the period. Two gratings that differ by less could not be told apart at two standard deviations.
 _LARGEST_SD_PART = 0.25
+# In the window: a line at the place of the newest one before it. Chance lines come at any place.
+_SAME_LINE_PERIODS = 0.5
 WindowFit = Callable[..., WaveFit]
 Preset = Literal["quick", "balanced", "fine"]
 
@@ -128,14 +130,15 @@ class _Span(NamedTuple):
 class _Window:
     """Scans of one slip in one direction, and what was answered of them."""
 
-    def __init__(self, n_scans: int, n_channels: int) -> None:
-        self.scans = ScanWindow(n_scans, n_channels)
+    def __init__(self, n_scans: int, n_channels: int, most: int) -> None:
+        self.scans = ScanWindow(n_scans, n_channels, most)
         self.n_scans = 0
         self.n_next_fit = 0
         self.n_pending = 0
         self.has_answer = False
         self.is_over = False
         self.last = WaveFit("no-slip")
+        self.line_hz = 0.0
         self.end: SlipEnd | None = None
 
     def span(self, end_s: float, rate_hz: float) -> _Span:
@@ -182,6 +185,8 @@ class JointTexture:
         Fits one window: `fit_wave`, or another with its parameters and result.
     looks_back_s : float
         See `SlipGate`.
+    widest : int
+        How many times its full length a window may have, while it holds too few periods.
 
     Examples
     --------
@@ -216,8 +221,10 @@ class JointTexture:
         worker: Worker | None = None,
         fit: WindowFit = fit_wave,
         looks_back_s: float = 0.0,
+        widest: int = 1,
     ) -> None:
         self._fit = fit
+        self._widest = widest
         self._looks_back_s = looks_back_s
         self._layout = channel_layout(array)
         self._full_scale_volts = Quantiser(array).full_scale_volts
@@ -281,7 +288,7 @@ class JointTexture:
                 events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or _Window(0, 0)
+                window = self._window or _Window(0, 0, 0)
                 window.end = piece
                 events += self._refusal(window, piece.time_s)
             self._end_slip()
@@ -316,7 +323,7 @@ class JointTexture:
         return events
 
     def _begin_window(self, n_scans: int, sign: float) -> _Window:
-        self._window = _Window(n_scans, len(self._layout.kind))
+        self._window = _Window(n_scans, len(self._layout.kind), self._widest * n_scans)
         self._slip_speed_sign = self._slip_speed_sign or sign
         return self._window
 
@@ -391,6 +398,8 @@ class JointTexture:
                 window.has_answer = fit.status in ANSWERS
                 events.append(_event(pending.span, fit, answered_s, self._params))
             window.last = fit
+            if fit.status == "too-few-periods" and pending.is_full:
+                window.scans.widen()
             if fit.is_new_pattern:
                 window.is_over, window.n_pending = True, 0
                 self._pending = deque(other for other in self._pending if other.window is not window)
@@ -400,7 +409,8 @@ class JointTexture:
     def _is_reported(self, pending: _PendingFit, fit: WaveFit) -> bool:
         """Return True for an answer that is good enough, and for a refusal that is due."""
         if fit.status == "period-only":
-            return True
+            before_hz, pending.window.line_hz = pending.window.line_hz, fit.frequency_hz
+            return abs(fit.frequency_hz - before_hz) * pending.span.window_s < _SAME_LINE_PERIODS
         if fit.status != "ok":
             return pending.window.has_answer or pending.is_refusal_due
         criteria = self._params.criteria

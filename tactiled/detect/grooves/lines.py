@@ -17,6 +17,10 @@ periodic, and its frequency is that of the ripple.
    is significant. Where the strongest bin of the summed spectrum has `_STANDS_OUT` times the power of any
    other, except its own lobe and its harmonics, that bin is the line. A slope has no such bin, and a
    resonance is wider than the lobe where the window holds enough of its periods.
+5. Lines are ordered by the power of the change that they make, in the unit of the readings. Noise of a skin
+   lies between white and a random walk: towards higher frequencies its power does not rise, and the power of
+   its changes does not fall. What is stronger than a line by that measure is no noise beside it but a signal
+   that is not explained: slower, the window is too short for it.
 """
 
 from typing import NamedTuple
@@ -35,17 +39,17 @@ _LOBE = 2  # bins to either side that a Hann window spreads a line over
 # a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten bins.
 _AROUND = 20
 _AROUND_ORDER = 2
-_MOST_LINES = 4
+_MOST_LINES = 8
 # Periods in the window. A cubic trend leaves humps of fewer.
 LEAST_CYCLES = 3.0
 # A Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels share and
 # stamps that jitter by a tenth cost up to 1.4 more (`./run bench sensors`).
 _SD_OVER_BOUND = 2.0
-# Power of the strongest bin over any other, and least periods. Of 3000 windows of noise that all channels
-# share (178 scans, power over frequency with slopes of 0.5, 1 and 2) none has such a bin; 2 have one of 4
-# times the power, and of 900 with 5 periods 9 have one of 5 times.
+# Power of the strongest bin over any other, and least periods. Of 6000 windows of noise that all channels
+# share (178 scans, power over frequency with slopes of 0.5, 1 and 2), 9 have such a bin with 7 periods or
+# more, 36 with 6, 121 with 5; an answer needs it in two windows at one place.
 _STANDS_OUT = 5.0
-_LEAST_DOMINANT_CYCLES = 8
+_LEAST_DOMINANT_CYCLES = 7
 _TREND_CYCLES = 2  # slower bins are of the trend
 _LEAST_SD = 1e-12  # of the readings: less is the rounding of the trend
 # The level has 5 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines on 4 of
@@ -64,12 +68,22 @@ class SpectralLine(NamedTuple):
         Power over the noise beside it, summed over the channels.
     statistic : float
         Studentised residual over its threshold; 1 is just significant.
+    change : float
+        Power of the change that it makes: its power times the square of its frequency.
+    over_others : float
+        Its power over what noise between white and a random walk would have at its frequency, if the
+        strongest bin that belongs to no line were that noise.
+    in_phase : float
+        Part of its power with which all channels swing at once, in phase or opposite, from half to 1.
     """
 
     frequency_hz: float
     frequency_sd_hz: float
     power: float
     statistic: float
+    change: float
+    over_others: float
+    in_phase: float
 
 
 def spectral_lines(
@@ -112,6 +126,7 @@ def spectral_lines(
     spectra = np.fft.rfft(np.hanning(n)[:, np.newaxis] * readings, axis=0)
     bins = np.arange(len(spectra))
     first = int(np.ceil(LEAST_CYCLES))
+    absolute = (np.abs(spectra) ** 2).sum(axis=1)
     kept = slice(first, n // 2 if n % 2 == 0 else len(bins))  # the bin at half the rate is real
     cycles, spectra = bins[kept], spectra[kept]
     if len(cycles) < _LEAST_BINS:
@@ -119,26 +134,80 @@ def spectral_lines(
     pooled = _pooled_power(spectra, np.log(cycles))
     step_hz = rate_hz / n
     in_band = (cycles * step_hz >= band_hz[0]) & (cycles * step_hz <= band_hz[1])
-    lines = []
+    found: list[tuple[float, float, float]] = []
     for peak, statistic in _significant(np.cbrt(pooled), np.log(cycles), false_alarms, in_band):
         near = abs(cycles - cycles[peak])
         beside = (near > _LOBE) & (near <= _AROUND)
-        floor = float(pooled[beside].mean())
-        power = max(float(pooled[peak]) / floor - 1.0, 0.1) * readings.shape[1]
-        period = _refined(readings, float(cycles[peak]), floor=_noise_power(spectra, beside))
+        power = max(float(pooled[peak]) / float(pooled[beside].mean()) - 1.0, 0.1) * readings.shape[1]
+        at = _refined(readings, float(cycles[peak]), floor=_noise_power(spectra, beside))
+        if at >= LEAST_CYCLES:
+            found.append((at, power, statistic))
+    if not found:
+        found = _dominant_line(readings, (band_hz[0] / step_hz, band_hz[1] / step_hz))
+    free = np.ones(len(bins), dtype=np.bool_)
+    for at, *_ in found:
+        free &= np.abs(bins - at) > _LOBE
+    lines = []
+    for at, power, statistic in found:
         # Cramer-Rao bound of a line's frequency; a Hann window has 1.5 bins of noise.
-        sd = _SD_OVER_BOUND * np.sqrt(6.0 / (1.5 * power)) / (2 * np.pi)
-        sd = np.hypot(sd, period * clock_sd)
-        lines.append(SpectralLine(period * step_hz, float(sd) * step_hz, power, statistic))
-    if not lines:
-        lines = _dominant_line(readings, (band_hz[0] / step_hz, band_hz[1] / step_hz), step_hz, clock_sd)
+        sd = np.hypot(_SD_OVER_BOUND * np.sqrt(6.0 / (1.5 * power)) / (2 * np.pi), at * clock_sd)
+        swings = _phasors(readings, np.array([at]))[0]
+        total = float((np.abs(swings) ** 2).sum())
+        slower, faster = free & (bins < at), free & (bins > at) & (bins < kept.stop)
+        level = max(
+            float((bins[slower] ** 2 * absolute[slower]).max(initial=0.0)) / at**2,
+            float(absolute[faster].max(initial=0.0)),
+        )
+        lines.append(
+            SpectralLine(
+                frequency_hz=at * step_hz,
+                frequency_sd_hz=float(sd) * step_hz,
+                power=power,
+                statistic=statistic,
+                change=at**2 * total,
+                over_others=total / max(level, 1e-300),
+                in_phase=_in_phase(swings),
+            )
+        )
     return sorted(lines, key=lambda line: -line.power)
 
 
+class StrongestSwing(NamedTuple):
+    """The bin of the spectrum that stands out most from noise midway between white and a random walk.
+
+    Attributes
+    ----------
+    cycles : int
+        Its periods in the window.
+    in_phase : float
+        See `SpectralLine`.
+    """
+
+    cycles: int
+    in_phase: float
+
+    @property
+    def is_slow(self) -> bool:
+        """True where it has too few periods to stand out as a line."""
+        return self.cycles < _LEAST_DOMINANT_CYCLES
+
+
+def strongest_swing(readings: FloatArray) -> StrongestSwing:
+    """Find the strongest swing of readings (n, channels): largest power times frequency."""
+    spectra = np.fft.rfft(np.hanning(len(readings))[:, np.newaxis] * _detrended(readings), axis=0)
+    cycles = int(np.argmax(np.arange(len(spectra)) * (np.abs(spectra) ** 2).sum(axis=1)))
+    return StrongestSwing(cycles, _in_phase(spectra[cycles]))
+
+
+def _in_phase(swings: NDArray[np.complex128]) -> float:
+    """Part of the power of phasors that lies along one direction or its opposite, from 0 to 1."""
+    return float(np.abs((swings**2).sum())) / max(float((np.abs(swings) ** 2).sum()), 1e-300)
+
+
 def _dominant_line(
-    readings: FloatArray, band_cycles: tuple[float, float], step_hz: float, clock_sd: float
-) -> list[SpectralLine]:
-    """Return the strongest line of the summed spectrum where it stands out from all others; else none."""
+    readings: FloatArray, band_cycles: tuple[float, float]
+) -> list[tuple[float, float, float]]:
+    """Return cycles, power and statistic of the strongest line if it stands out from all others."""
     n = len(readings)
     scaled = readings / readings.std(axis=0)
     power = (np.abs(np.fft.rfft(np.hanning(n)[:, np.newaxis] * scaled, axis=0)) ** 2).sum(axis=1)
@@ -154,14 +223,12 @@ def _dominant_line(
     if not others.any() or power[peak] < _STANDS_OUT * float(power[others].max()):
         return []
     beside = others & (np.abs(cycles - peak) <= _AROUND)
-    floor = float(power[beside].mean()) if beside.any() else float(power[others].mean())
+    beside = beside if beside.any() else others
     # Texture is shared by the channels: they count as one.
-    over = float(power[peak]) / floor
-    period = _refined(scaled, float(peak), floor=np.ones(scaled.shape[1]))
-    sd = _SD_OVER_BOUND * np.sqrt(6.0 / (1.5 * over)) / (2 * np.pi)
-    sd = np.hypot(sd, period * clock_sd)
+    over = float(power[peak]) / float(power[beside].mean())
     statistic = float(power[peak] / (_STANDS_OUT * power[others].max()))
-    return [SpectralLine(period * step_hz, float(sd) * step_hz, over, statistic)]
+    at = _refined(scaled, float(peak), floor=np.ones(scaled.shape[1]))
+    return [(at, over, statistic)]
 
 
 def _mean_rate_hz(time_s: FloatArray) -> tuple[float, float]:
@@ -243,20 +310,25 @@ def _noise_power(spectra: NDArray[np.complex128], beside: NDArray[np.bool_]) -> 
     return np.asarray(np.maximum(power, power.mean() * 1e-9))
 
 
+def _phasors(readings: FloatArray, cycles: FloatArray) -> NDArray[np.complex128]:
+    """Hann-windowed Fourier sums of each channel at frequencies between the bins: (frequencies, channels)."""
+    n = len(readings)
+    waves = np.exp(-2j * np.pi * np.outer(cycles, np.arange(n)) / n)
+    return np.asarray(waves @ (np.hanning(n)[:, np.newaxis] * readings))
+
+
 def _refined(readings: FloatArray, cycles: float, floor: FloatArray) -> float:
     """Cycles (in the window) of the largest power near a bin, each channel weighted by its noise."""
-    n = len(readings)
-    windowed = np.hanning(n)[:, np.newaxis] * readings / np.sqrt(floor)
-    angle = 2j * np.pi * np.arange(n) / n
+    scaled = readings / np.sqrt(floor)
     half = 1.0
     for _ in range(4):  # each pass narrows the interval fourfold
         tried = cycles + half * np.linspace(-1.0, 1.0, 9)
-        power = (np.abs(np.exp(-np.outer(tried, angle)) @ windowed) ** 2).sum(axis=1)
+        power = (np.abs(_phasors(scaled, tried)) ** 2).sum(axis=1)
         cycles = float(tried[np.argmax(power)])
         half /= 4
     # The last points are close enough for a parabola.
     tried = cycles + 4 * half * np.array([-1.0, 0.0, 1.0])
-    left, middle, right = (np.abs(np.exp(-np.outer(tried, angle)) @ windowed) ** 2).sum(axis=1)
+    left, middle, right = (np.abs(_phasors(scaled, tried)) ** 2).sum(axis=1)
     bend = left - 2 * middle + right
     shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
     return cycles + float(np.clip(shift, -1.0, 1.0)) * 4 * half

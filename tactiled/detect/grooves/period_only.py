@@ -1,11 +1,15 @@
 """Period of grooves whose angle cannot be told.
 
-Without shear channels, with unknown places, or where all channels feel a ripple at once, the phases of a
-window give no wave vector. Its lines (`lines`) still give the frequency f of the ripple, and a known speed v
-bounds the period: grooves whose normal is tilted from the motion by t have the period v cos(t) / f. So the
+Without shear channels or with unknown places, the phases of a window give no wave vector. Its lines (`lines`)
+still give the frequency f of the ripple, and a known speed v bounds the period: grooves whose normal is tilted from the motion by t have the period v cos(t) / f. So the
 period is within ``[v cos(max_tilt_deg) / f, v / f]`` and within the permitted periods. Stated is the upper
 end, which is that of motion across the grooves where that is permitted. Without a speed the answer is
 "ambiguous", with the frequency alone.
+
+Phases still tell grooves from a machine. Where the strongest swing moves all channels at once, it may be
+the load as a whole, with a motor or an arm, and the answer is "machine". What is slower than a few
+periods in the window and changes more than a line is no drift but a ripple that the window is too short for:
+"too-few-periods".
 
 Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
 """
@@ -17,7 +21,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.lines import SpectralLine, spectral_lines
+from tactiled.detect.grooves.lines import SpectralLine, spectral_lines, strongest_swing
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
 from tactiled.events.types import UNKNOWN_SD_DEG, Candidate
 
@@ -33,6 +37,11 @@ _MOST_MULTIPLE = 3  # a higher harmonic is never the strongest line of a ridge
 _SAME_LINE_PERIODS = 1.5  # in the window: lines of a Hann window that are nearer are one
 # A joint answer may exceed the period of motion across the grooves by this: the given speed has an error.
 _SPEED_ERROR = 1.1
+# Channels that swing at once may do so because the load as a whole does, with a motor or an arm. Over a
+# length L along the motion, grooves of period D give sin(2 pi L / D) / (2 pi L / D) of the power in phase:
+# 0.9 at D = 8 L. Phases of fewer channels than four agree by chance.
+_MOST_IN_PHASE = 0.9
+_LEAST_PHASES = 4
 _INTERVAL_SDS = 2.0  # standard deviations that widen the interval of the period at both ends
 
 
@@ -75,10 +84,18 @@ def fit_line(
         return WaveFit("saturated")
     duration_s = float(time_s[-1] - time_s[0])
     band_hz = _band_hz(motion, params, (len(time_s) - 1) / duration_s if duration_s > 0 else 0.0)
-    lines = spectral_lines(_filled(volts[:, chosen], usable[:, chosen]), time_s, _FALSE_ALARMS, band_hz)
-    if not lines:
-        return WaveFit("low-snr")
-    gratings = _fundamentals(lines, _SAME_LINE_PERIODS / duration_s)
+    readings = _filled(volts[:, chosen], usable[:, chosen])
+    lines = spectral_lines(readings, time_s, _FALSE_ALARMS, band_hz)
+    strongest = strongest_swing(readings)
+    many = int(chosen.sum()) >= _LEAST_PHASES
+    if many and strongest.in_phase > _MOST_IN_PHASE:
+        return WaveFit("machine", frequency_hz=strongest.cycles / duration_s)
+    waves = [line for line in lines if not many or line.in_phase <= _MOST_IN_PHASE]
+    if not waves:
+        return WaveFit("too-few-periods" if strongest.is_slow else "low-snr")
+    gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)
+    if gratings[0].over_others < 1.0:
+        return WaveFit("too-few-periods")
     answers = [_of_line(line, motion, params) for line in gratings]
     return replace(answers[0], candidates=_candidates(gratings, answers))
 

@@ -29,32 +29,39 @@ _RIDGE = 1e-9
 
 
 class ScanWindow:
-    """The newest scans, up to a fixed number, contiguous in memory so that fits take views.
+    """The newest scans, up to a number that can grow, contiguous in memory so that fits take views.
 
     Parameters
     ----------
     size : int
         Scans at most.
     n_channels : int
+    most : int, optional
+        Scans that are kept for `widen`; `size` if not given.
     """
 
-    def __init__(self, size: int, n_channels: int) -> None:
+    def __init__(self, size: int, n_channels: int, most: int | None = None) -> None:
         self.size = size
+        self._most = most = max(size, most or 0)
         self._end = 0
-        self._volts = np.empty((2 * size, n_channels))
-        self._good = np.empty((2 * size, n_channels), dtype=np.bool_)
-        self._time_s = np.empty(2 * size)
-        self._speeds_mm_s = np.empty(2 * size)
+        self._volts = np.empty((2 * most, n_channels))
+        self._good = np.empty((2 * most, n_channels), dtype=np.bool_)
+        self._time_s = np.empty(2 * most)
+        self._speeds_mm_s = np.empty(2 * most)
+
+    def widen(self) -> None:
+        """Double the number of scans, up to the most."""
+        self.size = min(2 * self.size, self._most)
 
     def append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
         """Append scans, with the usable readings (n, channels) and the speed at each scan (n,)."""
-        for first in range(0, len(block), self.size):
-            self._append(block[first : first + self.size], good[first:], speeds_mm_s[first:])
+        for first in range(0, len(block), self._most):
+            self._append(block[first : first + self._most], good[first:], speeds_mm_s[first:])
 
     def _append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
         n = len(block)
-        if self._end + n > 2 * self.size:
-            kept = slice(max(0, self._end - self.size), self._end)
+        if self._end + n > 2 * self._most:
+            kept = slice(max(0, self._end - self._most), self._end)
             self._end = kept.stop - kept.start
             for store in (self._volts, self._good, self._time_s, self._speeds_mm_s):
                 store[: self._end] = store[kept].copy()

@@ -40,6 +40,7 @@ export const REFUSALS = {
   "too-few-periods": "Too few periods in the window: slide further.",
   aliased: "The ripple is too fast for the scan rate: slide more slowly.",
   ambiguous: "Several gratings fit equally well: give the speed.",
+  machine: "All channels swing at once, as with a motor or an arm: slide at another speed.",
   "low-snr": "No ripple above the noise: flat, or press harder.",
   saturated: "Too few channels can be read: press less.",
   stale: "The answer was late, so it would be of the past: look at the load of the host.",

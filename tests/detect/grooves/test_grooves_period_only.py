@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from tactiled.array import Array, FloatArray, build, load_array
+from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.lines import spectral_lines
+from tactiled.detect.grooves.model import WaveFit
 from tactiled.detect.grooves.period_only import period_range
-from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -174,7 +176,7 @@ def test_sliding_goes_on_after_a_gap_and_is_cut_to_its_interval() -> None:
     suite = build_suite(array, params, sliding=KnownSliding(1.0, 5.0), topics=("texture",))
     inside = [e.time_s for e in suite.process(block)]
     assert inside
-    assert 3.4 < inside[0] < 3.7  # 86 scans after the beginning
+    assert 3.4 < inside[0] < 3.9  # the second fit of 86 scans or more
     assert inside[-1] < 5.0
     gap = Gap(40, "missing", 160)
     suite = build_suite(array, params, sliding=KnownSliding(), topics=("texture",))
@@ -214,3 +216,50 @@ def test_uneven_ridges_on_a_rough_surface_are_a_line_and_the_surface_alone_is_no
     assert spectral_lines(rough, time_s, 1e-4, (0.0, 16.0)) == []
     (line, *_) = spectral_lines(rough + 60 * ridge, time_s, 1e-4, (0.0, 16.0))
     assert abs(line.frequency_hz - 3.0) < 3 * line.frequency_sd_hz
+
+
+def hum(frequency_hz: float, amplitude: float, n: int) -> np.ndarray:
+    """Swing of the load as a whole, in standard deviations of the noise: (n, 1)."""
+    return amplitude * np.cos(2 * np.pi * frequency_hz * np.arange(n) / RATE_HZ)[:, np.newaxis]
+
+
+def test_what_swings_all_channels_at_once_may_be_a_machine() -> None:
+    alone, beside = ridges(11, {}, seconds=9.0), ridges(12, {4.0: 1.0})
+    gains = np.random.default_rng(13).uniform(0.5, 1.5, 16)
+    shaken = regular_block(alone.volts + 20 * gains * hum(4.9, 1.0, len(alone)), RATE_HZ)
+    found = answers(unknown_places(16), [shaken], speed_mm_s=10.0)
+    assert {event.status for event in found} == {"machine"}
+    assert found[-1].frequency_hz == pytest.approx(4.9, abs=0.1)
+    assert found[-1].period_mm == 0.0
+    weaker = regular_block(beside.volts + 20 * gains * hum(9.0, 0.3, len(beside)), RATE_HZ)
+    last = answers(unknown_places(16), [weaker], speed_mm_s=10.0)[-1]
+    assert (last.status, last.period_mm) == ("period-only", pytest.approx(2.5, rel=0.01))
+    one = answers(unknown_places(1), [ridges(14, {4.0: 1.0}, channels=1)], speed_mm_s=10.0)
+    assert one[-1].status == "period-only"  # a single channel cannot tell
+
+
+def test_a_weak_ripple_beside_a_strong_one_that_is_too_slow_is_no_answer() -> None:
+    lines = {0.25: 60.0, 4.0: 0.5}  # two periods of the first in 8 s, and it changes the readings more
+    found = answers(unknown_places(16), [ridges(15, lines, seconds=9.0)], speed_mm_s=5.0, max_period_mm=30.0)
+    assert {event.status for event in found} == {"too-few-periods"}
+
+
+def test_a_log_of_a_slow_slide_is_answered_from_a_longer_window() -> None:
+    block = ridges(16, {0.3: 4.0}, seconds=31.0, slope=0.5)
+    last = answers(unknown_places(16), [block], speed_mm_s=6.0, max_period_mm=30.0)[-1]
+    assert (last.status, last.period_mm) == ("period-only", pytest.approx(20.0, rel=0.02))
+    assert last.window_s > 15.0
+
+
+def test_a_line_is_reported_once_a_second_window_has_it_too() -> None:
+    block = ridges(17, {4.0: 1.0}, seconds=8.0)
+    params = JointParams(speed_mm_s=10.0, settle_s=0.0, answer_after_s=0.0)
+    fits = iter([3.0, 9.0, 9.01, 20.0, 9.01])
+
+    def fit(*_: object) -> WaveFit:
+        at = next(fits, 9.01)
+        return WaveFit("period-only", frequency_hz=at, period_mm=10 / at)
+
+    texture = KnownSlidingTexture(JointTexture(unknown_places(16), params, fit=fit), KnownSliding())
+    told = [event.frequency_hz for event in texture.process(block) if isinstance(event, TextureEvent)]
+    assert set(told) == {9.01}
