@@ -44,7 +44,7 @@ def _slip(array: Array) -> Finding:
     if not has_pressure or array.n_channels < _FEW_CHANNELS:
         words = f"not reported: no shear, and fewer than {_FEW_CHANNELS} pressure channels"
         return Finding("slip", "warn", words)
-    return Finding("slip", "warn", "gross slip, from roughness and ripple of the pressure; no shear channels")
+    return Finding("slip", "warn", "slip, from load that moves, roughness and ripple; no shear channels")
 
 
 def _direction(array: Array) -> Finding:

@@ -1,10 +1,11 @@
 """Period of grooves whose angle cannot be told.
 
-Without shear channels or with unknown places, the phases of a window give no wave vector. Its lines (`lines`)
-still give the frequency f of the ripple, and a known speed v bounds the period: grooves whose normal is tilted
-from the motion by t have the period v cos(t) / f. So the period is within ``[v cos(max_tilt_deg) / f, v / f]``
-and within the permitted periods. Stated is the upper end, which is that of motion across the grooves where
-that is permitted. Without a speed the answer is "ambiguous", with the frequency alone.
+Without shear channels or with unknown places, the phases of a window give no wave vector. Its lines
+(`lines`) still give the frequency f of the ripple, and a known speed v bounds the period: grooves whose
+normal is tilted from the motion by t have the period v cos(t) / f. So the period is within
+``[v cos(max_tilt_deg) / f, v / f]`` and within the permitted periods. Stated is the upper end, which is that
+of motion across the grooves where that is permitted. Without a speed the answer is "ambiguous", with the
+frequency alone.
 
 Phases still tell grooves from a machine. Where the strongest swing moves all channels at once, it may be
 the load as a whole, with a motor or an arm, and the answer is "machine". What is slower than a few

@@ -23,6 +23,11 @@ from tactiled.samples.block import Gap, ScanBlock
 
 DETECTOR = "sliding"
 LOOKS_BACK_S = 3.0  # a slide is found by a window of 2 s and two hops after it began
+# The loads after a slide are others than before it, which looks like load that moves for as long as the
+# longest growth is of.
+_SETTLES_S = 2.0
+_NOT_TOUCHING: tuple[ContactState, ...] = ("none",)
+_NOT_BEGUN: tuple[ContactState, ...] = ("none", "unknown")
 _STATES_THAT_SLIDE = ("unknown", "loading", "holding", "sliding")
 
 
@@ -68,8 +73,9 @@ class SlidingSlip:
         self._published: ContactState = "none"
         self._touching: tuple[int, ...] = ()
         self._of_first: SlipEvent | None = None  # newest onset of a slip that has not ended
-        self._own: SlipEvent | None = None
+        self._own: dict[int, SlipEvent] = {}  # by tracker: onset of a slip that has not ended
         self._newest: SlipEvent | None = None  # newest onset that was published
+        self._gross_end_s = -np.inf
 
     @property
     def contact_state(self) -> ContactState:
@@ -89,15 +95,21 @@ class SlidingSlip:
                 events += self._cut_off()
             self._rate_hz = item.rate_hz
             self._quantiser = Quantiser(self._array)
-            tracker = GrowthTracker if self._grows else SlidingTracker
-            self._tracker: GrowthTracker | SlidingTracker = tracker(self._array, item.rate_hz)
+            self._trackers: list[GrowthTracker | SlidingTracker] = [GrowthTracker(self._array, item.rate_hz)]
+            if not self._grows:
+                self._trackers.append(SlidingTracker(self._array, item.rate_hz))
         self._last_time_s = float(item.time_s[-1])
         at = [(_row(item, event), event) for event in before]
-        changes = self._tracker.process(self._quantiser.process(item), self._touches(item, at))
-        both: list[tuple[int, Event | Change]] = [*at, *((change.row, change) for change in changes)]
+        held = self._quantiser.process(item)
+        both: list[tuple[int, Event | tuple[int, Change]]] = [*at]
+        for which, tracker in enumerate(self._trackers):
+            # A contact whose beginning was not seen did not begin when it was found.
+            without = _NOT_BEGUN if isinstance(tracker, GrowthTracker) else _NOT_TOUCHING
+            touches = self._touches(item, at, without)
+            both += [(change.row, (which, change)) for change in tracker.process(held, touches)]
         for row, found in sorted(both, key=lambda pair: pair[0]):  # stable: the first detector first
-            if isinstance(found, Change):
-                events += self._changed(item, found)
+            if isinstance(found, tuple):
+                events += self._changed(item, *found)
             elif isinstance(found, SlipEvent):
                 events += self._first_slips(found)
             elif isinstance(found, ContactEvent):
@@ -107,28 +119,37 @@ class SlidingSlip:
             events += self._contact(item, row)
         return events
 
-    def _touches(self, block: ScanBlock, at: list[tuple[int, Event]]) -> NDArray[np.bool_]:
-        """Return the scans (n,) in contact."""
-        touches = np.full(len(block), self._state != "none")
+    def _touches(
+        self, block: ScanBlock, at: list[tuple[int, Event]], without: tuple[ContactState, ...]
+    ) -> NDArray[np.bool_]:
+        """Return the scans (n,) in contact: in a state that is none of some."""
+        touches = np.full(len(block), self._state not in without)
         for row, event in at:
             if isinstance(event, ContactEvent):
-                touches[row:] = event.state != "none"
+                touches[row:] = event.state not in without
         return touches
 
-    def _changed(self, block: ScanBlock, change: Change) -> list[Event]:
+    def _changed(self, block: ScanBlock, which: int, change: Change) -> list[Event]:
         time_s, valid = float(block.time_s[change.row]), not bool(block.late[change.row])
         if change.is_onset:
-            self._own = self._onset(time_s, change, valid=valid)
-            if self._of_first is not None and self._of_first.kind == "gross":
+            before = [*self._own.values(), *([self._of_first] if self._of_first is not None else [])]
+            if not change.is_gross and not self._grows and time_s - self._gross_end_s < _SETTLES_S:
                 return []
-            self._newest = self._own
-            return [self._own]
-        self._own = None
-        return [] if self._of_first is not None else self._ended(time_s, time_s, valid=valid)
+            onset = self._own[which] = self._onset(time_s, change, valid=valid)
+            if any(slip.kind == "gross" or onset.kind == slip.kind for slip in before):
+                return []
+            self._newest = onset
+            return [onset]
+        own = self._own.pop(which, None)
+        if own is None:
+            return []
+        if own.kind == "gross":
+            self._gross_end_s = time_s
+        return [] if self._own or self._of_first is not None else self._ended(time_s, time_s, valid=valid)
 
     def _first_slips(self, event: SlipEvent) -> list[Event]:
         self._of_first = event if event.state == "onset" and not self._grows else None
-        if self._own is not None or self._grows:
+        if self._own or self._grows:
             return []
         self._newest = event if event.state == "onset" else None
         return [event]
@@ -155,14 +176,15 @@ class SlidingSlip:
             taxels=self._touching or tuple(range(self._array.n_taxels)),
             detector=DETECTOR,
             statistic=change.statistic,
-            threshold=GROWS if self._grows else BEGINS,
+            threshold=BEGINS if change.is_gross else GROWS,
             valid=valid,
             detected_s=time_s,
         )
 
     def _contact(self, block: ScanBlock, row: int) -> list[Event]:
         """Return the change of the published contact, which slides while sliding is seen."""
-        slides = self._own is not None and self._own.kind == "gross" and self._state in _STATES_THAT_SLIDE
+        is_gross = any(slip.kind == "gross" for slip in self._own.values())
+        slides = is_gross and self._state in _STATES_THAT_SLIDE
         state: ContactState = "sliding" if slides else self._state
         if state == self._published:
             return []
@@ -191,7 +213,8 @@ class SlidingSlip:
         self._rate_hz = 0.0
         self._state = self._published = "none"
         self._touching = ()
-        self._of_first = self._own = self._newest = None
+        self._of_first = self._newest = None
+        self._own = {}
         return events
 
 

@@ -6,8 +6,9 @@ the channels. Without the three strongest patterns of a window, a channel at res
 
 1. Spectra of the window: a cubic trend removed, under a Hann window, over the noise of each channel.
 2. Roughness: the largest mean of three neighbouring bins of what the three strongest patterns leave, over the
-   same at rest. Where rest was not seen yet, its noise is taken as white, at the level of the window's
-   quietest quarter of bins. What happens in one quarter of the window, such as a tap, does not count.
+   same at rest. Where rest was seen out of contact alone, it must exceed white noise at the level of the
+   window's quietest quarter of bins, too. What happens in one quarter of the window, such as a tap, does not
+   count. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
 3. Ripple: the strongest line that travels (`ripple`).
 4. Log odds of sliding: both over what windows at rest reach, bounded, so that no single window decides.
 """
@@ -121,9 +122,15 @@ def log_odds(found: Spectra, own: FloatArray, at_rest: FloatArray | None) -> flo
     rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ROUGH, _MOST_ROUGH))
     if rough > 0 and happens_once(found):
         rough = 0.0
-    size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / bins))
+    ripple = ripple_odds(found)
+    return rough if ripple <= 0 else max(rough, 0.0) + ripple
+
+
+def ripple_odds(found: Spectra) -> float:
+    """Log odds of sliding that the ripple of a window gives; 0 where no line travels."""
+    size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / len(found.z)))
     line = travelling_line(found.z / size, LEAST_CYCLES) - _LINE_AT_REST
-    return rough if line <= 0 else max(rough, 0.0) + min(_SLOPE * line, _MOST_LINE)
+    return float(np.clip(_SLOPE * line, 0.0, _MOST_LINE))
 
 
 @functools.lru_cache(maxsize=8)

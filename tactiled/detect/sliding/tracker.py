@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.change import Change
-from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, spectra
+from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, ripple_odds, spectra
 
 _FINEST_HZ = 100.0  # faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0
@@ -21,6 +21,7 @@ _LEAST_WINDOW = 72
 _HOPS = 8  # in a window
 BEGINS, _BOUND, _SPENT = 3.0, 5.0, 0.5  # log odds; two windows at least, four to forget
 _LEARNS_BELOW = 1.0
+_NO_RIPPLE = -1.0  # log odds, before rest was seen: what does not travel is taken for rest
 _KNOWN_HOPS = 4  # at rest, before their mean counts
 _MEMORY_HOPS = 32  # 8 s
 _STOPPED = 0.25  # power of changes from scan to scan, over the median of the slide
@@ -148,11 +149,12 @@ class SlidingTracker:
 
     def _log_odds(self, found: Spectra) -> float:
         rest = self._rest
-        alone = log_odds(found, own_power(found, found.noise), None)
         if rest.noise is None or rest.n < _KNOWN_HOPS:
-            return alone
+            return ripple_odds(found) or _NO_RIPPLE
         over_rest = log_odds(found, own_power(found, rest.noise), rest.own)
-        return over_rest if rest.is_of_contact else min(alone, over_rest)
+        if rest.is_of_contact:
+            return over_rest
+        return min(over_rest, log_odds(found, own_power(found, found.noise), None))
 
     def _learn(self, found: Spectra) -> None:
         noise = found.noise if self._rest.noise is None else self._rest.noise

@@ -100,7 +100,7 @@ def slips(events: list[Event]) -> list[SlipEvent]:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_rough_slide_is_one_slip_without_direction(seed: int) -> None:
-    onset, end = slips(detector().process(hold(seed, rough(seed))))
+    *_, onset, end = slips(detector().process(hold(seed, rough(seed))))
     assert (onset.state, onset.kind, end.state) == ("onset", "gross", "end")
     assert SLIDE_S[0] < onset.detected_s < SLIDE_S[0] + 2
     assert abs(onset.onset_s - SLIDE_S[0]) < 2 * onset.onset_sd_s
@@ -112,8 +112,7 @@ def test_an_onset_names_the_taxels_that_touch() -> None:
     touches = (np.arange(16) >= 4).astype(float)
     block = hold(0, rough(0))
     lifted = dataclasses.replace(block, volts=block.volts * touches)
-    onset = slips(detector().process(lifted))[0]
-    assert onset.kind == "gross"
+    onset = next(slip for slip in slips(detector().process(lifted)) if slip.kind == "gross")
     assert set(onset.taxels) == set(range(4, 16))
 
 
@@ -126,14 +125,16 @@ def test_a_slide_over_ridges_that_is_under_way_in_the_first_scan_is_found() -> N
 
 @pytest.mark.parametrize("kind", ["hum", "tremor", "taps", "grip"])
 def test_a_rigid_body_that_shakes_does_not_slide(kind: str) -> None:
-    assert slips(detector().process(hold(1, shakes(kind)))) == []
+    found = slips(detector().process(hold(1, shakes(kind))))
+    # A tremor of two tilts moves load from taxels to others, as the beginning of a slip does.
+    assert {slip.kind for slip in found} <= ({"incipient"} if kind == "tremor" else set())
 
 
 def test_ridges_are_answered_from_scans_before_the_slide_was_found() -> None:
-    found = detector(8.0).process(hold(0, ridges())[: round(9.3 * RATE_HZ)])
+    found = detector(8.0).process(hold(0, ridges())[: round(9.7 * RATE_HZ)])
     answers = [e for e in found if isinstance(e, TextureEvent) and e.status == "period-only"]
     assert answers[0].period_min_mm < 3.0 < answers[0].period_max_mm
-    onset_s = slips(found)[0].detected_s
+    onset_s = next(slip for slip in slips(found) if slip.kind == "gross").detected_s
     assert answers[0].window_s > answers[0].time_s - onset_s + 0.5
 
 
@@ -196,3 +197,32 @@ def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
     hop_s = 9 / RATE_HZ
     assert end.state == "end"
     assert end.detected_s <= SLIDE_S[1] + 3 * hop_s
+
+
+def moved(part: float, pads: int = 1) -> list[SlipEvent]:
+    """Slips of a hold in which a part of the load of eight taxels moves to the others from 6 to 7 s."""
+    channel = {"name": "N", "kind": "normal"}
+    places = [{"x_mm": 4.0 * k, "y_mm": 0.0, "pad": k * pads // 16} for k in range(16)]
+    document = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxels": places}
+    array = build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
+    t = np.arange(N)[:, np.newaxis] / RATE_HZ
+    away = np.where(np.arange(16) < 8, -part, part) * np.clip(t - 6, 0, 1)
+    return slips(build_methods(array, DetectParams(), topics=("slip",)).process(hold(5, away)))
+
+
+def test_load_that_moves_over_the_array_is_an_incipient_slip() -> None:
+    onset = moved(0.2)[0]
+    assert (onset.state, onset.kind, onset.direction_sd_deg) == ("onset", "incipient", UNKNOWN_SD_DEG)
+    assert 6.0 < onset.detected_s < 7.0
+    assert moved(0.01) == []
+    assert moved(0.2, pads=2) == []  # from one finger to the other: the object is lifted or turned
+
+
+@pytest.mark.parametrize("unknown", [True, False])
+def test_what_readings_do_at_rest_is_no_slip_before_rest_was_seen(unknown: bool) -> None:
+    """Electrodes have a bump of noise near 6 Hz, each its own."""
+    rng = np.random.default_rng(6)
+    t = np.arange(N)[:, np.newaxis] / RATE_HZ
+    phase = 2 * np.pi * 6.0 * t + np.cumsum(rng.normal(0, 0.8, (N, 16)), axis=0)
+    block = hold(7, 0.02 * np.cos(phase))
+    assert slips(detector().process(block[round(3 * RATE_HZ) :] if unknown else block)) == []
