@@ -7,7 +7,7 @@ import click
 
 from bench.report import BenchOptions, BenchReport
 from tactiled.cli import run_command
-from tactiled.cli.options import FILE, need_extra
+from tactiled.cli.options import FILE, FILES, need_extra
 from tactiled.progress import ProgressBar
 
 # Name of a bench to its module; each has a function `bench_NAME(progress, options) -> BenchReport`.
@@ -27,6 +27,7 @@ BENCHES = {
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
+    "recordings": "bench.recordings.bench",
     "web": "bench.web.bench",
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
@@ -34,7 +35,8 @@ BENCHES = {
 }
 WITH_PLOT = ("contact", "slip", "hold", "force", "texture")
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
-WITH_JSON = ("force", "grip", "texture", "sensors", "web")
+WITH_JSON = ("force", "grip", "texture", "sensors", "recordings", "web")
+WITH_DATA = ("recordings",)
 
 
 @click.command()
@@ -45,12 +47,14 @@ WITH_JSON = ("force", "grip", "texture", "sensors", "web")
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
+@click.option("--data", type=FILES, help=f"{', '.join(WITH_DATA)}: folder of the checkouts.")
 def bench(
     names: tuple[str, ...],
     quick: bool,
     plot: Path | None,
     numbers: Path | None,
     dask: str | None,
+    data: Path | None,
 ) -> None:
     """Measure, and print tables of what was measured.
 
@@ -66,7 +70,8 @@ def bench(
     beside fixed grips and slip events. force: errors of calibrated forces on rigs drawn at random,
     beside ridge regression and the bound. texture: errors of groove estimates over the Cramer-Rao
     bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
-    beside the strongest line of a spectrum. web: delays of the live page in a browser, and what server
+    beside the strongest line of a spectrum. recordings: public recordings of other groups, beside
+    simple rules and trees. web: delays of the live page in a browser, and what server
     and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
     bytes of many boards through two routers of zenoh. hostile: attacks on every border, with what was seen.
 
@@ -74,7 +79,7 @@ def bench(
 
     Example: ./run bench slip --quick --plot slip.png
     """
-    options = BenchOptions(quick, plot, numbers, dask)
+    options = BenchOptions(quick, plot, numbers, dask, data)
     for name in names:
         check_options(name, options)
     if (plot is not None or numbers is not None) and len(names) > 1:
@@ -96,6 +101,7 @@ def check_options(name: str, options: BenchOptions) -> None:
         ("--plot", options.plot is not None, WITH_PLOT),
         ("--json", options.json is not None, WITH_JSON),
         ("--dask", options.dask is not None, WITH_JOBS),
+        ("--data", options.data is not None, WITH_DATA),
     ):
         if is_given and name not in benches:
             raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")

@@ -62,6 +62,8 @@ class BenchOptions:
         Fewer seeds and cases.
     plot, json : Path, optional
         Files to write. A bench may measure more for them.
+    data : Path, optional
+        Folder with data of others.
     dask : str, optional
         Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
     """
@@ -70,6 +72,7 @@ class BenchOptions:
     plot: Path | None = None
     json: Path | None = None
     dask: str | None = None
+    data: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,12 @@ def call(*arguments: str) -> int:
     ("name", "slip", "direction", "grooves"),
     [
         ("wang2019-3x3", "from shear, beside the pressure", "of slip", "resolves 0.5 to 20 mm"),
-        ("normal-4x4", "slip, from load that moves, roughness and ripple", "not measured", "normal-4x4, at unknown"),
+        (
+            "normal-4x4",
+            "slip, from load that moves, roughness and ripple",
+            "not measured",
+            "normal-4x4, at unknown",
+        ),
         (
             "load-cell",
             "not reported: no shear, and fewer",

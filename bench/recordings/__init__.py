@@ -1,0 +1,1 @@
+"""``./run bench recordings``: answers on public recordings of other groups."""

@@ -1,0 +1,189 @@
+"""``./run bench recordings --data DIR``: public recordings of other groups, beside simple rules and trees."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+
+from bench.recordings import ours
+from bench.recordings.catalogue import Source, how_to_get, sources
+from bench.recordings.log import Log
+from bench.recordings.ours import ForceErrors
+from bench.recordings.rules import SLIP_RULES, by_threshold, by_trees, strongest_line_hz
+from bench.recordings.sources import READERS
+from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_table, judge, table
+from tactiled.progress import ProgressBar
+
+_RIGHT = 0.05  # of the period
+
+
+@dataclass(frozen=True)
+class Periods:
+    """Answers on slides: right and wrong, of those over a grating and of those without."""
+
+    right: int
+    wrong: int
+    of: int
+    has_grating: bool
+
+    @classmethod
+    def count(cls, logs: Sequence[Log], answers: Sequence[float]) -> "Periods":
+        """Compare answers (mm, 0 for none) with the periods; over no grating each answer is wrong."""
+        right = [
+            log.period_mm > 0 and abs(mm / log.period_mm - 1) < _RIGHT
+            for log, mm in zip(logs, answers, strict=True)
+        ]
+        answered = sum(mm > 0 for mm in answers)
+        has_grating = any(log.period_mm > 0 for log in logs)
+        return cls(sum(right), answered - sum(right), len(logs), has_grating)
+
+    def __str__(self) -> str:
+        if not self.has_grating:
+            return f"{self.wrong} of {self.of} with a period"
+        return f"{self.right} of {self.of} right, {self.wrong} wrong"
+
+
+@dataclass(frozen=True)
+class Slips:
+    """Logs that were said to slip, of those that do and of those that do not."""
+
+    found: int
+    of: int
+    false: int
+    of_rests: int
+
+    @classmethod
+    def count(cls, logs: Sequence[Log], said: Sequence[bool]) -> "Slips":
+        """Compare with the labels."""
+        slips = np.array([log.slips for log in logs])
+        yes = np.array(said)
+        return cls(int((yes & slips).sum()), int(slips.sum()), int((yes & ~slips).sum()), int((~slips).sum()))
+
+    def __str__(self) -> str:
+        return f"{self.found} of {self.of}, {self.false} of {self.of_rests} false"
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What was measured of one source."""
+
+    source: Source
+    n_logs: int
+    ours: Periods | Slips | Sequence[ForceErrors]
+    rule: Periods | Slips | None
+    trees: Slips | None
+
+
+def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Score every source whose checkout is in the folder of the data; say how to get the others."""
+    if options.data is None or not options.data.is_dir():
+        raise click.UsageError(
+            "give a folder by --data. To fill it:\n  " + "\n  ".join(how_to_get(sources()))
+        )
+    here = [source for source in sources() if source.is_in(options.data)]
+    progress.begin(len(here))
+    found = []
+    for source in here:
+        found.append(_measure(source, options.data))
+        progress.advance(source.name)
+    missing = how_to_get(source for source in sources() if source not in here)
+    sections = [
+        "Public recordings of other groups. Rules and trees learn from the other objects of a source. Force: "
+        "rms error over the range of each axis, in folds that leave out contacts, and the part of the 90 % "
+        "intervals that hold it.",
+        table(_row(one) for one in found),
+        aims_table(AIMS, {"measured": {one.source.name: one for one in found}}),
+        "Constants that were chosen on a source: "
+        + "; ".join(f"{one.source.name}: {one.source.chosen}" for one in found if one.source.chosen)
+        + ".",
+    ]
+    if missing:
+        sections.append("Not there:\n\n    " + "\n    ".join(missing))
+    return BenchReport(sections, numbers=[(one.source.name, one.ours, one.rule, one.trees) for one in found])
+
+
+def _measure(source: Source, data: Path) -> Found:
+    logs = list(READERS[source.name](data / source.folder))
+    array = source.array
+    if source.question == "force":
+        errors = [ours.forces(log, array, is_same_clock=source.name == "Tactaxis") for log in logs]
+        return Found(source, len(logs), errors, None, None)
+    if source.question == "period":
+        answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
+        lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
+        return Found(source, len(logs), Periods.count(logs, answers), Periods.count(logs, lines), None)
+    said = Slips.count(logs, [ours.slips(log, array) for log in logs])
+    rule = Slips.count(logs, by_threshold(logs, SLIP_RULES[source.rule]))
+    return Found(source, len(logs), said, rule, Slips.count(logs, by_trees(logs)))
+
+
+def _row(one: Found) -> dict[str, str]:
+    source = one.source
+    row = {"source": source.name, "sensor": source.sensor, "asked": source.question, "logs": f"{one.n_logs}"}
+    if isinstance(one.ours, Periods | Slips):
+        return row | {
+            "tactiled": str(one.ours),
+            "simple rule": f"{source.rule}: {one.rule}",
+            "trees": NONE if one.trees is None else str(one.trees),
+        }
+    mine = "; ".join(
+        ", ".join(
+            f"{100 * x:.2f} % ({100 * inside:.0f} %)" for x, inside in zip(e.ours, e.inside, strict=True)
+        )
+        for e in one.ours
+    )
+    ridge = "; ".join(", ".join(f"{100 * x:.2f} %" for x in e.ridge) for e in one.ours)
+    return row | {"tactiled": mine, "simple rule": f"{source.rule}: {ridge}", "trees": NONE}
+
+
+def _aim(name: str, limit: str, source: str, is_met: Callable[[Found], bool]) -> Aim[dict[str, Found]]:
+    def measure(found: dict[str, Found]) -> Reading:
+        one = found.get(source)
+        return Reading("not there", "open") if one is None else judge(_row(one)["tactiled"], is_met(one))
+
+    return Aim(name, limit, measure)
+
+
+def _periods(most_wrong: int, least_right: int) -> Callable[[Found], bool]:
+    def is_met(one: Found) -> bool:
+        assert isinstance(one.ours, Periods)
+        return one.ours.right >= least_right and one.ours.wrong <= most_wrong
+
+    return is_met
+
+
+def _slips(least: int, most_false: int) -> Callable[[Found], bool]:
+    def is_met(one: Found) -> bool:
+        assert isinstance(one.ours, Slips)
+        return one.ours.found >= least and one.ours.false <= most_false
+
+    return is_met
+
+
+def _beats_rule(one: Found) -> bool:
+    assert isinstance(one.ours, Slips)
+    assert isinstance(one.rule, Slips)
+    return one.ours.found > one.rule.found and one.ours.false < one.rule.false
+
+
+def _below_ridge(one: Found) -> bool:
+    assert not isinstance(one.ours, Periods | Slips)
+    return all((e.ours < e.ridge).all() and (np.abs(e.inside - 0.9) <= 0.05).all() for e in one.ours)
+
+
+AIMS = (
+    _aim("gratings", "24 of 24, 0 wrong", "FabricSlide", _periods(0, 24)),
+    _aim(
+        "materials, of which two are woven",
+        "at most 3 of 40 with a period",
+        "BioTac_slide_20_50",
+        _periods(3, 0),
+    ),
+    _aim("slips of an electrode finger", "235 of 262, 4 of 44 false", "BioTacSP-DoS", _slips(235, 4)),
+    _aim("tugs of a magnetic skin", "95 of 103, 2 false", "eFlesh tugs", _slips(95, 2)),
+    _aim("slips of a hand of pads", "better than the rule in both", "SDH-2", _beats_rule),
+    _aim("presses", "below ridge, intervals 85 to 95 %", "eFlesh presses", _below_ridge),
+    _aim("shears", "below ridge, intervals 85 to 95 %", "eFlesh shears", _below_ridge),
+)

@@ -1,0 +1,81 @@
+"""Sources of the catalogue: where they are, what is asked of them, and their array files."""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from tactiled import tomlfile
+from tactiled.array import Array, ArrayFile, build
+
+Question = Literal["period", "slip", "force"]
+_FILE = Path(__file__).with_name("catalogue.toml")
+
+
+@dataclass(frozen=True)
+class Source:
+    """One source.
+
+    Attributes
+    ----------
+    address, commit, licence : str
+        Repository, its version, and the licence that it states.
+    files : list of str
+        Folders that are read.
+    sensor, labels : str
+    question : str
+    rule : str
+        Simple rule that stands beside the daemon.
+    chosen : str
+        Constants of the daemon that were chosen on this source; empty for none.
+    array_file : mapping
+        Array file, as a user writes it.
+    """
+
+    name: str
+    address: str
+    commit: str
+    files: list[str]
+    licence: str
+    sensor: str
+    labels: str
+    question: Question
+    rule: str
+    chosen: str
+    array_file: dict[str, Any]
+
+    @property
+    def folder(self) -> str:
+        """Name of the folder of its checkout."""
+        return self.address.rsplit("/", 1)[-1]
+
+    @property
+    def array(self) -> Array:
+        """The array of its logs."""
+        return build(tomlfile.parse(self.array_file, ArrayFile, f"catalogue, {self.name}"))
+
+    def is_in(self, data: Path) -> bool:
+        """Return True where a folder has its files."""
+        return all((data / self.folder / files).is_dir() for files in self.files)
+
+
+def how_to_get(wanted: Iterable[Source]) -> list[str]:
+    """Return commands that make the checkouts of sources, in the folder of the data."""
+    files: dict[tuple[str, str, str], list[str]] = {}
+    for source in wanted:
+        files.setdefault((source.address, source.folder, source.commit), []).extend(source.files)
+    return [
+        f"git clone --filter=blob:none --no-checkout {address} && "
+        f"git -C {folder} checkout {commit} -- {' '.join(dict.fromkeys(own))}"
+        for (address, folder, commit), own in files.items()
+    ]
+
+
+def sources() -> list[Source]:
+    """Read the catalogue."""
+    found = []
+    for table in tomllib.loads(_FILE.read_text())["source"]:
+        chosen, array = table.pop("set"), table.pop("array")
+        found.append(Source(**table, chosen=chosen, array_file=array))
+    return found

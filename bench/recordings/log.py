@@ -1,0 +1,111 @@
+"""Logs of others, and the small formats in which they are stored."""
+
+import bz2
+import csv
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """One log of a source.
+
+    Attributes
+    ----------
+    name : str
+    group : str
+        What the log shares with others and a rule must not have seen: the object, the material.
+    time_s : (n,) float64
+    readings : (n, channels) float64
+        In the unit of the array, in the order of its channels.
+    slips : bool
+        The object slips, or is tugged.
+    period_mm : float
+        Of the grating that the sensor slides over; 0 for a surface without one.
+    speed_mm_s : float
+    forces : (n, 3) float64, optional
+        fx, fy, fz of the force sensor, newtons, at the scans; NaN for axes that it does not have.
+    pads : sequence of (rows, columns, first)
+        Size of each pad of taxels, and the channel of its first one.
+    """
+
+    name: str
+    group: str
+    time_s: FloatArray
+    readings: FloatArray
+    slips: bool = False
+    period_mm: float = 0.0
+    speed_mm_s: float = 0.0
+    forces: FloatArray | None = None
+    pads: tuple[tuple[int, int, int], ...] = ()
+
+    @property
+    def step_s(self) -> float:
+        """Mean time between scans."""
+        return float(self.time_s[-1] - self.time_s[0]) / (len(self.time_s) - 1)
+
+
+def rows(path: Path, *, header: bool) -> FloatArray:
+    """Read a CSV of numbers, (n, columns) float64; a cell that is no number is NaN, trailing commas go."""
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = [line for line in csv.reader(file) if line]
+    body = lines[1:] if header else lines
+    width = max(len(line) for line in body)
+    if not any(line[-1].strip() for line in body if len(line) == width):
+        width -= 1
+    return np.array([[_number(cell) for cell in line[:width]] for line in body if len(line) >= width])
+
+
+def _number(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
+
+
+def tensor(path: Path, channels: int) -> FloatArray:
+    """Read the one float32 tensor of a file that PyTorch saved, (n, channels), without unpickling it.
+
+    Raises
+    ------
+    DataError
+        The file has not one block of data, or none of whole scans.
+    """
+    with zipfile.ZipFile(path) as file:
+        blocks = [name for name in file.namelist() if name.endswith("/data/0")]
+        if len(blocks) != 1:
+            raise DataError(f"{path}: {len(blocks)} tensors, not one")
+        data = np.frombuffer(file.read(blocks[0]), dtype="<f4")
+    if data.size % channels:
+        raise DataError(f"{path}: {data.size} values, which are not scans of {channels} channels")
+    return data.reshape(-1, channels).astype(np.float64)
+
+
+def pressure_profile(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Read a pressure profile of a Weiss DSA controller: times (n,), cells (n, cells) of all its matrices.
+
+    The file is XML under bzip2. A frame is hexadecimal, eight digits for each float32; -n stands for n zeros.
+    """
+    root = ElementTree.fromstring(bz2.decompress(path.read_bytes()))
+    times_s, frames = [], []
+    for frame in root.iter("frame"):
+        packed = np.frombuffer(bytes.fromhex("".join((frame.findtext("frame_data") or "").split())), ">f4")
+        lengths = np.where(packed < 0, -packed, 1).astype(np.int64)
+        frames.append(np.repeat(np.maximum(packed, 0.0), lengths).astype(np.float64))
+        times_s.append(float(frame.findtext("time_stamp") or "nan") / 1000.0)
+    return np.array(times_s), np.array(frames)
+
+
+def numbered(folder: Path, pattern: str) -> Iterator[Path]:
+    """Yield files of a pattern in the order of their names, shorter names first (2 before 10)."""
+    yield from sorted(folder.glob(pattern), key=lambda path: (len(path.name), path.name))

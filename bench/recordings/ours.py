@@ -1,0 +1,86 @@
+"""What the daemon says of a log: the same detectors and parameters as `tactiled detect` runs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recordings.log import FloatArray, Log
+from tactiled.array import Array
+from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.study import Identity, calibrate
+from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.tuning import TunedSuite
+from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.recording.table import to_blocks
+
+_TILT_DEG = 10.0  # what is said of gratings across the motion
+_Z90 = 1.645
+
+
+def slips(log: Log, array: Array) -> bool:
+    """Return True where an onset is reported."""
+    found = _events(log, array, DetectParams(), ("slip",))
+    return any(isinstance(event, SlipEvent) and event.state == "onset" for event in found)
+
+
+def periods_mm(log: Log, array: Array) -> list[float]:
+    """Return the periods that are reported, in order; `--sliding --speed V --max-tilt 10`."""
+    texture = {"speed_mm_s": log.speed_mm_s, "max_tilt_deg": _TILT_DEG}
+    params = DetectParams.model_validate({"texture": texture})
+    found = _events(log, array, params, ("texture",), KnownSliding())
+    answers = [event for event in found if isinstance(event, TextureEvent)]
+    return [event.period_mm for event in answers if event.status in ("ok", "period-only")]
+
+
+def _events(
+    log: Log,
+    array: Array,
+    params: DetectParams,
+    topics: Sequence[str],
+    sliding: KnownSliding | None = None,
+) -> list[Event]:
+    suite = TunedSuite(array, params, lambda a, p: build_suite(a, p, sliding=sliding, topics=tuple(topics)))
+    blocks = to_blocks(log.time_s, log.readings, None, array.in_range(log.readings))
+    return [event for item in blocks for event in suite.process(item)]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceErrors:
+    """Errors of the forces of a log, in folds that leave out whole contacts.
+
+    Attributes
+    ----------
+    ours, ridge : (axes,) float64
+        Rms over the range of the axis; ridge regression on readings and their squares in the same folds.
+    inside : (axes,) float64
+        Part of the 90 % intervals that hold the force.
+    late_s, late_sd_s : float
+        Offset of the clocks that was found.
+    """
+
+    ours: FloatArray
+    ridge: FloatArray
+    inside: FloatArray
+    late_s: float
+    late_sd_s: float
+
+
+def forces(log: Log, array: Array, *, is_same_clock: bool) -> ForceErrors:
+    """Calibrate as `tactiled calibrate` does, and judge the folds."""
+    assert log.forces is not None
+    values = np.full((len(log.time_s), 6), np.nan)
+    values[:, :3] = log.forces
+    table = ReferenceTable(log.time_s, values, np.full(len(values), NO_TAXEL))
+    study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), is_same_clock=is_same_clock)
+    used = [axis for axis in study.used if axis < 3]
+    spread = np.ptp(log.forces[:, used], axis=0)
+    left_out = study.left_out[:, used]
+    return ForceErrors(
+        ours=np.sqrt((left_out**2).mean(axis=0)) / spread,
+        ridge=study.baseline[used] / spread,
+        inside=(np.abs(left_out) < _Z90 * study.sd[:, used]).mean(axis=0),
+        late_s=study.late_s,
+        late_sd_s=study.late_sd_s,
+    )

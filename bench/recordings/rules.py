@@ -1,0 +1,120 @@
+"""Simple rules that the daemon is measured against, and trees as an upper reference.
+
+What a rule or trees need to learn comes from the other groups of logs: they are scored on what they have not
+seen.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from bench.recordings.log import FloatArray, Log
+
+_LEVELS = 200  # thresholds that are tried, at the quantiles of the scores
+_CHANGE_S = 0.8  # of 0.05, 0.1, 0.2, 0.4 and 0.8 the best on tugs, and nearly so on electrodes
+_MOVES_SCANS = 8
+_LEAST_LOAD = 0.2  # of the largest sum of a pad: below, its centre is that of noise
+# Power of changes from scan to scan at the strongest line over the median: 22 of the 24 slides of FabricSlide
+# have more with the right line, 6 of 40 slides over other materials have more.
+_LINE_OVER_BAND = 30.0
+_LEAST_CYCLES = 3
+_FEATURE_S = (0.05, 0.1, 0.2, 0.4, 0.8)
+
+
+def median_change(log: Log) -> float:
+    """Return the largest change in 0.8 s of the median channel."""
+    return float(np.median(np.abs(_change(log, _CHANGE_S)), axis=1).max())
+
+
+def norm_change(log: Log) -> float:
+    """Return the largest change in 0.8 s of all channels together."""
+    return float(np.linalg.norm(_change(log, _CHANGE_S), axis=1).max())
+
+
+def centre_change(log: Log) -> float:
+    """Return how far the centre of pressure of a pad moves in eight scans at most, in taxels."""
+    moves = [0.0]
+    for rows, columns, first in log.pads:
+        cells = log.readings[:, first : first + rows * columns]
+        total = cells.sum(axis=1)
+        y, x = np.divmod(np.arange(rows * columns), columns)
+        loaded = total > _LEAST_LOAD * total.max()
+        centre = np.stack([cells @ x, cells @ y], axis=1) / np.maximum(total, 1e-9)[:, np.newaxis]
+        step = np.linalg.norm(centre[_MOVES_SCANS:] - centre[:-_MOVES_SCANS], axis=1)
+        stays = loaded[_MOVES_SCANS:] & loaded[:-_MOVES_SCANS]
+        moves.append(float(step[stays].max(initial=0.0)))
+    return max(moves)
+
+
+SLIP_RULES: dict[str, Callable[[Log], float]] = {
+    "median change": median_change,
+    "norm change": norm_change,
+    "centre of pressure": centre_change,
+}
+
+
+def by_threshold(logs: Sequence[Log], score: Callable[[Log], float]) -> list[bool]:
+    """Decide for each log whether it slips, by the threshold that is best on the other groups."""
+    scores = np.array([score(log) for log in logs])
+    slips = np.array([log.slips for log in logs])
+    groups = np.array([log.group for log in logs])
+    said = []
+    for one, group in zip(scores, groups, strict=True):
+        others = groups != group
+        levels = np.unique(np.quantile(scores[others], np.linspace(0, 1, _LEVELS)))
+        found, quiet = scores[others & slips], scores[others & ~slips]
+        right = np.array([(found >= level).mean() + (quiet < level).mean() for level in levels])
+        said.append(bool(one >= levels[right == right.max()].mean()))
+    return said
+
+
+def by_trees(logs: Sequence[Log]) -> list[bool]:
+    """Decide for each log whether it slips, by boosted trees that learnt from the other groups."""
+    from sklearn.ensemble import HistGradientBoostingClassifier  # takes seconds to load
+
+    features = np.array([_features(log) for log in logs])
+    slips = np.array([log.slips for log in logs])
+    groups = np.array([log.group for log in logs])
+    said = np.zeros(len(logs), dtype=np.bool_)
+    for group in np.unique(groups):
+        own = groups == group
+        trees = HistGradientBoostingClassifier(
+            max_iter=100, min_samples_leaf=5, class_weight="balanced", random_state=0
+        )
+        said[own] = trees.fit(features[~own], slips[~own]).predict(features[own])
+    return [bool(one) for one in said]
+
+
+def _features(log: Log) -> list[float]:
+    """Changes over five times: of the median channel, of the fifth that changes most, of all, of the mean."""
+    found = []
+    for over_s in _FEATURE_S:
+        change = np.abs(_change(log, over_s))
+        found += [
+            float(np.median(change, axis=1).max()),
+            float(np.quantile(change, 0.8, axis=1).max()),
+            float(np.linalg.norm(change, axis=1).max()),
+            float(np.median(np.linalg.norm(change, axis=1))),
+            float(np.abs(_change(log, over_s).mean(axis=1)).max()),
+        ]
+    return found
+
+
+def _change(log: Log, over_s: float) -> FloatArray:
+    hop = max(1, min(round(over_s / log.step_s), len(log.readings) - 1))
+    return np.asarray(log.readings[hop:] - log.readings[:-hop])
+
+
+def strongest_line_hz(log: Log) -> float:
+    """Return the strongest line of the changes from scan to scan, pooled; 0 where it does not stand out."""
+    at_s = np.arange(log.time_s[0], log.time_s[-1], log.step_s)
+    even = np.stack([np.interp(at_s, log.time_s, one) for one in log.readings.T], axis=1)
+    change = np.diff(even, axis=0)
+    window = np.hanning(len(change))[:, np.newaxis]
+    power = (np.abs(np.fft.rfft(window * (change - change.mean(axis=0)), axis=0)) ** 2).sum(axis=1)
+    power[:_LEAST_CYCLES] = 0.0
+    peak = int(np.clip(np.argmax(power), 1, len(power) - 2))
+    left, middle, right = power[peak - 1 : peak + 2]
+    shift = 0.5 * (left - right) / (left - 2 * middle + right)
+    stands_out = middle > _LINE_OVER_BAND * np.median(power[_LEAST_CYCLES:])
+    return float((peak + shift) / (len(change) * log.step_s)) if stands_out else 0.0

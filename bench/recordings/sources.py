@@ -1,0 +1,131 @@
+"""Readers of the sources of the catalogue: a checkout of each to logs, in the order of `catalogue.toml`."""
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
+
+
+def fabric_slide(folder: Path) -> Iterator[Log]:
+    """Slides over two printed boards, whose ridges and gaps are each as wide as the name says."""
+    for path in numbered(folder / "data/board", "*.csv"):
+        width_mm, speed_mm_s = map(int, re.findall(r"(\d+)mm", path.name))
+        table = rows(path, header=True)
+        yield Log(
+            path.stem,
+            f"{width_mm} mm",
+            table[:, 0] / 1000.0,
+            table[:, 3:19],
+            period_mm=2.0 * width_mm,
+            speed_mm_s=float(speed_mm_s),
+        )
+
+
+_BIOTAC_SLIDE_MM_S = 20.0
+_BIOTAC_FIRST_ELECTRODE = 26
+
+
+def biotac_materials(folder: Path) -> Iterator[Log]:
+    """Slides over 20 materials, two of the fifty of each; but for two woven ones none has a period."""
+    for material in range(1, 21):
+        for sample in (1, 2):
+            path = folder / f"raw_data/mat{material}/mat{material}_{sample}_bio.csv"
+            table = rows(path, header=True)
+            yield Log(
+                path.stem.removesuffix("_bio"),
+                f"material {material}",
+                table[:, 0],
+                table[:, _BIOTAC_FIRST_ELECTRODE : _BIOTAC_FIRST_ELECTRODE + 19],
+                speed_mm_s=_BIOTAC_SLIDE_MM_S,
+            )
+
+
+def biotac_sp(folder: Path) -> Iterator[Log]:
+    """Six directions of slip and touches of eleven objects; no stamps, published at 100 Hz."""
+    for kind in ("n", "e", "s", "w", "cw", "aw", "t"):
+        for path in numbered(folder / "csvs" / kind, "*.csv"):
+            readings = rows(path, header=True)
+            time_s = np.arange(len(readings)) / 100.0
+            group = path.stem.rstrip("0123456789")
+            yield Log(f"{kind}/{path.stem}", group, time_s, readings, slips=kind != "t")
+
+
+_TUG_CHANNELS = 30
+
+
+def eflesh_tugs(folder: Path) -> Iterator[Log]:
+    """Objects between two fingers, which a person tugs or does not; 3 s at 100 Hz without stamps."""
+    data = folder / "slip_detection/data"
+    labels = [line.strip() == "1" for line in (data / "labels").read_text().split()]
+    for at, slips in enumerate(labels):
+        readings = tensor(data / f"seq_{at}.pt", _TUG_CHANNELS)
+        # No object is named: neighbours in time are of the same one.
+        yield Log(f"seq_{at}", f"block {at // 10}", np.arange(len(readings)) / 100.0, readings, slips=slips)
+
+
+_N_PER_G = 9.80665e-3
+
+
+def _eflesh_probe(folder: Path, kind: str, axis: int) -> Iterator[Log]:
+    """Runs of a probe with its force, in grams; sensor and force have stamps of the host."""
+    for run in sorted((folder / "characterization/datasets" / kind).iterdir()):
+        sensor, states = rows(run / "sensor.csv", header=False), rows(run / "states.csv", header=False)
+        known = states[states[:, 4] != -1]
+        forces = np.full((len(sensor), 3), np.nan)
+        forces[:, axis] = _N_PER_G * np.interp(sensor[:, 0], known[:, 0], known[:, 4])
+        yield Log(run.name, run.name, sensor[:, 0], sensor[:, 1:], forces=forces)
+
+
+def eflesh_presses(folder: Path) -> Iterator[Log]:
+    """A probe that presses on five magnetometers."""
+    return _eflesh_probe(folder, "normal_force", 2)
+
+
+def eflesh_shears(folder: Path) -> Iterator[Log]:
+    """A probe that shears two fingers of five magnetometers each."""
+    return _eflesh_probe(folder, "shear_force", 0)
+
+
+_POSE_S, _POSE_SCANS = 0.4, 20  # poses have no times: each is held for so long, as a robot would
+
+
+def tactaxis(folder: Path) -> Iterator[Log]:
+    """Poses of a press on one magnetic chip, each with the force of a reference; no times."""
+    table = rows(folder / "UNIGE/Data/Calib.csv", header=True)
+    held = np.repeat(table, _POSE_SCANS, axis=0)
+    time_s = np.arange(len(held)) * _POSE_S / _POSE_SCANS
+    yield Log("Calib", "poses", time_s, held[:, 8:16], forces=held[:, 18:21] * [1.0, 1.0, -1.0])
+
+
+_GRASPS_EACH = 2
+_SDH2_PADS = ((14, 6, 0), (13, 6, 84), (14, 6, 162), (13, 6, 246), (14, 6, 324), (13, 6, 408))
+
+
+def sdh2(folder: Path) -> Iterator[Log]:
+    """Files whose name says that an object slips, and grasps that hold, two of each of 36 objects, more."""
+    profiles = folder / "pressure_profiles"
+    slips = sorted(path for path in profiles.rglob("*slip*.dsa"))
+    objects = folder / "python/classification/training_grasp_profiles_thesis"
+    holds = sorted((profiles / "grasps").glob("*.dsa"))
+    for one in sorted(path for path in objects.iterdir() if path.is_dir()):
+        holds += list(numbered(one, "*.dsa"))[:_GRASPS_EACH]
+    for path in [*slips, *holds]:
+        time_s, readings = pressure_profile(path)
+        group = path.stem if path in slips else path.parent.name
+        name = f"{path.parent.name}/{path.stem}"
+        yield Log(name, group, time_s, readings, slips=path in slips, pads=_SDH2_PADS)
+
+
+READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
+    "FabricSlide": fabric_slide,
+    "BioTac_slide_20_50": biotac_materials,
+    "BioTacSP-DoS": biotac_sp,
+    "eFlesh tugs": eflesh_tugs,
+    "eFlesh presses": eflesh_presses,
+    "eFlesh shears": eflesh_shears,
+    "Tactaxis": tactaxis,
+    "SDH-2": sdh2,
+}

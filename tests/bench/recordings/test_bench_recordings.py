@@ -1,0 +1,96 @@
+"""Readers of formats of others, rules that see nothing of what they judge, and the catalogue."""
+
+import bz2
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from bench.__main__ import bench
+from bench.recordings.bench import Periods, Slips
+from bench.recordings.catalogue import how_to_get, sources
+from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
+from bench.recordings.rules import by_threshold, centre_change, median_change, strongest_line_hz
+from bench.recordings.sources import READERS
+from tactiled.errors import DataError
+
+
+def log(slips: bool = False, group: str = "cup", change: float = 0.0, **more: object) -> Log:
+    time_s = np.arange(300) / 100.0
+    readings = np.repeat(change * np.clip(time_s - 1.0, 0, 1)[:, np.newaxis], 4, axis=1)
+    return Log("log", group, time_s, readings, slips=slips, **more)  # type: ignore[arg-type]
+
+
+def test_every_source_has_a_reader_and_an_array_that_fits_the_detectors() -> None:
+    found = {source.name: source for source in sources()}
+    assert set(found) == set(READERS)
+    assert found["SDH-2"].array.n_channels == 486
+    commands = how_to_get(found.values())
+    assert len(commands) == len({source.address for source in found.values()})
+    assert all(len(source.commit) == 40 and source.commit in " ".join(commands) for source in found.values())
+
+
+def test_tables_with_headers_and_trailing_commas(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("time, a, b,\n1,2,3,\n4,-nan,x,\n")
+    np.testing.assert_equal(rows(path, header=True), [[1, 2, 3], [4, np.nan, np.nan]])
+    for name in ("seq_10", "seq_2"):
+        (tmp_path / f"{name}.pt").touch()
+    assert [found.stem for found in numbered(tmp_path, "*.pt")] == ["seq_2", "seq_10"]
+
+
+def test_a_tensor_is_read_without_unpickling(tmp_path: Path) -> None:
+    path = tmp_path / "seq.pt"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("seq/data.pkl", b"cos\nsystem\n(S'false'\ntR.")
+        file.writestr("seq/data/0", np.arange(6, dtype="<f4").tobytes())
+    np.testing.assert_array_equal(tensor(path, 3), [[0, 1, 2], [3, 4, 5]])
+    with pytest.raises(DataError, match="6 values"):
+        tensor(path, 4)
+
+
+def test_a_pressure_profile_has_runs_of_zeros(tmp_path: Path) -> None:
+    packed = np.array([-2.0, 7.0, 9.0, -1.0], dtype=">f4").tobytes().hex()
+    frame = f"<frame><time_stamp>250</time_stamp><frame_data>{packed}</frame_data></frame>"
+    document = f"<root><data>{frame}</data></root>"
+    path = tmp_path / "grasp.dsa"
+    path.write_bytes(bz2.compress(document.encode()))
+    time_s, cells = pressure_profile(path)
+    np.testing.assert_array_equal(time_s, [0.25])
+    np.testing.assert_array_equal(cells, [[0, 0, 7, 9, 0]])
+
+
+def test_a_threshold_comes_from_other_groups_alone() -> None:
+    logs = [log(True, "cup", 9.0), log(False, "cup", 1.0), log(True, "pen", 10.0), log(False, "pen", 2.0)]
+    assert by_threshold(logs, median_change) == [True, False, True, False]
+    alone = [log(True, "cup", 5.0), log(False, "cup"), log(True, "pen", 10.0), log(False, "pen", 7.0)]
+    assert by_threshold(alone, median_change)[0] is False  # 5 is below what the others say
+
+
+def test_the_rules_find_what_they_name() -> None:
+    time_s = np.arange(700) / 35.0
+    rng = np.random.default_rng(0)
+    ripple = np.cos(2 * np.pi * 2.5 * time_s[:, np.newaxis] + np.arange(8))
+    noise = rng.standard_normal((700, 8))
+    slide = Log("slide", "ridges", time_s, 5 * ripple + noise, period_mm=4.0, speed_mm_s=10.0)
+    assert 10.0 / strongest_line_hz(slide) == pytest.approx(4.0, rel=0.01)
+    assert strongest_line_hz(Log("flat", "plate", time_s, noise)) == 0.0
+    cells = np.zeros((40, 12))
+    cells[np.arange(40), 4 + np.minimum(np.arange(40) // 10, 3)] = 100.0
+    assert centre_change(Log("moves", "pen", time_s[:40], cells, pads=((3, 4, 0),))) == 1.0
+
+
+def test_counts_name_what_was_asked() -> None:
+    grating = Log("a", "b", np.arange(3.0), np.zeros((3, 1)), period_mm=4.0)
+    assert str(Periods.count([grating, grating, grating], [4.1, 9.0, 0.0])) == "1 of 3 right, 1 wrong"
+    assert str(Periods.count([log(), log()], [4.1, 0.0])) == "1 of 2 with a period"
+    assert str(Slips.count([log(True), log(), log()], [True, True, False])) == "1 of 1, 1 of 2 false"
+
+
+def test_without_data_the_command_says_how_to_get_them(tmp_path: Path) -> None:
+    result = CliRunner().invoke(bench, ["recordings"])
+    assert result.exit_code == 2
+    assert "git clone" in result.output
+    assert CliRunner().invoke(bench, ["slip", "--data", str(tmp_path)]).exit_code == 2
