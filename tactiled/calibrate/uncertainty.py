@@ -74,7 +74,8 @@ def axis_uncertainty(
     n_segments : int
         Contacts in the data.
     """
-    explained = np.einsum("nf,fg,ng->n", features, covariance, features)
+    factor = _factor(covariance, features)
+    explained = ((features @ factor.T) ** 2).sum(axis=1)  # of the part that is kept: the rest is fitted
     target = left_out**2 - explained - reference_sd**2
     largest = max(float(np.abs(force).max()), 1e-9), max(float(np.abs(normal).max()), 1e-9)
     columns = np.stack([np.ones_like(force), (force / largest[0]) ** 2, (normal / largest[1]) ** 2], axis=1)
@@ -86,7 +87,7 @@ def axis_uncertainty(
     scale *= float(special.stdtrit(max(n_segments - 1, 2), 0.95)) / _Z90 * _OTHER_MOTIONS[axis]
     floor, own, of_normal = np.sqrt(parts) * scale / np.array([1.0, *largest])
     scaled = covariance * scale**2
-    return AxisUncertainty(_factor(scaled, features), float(floor), float(own), float(of_normal), scaled)
+    return AxisUncertainty(scale * factor, float(floor), float(own), float(of_normal), scaled)
 
 
 def _factor(covariance: FloatArray, features: FloatArray) -> FloatArray:
