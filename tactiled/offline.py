@@ -30,7 +30,7 @@ from tactiled.recording.bag import BAGS, read_bag
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
 from tactiled.recording.rows import TableOptions, TimeUnit
-from tactiled.recording.table import TABLES, BlockSplitter, Checked, TableStream
+from tactiled.recording.table import TABLES, BlockSplitter, Checked, TableStream, spacing_of
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -371,12 +371,12 @@ def _run_table(
     batches: Iterable[Checked]
     if path.suffix in TABLES and path.is_file():
         batches = table = TableStream(path, TableOptions(rate_hz, choices.columns, choices.time_unit))
-        n_channels, spacing_s = table.n_channels, table.spacing_s
+        n_channels, spacing = table.n_channels, table.spacing
         choice = "which columns with --columns"
     else:
         time_s, volts = read_bag(path, choices.topic, rate_hz)
         batches = [(time_s, volts, 1.0)]
-        n_channels, spacing_s = volts.shape[1], float(np.median(np.diff(time_s)))
+        n_channels, spacing = volts.shape[1], spacing_of(time_s)
         choice = "which field of the message with --topic TOPIC.FIELD"
     if n_channels != log.array.n_channels:
         raise DataError(
@@ -385,7 +385,7 @@ def _run_table(
             f"{choice}"
         )
     suite = choices.suite(log.array, params)
-    splitter = BlockSplitter(spacing_s, rate_hz)
+    splitter = BlockSplitter(spacing, rate_hz)
     for time_s, volts, share in batches:
         _check_range(path, volts, log.array, log.tally.n_scans)
         if choices.sliding is not None and not log.tally.n_scans:

@@ -94,16 +94,18 @@ def test_a_log_of_any_array_gives_its_slip(
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_load_that_tilts_an_array_without_shear_is_no_slip(
+def test_a_load_that_moves_over_an_array_without_shear_is_an_incipient_slip_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Such arrays tell sliding by what passes under the skin; where the centre of load is says nothing."""
+    """Such arrays tell sliding by what passes under the skin; load that moves may be that of a tug."""
     time_s, volts = press_and_slide(load_array("normal-4x4"), 35.7, direction_deg=130.0)
     write_csv(tmp_path / "log.csv", time_s, volts)
     detect_file(tmp_path / "log.csv", array="normal-4x4", choices=Choices(setting="fast"))
-    topics = [json.loads(line)["topic"] for line in capsys.readouterr().out.splitlines()]
-    assert "contact" in topics
-    assert "slip" not in topics
+    events = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert "contact" in {event["topic"] for event in events}
+    slips = [event for event in events if event["topic"] == "slip"]
+    assert {event["kind"] for event in slips} == {"incipient"}
+    assert slips[0]["onset"] == pytest.approx(100.0 + ONSET_S, abs=1.0)
 
 
 def test_a_user_array_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

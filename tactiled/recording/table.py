@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,11 @@ TABLES = (".csv", ".npz", ".parquet")
 # Part of a stamp's deviation that the schedule of scans follows: a tenth averages jitter over some 20 scans,
 # and follows a rate that is wrong by 4 % with a lag of 0.4 scans.
 _FOLLOW = 0.1
+
+# Quantile of the steps that is the longest usual one, and how much longer than the median it is in an uneven
+# log: a regular log has fewer missing scans than a tenth, and jitters by less than half a period.
+_USUAL, _UNEVEN = 0.9, 1.5
+_MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans differ from a whole one
 
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
@@ -118,9 +124,9 @@ class TableStream:
         if (n := _n_rows(self._ahead)) < 2:
             raise DataError(f"{path}: {n} scans; at least two are needed to compute the rate")
         self.n_channels = self._ahead[0][1].shape[1]
-        self.spacing_s = float(np.median(np.diff(np.concatenate([time_s for time_s, _, _ in self._ahead]))))
+        self.spacing = spacing_of(np.concatenate([time_s for time_s, _, _ in self._ahead]))
         is_known = options.rate_hz is not None or options.time_unit is not None
-        if fault := _rate_fault(self.spacing_s, is_known=is_known):
+        if fault := _rate_fault(self.spacing.period_s, is_known=is_known):
             raise DataError(f"{path}: {fault}")
 
     def __iter__(self) -> Iterator[Checked]:
@@ -193,27 +199,59 @@ def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
     return ""
 
 
+class Spacing(NamedTuple):
+    """How the rows of a log are spaced.
+
+    Attributes
+    ----------
+    period_s : float
+        Time from row to row.
+    longest_s : float
+        Longest usual step; a longer one has missing scans or is a pause.
+    """
+
+    period_s: float
+    longest_s: float
+
+
+def spacing_of(time_s: FloatArray) -> Spacing:
+    """Describe the spacing of stamps (n,), two at least.
+
+    A log whose steps are mostly even, or multiples of one, has the median as its period: longer steps are
+    missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is uneven,
+    as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
+    """
+    steps_s = np.diff(time_s)
+    median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL))
+    periods = usual_s / median_s
+    if periods < _UNEVEN or abs(periods - round(periods)) < _MULTIPLE * periods:
+        return Spacing(median_s, median_s)
+    return Spacing(float(steps_s[steps_s < _UNEVEN * usual_s].mean()), usual_s)
+
+
 class BlockSplitter:
     """Split a log into blocks at missing scans, batch by batch; batches do not change the blocks' scans.
 
     Rows are compared with a schedule that follows their stamps slowly: a stamp that jitters by less than half
-    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent.
+    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. In an uneven
+    log, scans are missing where a step is half as long again as the longest usual one.
 
     Parameters
     ----------
-    spacing_s : float
-        Median interval of the rows.
+    spacing : Spacing
     rate_hz : float or None
-        Scan rate; None to use the median interval.
+        Scan rate; None to use the period of the rows.
     """
 
-    def __init__(self, spacing_s: float, rate_hz: float | None) -> None:
-        self._rate_hz = rate_hz or 1 / spacing_s
-        if not 0.1 < self._rate_hz * spacing_s < 10:
+    def __init__(self, spacing: Spacing, rate_hz: float | None) -> None:
+        self._rate_hz = rate_hz or 1 / spacing.period_s
+        if not 0.1 < self._rate_hz * spacing.period_s < 10:
             raise DataError(
-                f"a rate of {self._rate_hz:g} Hz, but rows are {spacing_s:g} s apart: omit the rate, or "
+                f"a rate of {self._rate_hz:g} Hz, but rows are {spacing.period_s:g} s apart: omit the rate, or "
                 "correct time_s"
             )
+        self._is_uneven = spacing.longest_s > spacing.period_s
+        self._longest_s = spacing.longest_s
         self._expected_s: float | None = None
         self._index = -1
 
@@ -256,6 +294,10 @@ class BlockSplitter:
             if expected_s is None:
                 expected_s = stamp_s
                 continue
+            if self._is_uneven:  # no schedule: each step counts by itself
+                steps[row] += self._missing(stamp_s - expected_s)
+                expected_s = stamp_s
+                continue
             expected_s += spacing_s
             missing = round((stamp_s - expected_s) * self._rate_hz)
             if missing > 0:
@@ -264,6 +306,11 @@ class BlockSplitter:
             expected_s += _FOLLOW * (stamp_s - expected_s)
         self._expected_s = expected_s
         return steps
+
+    def _missing(self, step_s: float) -> int:
+        """Scans that an uneven log lacks in a step."""
+        is_gap = step_s > _UNEVEN * self._longest_s
+        return max(round(step_s * self._rate_hz) - 1, 1) if is_gap else 0
 
 
 def to_blocks(
@@ -277,8 +324,8 @@ def to_blocks(
         Strictly increasing.
     volts : (n, channels) float64
     rate_hz : float or None
-        Scan rate; None to use the median interval.
+        Scan rate; None to use the period of the rows.
     valid : (n, channels) bool
         False for readings that are missing or saturated.
     """
-    return BlockSplitter(float(np.median(np.diff(time_s))), rate_hz).split(time_s, volts, valid)
+    return BlockSplitter(spacing_of(time_s), rate_hz).split(time_s, volts, valid)

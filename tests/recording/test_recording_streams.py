@@ -20,7 +20,7 @@ from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
 from tactiled.recording import rows, table
 from tactiled.recording.rows import FloatArray, TableOptions
-from tactiled.recording.table import BlockSplitter, TableStream, read_table, to_blocks
+from tactiled.recording.table import BlockSplitter, TableStream, read_table, spacing_of, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 
 FORMATS = ("csv", "npz", "parquet")
@@ -94,8 +94,7 @@ def test_batches_change_no_scan_and_no_gap(holes: set[int], cuts: set[int], jitt
     time_s = np.delete(np.arange(100) + rng.uniform(-jitter, jitter, 100) * 0.9, sorted(holes))
     volts = rng.normal(size=(len(time_s), 2))
     valid = np.ones(volts.shape, dtype=np.bool_)
-    spacing_s = float(np.median(np.diff(time_s)))
-    splitter = BlockSplitter(spacing_s, None)
+    splitter = BlockSplitter(spacing_of(time_s), None)
     ends = [*sorted(cut for cut in cuts if cut < len(time_s)), len(time_s)]
     items = []
     for start, end in zip([0, *ends], ends, strict=False):

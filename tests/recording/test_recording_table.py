@@ -5,6 +5,8 @@ from pathlib import Path
 import numpy as np
 import pyarrow
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pyarrow import parquet
 
 from tactiled.errors import DataError
@@ -215,3 +217,19 @@ def test_parquet_without_numbers_is_refused(tmp_path: Path) -> None:
     path.write_bytes(b"PAR1 and no more")
     with pytest.raises(DataError, match="cannot be read as Parquet"):
         read_table(path)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_steps_of_two_lengths_are_no_gaps_and_a_pause_is_one(seed: int) -> None:
+    """A host that polls: steps of 73 and 136 ms in any order, and a pause of two seconds."""
+    rng = np.random.default_rng(seed)
+    steps_s = np.where(rng.random(400) < 0.4, 0.136, 0.073) + rng.uniform(-0.002, 0.002, 400)
+    steps_s[200] = 2.0
+    time_s = 5.0 + np.cumsum(steps_s)
+    items = to_blocks(time_s, np.zeros((400, 3)), None, np.ones((400, 3), dtype=np.bool_))
+    gaps = [item for item in items if isinstance(item, Gap)]
+    assert len(gaps) == 1
+    blocks = [item for item in items if isinstance(item, ScanBlock)]
+    np.testing.assert_array_equal(np.concatenate([block.time_s for block in blocks]), time_s)
+    assert abs(blocks[0].rate_hz * float(np.delete(steps_s, 200).mean()) - 1) < 0.01
