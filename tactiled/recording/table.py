@@ -218,11 +218,11 @@ def spacing_of(time_s: FloatArray) -> Spacing:
     """Describe the spacing of stamps (n,), two at least.
 
     A log whose steps are mostly even, or multiples of one, has the median as its period: longer steps are
-    missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is uneven,
-    as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
+    missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is
+    uneven, as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
     """
     steps_s = np.diff(time_s)
-    median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL))
+    median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL, method="higher"))
     periods = usual_s / median_s
     if periods < _UNEVEN or abs(periods - round(periods)) < _MULTIPLE * periods:
         return Spacing(median_s, median_s)
@@ -233,8 +233,8 @@ class BlockSplitter:
     """Split a log into blocks at missing scans, batch by batch; batches do not change the blocks' scans.
 
     Rows are compared with a schedule that follows their stamps slowly: a stamp that jitters by less than half
-    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. In an uneven
-    log, scans are missing where a step is half as long again as the longest usual one.
+    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. In an
+    uneven log, scans are missing where a step is half as long again as the longest usual one.
 
     Parameters
     ----------
@@ -247,8 +247,8 @@ class BlockSplitter:
         self._rate_hz = rate_hz or 1 / spacing.period_s
         if not 0.1 < self._rate_hz * spacing.period_s < 10:
             raise DataError(
-                f"a rate of {self._rate_hz:g} Hz, but rows are {spacing.period_s:g} s apart: omit the rate, or "
-                "correct time_s"
+                f"a rate of {self._rate_hz:g} Hz, but rows are {spacing.period_s:g} s apart: omit the rate, "
+                "or correct time_s"
             )
         self._is_uneven = spacing.longest_s > spacing.period_s
         self._longest_s = spacing.longest_s
