@@ -22,10 +22,13 @@ from tactiled.cli.options import (
     need_readable,
     need_toml,
 )
+from tactiled.errors import DataError
 
 if TYPE_CHECKING:
     from tactiled.array import Array
+    from tactiled.recording.rows import TableOptions, TimeUnit
 
+_RATE_HZ = 100.0  # of the published board
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
 
 
@@ -36,16 +39,24 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.option(
     "--rate",
     "rate_hz",
-    default=100.0,
-    show_default=True,
     type=click.FloatRange(0.1, 20_000),
-    help="Scan rate (Hz), for what an array file can measure.",
+    help="Scan rate (Hz), for what an array file can measure; that of the log, else 100.",
 )
 @click.option(
     "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for the same; 0: unknown."
 )  # fmt: skip
+@click.option("--log", type=FILE, help="Table of the array (.csv, .npz, .parquet): say how the file fits it.")
+@click.option("--columns", metavar="NAMES", help="Columns of the log that are channels, as of detect.")
+@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in the log.")
 def check_config(
-    files: tuple[Path, ...], schema: bool, plot: Path | None, rate_hz: float, speed_mm_s: float
+    files: tuple[Path, ...],
+    schema: bool,
+    plot: Path | None,
+    rate_hz: float | None,
+    speed_mm_s: float,
+    log: Path | None,
+    columns: str | None,
+    time_unit: "TimeUnit | None",
 ) -> None:
     """Check a configuration and the files it names without opening the port, or one file of another kind.
 
@@ -57,6 +68,8 @@ def check_config(
     Example: tactiled check-config /etc/tactiled/left.toml
 
     Example: tactiled check-config pad.toml --plot pad.png
+
+    Example: tactiled check-config pad.toml --log log.csv
     """
     if schema:
         from tactiled.config import Config
@@ -77,6 +90,8 @@ def check_config(
     file, kind = paths[0], kinds[0]
     if plot is not None and kind != "array":
         raise click.UsageError(f"--plot draws an array, and {file} is a {kind}")
+    if log is not None and kind != "array":
+        raise click.UsageError(f"--log is compared with an array, and {file} is a {kind}")
     if plot is not None:
         need_extra("matplotlib", "plot", "check-config --plot")
         need_picture(plot)
@@ -99,7 +114,12 @@ def check_config(
         array = build(tomlfile.load(file, ArrayFile))
         click.echo(json.dumps(array.summary()))
         click.echo(f"{file}: valid ({array.in_words()})", err=True)
-        _echo_abilities(array, rate_hz, speed_mm_s, plot)
+        if log is not None:
+            from tactiled.recording.rows import TableOptions
+
+            found_hz = _echo_log_fit(array, log, TableOptions(rate_hz, _names(columns), time_unit))
+            rate_hz = rate_hz or found_hz
+        _echo_abilities(array, rate_hz or _RATE_HZ, speed_mm_s, plot)
         return
     if kind == "calibration":
         from tactiled.force.calibration import load_calibration
@@ -121,6 +141,27 @@ def check_config(
         for line in resolved_in_words(setup):
             click.echo(line, err=True)
     click.echo(f"path of a scan: {compiled.path_words()}", err=True)
+
+
+def _names(columns: str | None) -> tuple[str, ...]:
+    return tuple(name.strip() for name in columns.split(",")) if columns else ()
+
+
+def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
+    """Print how an array fits a log, and return the rate of the log (Hz)."""
+    from tactiled.doctor.log_fit import log_fit
+    from tactiled.recording.table import read_table
+
+    time_s, readings = read_table(log, options.rate_hz, options.columns, options.time_unit)
+    if readings.shape[1] != array.n_channels:
+        raise DataError(
+            f"{log}: {readings.shape[1]} channels, but array {array.name} has {array.n_channels} "
+            f"({array.n_taxels} taxels); choose columns with --columns"
+        )
+    found = log_fit(array, time_s, readings)
+    for each in found:
+        click.echo(f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else ""), err=True)
+    return float(found[0].values["rate_hz"])
 
 
 def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:

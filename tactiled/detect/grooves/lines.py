@@ -17,10 +17,9 @@ periodic, and its frequency is that of the ripple.
    is significant. Where the strongest bin of the summed spectrum has `_STANDS_OUT` times the power of any
    other, except its own lobe and its harmonics, that bin is the line. A slope has no such bin, and a
    resonance is wider than the lobe where the window holds enough of its periods.
-5. Lines are ordered by the power of the change that they make, in the unit of the readings. Noise of a skin
-   lies between white and a random walk: towards higher frequencies its power does not rise, and the power of
-   its changes does not fall. What is stronger than a line by that measure is no noise beside it but a signal
-   that is not explained: slower, the window is too short for it.
+5. Noise of a skin lies between white and a random walk: towards higher frequencies its power does not rise,
+   and the power of its changes does not fall. A bin that is stronger than a line by that measure, in the unit
+   of the readings, is no noise beside it but a signal that is not explained.
 """
 
 from typing import NamedTuple
@@ -68,20 +67,17 @@ class SpectralLine(NamedTuple):
         Power over the noise beside it, summed over the channels.
     statistic : float
         Studentised residual over its threshold; 1 is just significant.
-    change : float
-        Power of the change that it makes: its power times the square of its frequency.
     over_others : float
         Its power over what noise between white and a random walk would have at its frequency, if the
         strongest bin that belongs to no line were that noise.
     in_phase : float
-        Part of its power with which all channels swing at once, in phase or opposite, from half to 1.
+        Part of its power with which all channels swing at once, in phase or opposite, from 0 to 1.
     """
 
     frequency_hz: float
     frequency_sd_hz: float
     power: float
     statistic: float
-    change: float
     over_others: float
     in_phase: float
 
@@ -164,7 +160,6 @@ def spectral_lines(
                 frequency_sd_hz=float(sd) * step_hz,
                 power=power,
                 statistic=statistic,
-                change=at**2 * total,
                 over_others=total / max(level, 1e-300),
                 in_phase=_in_phase(swings),
             )

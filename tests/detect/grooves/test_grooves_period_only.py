@@ -220,7 +220,7 @@ def test_uneven_ridges_on_a_rough_surface_are_a_line_and_the_surface_alone_is_no
 
 def hum(frequency_hz: float, amplitude: float, n: int) -> np.ndarray:
     """Swing of the load as a whole, in standard deviations of the noise: (n, 1)."""
-    return amplitude * np.cos(2 * np.pi * frequency_hz * np.arange(n) / RATE_HZ)[:, np.newaxis]
+    return np.asarray(amplitude * np.cos(2 * np.pi * frequency_hz * np.arange(n) / RATE_HZ)[:, np.newaxis])
 
 
 def test_what_swings_all_channels_at_once_may_be_a_machine() -> None:

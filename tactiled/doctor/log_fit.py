@@ -1,0 +1,131 @@
+"""Findings of `check-config --log`: how an array file fits a log, and what to write in it otherwise."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tactiled.array import Array, FloatArray
+from tactiled.doctor.finding import Finding
+from tactiled.recording.table import spacing_of
+
+_AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
+_PRESSED = 0.95  # quantile of the change of all channels beyond which a log is taken as pressed
+# A channel that changes less than this part of what the others do while they are pressed tells no sign.
+_LEAST_PART = 0.1
+_MOST_SATURATED = 0.01  # of the scans
+_FAR_ZERO = 0.02  # of the range, from readings at the beginning
+_PAUSES = 3.0  # times the longest usual step
+_MOST_NAMES = 12
+
+
+def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Finding]:
+    """Compare an array with a log.
+
+    Parameters
+    ----------
+    array : Array
+    time_s : (n,) float64
+        Increasing, two at least.
+    readings : (n, channels) float64
+        NaN where missing.
+    """
+    n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
+    rest = np.array([_median(one[:n_first], one) for one in readings.T])
+    return [
+        _rate(time_s),
+        _range(array, readings),
+        _dead(array, readings),
+        _zero(array, rest),
+        _signs(array, readings - rest),
+    ]
+
+
+def _median(first: FloatArray, whole: FloatArray) -> float:
+    """Median of the known readings at the beginning of a channel, else of all of them; 0 for none."""
+    for part in (first, whole):
+        known = part[np.isfinite(part)]
+        if known.size:
+            return float(np.median(known))
+    return 0.0
+
+
+def _rate(time_s: FloatArray) -> Finding:
+    period_s, longest_s = spacing_of(time_s)
+    steps_s = np.diff(time_s)
+    n_pauses = int((steps_s > _PAUSES * longest_s).sum())
+    words = f"{1 / period_s:.4g} Hz"
+    if longest_s > period_s:
+        words += f", uneven: steps of {steps_s.min():.3g} to {longest_s:.3g} s"
+    if n_pauses:
+        words += f", {n_pauses} pauses, the longest of {steps_s.max():.3g} s"
+    return Finding("log: rate", "ok", words, values={"rate_hz": 1 / period_s, "pauses": n_pauses})
+
+
+def _range(array: Array, readings: FloatArray) -> Finding:
+    low, high = float(np.nanmin(readings)), float(np.nanmax(readings))
+    words = f"readings from {low:.6g} to {high:.6g} {array.unit}"
+    values = {"low": low, "high": high}
+    if low < array.low or high > array.high:
+        beyond = f"{words}, beyond {array.low:g} to {array.high:g}"
+        wider = f"range = [{min(low, array.low):.6g}, {max(high, array.high):.6g}], or more"
+        return Finding("log: range", "fail", beyond, wider, values)
+    saturated = np.flatnonzero((readings >= array.high).mean(axis=0) > _MOST_SATURATED)
+    if saturated.size:
+        return Finding(
+            "log: range",
+            "warn",
+            f"{words}; saturated at times: {_names(array, saturated)}",
+            "press less, or set range to what the converter gives",
+            values,
+        )
+    part = (high - low) / (array.high - array.low)
+    return Finding("log: range", "ok", f"{words}, {100 * part:.2g} % of the range", values=values)
+
+
+def _dead(array: Array, readings: FloatArray) -> Finding:
+    changes = np.array(
+        [np.ptp(one[np.isfinite(one)]) if np.isfinite(one).any() else 0.0 for one in readings.T]
+    )
+    dead = np.flatnonzero(changes == 0)
+    if not dead.size:
+        return Finding("log: channels", "ok", "every channel changes", values={"dead": []})
+    words = f"never change: {_names(array, dead)}"
+    remedy = "look at the wiring and at --columns; detectors leave such channels out"
+    return Finding("log: channels", "warn", words, remedy, {"dead": dead.tolist()})
+
+
+def _zero(array: Array, rest: FloatArray) -> Finding:
+    if array.zero_first_s:
+        words = f"first {array.zero_first_s:g} s; nothing may touch the array then"
+        return Finding("log: zero", "ok", words)
+    far = np.flatnonzero(np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low))
+    if not far.size:
+        return Finding("log: zero", "ok", "that of the array, within 2 % of the range")
+    words = f"the log begins {np.abs(rest - array.zero).max():.4g} {array.unit} from it: {_names(array, far)}"
+    remedy = "if nothing touches the array at the beginning, zero = 'first 0.3 s'; else it begins in contact"
+    return Finding("log: zero", "warn", words, remedy, {"far": far.tolist()})
+
+
+def _signs(array: Array, change: FloatArray) -> Finding:
+    """Compare signs of load channels with the way that they go where the log changes most."""
+    loads = np.array([kind in ("normal", "side") for kind in array.channel_kind])
+    if not loads.any():
+        return Finding("log: signs", "ok", "no load channels")
+    size = np.sqrt(np.nansum(change[:, loads] ** 2, axis=1))
+    pressed = size >= np.quantile(size, _PRESSED)
+    goes = np.median(np.nan_to_num(change)[pressed], axis=0) * array.sign
+    tells = loads & (np.abs(goes) > _LEAST_PART * float(np.abs(goes[loads]).max()))
+    falls: NDArray[np.int64] = np.flatnonzero(tells & (goes < 0))
+    values = {"falls": falls.tolist()}
+    if not falls.size:
+        return Finding("log: signs", "ok", "load channels rise where the log changes most", values=values)
+    words = f"fall where the log changes most: {_names(array, falls)}"
+    if len(falls) == int(tells.sum()):
+        return Finding("log: signs", "warn", words, "if that is a press, sign = -1 for that kind", values)
+    remedy = "if that is a press, list each channel in [[channels]], these with the other sign"
+    return Finding("log: signs", "warn", words, remedy, values)
+
+
+def _names(array: Array, channels: NDArray[np.int64]) -> str:
+    shown = [array.channel_name[channel] for channel in channels[:_MOST_NAMES]]
+    more = len(channels) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more > 0 else "")
