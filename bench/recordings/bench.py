@@ -9,9 +9,15 @@ import numpy as np
 
 from bench.recordings import ours
 from bench.recordings.catalogue import Source, how_to_get, sources
-from bench.recordings.log import Log
+from bench.recordings.log import FloatArray, Log
 from bench.recordings.ours import ForceErrors
-from bench.recordings.rules import SLIP_RULES, by_threshold, by_trees, strongest_line_hz
+from bench.recordings.rules import (
+    SLIP_RULES,
+    by_threshold,
+    by_trees,
+    pose_errors_of_trees,
+    strongest_line_hz,
+)
 from bench.recordings.sources import READERS
 from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_table, judge, table
 from tactiled.progress import ProgressBar
@@ -73,7 +79,7 @@ class Found:
     n_logs: int
     ours: Periods | Slips | Sequence[ForceErrors]
     rule: Periods | Slips | None
-    trees: Slips | None
+    trees: Slips | FloatArray | None
 
 
 def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchReport:
@@ -96,7 +102,10 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchRepor
         table(_row(one) for one in found),
         aims_table(AIMS, {"measured": {one.source.name: one for one in found}}),
         "Constants that were chosen on a source: "
-        + "; ".join(f"{one.source.name}: {one.source.chosen}" for one in found if one.source.chosen)
+        + (
+            "; ".join(f"{one.source.name}: {one.source.chosen}" for one in found if one.source.chosen)
+            or "none"
+        )
         + ".",
     ]
     if missing:
@@ -107,9 +116,10 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchRepor
 def _measure(source: Source, data: Path) -> Found:
     logs = list(READERS[source.name](data / source.folder))
     array = source.array
-    if source.question == "force":
-        errors = [ours.forces(log, array, is_same_clock=source.name == "Tactaxis") for log in logs]
-        return Found(source, len(logs), errors, None, None)
+    if source.question in ("force", "poses"):
+        errors = [ours.forces(log, array, are_poses=source.question == "poses") for log in logs]
+        trees = pose_errors_of_trees(logs[0]) if source.question == "poses" else None
+        return Found(source, len(logs), errors, None, trees)
     if source.question == "period":
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
@@ -135,7 +145,10 @@ def _row(one: Found) -> dict[str, str]:
         for e in one.ours
     )
     ridge = "; ".join(", ".join(f"{100 * x:.2f} %" for x in e.ridge) for e in one.ours)
-    return row | {"tactiled": mine, "simple rule": f"{source.rule}: {ridge}", "trees": NONE}
+    trees = NONE
+    if isinstance(one.trees, np.ndarray):
+        trees = ", ".join(f"{100 * x:.2f} %" for x in one.trees)
+    return row | {"tactiled": mine, "simple rule": f"{source.rule}: {ridge}", "trees": trees}
 
 
 def _aim(name: str, limit: str, source: str, is_met: Callable[[Found], bool]) -> Aim[dict[str, Found]]:
@@ -173,6 +186,12 @@ def _below_ridge(one: Found) -> bool:
     return all((e.ours < e.ridge).all() and (np.abs(e.inside - 0.9) <= 0.05).all() for e in one.ours)
 
 
+def _at_most_trees(one: Found) -> bool:
+    assert not isinstance(one.ours, Periods | Slips)
+    assert isinstance(one.trees, np.ndarray)
+    return all(bool((e.ours <= one.trees).all()) for e in one.ours)
+
+
 AIMS = (
     _aim("gratings", "24 of 24, 0 wrong", "FabricSlide", _periods(0, 24)),
     _aim(
@@ -186,4 +205,5 @@ AIMS = (
     _aim("slips of a hand of pads", "better than the rule in both", "SDH-2", _beats_rule),
     _aim("presses", "below ridge, intervals 85 to 95 %", "eFlesh presses", _below_ridge),
     _aim("shears", "below ridge, intervals 85 to 95 %", "eFlesh shears", _below_ridge),
+    _aim("poses of a magnetic chip", "at or below trees on each axis", "Tactaxis", _at_most_trees),
 )

@@ -67,13 +67,13 @@ class ForceErrors:
     late_sd_s: float
 
 
-def forces(log: Log, array: Array, *, is_same_clock: bool) -> ForceErrors:
+def forces(log: Log, array: Array, *, are_poses: bool) -> ForceErrors:
     """Calibrate as `tactiled calibrate` does, and judge the folds."""
     assert log.forces is not None
     values = np.full((len(log.time_s), 6), np.nan)
     values[:, :3] = log.forces
     table = ReferenceTable(log.time_s, values, np.full(len(values), NO_TAXEL))
-    study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), is_same_clock=is_same_clock)
+    study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), are_poses=are_poses)
     used = [axis for axis in study.used if axis < 3]
     spread = np.ptp(log.forces[:, used], axis=0)
     left_out = study.left_out[:, used]

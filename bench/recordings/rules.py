@@ -85,6 +85,21 @@ def by_trees(logs: Sequence[Log]) -> list[bool]:
     return [bool(one) for one in said]
 
 
+def pose_errors_of_trees(log: Log) -> FloatArray:
+    """Return the rms errors of boosted trees over the range of each axis, in five random folds of poses."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+    from sklearn.model_selection import KFold, cross_val_predict
+
+    assert log.forces is not None
+    folds = KFold(5, shuffle=True, random_state=0)
+    said = [
+        cross_val_predict(HistGradientBoostingRegressor(random_state=0), log.readings, force, cv=folds)
+        for force in log.forces.T
+    ]
+    errors = np.sqrt(((np.stack(said, axis=1) - log.forces) ** 2).mean(axis=0))
+    return np.asarray(errors / np.ptp(log.forces, axis=0))
+
+
 def _features(log: Log) -> list[float]:
     """Changes over five times: of the median channel, of the fifth that changes most, of all, of the mean."""
     found = []

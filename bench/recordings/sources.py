@@ -89,15 +89,12 @@ def eflesh_shears(folder: Path) -> Iterator[Log]:
     return _eflesh_probe(folder, "shear_force", 0)
 
 
-_POSE_S, _POSE_SCANS = 0.4, 20  # poses have no times: each is held for so long, as a robot would
-
-
 def tactaxis(folder: Path) -> Iterator[Log]:
     """Poses of a press on one magnetic chip, each with the force of a reference; no times."""
     table = rows(folder / "UNIGE/Data/Calib.csv", header=True)
-    held = np.repeat(table, _POSE_SCANS, axis=0)
-    time_s = np.arange(len(held)) * _POSE_S / _POSE_SCANS
-    yield Log("Calib", "poses", time_s, held[:, 8:16], forces=held[:, 18:21] * [1.0, 1.0, -1.0])
+    poses = np.arange(len(table), dtype=np.float64)
+    # Forces are those on the sensor; ours are of the object on the skin, which presses with fz > 0.
+    yield Log("Calib", "poses", poses, table[:, 8:16], forces=table[:, 18:21] * [1.0, 1.0, -1.0])
 
 
 _GRASPS_EACH = 2

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS, Curve
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
@@ -75,6 +76,8 @@ class BinnedLog:
         Standard deviation of a scan's white noise.
     bin_scans : int
         Scans in a bin.
+    are_poses : bool
+        The bins are static poses in any order, one scan each: creep cannot be told.
     """
 
     start_s: FloatArray
@@ -85,6 +88,7 @@ class BinnedLog:
     zero_sd: float
     noise: FloatArray
     bin_scans: int
+    are_poses: bool = False
 
     def __len__(self) -> int:
         return len(self.readings)
@@ -142,6 +146,35 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
         zero_sd=float(np.median(noise)) / math.sqrt(n_zero),
         noise=noise,
         bin_scans=size,
+    )
+
+
+def pose_log(readings: FloatArray, array: Array) -> BinnedLog:
+    """Make a log of static poses (n, channels), a second each, of which no noise is known.
+
+    Raises
+    ------
+    DataError
+        The zero of the array is that of the beginning, which poses do not have; or a reading is missing.
+    """
+    if array.zero_first_s:
+        raise DataError(
+            f"array {array.name} takes its zero from the first {array.zero_first_s:g} s, and poses have no "
+            "beginning: give zero = [...], one reading without a load for each channel"
+        )
+    if not np.isfinite(readings).all():
+        raise DataError("a pose lacks a reading: leave its row out of the log and of the reference")
+    middle_s = np.arange(len(readings), dtype=np.float64)
+    return BinnedLog(
+        start_s=middle_s - 0.5,
+        end_s=middle_s + 0.5,
+        middle_s=middle_s,
+        readings=readings - array.zero,
+        zero=array.zero,
+        zero_sd=0.0,
+        noise=np.zeros(array.n_channels),
+        bin_scans=1,
+        are_poses=True,
     )
 
 
@@ -226,3 +259,30 @@ class AlignedReference:
         first, last = self._table.values[0], self._table.values[-1]
         first, last = np.nan_to_num(first), np.nan_to_num(last)
         return np.asarray(integral + before[:, np.newaxis] * first + after[:, np.newaxis] * last)
+
+
+class PoseReference(AlignedReference):
+    """Reference of poses: a row for each, whatever the clocks."""
+
+    def __init__(self, table: ReferenceTable, log: BinnedLog) -> None:
+        if len(table.values) != len(log):
+            raise DataError(
+                f"{len(log)} poses in the log, {len(table.values)} in the reference: give a row for each "
+                "in both"
+            )
+        super().__init__(table, log)
+        self._values = np.nan_to_num(table.values)
+        self._of_taxel = table.taxel
+        self.noise = np.where(np.isnan(self.noise), np.nan, 0.0)
+
+    def means(self, late_s: float, drift: float) -> FloatArray:  # noqa: ARG002
+        """Return the forces and moments (n, 6) of the poses."""
+        return self._values.copy()
+
+    def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:  # noqa: ARG002
+        """Return True for every pose."""
+        return np.ones(len(self._values), dtype=np.bool_)
+
+    def taxels(self, late_s: float, drift: float) -> NDArray[np.int64]:  # noqa: ARG002
+        """Return the taxel (n,) that is pressed in each pose."""
+        return self._of_taxel

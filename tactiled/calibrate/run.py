@@ -34,6 +34,7 @@ def calibrate_files(
     topic: str | None = None,
     rate_hz: float | None = None,
     is_same_clock: bool = False,
+    are_poses: bool = False,
     plot: Path | None = None,
 ) -> CalibrationStudy:
     """Write a calibration file; numbers as one JSON line to stdout, the verdict to stderr.
@@ -57,7 +58,14 @@ def calibrate_files(
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
     with ProgressBar("calibrate", N_STAGES) as bar:
         found = calibrate(
-            data.array, data.time_s, data.readings, table, identity, bar.advance, is_same_clock=is_same_clock
+            data.array,
+            data.time_s,
+            data.readings,
+            table,
+            identity,
+            bar.advance,
+            is_same_clock=is_same_clock,
+            are_poses=are_poses,
         )
     try:
         save_calibration(out, found.file)

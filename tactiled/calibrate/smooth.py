@@ -189,6 +189,8 @@ def choose_smooth(
     for terms in (replace(terms, curve=curve) for curve in log.curves for terms in CHOICES):
         if terms.products and len(product_pairs(array)) > _MOST_PRODUCTS:
             continue
+        if terms.creep and log.are_poses:
+            continue
         fits[terms] = fit = fit_smooth(array, log, outputs, used, rows, terms)
         squares = ((fit.left_out[rows][:, used] ** 2 + fit.of_zero[used]) / spread**2).mean(axis=1)
         errors[terms] = np.bincount(segment, squares) / count

@@ -11,7 +11,14 @@ from scipy.optimize import nnls
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
 from tactiled.calibrate.clock import align, free_level, quiet_bins
-from tactiled.calibrate.data import AlignedReference, BinnedLog, ReferenceTable, bin_log
+from tactiled.calibrate.data import (
+    AlignedReference,
+    BinnedLog,
+    PoseReference,
+    ReferenceTable,
+    bin_log,
+    pose_log,
+)
 from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.pairs import PairsFit, PairsFitter
 from tactiled.calibrate.smooth import PLAIN, SmoothFit, choose_smooth, fit_smooth
@@ -110,6 +117,7 @@ def calibrate(
     *,
     models: tuple[str, ...] = ("pairs", "smooth"),
     is_same_clock: bool = False,
+    are_poses: bool = False,
 ) -> CalibrationStudy:
     """Fit a calibration.
 
@@ -126,6 +134,8 @@ def calibrate(
         Models that are tried, where the array allows them.
     is_same_clock : bool
         The times of log and reference are of one clock: no offset is searched.
+    are_poses : bool
+        Readings and reference are static poses, row by row and in any order; times are not used.
 
     Raises
     ------
@@ -133,11 +143,12 @@ def calibrate(
         The data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
-    log = bin_log(time_s, readings, array)
+    log = pose_log(readings, array) if are_poses else bin_log(time_s, readings, array)
     check_log(log, array)
     check_unit(log, table, array)
-    reference = AlignedReference(table, log)
-    between_s = float(time_s[0] - table.time_s[0])
+    reference = PoseReference(table, log) if are_poses else AlignedReference(table, log)
+    is_same_clock = is_same_clock or are_poses
+    between_s = 0.0 if are_poses else float(time_s[0] - table.time_s[0])
     if not is_same_clock and abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):
         between_s = 0.0  # clocks of different origin: both records began together, within seconds
     clocks = align(log, reference, array, between_s, is_same_clock=is_same_clock)
@@ -149,7 +160,7 @@ def calibrate(
     candidates: dict[str, FittedModel] = {}
     drift = 0.0
     pairs: tuple[PairsFitter, PairsFit] | None = None
-    if has_pairs(array) and "pairs" in models:
+    if has_pairs(array) and "pairs" in models and not are_poses:
         fitter = PairsFitter(array, log, reference, late_s, rows)
         fit = fitter.fit(reached)
         pairs = (fitter, fit)

@@ -30,6 +30,12 @@ from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readab
 @click.option(
     "--same-clock", "is_same_clock", is_flag=True, help="Times of LOG and reference are of one clock."
 )
+@click.option(
+    "--poses",
+    "are_poses",
+    is_flag=True,
+    help="LOG and reference are static poses, a row for each, in any order.",
+)
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
 @click.option(
