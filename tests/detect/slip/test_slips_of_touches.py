@@ -309,7 +309,8 @@ def test_it_works_on_one_taxel_and_on_many(n: int, kinds: list[str]) -> None:
 def test_pads_without_shear_channels_tell_sliding_without_direction() -> None:
     array = load_array("normal-4x4")
     events = slips(detect(Touch(uneven=0.05).block(array), array=array))
-    assert (events[0].state, events[0].kind) == ("onset", "gross")
+    onsets = [event.kind for event in events if event.state == "onset"]
+    assert onsets == ["incipient", "gross"]  # load moves over the pad, then the surface under it
     assert all(e.direction_sd_deg == UNKNOWN_SD_DEG for e in events)
 
 
