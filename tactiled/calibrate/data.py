@@ -19,6 +19,7 @@ NO_TAXEL = -1
 # A curve is tried where no reading falls below this part of the reading without a load: nearer to 0 it bends
 # by the noise.
 _LEAST_PART = 0.02
+_LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
 _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
 
@@ -178,6 +179,23 @@ def pose_log(readings: FloatArray, array: Array) -> BinnedLog:
     )
 
 
+def same_poses(time_s: FloatArray, table: ReferenceTable) -> tuple[NDArray[np.int64], ReferenceTable]:
+    """Return the rows of a log whose pose is in the reference, too, and the reference of these poses.
+
+    Raises
+    ------
+    DataError
+        Hardly any pose is in both.
+    """
+    _, log_rows, rows = np.intersect1d(time_s, table.time_s, return_indices=True)
+    if len(rows) < _LEAST_POSES:
+        raise DataError(
+            f"{len(rows)} poses are in both files, of {len(time_s)} in the log and {len(table.time_s)} in "
+            "the reference: time_s is the number of the pose in both (--rate 1 numbers a log from 0)"
+        )
+    return log_rows, ReferenceTable(table.time_s[rows], table.values[rows], table.taxel[rows])
+
+
 def start_zero(time_s: FloatArray, readings: FloatArray, array: Array) -> FloatArray:
     """Zero (channels,) as a run of the detectors has it: the array's, or the median of the first scans."""
     if not array.zero_first_s:
@@ -265,11 +283,6 @@ class PoseReference(AlignedReference):
     """Reference of poses: a row for each, whatever the clocks."""
 
     def __init__(self, table: ReferenceTable, log: BinnedLog) -> None:
-        if len(table.values) != len(log):
-            raise DataError(
-                f"{len(log)} poses in the log, {len(table.values)} in the reference: give a row for each "
-                "in both"
-            )
         super().__init__(table, log)
         self._values = np.nan_to_num(table.values)
         self._of_taxel = table.taxel

@@ -18,6 +18,7 @@ from tactiled.calibrate.data import (
     ReferenceTable,
     bin_log,
     pose_log,
+    same_poses,
 )
 from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.pairs import PairsFit, PairsFitter
@@ -135,7 +136,7 @@ def calibrate(
     is_same_clock : bool
         The times of log and reference are of one clock: no offset is searched.
     are_poses : bool
-        Readings and reference are static poses, row by row and in any order; times are not used.
+        Readings and reference are static poses in any order; `time_s` is the number of the pose in both.
 
     Raises
     ------
@@ -143,6 +144,9 @@ def calibrate(
         The data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
+    if are_poses:
+        own, table = same_poses(time_s, table)
+        time_s, readings = time_s[own], readings[own]
     log = pose_log(readings, array) if are_poses else bin_log(time_s, readings, array)
     check_log(log, array)
     check_unit(log, table, array)

@@ -34,7 +34,7 @@ from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readab
     "--poses",
     "are_poses",
     is_flag=True,
-    help="LOG and reference are static poses, a row for each, in any order.",
+    help="LOG and reference are static poses in any order; time_s is the number of the pose in both.",
 )
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")

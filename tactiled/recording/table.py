@@ -101,8 +101,8 @@ class TableStream:
     Attributes
     ----------
     n_channels : int
-    spacing_s : float
-        Median interval of the first 100,000 rows, fewer of arrays of many channels.
+    spacing : Spacing
+        Of the first 100,000 rows, fewer of arrays of many channels.
 
     Raises
     ------

@@ -64,10 +64,22 @@ def test_poses_in_any_order_give_the_same_errors_and_no_creep() -> None:
     assert np.sqrt((other.left_out**2).mean()) == pytest.approx(np.sqrt((found.left_out**2).mean()), rel=0.1)
 
 
+def test_a_pose_that_lacks_in_one_file_moves_no_other() -> None:
+    readings, values = poses()
+    rows = np.arange(len(values), dtype=np.float64)
+    table = ReferenceTable(np.delete(rows, 360), np.delete(values, 360, axis=0), np.full(599, NO_TAXEL))
+    log, own = np.delete(readings, 380, axis=0), np.delete(rows, 380)
+    found = calibrate(chip(), own, log, table, Identity("poses"), are_poses=True)
+    assert len(found.left_out) == 598
+    assert (np.sqrt((found.left_out[:, :3] ** 2).mean(axis=0)) < 0.02 * np.ptp(values[:, :3], axis=0)).all()
+
+
 def test_poses_that_do_not_belong_together_are_refused() -> None:
     readings, values = poses()
-    with pytest.raises(DataError, match="a row for each in both"):
-        fitted(chip(), readings[:-1], values)
+    rows = np.arange(len(values), dtype=np.float64)
+    table = ReferenceTable(rows + 0.5, values, np.full(len(values), NO_TAXEL))
+    with pytest.raises(DataError, match="0 poses are in both files"):
+        calibrate(chip(), rows, readings, table, Identity("poses"), are_poses=True)
     with pytest.raises(DataError, match="poses have no beginning"):
         fitted(chip(zero="first 0.3 s"), readings, values)
     readings[5, 1] = np.nan

@@ -426,7 +426,10 @@ class JointTexture:
         end = window.end
         if end is None or window.n_pending or window.has_answer:
             return []
-        return [_event(window.span(end.time_s, end.rate_hz), window.last, answered_s, self._params)]
+        last = window.last
+        if last.status == "period-only":  # of one window alone
+            last = WaveFit("too-few-periods")
+        return [_event(window.span(end.time_s, end.rate_hz), last, answered_s, self._params)]
 
     def _motion(self, scans: ScanWindow) -> WaveMotion:
         slip = self._gate.slip

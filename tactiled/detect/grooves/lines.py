@@ -38,7 +38,7 @@ _LOBE = 2  # bins to either side that a Hann window spreads a line over
 # a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten bins.
 _AROUND = 20
 _AROUND_ORDER = 2
-_MOST_LINES = 8
+_MOST_LINES = 8  # of two gratings with their harmonics
 # Periods in the window. A cubic trend leaves humps of fewer.
 LEAST_CYCLES = 3.0
 # A Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels share and
@@ -48,6 +48,7 @@ _SD_OVER_BOUND = 2.0
 # share (178 scans, power over frequency with slopes of 0.5, 1 and 2), 9 have such a bin with 7 periods or
 # more, 36 with 6, 121 with 5; an answer needs it in two windows at one place.
 _STANDS_OUT = 5.0
+_LEAST_PHASES = 4  # channels: phases of fewer agree by chance
 _LEAST_DOMINANT_CYCLES = 7
 _TREND_CYCLES = 2  # slower bins are of the trend
 _LEAST_SD = 1e-12  # of the readings: less is the rounding of the trend
@@ -71,7 +72,8 @@ class SpectralLine(NamedTuple):
         Its power over what noise between white and a random walk would have at its frequency, if the
         strongest bin that belongs to no line were that noise.
     in_phase : float
-        Part of its power with which all channels swing at once, in phase or opposite, from 0 to 1.
+        Part of its power with which all channels swing at once, in phase or opposite, from 0 to 1, each
+        channel by its own size; 0 where channels are too few to tell.
     """
 
     frequency_hz: float
@@ -122,6 +124,7 @@ def spectral_lines(
     spectra = np.fft.rfft(np.hanning(n)[:, np.newaxis] * readings, axis=0)
     bins = np.arange(len(spectra))
     first = int(np.ceil(LEAST_CYCLES))
+    deviation = readings.std(axis=0)
     absolute = (np.abs(spectra) ** 2).sum(axis=1)
     kept = slice(first, n // 2 if n % 2 == 0 else len(bins))  # the bin at half the rate is real
     cycles, spectra = bins[kept], spectra[kept]
@@ -161,42 +164,56 @@ def spectral_lines(
                 power=power,
                 statistic=statistic,
                 over_others=total / max(level, 1e-300),
-                in_phase=_in_phase(swings),
+                in_phase=_in_phase(swings, deviation),
             )
         )
     return sorted(lines, key=lambda line: -line.power)
 
 
 class StrongestSwing(NamedTuple):
-    """The bin of the spectrum that stands out most from noise midway between white and a random walk.
+    """The bins of the spectrum that stand out most from noise midway between white and a random walk.
 
     Attributes
     ----------
+    is_slow : bool
+        True where the strongest of all has too few periods to stand out as a line.
     cycles : int
-        Its periods in the window.
+        Periods in the window of the strongest in the band.
     in_phase : float
-        See `SpectralLine`.
+        Of that one; see `SpectralLine`.
     """
 
+    is_slow: bool
     cycles: int
     in_phase: float
 
-    @property
-    def is_slow(self) -> bool:
-        """True where it has too few periods to stand out as a line."""
-        return self.cycles < _LEAST_DOMINANT_CYCLES
+
+def strongest_swing(readings: FloatArray, band_cycles: tuple[float, float]) -> StrongestSwing:
+    """Find the strongest swings of readings (n, channels), those of the largest power times frequency."""
+    size = np.abs(readings).max(axis=0)
+    readings = _detrended(readings)
+    deviation = readings.std(axis=0)
+    spectra = np.fft.rfft(np.hanning(len(readings))[:, np.newaxis] * readings, axis=0)
+    cycles = np.arange(len(spectra))
+    swing = cycles * (np.abs(spectra) ** 2).sum(axis=1)
+    in_band = (cycles >= max(LEAST_CYCLES, band_cycles[0])) & (cycles <= band_cycles[1])
+    strongest = int(np.argmax(np.where(in_band, swing, 0.0)))
+    changing = np.where(deviation > _LEAST_SD * size, deviation, 0.0)
+    is_slow = int(np.argmax(swing)) < _LEAST_DOMINANT_CYCLES
+    return StrongestSwing(is_slow, strongest, _in_phase(spectra[strongest], changing))
 
 
-def strongest_swing(readings: FloatArray) -> StrongestSwing:
-    """Find the strongest swing of readings (n, channels): largest power times frequency."""
-    spectra = np.fft.rfft(np.hanning(len(readings))[:, np.newaxis] * _detrended(readings), axis=0)
-    cycles = int(np.argmax(np.arange(len(spectra)) * (np.abs(spectra) ** 2).sum(axis=1)))
-    return StrongestSwing(cycles, _in_phase(spectra[cycles]))
+def _in_phase(swings: NDArray[np.complex128], size: FloatArray) -> float:
+    """Part of the power of phasors (channels,) that lies along one direction or its opposite, from 0 to 1.
 
-
-def _in_phase(swings: NDArray[np.complex128]) -> float:
-    """Part of the power of phasors that lies along one direction or its opposite, from 0 to 1."""
-    return float(np.abs((swings**2).sum())) / max(float((np.abs(swings) ** 2).sum()), 1e-300)
+    Each channel counts by its own size (channels,), so that a loud one does not decide; one of size 0 is left
+    out. 0, too, where channels are so few that phases agree by chance.
+    """
+    changes = size > 0
+    if int(changes.sum()) < _LEAST_PHASES:
+        return 0.0
+    scaled = swings[changes] / size[changes]
+    return float(np.abs((scaled**2).sum()) / max(float((np.abs(scaled) ** 2).sum()), 1e-300))
 
 
 def _dominant_line(

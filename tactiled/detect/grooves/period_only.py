@@ -40,9 +40,8 @@ _SAME_LINE_PERIODS = 1.5  # in the window: lines of a Hann window that are neare
 _SPEED_ERROR = 1.1
 # Channels that swing at once may do so because the load as a whole does, with a motor or an arm. Over a
 # length L along the motion, grooves of period D give sin(2 pi L / D) / (2 pi L / D) of the power in phase:
-# 0.9 at D = 8 L. Phases of fewer channels than four agree by chance.
-_MOST_IN_PHASE = 0.9
-_LEAST_PHASES = 4
+# 0.8 at D = 5.6 L.
+_MOST_IN_PHASE = 0.8
 _INTERVAL_SDS = 2.0  # standard deviations that widen the interval of the period at both ends
 
 
@@ -87,11 +86,10 @@ def fit_line(
     band_hz = _band_hz(motion, params, (len(time_s) - 1) / duration_s if duration_s > 0 else 0.0)
     readings = _filled(volts[:, chosen], usable[:, chosen])
     lines = spectral_lines(readings, time_s, _FALSE_ALARMS, band_hz)
-    strongest = strongest_swing(readings)
-    many = int(chosen.sum()) >= _LEAST_PHASES
-    if many and strongest.in_phase > _MOST_IN_PHASE:
+    strongest = strongest_swing(readings, (band_hz[0] * duration_s, band_hz[1] * duration_s))
+    if strongest.in_phase > _MOST_IN_PHASE:
         return WaveFit("machine", frequency_hz=strongest.cycles / duration_s)
-    waves = [line for line in lines if not many or line.in_phase <= _MOST_IN_PHASE]
+    waves = [line for line in lines if line.in_phase <= _MOST_IN_PHASE]
     if not waves:
         return WaveFit("too-few-periods" if strongest.is_slow else "low-snr")
     gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)

@@ -214,7 +214,7 @@ class SlidingSlip:
         self._state = self._published = "none"
         self._touching = ()
         self._of_first = self._newest = None
-        self._own = {}
+        self._own, self._gross_end_s = {}, -np.inf
         return events
 
 

@@ -54,7 +54,7 @@ _LEAST_NOISE = 1.0 / 12  # variance of rounding to a step
 
 
 class GrowthTracker:
-    """Track slips of an array by the growth of its shear channels.
+    """Track slips of an array by the growth of its shear channels, or by its loads where it has no shear.
 
     Parameters
     ----------
@@ -70,7 +70,8 @@ class GrowthTracker:
         if self._moves:
             self._shear = np.ones(len(kinds), dtype=np.bool_)
         of_channel = array.pad[array.channel_taxel]
-        self._pads = [of_channel == pad for pad in np.unique(of_channel)]
+        self._pads = [own for pad in np.unique(of_channel) if (own := of_channel == pad).sum() >= _MANY]
+        self._sign = array.sign
         self._mean_of = max(1, round(_HOP_S * rate_hz))
         hops_s = rate_hz / self._mean_of
         halves = [max(1, round(0.5 * length_s * hops_s)) for length_s in _LENGTHS_S]
@@ -170,7 +171,8 @@ class GrowthTracker:
         newest = (self._means[-self._n_lasts :, shear] - before[shear]) / np.sqrt(self._noise[shear])
         lasts = bool((newest @ scaled > 0.5 * squared).all())
         if self._moves:
-            return max(_moved(scaled[pad]) for pad in self._pads), lasts
+            loads = scaled * self._sign
+            return max((_moved(loads[pad]) for pad in self._pads), default=0.0), lasts
         if len(scaled) >= _MANY:
             lasts &= float((scaled**2).max()) < _MOST_OF_ONE * squared
         if self._normal.any():
