@@ -71,6 +71,8 @@ def check_config(
 
     Example: tactiled check-config pad.toml --log log.csv
     """
+    if log is None and (columns or time_unit):
+        raise click.UsageError("--columns and --time-unit are of a log: give --log FILE")
     if schema:
         from tactiled.config import Config
 

@@ -5,12 +5,14 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.doctor.finding import Finding
+from tactiled.errors import DataError
 from tactiled.recording.table import spacing_of
 
 _AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
 _PRESSED = 0.95  # quantile of the change of all channels beyond which a log is taken as pressed
 # A channel that changes less than this part of what the others do while they are pressed tells no sign.
 _LEAST_PART = 0.1
+_LEAST_NOISES = 20.0  # standard deviations of the noise that a press changes a channel by, as in `calibrate`
 _MOST_SATURATED = 0.01  # of the scans
 _FAR_ZERO = 0.02  # of the range, from readings at the beginning
 _PAUSES = 3.0  # times the longest usual step
@@ -27,7 +29,14 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
         Increasing, two at least.
     readings : (n, channels) float64
         NaN where missing.
+
+    Raises
+    ------
+    DataError
+        No reading at all.
     """
+    if not np.isfinite(readings).any():
+        raise DataError("the log has no reading: look at --columns")
     n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
     rest = np.array([_median(one[:n_first], one) for one in readings.T])
     return [
@@ -113,6 +122,10 @@ def _signs(array: Array, change: FloatArray) -> Finding:
     size = np.sqrt(np.nansum(change[:, loads] ** 2, axis=1))
     pressed = size >= np.quantile(size, _PRESSED)
     goes = np.median(np.nan_to_num(change)[pressed], axis=0) * array.sign
+    noise = np.array([_noise(one) for one in change.T])
+    if float(np.abs(goes[loads]).max()) < _LEAST_NOISES * max(float(np.median(noise[loads])), 1e-12):
+        words = "nothing presses the array in this log: signs cannot be told"
+        return Finding("log: signs", "warn", words, "record a firm press", {"falls": []})
     tells = loads & (np.abs(goes) > _LEAST_PART * float(np.abs(goes[loads]).max()))
     falls: NDArray[np.int64] = np.flatnonzero(tells & (goes < 0))
     values = {"falls": falls.tolist()}
@@ -123,6 +136,12 @@ def _signs(array: Array, change: FloatArray) -> Finding:
         return Finding("log: signs", "warn", words, "if that is a press, sign = -1 for that kind", values)
     remedy = "if that is a press, list each channel in [[channels]], these with the other sign"
     return Finding("log: signs", "warn", words, remedy, values)
+
+
+def _noise(change: FloatArray) -> float:
+    """Standard deviation of the white noise of a channel, from second differences."""
+    known = change[np.isfinite(change)]
+    return 1.4826 * float(np.median(np.abs(np.diff(known, 2)))) / np.sqrt(6) if len(known) > 2 else 0.0
 
 
 def _names(array: Array, channels: NDArray[np.int64]) -> str:

@@ -10,6 +10,7 @@ from tactiled.array import Array, ArrayFile, build
 from tactiled.cli import main
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.log_fit import log_fit
+from tactiled.errors import DataError
 from tactiled.tomlfile import parse
 
 PAD = {
@@ -75,6 +76,15 @@ def test_uneven_steps_and_pauses_are_told() -> None:
     rate = findings(array(), np.cumsum(steps_s), press()[1])["rate"]
     assert "uneven" in rate.words
     assert rate.values["pauses"] == 1
+
+
+def test_a_log_at_rest_or_without_readings_tells_no_sign() -> None:
+    time_s, readings = press(signs=(0, 0, 0))
+    at_rest = findings(array(), time_s, readings)["signs"]
+    assert (at_rest.verdict, at_rest.values["falls"]) == ("warn", [])
+    assert "nothing presses" in at_rest.words
+    with pytest.raises(DataError, match="no reading"):
+        log_fit(array(), time_s, np.full_like(readings, np.nan))
 
 
 def test_missing_readings_are_no_faults() -> None:
