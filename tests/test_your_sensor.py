@@ -2,13 +2,12 @@
 
 import re
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
+from commands import call
 
 from tactiled.array import load_array
-from tactiled.cli import main
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
 from tactiled.wire.layout import load_layout
@@ -29,15 +28,6 @@ CHECKS = {
     for part in re.split(r"\n\n", block.strip("\n"))
     if part.startswith("tactiled check-config ")
 }
-
-
-def call(*arguments: str) -> int:
-    """Run a command of tactiled in this process, and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["tactiled", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-    return int(left.value.code or 0)
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ class Slips:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What was measured of one source."""
+    """Answers of the daemon, of the rule and of trees on the logs of one source."""
 
     source: Source
     n_logs: int
@@ -89,6 +89,10 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchRepor
             "give a folder by --data. To fill it:\n  " + "\n  ".join(how_to_get(sources()))
         )
     here = [source for source in sources() if source.is_in(options.data)]
+    if not here:
+        raise click.UsageError(
+            f"no source is in {options.data}. To fill it:\n  " + "\n  ".join(how_to_get(sources()))
+        )
     progress.begin(len(here))
     found = []
     for source in here:

@@ -1,4 +1,4 @@
-"""What the daemon says of a log: the same detectors and parameters as `tactiled detect` runs."""
+"""Answers of the daemon on a log, by the detectors and parameters that `tactiled detect` runs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -207,7 +207,7 @@ class DetectorFactories(NamedTuple):
 
 
 # Times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for them, a
-# robot does not; and 2,000 channels at 100 Hz take 100 MB.
+# robot does not; and 2,000 channels at 100 Hz take 115 MB.
 _WIDEST = 4
 
 

@@ -1,12 +1,11 @@
 """What check-config says that an array can measure: contact, slip, direction, grooves."""
 
-import sys
 from pathlib import Path
 
 import pytest
+from commands import call
 
 from tactiled.array import load_array
-from tactiled.cli import main
 from tactiled.doctor.abilities import abilities
 
 SHEAR_ONLY = """
@@ -18,15 +17,6 @@ taxel_count = 2
 name = "X"
 kind = "shear_x"
 """
-
-
-def call(*arguments: str) -> int:
-    """Run a command of tactiled in this process, and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["tactiled", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-    return int(left.value.code or 0)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,12 @@
 """What an array file should say, by a log of it."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import call
 
 from tactiled.array import Array, ArrayFile, build
-from tactiled.cli import main
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.log_fit import log_fit
 from tactiled.errors import DataError
@@ -94,15 +93,6 @@ def test_missing_readings_are_no_faults() -> None:
     found = findings(array(), time_s, readings)
     assert found["channels"].values["dead"] == [5]
     assert found["signs"].verdict == "ok"
-
-
-def call(*arguments: str) -> int:
-    """Run a command of tactiled in this process, and return its exit code."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["tactiled", *arguments])
-        with pytest.raises(SystemExit) as left:
-            main()
-    return int(left.value.code or 0)
 
 
 def test_the_command_compares_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -143,8 +143,8 @@ class SlidingSlip:
         own = self._own.pop(which, None)
         if own is None:
             return []
-        if own.kind == "gross":
-            self._gross_end_s = time_s
+        if own.kind == "gross":  # load that still moves belongs to the slide: slip and contact end together
+            self._own, self._gross_end_s = {}, time_s
         return [] if self._own or self._of_first is not None else self._ended(time_s, time_s, valid=valid)
 
     def _first_slips(self, event: SlipEvent) -> list[Event]:

@@ -64,11 +64,11 @@ class GrowthTracker:
 
     def __init__(self, array: Array, rate_hz: float) -> None:
         kinds = np.array(array.channel_kind)
-        self._shear = (kinds == "shear_x") | (kinds == "shear_y")
+        self._compared = (kinds == "shear_x") | (kinds == "shear_y")
         self._normal = kinds == "normal"
-        self._moves = not self._shear.any()  # all channels are loads
+        self._moves = not self._compared.any()  # all channels are loads
         if self._moves:
-            self._shear = np.ones(len(kinds), dtype=np.bool_)
+            self._compared = np.ones(len(kinds), dtype=np.bool_)
         of_channel = array.pad[array.channel_taxel]
         self._pads = [own for pad in np.unique(of_channel) if (own := of_channel == pad).sum() >= _MANY]
         self._sign = array.sign
@@ -144,7 +144,7 @@ class GrowthTracker:
             return max(_HOLDS_MOVE / GROWS, float(np.nanmax(hold, initial=0.0)))
         is_known = np.isfinite(hold)
         n_known = int(is_known.sum())
-        unknown = _UNKNOWN_HOLD * float(self._shear.sum()) if n_known < self._n_hold else 0.0
+        unknown = _UNKNOWN_HOLD * float(self._compared.sum()) if n_known < self._n_hold else 0.0
         if not n_known:
             return unknown
         since = np.fmax.accumulate(hold[::-1])[::-1]
@@ -161,14 +161,14 @@ class GrowthTracker:
         self._noise = self._noise + (power - self._noise) / min(self._n - 2, self._n_kept)
 
     def _growth(self, length: int) -> tuple[float, bool]:
-        """Squared growth of the shear channels over their noise, and whether it lasts and is of shear."""
+        """Squared growth of the channels over their noise, and whether it lasts and is that of a slip."""
         half = length // 2
         before = self._means[-length - half : -length].mean(axis=0)
         grown = self._means[-half:].mean(axis=0) - before
-        shear = self._shear
-        scaled = grown[shear] / np.sqrt(self._noise[shear])
+        compared = self._compared
+        scaled = grown[compared] / np.sqrt(self._noise[compared])
         squared = float(scaled @ scaled)
-        newest = (self._means[-self._n_lasts :, shear] - before[shear]) / np.sqrt(self._noise[shear])
+        newest = (self._means[-self._n_lasts :, compared] - before[compared]) / np.sqrt(self._noise[compared])
         lasts = bool((newest @ scaled > 0.5 * squared).all())
         if self._moves:
             loads = scaled * self._sign
@@ -176,7 +176,7 @@ class GrowthTracker:
         if len(scaled) >= _MANY:
             lasts &= float((scaled**2).max()) < _MOST_OF_ONE * squared
         if self._normal.any():
-            of_shear = float((grown[shear] ** 2).mean())
+            of_shear = float((grown[compared] ** 2).mean())
             lasts &= of_shear > _SHEAR_PART * float((grown[self._normal] ** 2).mean())
         return squared, lasts
 

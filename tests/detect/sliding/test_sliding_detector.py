@@ -226,3 +226,24 @@ def test_what_readings_do_at_rest_is_no_slip_before_rest_was_seen(unknown: bool)
     phase = 2 * np.pi * 6.0 * t + np.cumsum(rng.normal(0, 0.8, (N, 16)), axis=0)
     block = hold(7, 0.02 * np.cos(phase))
     assert slips(detector().process(block[round(3 * RATE_HZ) :] if unknown else block)) == []
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_contact_slides_as_long_as_a_gross_slip_is_open(seed: int) -> None:
+    extra = rough(seed) if seed % 2 else ridges(2.0 + seed / 2)
+    is_gross, is_sliding = False, False
+    spans: list[tuple[float, bool, bool]] = []
+    for event in detector().process(hold(seed, extra)):
+        if isinstance(event, SlipEvent) and event.kind == "gross":
+            is_gross = event.state == "onset"
+        elif isinstance(event, ContactEvent):
+            is_sliding = event.state == "sliding"
+        spans.append((event.evidence_s, is_gross, is_sliding))
+    # Events of one scan come one after the other: compare what stands at its end.
+    ends = [
+        one
+        for one, after in zip(spans, [*spans[1:], (np.inf, False, False)], strict=True)
+        if one[0] != after[0]
+    ]
+    assert any(gross for _, gross, _ in ends)
+    assert all(gross == slides for _, gross, slides in ends)
