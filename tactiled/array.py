@@ -287,6 +287,11 @@ class Array:
         """True when some channel responds to shear, so that directions can be estimated."""
         return bool(np.any(self.shear_weights() != 0))
 
+    @property
+    def is_field(self) -> bool:
+        """True for magnetic fields along axes; the sum of sides in uT is all that presses, a pressure."""
+        return self.unit == "uT" and any(kind.startswith("shear") for kind in self.channel_kind)
+
     def summary(self) -> dict[str, Any]:
         """Return a plain map for `tactiled check-config`."""
         return {

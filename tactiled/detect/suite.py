@@ -246,10 +246,9 @@ def _model_slip(array: Array, params: DetectParams) -> SlipDetector:
 def measures_ratio(array: Array) -> bool:
     """Return True if the array measures shear over load.
 
-    Beside shears, a field along z is no load. Sides in uT are: their sum is all that presses.
+    A magnetic field along z is no load.
     """
-    is_field = array.unit == "uT" and any(kind.startswith("shear") for kind in array.channel_kind)
-    return array.has_shear and bool(array.normal_weights().any()) and not is_field
+    return array.has_shear and bool(array.normal_weights().any()) and not array.is_field
 
 
 _MODEL = DetectorFactories(slip=_model_slip, texture=_joint_texture)

@@ -27,11 +27,12 @@ _CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
 _FRICTION = 0.6  # of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
 _BASELINE_S = 1.0  # averaging time of the readings without contact
-_SCANNED = ("corrupt", "missing")  # causes of gaps during which the board kept scanning
 _LONGEST_GAP_S = 2.0  # beyond, what is held is held anew
 # Of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes hold anew
 # seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
 _SAME_LOADS = 0.5
+SCANNED = ("corrupt", "missing")
+"""Causes of gaps during which the board kept scanning."""
 NEEDED_UTILISATION = 0.7
 """Utilisation that `needed_load` would leave."""
 _SURELY = 2.0  # standard deviations by which the ratio falls where a contact is unloaded
@@ -282,7 +283,7 @@ class GripDetector:
         Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
         tells whether the contact went on.
         """
-        if gap.cause not in _SCANNED or self._readings is None:
+        if gap.cause not in SCANNED or self._readings is None:
             return self.lose_contact()
         events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
         if self._touch is not None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.detector import SCANNED, GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.contact.thresholds import SlipThresholds
@@ -149,7 +149,10 @@ class GripSlip:
     def _interrupt(self, gap: Gap) -> list[Event]:
         """Cut off slip and contact; the contact filter predicts over the gap."""
         events = self._cut_off()
-        self._tracker = None
+        if gap.cause not in SCANNED:
+            self._tracker = None
+        elif self._tracker is not None:
+            self._tracker.interrupt(gap.n_missing)
         lost = self._grip.pass_gap(gap)
         return events + (lost if self._params.publish else [])
 

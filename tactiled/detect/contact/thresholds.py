@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from tactiled.array import Array
-from tactiled.detect.contact.detector import ContactScan, GripDetector, GripParams
+from tactiled.detect.contact.detector import SCANNED, ContactScan, GripDetector, GripParams
 from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
@@ -62,7 +62,10 @@ class SlipsByThreshold:
         """Take the item; return nothing, since events of different thresholds are no stream."""
         if isinstance(item, Gap):
             self._end(self._last._replace(is_valid=False))
-            self._tracker = None
+            if item.cause not in SCANNED:
+                self._tracker = None
+            elif self._tracker is not None:
+                self._tracker.interrupt(item.n_missing)
             self._grip.pass_gap(item)
             for slips in self._slips.values():
                 slips.gate.close()

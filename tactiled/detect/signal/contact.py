@@ -1,16 +1,18 @@
 """Contact gate with the states none, loading, holding and sliding.
 
-A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels)
-exceeds a level: that of the parameters, else that of the array file, else one above the noise of its own
-channels and a small part of their range. A reading of one side channel alone is a fault and no contact: a
-press loads all four, and shear relieves two at most. Loading and holding are distinguished by the slope of
-the array's pressure response, a least-squares line over a short window. A falling pressure is neither: the
-state stays and only the count of steady scans starts anew.
+A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels; of
+magnetic fields the size of that) exceeds a level: that of the parameters, else that of the array file, else
+one above the noise of its own channels and a small part of their range, beyond the set that a soft skin may
+have kept. A reading of one side channel alone is a fault and no contact: a press loads all four, and shear
+relieves two at most. Loading and holding are distinguished by the slope of the array's pressure response, a
+least-squares line over a short window. A falling pressure is neither: the state stays and only the count of
+steady scans starts anew.
 
 `ContactTracker` is the state machine. `ContactGate` makes a detector of it. Sliding cannot be seen from
 pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -37,6 +39,10 @@ _RELEASE_OF_CONTACT = 0.6  # as the levels of the 2019 array, 0.15 V of 0.25 V
 # paper, 20 N in 8 s, is 12 % of its final load per second.
 _LOADING_OF_LOAD = 0.03
 _LOADING_OF_CONTACT = 0.12  # per second; as on the 2019 array, 0.03 V/s of 0.25 V
+# Set of a soft skin, where the array file gives no level. Printed lattices kept 3 to 12 % of a press of 20 s
+# for a minute; creep has no single time, this one is between those of presses and of holds.
+_SET_OF_LOAD = 0.15
+_SET_S = 30.0
 _LOADING_SDS = 10.0  # of the slope by the noise at rest, which may be stated two times too small
 
 
@@ -110,6 +116,10 @@ class _Levels:
         self._rest = RestNoise(array.n_channels)
         self.n_blind = GROUP_SCANS if is_derived else 0
         """Scans at the beginning for which the noise is not known."""
+
+    def interrupt(self) -> None:
+        """Pass over missing scans."""
+        self._rest.interrupt()
 
     def noise(self, held: HeldReadings) -> FloatArray:
         """Standard deviation (n, channels) of the noise in steps."""
@@ -185,6 +195,9 @@ class ContactTracker:
             line,
             self._grid.volts_per_step,
             slope_scale,
+            array.is_field,
+            0.0 if self._levels.given else _SET_OF_LOAD,
+            -math.expm1(-1.0 / (_SET_S * rate_hz)),
         )
         self._given_levels: FloatArray | None = None
         if self._levels.given is not None:
@@ -192,12 +205,22 @@ class ContactTracker:
             of_taxels = np.ones(array.n_taxels)
             self._given_levels = np.stack([self._all_readings, contact * of_taxels, release * of_taxels])
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
+        self._n_blind = self._levels.n_blind  # scans before the levels are known
+        self._begin()
+
+    def _begin(self) -> None:
         self.state: ContactState = "none"
         self._is_first = True
-        self._n_blind = self._levels.n_blind  # scans before the levels are known
         self._steady = 0
         self._steady_before = 0  # length of the steady stretch before this unsteady one
         self._unsteady = 0
+
+    def interrupt(self, n_missing: int) -> None:
+        """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
+        self._pressure.interrupt(n_missing)
+        self._levels.interrupt()
+        self._n_blind = self._levels.n_blind if self._n_blind else 0
+        self._begin()
 
     def measure(
         self, block: ScanBlock, held: HeldReadings, stuck: NDArray[np.bool_] | None = None

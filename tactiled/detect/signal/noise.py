@@ -33,6 +33,10 @@ class RestNoise:
         self._least_power = np.full((1, n_channels), _UNKNOWN**2)
         self._least_step = np.full((1, n_channels), np.inf)
 
+    def interrupt(self) -> None:
+        """Begin a group anew after missing scans."""
+        self._steps, self._ok = self._steps[:0], self._ok[:0]
+
     def process(self, held: HeldReadings) -> FloatArray:
         """Return the standard deviation (n, channels) in steps, as known at each scan, for any chunking."""
         n_left = len(self._steps)

@@ -14,9 +14,11 @@ cdef class Hold:
 
 cdef class Pressure:
     cdef public long n_channels, n_taxels, n_sides
-    cdef public double volts_per_step, slope_scale
-    cdef public bint is_begun
+    cdef public double volts_per_step, slope_scale, set_of_load, set_per_scan
+    cdef public bint is_begun, is_field
     cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals
+    cdef public double[::1] sign, total_weights, line, totals, set
+
+    cpdef interrupt(self, long n_missing)
 
     cpdef take(self, long n, const double[::1] steps, const double[::1] held, const double[::1] levels, double[::1] reals, unsigned char[::1] flags)

@@ -53,6 +53,9 @@ class Hold:
 class Pressure:
     """Pressure of the taxels, and how fast that of the array rises.
 
+    A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
+    in a standard linear solid, and only what is beyond it is compared with the levels.
+
     Parameters
     ----------
     own : (taxels * sides,) int64
@@ -64,6 +67,10 @@ class Pressure:
     line : (n,) float64
         Whole weights of a least-squares slope.
     volts_per_step, slope_scale : float
+    is_field : bool
+        The readings are those of a magnetic field, which a press may raise or lower.
+    set_of_load, set_per_scan : float
+        Part of a load that a press of any length leaves, and the part of the way to it in a scan.
     """
 
     def __init__(
@@ -75,13 +82,24 @@ class Pressure:
         line: FloatArray,
         volts_per_step: float,
         slope_scale: float,
+        is_field: bool,
+        set_of_load: float,
+        set_per_scan: float,
     ) -> None:
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
         self.total_weights, self.line = array("d", total_weights), array("d", line)
         self.volts_per_step, self.slope_scale = volts_per_step, slope_scale
         self.totals = array("d", bytes(8 * (len(line) - 1)))
+        self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
+        self.set = array("d", bytes(8 * len(counts)))
         self.is_begun = False
+
+    def interrupt(self, n_missing: int) -> None:
+        """Pass over scans that are missing."""
+        self.is_begun = False
+        for t in range(self.n_taxels):
+            self.set[t] *= (1.0 - self.set_per_scan) ** n_missing
 
     def take(
         self, n: int, steps: FloatArray, held: FloatArray, levels: FloatArray, reals: FloatArray, flags: Flags
@@ -96,7 +114,7 @@ class Pressure:
         levels : (3 * taxels,) or (3 * n * taxels,) float64
             Readings of a taxel, level of contact, level of release; of all scans or of each.
         reals : ((2 + taxels) * n,) float64
-            Taxels in contact (at least 1), slope, pressures (n, taxels).
+            Taxels in contact (at least 1), slope, pressures beyond the set (n, taxels).
         flags : ((2 + taxels) * n,) uint8
             Some taxel touches, all are released, taxels that touch (n, taxels).
         """
@@ -104,36 +122,40 @@ class Pressure:
         each = 0 if len(levels) == 3 * taxels else taxels
         kind = len(levels) // 3
         for i in range(n):
-            row, n_touching, n_released = i * channels, 0, 0
+            row, n_touching, n_released, array_total = i * channels, 0, 0, 0.0
             for t in range(taxels):
-                total, largest = 0.0, -_INFINITE
+                total, largest, held_total = 0.0, -_INFINITE, 0.0
                 for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
-                    one = steps[row + self.own[s]] * self.sign[self.own[s]]
+                    c = self.own[s]
+                    one = steps[row + c] * self.sign[c]
                     total += one
                     largest = max(largest, one)
+                    held_total += held[row + c] * self.total_weights[c]
+                array_total += abs(held_total) if self.is_field else held_total
                 level = i * each + t
                 n_read = levels[level]
                 rest = total - largest
                 if n_read >= _LEAST_SIDES:
                     total = rest + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest)
                 pressure = total * self.volts_per_step / max(n_read, 1.0)
+                if self.is_field:
+                    pressure = abs(pressure)
+                self.set[t] += self.set_per_scan * (self.set_of_load * max(pressure, 0.0) - self.set[t])
+                pressure -= self.set[t]
                 at = 2 * n + i * taxels + t
                 reals[at] = pressure
                 touches = pressure > levels[kind + level]
                 flags[at] = 1 if touches else 0
                 n_touching += 1 if touches else 0
                 n_released += 1 if pressure < levels[2 * kind + level] else 0
-            total = 0.0
-            for c in range(channels):
-                total += held[row + c] * self.total_weights[c]
             if not self.is_begun:
                 self.is_begun = True
                 for k in range(n_line - 1):
-                    self.totals[k] = total
-            risen = total * self.line[n_line - 1]
+                    self.totals[k] = array_total
+            risen = array_total * self.line[n_line - 1]
             for k in range(n_line - 1):
                 risen += self.totals[k] * self.line[k]
-                self.totals[k] = self.totals[k + 1] if k < n_line - 2 else total
+                self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
             flags[n + i] = 1 if n_released == taxels else 0
             reals[i] = max(1.0, 1.0 * n_touching)

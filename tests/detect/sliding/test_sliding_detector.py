@@ -163,7 +163,7 @@ def test_a_gap_ends_the_slip_as_not_valid_and_forgets() -> None:
     cut = round(9 * RATE_HZ)
     seen = detector()
     seen.process(block[:cut])
-    end, contact = seen.process(Gap(5, "missing", 5000))
+    end, contact = seen.process(Gap(0, "restart", 5000))
     assert isinstance(end, SlipEvent)
     assert isinstance(contact, ContactEvent)
     assert (end.state, end.valid, contact.state, contact.valid) == ("end", False, "none", False)

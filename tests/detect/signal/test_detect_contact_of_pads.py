@@ -1,0 +1,95 @@
+"""Contact of pads whose array file gives no level: magnetic fields, and skins that keep a set."""
+
+import numpy as np
+import pytest
+from touches import contact_states
+
+from tactiled import tomlfile
+from tactiled.array import Array, ArrayFile, FloatArray, build
+from tactiled.detect.contact.slip_detector import GripSlip
+from tactiled.detect.signal.contact import ContactGate
+from tactiled.events.types import ContactEvent
+from tactiled.samples.block import Gap, regular_block
+
+RATE_HZ = 100.0
+NOISE = 2.0
+LOAD = 3000.0
+
+
+def pad(unit: str, *kinds: str) -> Array:
+    channels = [{"name": f"C{k}", "kind": kind} for k, kind in enumerate(kinds)]
+    file = {
+        "name": "pad",
+        "unit": unit,
+        "range": [-32768, 32767],
+        "taxel_count": 4,
+        "taxel_channels": channels,
+    }
+    return build(tomlfile.parse(file, ArrayFile, "pad"))
+
+
+COUNTS, FIELD = pad("count", "normal"), pad("uT", "shear_x", "shear_y", "normal")
+
+
+def readings(load: FloatArray, of_channel: FloatArray) -> FloatArray:
+    noise = NOISE * np.random.default_rng(0).normal(size=(len(load), len(of_channel)))
+    return load[:, np.newaxis] * of_channel + noise
+
+
+def press(hold_s: float, left: float, after_s: float = 30.0) -> FloatArray:
+    """Load over time: 2 s of rest, a press, then what is left of it and decays with 20 s."""
+    rest, held = np.zeros(round(2 * RATE_HZ)), np.full(round(hold_s * RATE_HZ), LOAD)
+    after = left * LOAD * np.exp(-np.arange(round(after_s * RATE_HZ)) / (20 * RATE_HZ))
+    return np.concatenate([rest, held, after])
+
+
+def contacts(array: Array, values: FloatArray) -> list[ContactEvent]:
+    events = ContactGate(array).process(regular_block(values, RATE_HZ))
+    return [event for event in events if isinstance(event, ContactEvent)]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_field_that_falls_is_a_contact_as_one_that_rises(sign: float) -> None:
+    of_channel = np.array([0.1, 0, 1, 0.1, 0, -1, 0.1, 0, 1, 0.1, 0, -1]) * sign
+    events = contacts(FIELD, readings(press(5.0, 0.0), of_channel))
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[1].taxels == (0, 1, 2, 3)
+
+
+def test_what_a_long_press_leaves_in_a_soft_skin_is_no_contact() -> None:
+    events = contacts(COUNTS, readings(press(20.0, 0.06), np.ones(4)))
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[-1].time_s == pytest.approx(22.0, abs=0.05)
+
+
+def test_a_light_hold_after_a_short_press_goes_on() -> None:
+    events = contacts(COUNTS, readings(press(1.0, 0.06, after_s=5.0), np.ones(4)))
+    assert "none" not in [event.state for event in events]
+
+
+def test_the_set_decays() -> None:
+    load = np.concatenate([press(20.0, 0.0, after_s=120.0), np.full(300, 0.06 * LOAD)])
+    events = contacts(COUNTS, readings(load, np.ones(4)))
+    assert [event.state for event in events] == ["loading", "holding", "none", "loading", "holding"]
+
+
+def test_missing_scans_leave_noise_and_set_as_they_are() -> None:
+    values = readings(press(20.0, 0.06), np.ones(4))
+    cut = round(21.5 * RATE_HZ)
+    detector = GripSlip(COUNTS)
+    detector.process(regular_block(values[:cut], RATE_HZ))
+    lost = detector.process(Gap(100, "missing", cut + 100))
+    assert contact_states(lost) == ["none"]
+    after = regular_block(values[cut + 100 :], RATE_HZ, start_s=(cut + 100) / RATE_HZ, index=cut + 100)
+    assert detector.process(after) == []  # the press ended in the gap: what is left is the set
+    again = GripSlip(COUNTS)
+    again.process(regular_block(values[:cut], RATE_HZ))
+    again.process(Gap(0, "restart", cut + 100))
+    assert contact_states(again.process(after))[0] == "unknown"
+
+
+def test_any_chunking_gives_the_same_contacts() -> None:
+    values = readings(press(5.0, 0.06), np.ones(4))
+    block, gate = regular_block(values, RATE_HZ), ContactGate(COUNTS)
+    found = [event for first in range(0, len(values), 7) for event in gate.process(block[first : first + 7])]
+    assert found == contacts(COUNTS, values)
