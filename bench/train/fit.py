@@ -27,11 +27,23 @@ class Shape(NamedTuple):
     leaves: int
     rate: float
     least_rows: int
+    bins: int = 255  # of each column: as many as scikit-learn has
 
 
-SIGNS = Shape(trees=80, leaves=16, rate=0.08, least_rows=400)
-STATE = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
-SOON = Shape(trees=45, leaves=12, rate=0.1, least_rows=400)
+class Shapes(NamedTuple):
+    """Sizes of the three forests: of the signs, of the state, and of what comes soon."""
+
+    signs: Shape
+    state: Shape
+    soon: Shape
+
+
+SHIPPED = Shapes(
+    signs=Shape(trees=80, leaves=16, rate=0.08, least_rows=400),
+    state=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
+    soon=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
+)
+QUICK = Shapes(*(shape._replace(trees=8, bins=8) for shape in SHIPPED))
 # Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
 # begins within the longest horizon: priors. Generators have other ones, each its own.
 _SLIDES, _SOON = 0.1, 0.02
@@ -54,14 +66,14 @@ def left_out(generators: Iterable[str], without: Generators = frozenset()) -> li
 
 
 def first_forest(
-    worlds: Sequence[Looks], without: Generators, seed: int = 0
+    worlds: Sequence[Looks], without: Generators, seed: int = 0, shapes: Shapes = SHIPPED
 ) -> HistGradientBoostingClassifier:
     """Grow the forest that scores sliding by the signs of a look, without worlds of some generators."""
     some = [w for w in worlds if w.generator not in without]
     slides = np.concatenate([w.slides for w in some])
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
     signs, thin = np.concatenate([w.signs for w in some]), _thin(some)
-    return grown(SIGNS, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
+    return grown(shapes.signs, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
 
 
 def fit(
@@ -69,6 +81,7 @@ def fit(
     forests: Mapping[Generators, HistGradientBoostingClassifier],
     without: Generators = frozenset(),
     seed: int = 0,
+    shapes: Shapes = SHIPPED,
 ) -> dict[str, Any]:
     """Fit the forests of the state, and return them beside the first one.
 
@@ -95,11 +108,11 @@ def fit(
     base_odds = float(np.log(_SLIDES / (1 - _SLIDES)))
     rows = state_rows(some, p, base_odds)
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
-    state = grown(STATE, rows[thin], states(some)[thin], weight[thin], seed)
+    state = grown(shapes.state, rows[thin], states(some)[thin], weight[thin], seed)
     sticks = thin & ~slides
     soon = np.concatenate([w.soon for w in some])
     weight = weights(some, soon > 0, _SOON, ~slides)
-    ahead = grown(SOON, rows[sticks], soon[sticks], weight[sticks], seed)
+    ahead = grown(shapes.soon, rows[sticks], soon[sticks], weight[sticks], seed)
     return {
         **{f"signs.{name}": values for name, values in flat(forests[without]).items()},
         **{f"state.{name}": values for name, values in flat(state).items()},
@@ -181,6 +194,7 @@ def grown(
         max_leaf_nodes=shape.leaves,
         learning_rate=shape.rate,
         min_samples_leaf=shape.least_rows,
+        max_bins=shape.bins,
         l2_regularization=_SHRINK,
         monotonic_cst=monotone,
         early_stopping=False,

@@ -13,7 +13,7 @@ import sklearn
 
 from bench.report import BENCH_WORKERS
 from bench.train.data import MINUTES, TRAINED_FROM, Size, all_looks
-from bench.train.fit import SIGNS, SOON, STATE, first_forest, fit, left_out
+from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
 from bench.train.rows import Looks
 from bench.worlds.generators import GENERATORS
 from tactiled.detect.contact.filter import STATE_SIGNS
@@ -42,19 +42,20 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     mapping
         What the text says.
     """
-    size = Size.QUICK if is_quick else Size.FULL
+    size, shapes = (Size.QUICK, QUICK) if is_quick else (Size.FULL, SHIPPED)
     sets = left_out(GENERATORS)
     progress.begin(size.batches + len(sets) + 1)
     with executor(BENCH_WORKERS, None) as pool:
         looks = all_looks(pool, size, progress)
         worlds = [look for some in looks.values() for look in some]
         forests = {}
-        for without, forest in zip(sets, pool.map(partial(first_forest, worlds), sets), strict=True):
+        grow = partial(first_forest, worlds, shapes=shapes)
+        for without, forest in zip(sets, pool.map(grow, sets), strict=True):
             forests[without] = forest
             progress.advance("trees of the signs")
-    table = fit(worlds, forests)
+    table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
-    about = _about(size, looks, table)  # before a file that git knows is written over
+    about = _about(size, shapes, looks, table)  # before a file that git knows is written over
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
@@ -62,7 +63,9 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     return about
 
 
-def _about(size: Size, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]) -> dict[str, Any]:
+def _about(
+    size: Size, shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
+) -> dict[str, Any]:
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
     )
@@ -82,9 +85,7 @@ def _about(size: Size, looks: Mapping[str, Sequence[Looks]], table: Mapping[str,
             for name, some in looks.items()
         },
         "tuned": {
-            "trees": {
-                name: shape._asdict() for name, shape in (("signs", SIGNS), ("state", STATE), ("soon", SOON))
-            },
+            "trees": {name: shape._asdict() for name, shape in shapes._asdict().items()},
             "cells_of_utilisation": EDGES,
         },
         "signs": NAMES,

@@ -55,7 +55,7 @@ def pressed(n: int) -> tuple[FloatArray, FloatArray]:
 def test_a_table_in_small_batches_gives_the_same_events(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write(tmp_path / f"log.{kind}", *pressed(2500))
+    path = write(tmp_path / f"log.{kind}", *pressed(1300))
     found = []
     for batch in (10_000, 1000, 37):
         monkeypatch.setattr(rows, "_BATCH_ROWS", batch)
@@ -216,7 +216,7 @@ def test_columns_first_is_read_too(tmp_path: Path) -> None:
 def test_rows_of_a_table_of_events_name_the_board_and_come_in_groups(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write(tmp_path / "log.npz", *pressed(2500))
+    path = write(tmp_path / "log.npz", *pressed(1300))
     detect_file(path)
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     monkeypatch.setattr("tactiled.archive.detect._GROUP_EVENTS", 3)

@@ -38,7 +38,7 @@ def estimate(
 def test_instants_within_half_a_millisecond_after_ten_seconds(drift_ppm: float, bunch_s: float) -> None:
     """Bunches, drift and stalls of half a second, as the emulator's line makes them."""
     line = LineConditions("test", drift_ppm, FaultParams(bunch_s=bunch_s, stall_per_s=0.1))
-    runs = [timing(line, seed, 40.0) for seed in range(4)]
+    runs = [timing(line, seed, 30.0) for seed in range(3)]
     error_s = np.concatenate([error[1000:] for error, _ in runs])
     sd_s = np.concatenate([sd[1000:] for _, sd in runs])
     assert np.sqrt(np.mean(error_s**2)) < 0.5e-3

@@ -11,7 +11,7 @@ from tactiled.samples.clock import ClockFit, ClockParams
 
 RATES_HZ = (1.0, 10.0, 100.0, 1000.0, 5000.0, 20_000.0)
 WINDOW = 120
-DURATION_S = {1.0: 200.0, 10.0: 150.0, 100.0: 20.0, 1000.0: 6.0, 5000.0: 4.0, 20_000.0: 3.5}
+DURATION_S = {1.0: 200.0, 10.0: 150.0, 100.0: 20.0, 1000.0: 6.0, 5000.0: 2.5, 20_000.0: 2.5}
 
 
 class Counted(float):

@@ -57,7 +57,7 @@ def test_generators_and_classes_have_the_weight_that_was_stated(worlds: list[Loo
 def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
     rows = np.concatenate([w.signs for w in worlds])
     classes = np.searchsorted(EDGES, np.concatenate([w.utilisation for w in worlds]))
-    shape = fit.Shape(trees=5, leaves=6, rate=0.2, least_rows=20)
+    shape = fit.Shape(trees=5, leaves=6, rate=0.2, least_rows=20, bins=16)
     forest = fit.grown(shape, rows, classes, np.ones(len(rows)), 0)
     ours = Trees(fit.flat(forest))
     chosen = rows[::97]
@@ -86,6 +86,8 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
 ) -> None:
     monkeypatch.setattr(data, "GENERATORS", {"strokes": None, "laws": None})
     monkeypatch.setattr(data, "MINUTES", 0.1)
+    monkeypatch.setattr(data, "BATCH", 6)
+    monkeypatch.setattr(data.Size, "worlds", 6)
     path = tmp_path / "slip.npz"
     done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
     assert done.exit_code == 0, done.output
