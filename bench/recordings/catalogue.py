@@ -9,7 +9,7 @@ from typing import Any, Literal
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, build
 
-Question = Literal["period", "slip", "force", "poses"]
+Question = Literal["period", "slip", "force", "poses", "contact"]
 _FILE = Path(__file__).with_name("catalogue.toml")
 
 
@@ -24,9 +24,8 @@ class Source:
     files : list of str
         Folders that are read.
     sensor, labels : str
-    question : str
-    rule : str
-        Simple rule that stands beside the daemon.
+    asked : mapping of str to str
+        Questions, and the simple rule that stands beside the daemon in each.
     chosen : str
         Constants of the daemon that were chosen on this source; empty for none.
     array_file : mapping
@@ -40,8 +39,7 @@ class Source:
     licence: str
     sensor: str
     labels: str
-    question: Question
-    rule: str
+    asked: dict[Question, str]
     chosen: str
     array_file: dict[str, Any]
 

@@ -15,6 +15,8 @@ from tactiled.errors import DataError
 
 FloatArray = NDArray[np.float64]
 
+_PRESSED = 0.05  # of the range of the force: beyond drift and creep of the force sensor
+
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -48,6 +50,14 @@ class Log:
     speed_mm_s: float = 0.0
     forces: FloatArray | None = None
     pads: tuple[tuple[int, int, int], ...] = ()
+
+    @property
+    def is_pressed(self) -> NDArray[np.bool_]:
+        """Scans (n,) at which the force is beyond a twentieth of its range."""
+        assert self.forces is not None
+        size = np.linalg.norm(np.nan_to_num(self.forces), axis=1)
+        size -= size.min()
+        return np.asarray(size > _PRESSED * size.max())
 
     @property
     def step_s(self) -> float:

@@ -1,9 +1,10 @@
 """Answers of the daemon on a log, by the detectors and parameters that `tactiled detect` runs."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.recordings.log import FloatArray, Log
 from tactiled.array import Array
@@ -12,8 +13,11 @@ from tactiled.calibrate.study import Identity, calibrate
 from tactiled.detect.signal.known_sliding import KnownSliding
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.errors import DataError
+from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.recording.table import to_blocks
+
+Ridge = Callable[[Log, FloatArray, FloatArray, Sequence[int]], FloatArray]
 
 _TILT_DEG = 10.0  # what is said of gratings across the motion
 _Z90 = 1.645
@@ -23,6 +27,14 @@ def slips(log: Log, array: Array) -> bool:
     """Return True where an onset is reported."""
     found = _events(log, array, DetectParams(), ("slip",))
     return any(isinstance(event, SlipEvent) and event.state == "onset" for event in found)
+
+
+def contact(log: Log, array: Array) -> NDArray[np.bool_]:
+    """Return the scans (n,) in contact, whatever its state, as `tactiled detect` counts it."""
+    found = _events(log, array, DetectParams(), ("contact",))
+    changes = [event for event in found if isinstance(event, ContactEvent)]
+    is_on = np.array([False, *(event.state != "none" for event in changes)])
+    return np.asarray(is_on[np.searchsorted([e.evidence_s for e in changes], log.time_s, side="right")])
 
 
 def periods_mm(log: Log, array: Array) -> list[float]:
@@ -53,7 +65,7 @@ class ForceErrors:
     Attributes
     ----------
     ours, ridge : (axes,) float64
-        Rms over the range of the axis; ridge regression on readings and their squares in the same folds.
+        Rms over the range of the axis; ridge regression in the same folds.
     inside : (axes,) float64
         Part of the 90 % intervals that hold the force.
     late_s, late_sd_s : float
@@ -67,19 +79,29 @@ class ForceErrors:
     late_sd_s: float
 
 
-def forces(log: Log, array: Array, *, are_poses: bool) -> ForceErrors:
-    """Calibrate as `tactiled calibrate` does, and judge the folds."""
+def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> ForceErrors | None:
+    """Calibrate as `tactiled calibrate` does, and judge the folds; None where it refuses.
+
+    Parameters
+    ----------
+    ridge : callable, optional
+        Rms errors (axes,) of a rule, from the log, times, reference and its axes; without it, those of ridge
+        regression with squares.
+    """
     assert log.forces is not None
     values = np.full((len(log.time_s), 6), np.nan)
     values[:, :3] = log.forces
     table = ReferenceTable(log.time_s, values, np.full(len(values), NO_TAXEL))
-    study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), are_poses=are_poses)
+    try:
+        study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), are_poses=are_poses)
+    except DataError:
+        return None
     used = [axis for axis in study.used if axis < 3]
     spread = np.ptp(log.forces[:, used], axis=0)
     left_out = study.left_out[:, used]
     return ForceErrors(
         ours=np.sqrt((left_out**2).mean(axis=0)) / spread,
-        ridge=study.baseline[used] / spread,
+        ridge=(ridge(log, study.time_s, study.reference, used) if ridge else study.baseline[used]) / spread,
         inside=(np.abs(left_out) < _Z90 * study.sd[:, used]).mean(axis=0),
         late_s=study.late_s,
         late_sd_s=study.late_sd_s,

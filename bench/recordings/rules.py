@@ -7,11 +7,14 @@ seen.
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.recordings.log import FloatArray, Log
+from tactiled.calibrate.folds import folds, segments
 
 _LEVELS = 200  # thresholds that are tried, at the quantiles of the scores
 _CHANGE_S = 0.8  # of 0.05, 0.1, 0.2, 0.4 and 0.8 the best on tugs, and nearly so on electrodes
+_START_S = 0.3
 _MOVES_SCANS = 8
 _LEAST_LOAD = 0.2  # of the largest sum of a pad: below, its centre is that of noise
 # Power of changes from scan to scan at the strongest line over the median: 22 of the 24 slides of FabricSlide
@@ -29,6 +32,13 @@ def median_change(log: Log) -> float:
 def norm_change(log: Log) -> float:
     """Return the largest change in 0.8 s of all channels together."""
     return float(np.linalg.norm(_change(log, _CHANGE_S), axis=1).max())
+
+
+def load_fall(log: Log) -> float:
+    """Return the largest fall in 0.8 s of all channels together, as a part of the most that they reach."""
+    size = np.linalg.norm(log.readings - _start(log), axis=1)
+    hop = _hop(log, _CHANGE_S)
+    return float((size[:-hop] - size[hop:]).max() / size.max())
 
 
 def centre_change(log: Log) -> float:
@@ -49,6 +59,7 @@ def centre_change(log: Log) -> float:
 SLIP_RULES: dict[str, Callable[[Log], float]] = {
     "median change": median_change,
     "norm change": norm_change,
+    "load fall": load_fall,
     "centre of pressure": centre_change,
 }
 
@@ -68,6 +79,27 @@ def by_threshold(logs: Sequence[Log], score: Callable[[Log], float]) -> list[boo
     return said
 
 
+def agreement(said: NDArray[np.bool_], log: Log) -> float:
+    """Return the part of scans that are said right, mean of pressed and of free ones; 0.5 is chance."""
+    pressed = log.is_pressed
+    return float(said[pressed].mean() + (~said[~pressed]).mean()) / 2
+
+
+def contact_by_norm(logs: Sequence[Log]) -> list[float]:
+    """Return the agreement with the force of one threshold on the readings, best on the other logs."""
+    sizes = [np.linalg.norm(log.readings - _start(log), axis=1) for log in logs]
+    levels = np.unique(np.quantile(np.concatenate(sizes), np.linspace(0, 1, _LEVELS)))
+    right = np.array(
+        [[agreement(size >= level, log) for level in levels] for size, log in zip(sizes, logs, strict=True)]
+    )
+    others = right.sum(axis=0) - right
+    return [float(own[best]) for own, best in zip(right, others.argmax(axis=1), strict=True)]
+
+
+def _start(log: Log) -> FloatArray:
+    return np.asarray(np.median(log.readings[log.time_s < log.time_s[0] + _START_S], axis=0))
+
+
 def by_trees(logs: Sequence[Log]) -> list[bool]:
     """Decide for each log whether it slips, by boosted trees that learnt from the other groups."""
     from sklearn.ensemble import HistGradientBoostingClassifier  # takes seconds to load
@@ -85,19 +117,49 @@ def by_trees(logs: Sequence[Log]) -> list[bool]:
     return [bool(one) for one in said]
 
 
+def ridge_of_resistance(log: Log, at_s: FloatArray, reference: FloatArray, used: Sequence[int]) -> FloatArray:
+    """Return the rms errors of ridge regression on 1/v and log v, in folds that leave out whole contacts.
+
+    Parameters
+    ----------
+    at_s : (n,) float64
+        From the first scan.
+    reference : (n, 6) float64
+        At these times.
+    used : sequence of int
+        Forces that the reference has.
+    """
+    readings = np.stack([np.interp(at_s, log.time_s - log.time_s[0], one) for one in log.readings.T], axis=1)
+    start = _start(log)
+    features = np.concatenate([start / readings, np.log(readings / start), np.ones((len(at_s), 1))], axis=1)
+    features[:, :-1] /= features[:, :-1].std(axis=0)
+    forces = reference[:, used]
+    squares = np.zeros(forces.shape)
+    for left_out in folds(segments(reference, list(used), float(np.median(np.diff(at_s))))):
+        own, other = features[left_out], features[~left_out]
+        gram = other.T @ other + 1e-6 * len(other) * np.eye(features.shape[1])
+        weights = np.linalg.solve(gram, other.T @ forces[~left_out])
+        squares[left_out] = (forces[left_out] - own @ weights) ** 2
+    return np.asarray(np.sqrt(squares.mean(axis=0)))
+
+
+RIDGES = {"ridge with squares": None, "ridge on 1/v and log v": ridge_of_resistance}
+
+
 def pose_errors_of_trees(log: Log) -> FloatArray:
     """Return the rms errors of boosted trees over the range of each axis, in five random folds of poses."""
     from sklearn.ensemble import HistGradientBoostingRegressor
     from sklearn.model_selection import KFold, cross_val_predict
 
     assert log.forces is not None
-    folds = KFold(5, shuffle=True, random_state=0)
+    forces = log.forces[:, ~np.isnan(log.forces).all(axis=0)]
+    parts = KFold(5, shuffle=True, random_state=0)
     said = [
-        cross_val_predict(HistGradientBoostingRegressor(random_state=0), log.readings, force, cv=folds)
-        for force in log.forces.T
+        cross_val_predict(HistGradientBoostingRegressor(random_state=0), log.readings, force, cv=parts)
+        for force in forces.T
     ]
-    errors = np.sqrt(((np.stack(said, axis=1) - log.forces) ** 2).mean(axis=0))
-    return np.asarray(errors / np.ptp(log.forces, axis=0))
+    errors = np.sqrt(((np.stack(said, axis=1) - forces) ** 2).mean(axis=0))
+    return np.asarray(errors / np.ptp(forces, axis=0))
 
 
 def _features(log: Log) -> list[float]:
@@ -115,8 +177,12 @@ def _features(log: Log) -> list[float]:
     return found
 
 
+def _hop(log: Log, over_s: float) -> int:
+    return max(1, min(round(over_s / log.step_s), len(log.readings) - 1))
+
+
 def _change(log: Log, over_s: float) -> FloatArray:
-    hop = max(1, min(round(over_s / log.step_s), len(log.readings) - 1))
+    hop = _hop(log, over_s)
     return np.asarray(log.readings[hop:] - log.readings[:-hop])
 
 

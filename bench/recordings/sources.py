@@ -1,7 +1,9 @@
 """Readers of the sources of the catalogue: a checkout of each to logs, in the order of `catalogue.toml`."""
 
+import csv
 import re
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -116,6 +118,58 @@ def sdh2(folder: Path) -> Iterator[Log]:
         yield Log(name, group, time_s, readings, slips=path in slips, pads=_SDH2_PADS)
 
 
+_PROBES_N = (5, 10, 20, 30, 40)
+
+
+def velostat(folder: Path) -> Iterator[Log]:
+    """Two probes that press on conductive foil, the first run of each force; stamps of one host."""
+    data = folder / "src/experimental_data"
+    for probe in ("pike1", "pike5"):
+        for force_n in _PROBES_N:
+            name = f"{probe}_force_{force_n}"
+            run = f"{name}/exp_{name}_sensor1_exp1.txt"
+            readings, cell = np.loadtxt(data / "velostat_data" / run), np.loadtxt(data / "futek_data" / run)
+            forces = np.full((len(readings), 3), np.nan)
+            forces[:, 2] = np.interp(readings[:, 1], cell[:, 1], cell[:, 0])
+            yield Log(name, name, readings[:, 1], readings[:, :1], forces=forces)
+
+
+def uskin(folder: Path) -> Iterator[Log]:
+    """Boxes that two fingers hold and a robot moves, until some are dropped; rows spread over the run."""
+    for path in sorted(folder.glob("t*/data_sample_*/meta_data.csv")):
+        with path.open(newline="", encoding="utf-8") as file:
+            about = next(csv.DictReader(file))
+        fingers = [rows(path.with_name(f"xela_sensor{finger}.csv"), header=True) for finger in (1, 2)]
+        n = min(map(len, fingers))
+        begin, end = (datetime.fromisoformat(about[key]) for key in ("start_time", "stop_time"))
+        yield Log(
+            path.parent.name,
+            about["object_name"],
+            np.linspace(0.0, (end - begin).total_seconds(), n),
+            np.hstack([finger[:n] for finger in fingers]),
+            slips=about["dropped"] == "1",
+        )
+
+
+# Names of files, the strain gauge without a weight, and its change by a newton.
+_TAMS_GAUGES = (
+    ("[nt]*.txt", 8322237, (8341540 - 8322237) / (0.05 * 9.80665)),
+    ("10k-*.txt", 1660130, (1667333 - 1660130) / (0.16 * 9.80665)),
+)
+
+
+def tams(folder: Path) -> Iterator[Log]:
+    """Presses on a conductive polymer under no, thin and thick silicone, and their force; no times."""
+    for names, free, per_n in _TAMS_GAUGES:
+        for path in sorted((folder / "calibration").glob(names)):
+            strain, reading = np.loadtxt(path).T
+            forces = np.full((len(strain), 3), np.nan)
+            forces[:, 2] = (strain - free) / per_n
+            yield Log(
+                path.stem, path.stem, np.arange(len(strain), dtype=float), reading[:, None], forces=forces
+            )
+
+
 READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "FabricSlide": fabric_slide,
     "BioTac_slide_20_50": biotac_materials,
@@ -125,4 +179,7 @@ READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "eFlesh shears": eflesh_shears,
     "Tactaxis": tactaxis,
     "SDH-2": sdh2,
+    "velostat": velostat,
+    "uSkin": uskin,
+    "TAMS array": tams,
 }

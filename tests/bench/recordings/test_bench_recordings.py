@@ -2,6 +2,7 @@
 
 import bz2
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,19 @@ import pytest
 from click.testing import CliRunner
 
 from bench.__main__ import bench
-from bench.recordings.bench import Periods, Slips
+from bench.recordings.bench import Contacts, Periods, Slips
 from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
-from bench.recordings.rules import by_threshold, centre_change, median_change, strongest_line_hz
+from bench.recordings.rules import (
+    agreement,
+    by_threshold,
+    centre_change,
+    contact_by_norm,
+    load_fall,
+    median_change,
+    ridge_of_resistance,
+    strongest_line_hz,
+)
 from bench.recordings.sources import READERS
 from tactiled.errors import DataError
 
@@ -80,6 +90,42 @@ def test_the_rules_find_what_they_name() -> None:
     cells = np.zeros((40, 12))
     cells[np.arange(40), 4 + np.minimum(np.arange(40) // 10, 3)] = 100.0
     assert centre_change(Log("moves", "pen", time_s[:40], cells, pads=((3, 4, 0),))) == 1.0
+
+
+def presses(size: float = 10.0) -> Log:
+    """Return six presses of one to six newtons on a resistor of `size` kOhm."""
+    time_s = np.arange(1200) / 100.0
+    fz_n = np.where(time_s % 2 > 1, 1 + time_s // 2, 0.0)
+    forces = np.stack([np.full(1200, np.nan), np.full(1200, np.nan), fz_n], axis=1)
+    return Log("presses", "foil", time_s, size / (1.0 + fz_n[:, np.newaxis]), forces=forces)
+
+
+def test_contact_is_compared_with_the_force() -> None:
+    one = presses()
+    assert agreement(one.is_pressed, one) == 1.0
+    assert agreement(np.ones(1200, dtype=np.bool_), one) == 0.5
+    assert contact_by_norm([one, presses(), presses(11.0)]) == [1.0, 1.0, 1.0]
+    rough = replace(presses(1e3), readings=presses(1e3).readings + np.sin(one.time_s[:, np.newaxis] * 9))
+    by_the_other_level = contact_by_norm([rough, presses(0.1)])
+    assert by_the_other_level[0] < 0.6
+    assert by_the_other_level[1] == 0.5
+    assert str(Contacts([0.5, 0.75])) == "0.50; 0.75"
+    assert str(Contacts([0.9, 0.1, 0.2, 0.3, 0.4, 0.5])) == "0.40, from 0.10 to 0.90"
+
+
+def test_a_resistance_tells_the_force_by_its_inverse() -> None:
+    one = presses()
+    assert one.forces is not None
+    reference = np.pad(np.nan_to_num(one.forces), ((0, 0), (0, 3)))
+    assert ridge_of_resistance(one, one.time_s, reference, [2]) == pytest.approx([0.0], abs=1e-3)
+
+
+def test_a_load_that_falls_away() -> None:
+    held = np.clip(np.arange(300)[:, np.newaxis] / 50.0 - 1.0, 0.0, 1.0) * [3.0, 4.0]
+    dropped = np.where(np.arange(300)[:, np.newaxis] < 200, held, 0.0)
+    time_s = np.arange(300) / 100.0
+    assert load_fall(Log("held", "box", time_s, held)) == 0.0
+    assert load_fall(Log("dropped", "box", time_s, dropped)) == 1.0
 
 
 def test_counts_name_what_was_asked() -> None:
