@@ -12,8 +12,8 @@ from bench.recordings.catalogue import Question, Source, how_to_get, sources
 from bench.recordings.log import FloatArray, Log
 from bench.recordings.ours import ForceErrors
 from bench.recordings.rules import (
+    LOG_RULES,
     RIDGES,
-    SLIP_RULES,
     agreement,
     by_threshold,
     by_trees,
@@ -56,8 +56,8 @@ class Periods:
 
 
 @dataclass(frozen=True)
-class Slips:
-    """Logs that were said to slip, of those that do and of those that do not."""
+class Decisions:
+    """Logs of which it was said that something happens, of those where it does and where it does not."""
 
     found: int
     of: int
@@ -65,11 +65,10 @@ class Slips:
     of_rests: int
 
     @classmethod
-    def count(cls, logs: Sequence[Log], said: Sequence[bool]) -> "Slips":
+    def count(cls, logs: Sequence[Log], said: Sequence[bool]) -> "Decisions":
         """Compare with the labels."""
-        slips = np.array([log.slips for log in logs])
-        yes = np.array(said)
-        return cls(int((yes & slips).sum()), int(slips.sum()), int((yes & ~slips).sum()), int((~slips).sum()))
+        label, yes = np.array([log.label for log in logs]), np.array(said)
+        return cls(int((yes & label).sum()), int(label.sum()), int((yes & ~label).sum()), int((~label).sum()))
 
     def __str__(self) -> str:
         return f"{self.found} of {self.of}, {self.false} of {self.of_rests} false"
@@ -92,9 +91,9 @@ class Found:
     source: Source
     question: Question
     n_logs: int
-    ours: Periods | Slips | Contacts | Sequence[ForceErrors]
-    rule: Periods | Slips | Contacts | None = None
-    trees: Slips | Sequence[FloatArray] | None = None
+    ours: Periods | Decisions | Contacts | Sequence[ForceErrors]
+    rule: Periods | Decisions | Contacts | None = None
+    trees: Decisions | Sequence[FloatArray] | None = None
     n_refused: int = 0
 
 
@@ -154,15 +153,16 @@ def _ask(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> 
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
         return Found(source, question, len(logs), Periods.count(logs, answers), Periods.count(logs, lines))
-    slips = Slips.count(logs, [ours.slips(log, array) for log in logs])
-    by_rule = Slips.count(logs, by_threshold(logs, SLIP_RULES[rule]))
-    return Found(source, question, len(logs), slips, by_rule, Slips.count(logs, by_trees(logs)))
+    says = ours.slips if question == "slip" else ours.touches
+    decisions = Decisions.count(logs, [says(log, array) for log in logs])
+    by_rule = Decisions.count(logs, by_threshold(logs, LOG_RULES[rule]))
+    return Found(source, question, len(logs), decisions, by_rule, Decisions.count(logs, by_trees(logs)))
 
 
 def _row(one: Found) -> dict[str, str]:
     source, rule = one.source, one.source.asked[one.question]
     row = {"source": source.name, "sensor": source.sensor, "asked": one.question, "logs": f"{one.n_logs}"}
-    if isinstance(one.ours, Periods | Slips | Contacts):
+    if isinstance(one.ours, Periods | Decisions | Contacts):
         return row | {
             "tactiled": str(one.ours),
             "simple rule": f"{rule}: {one.rule}",
@@ -177,7 +177,7 @@ def _row(one: Found) -> dict[str, str]:
         ],
         [float(e.ours.mean()) for e in one.ours],
     )
-    trees = NONE if one.trees is None or isinstance(one.trees, Slips) else _percent(one.trees)
+    trees = NONE if one.trees is None or isinstance(one.trees, Decisions) else _percent(one.trees)
     return row | {
         "tactiled": mine + (f", {one.n_refused} refused" if one.n_refused else ""),
         "simple rule": f"{rule}: {_percent([e.ridge for e in one.ours])}",
@@ -220,15 +220,15 @@ def _periods(most_wrong: int, least_right: int) -> Callable[[Found], bool]:
 
 def _slips(least: int, most_false: int) -> Callable[[Found], bool]:
     def is_met(one: Found) -> bool:
-        assert isinstance(one.ours, Slips)
+        assert isinstance(one.ours, Decisions)
         return one.ours.found >= least and one.ours.false <= most_false
 
     return is_met
 
 
 def _beats_rule(one: Found) -> bool:
-    assert isinstance(one.ours, Slips)
-    assert isinstance(one.rule, Slips)
+    assert isinstance(one.ours, Decisions)
+    assert isinstance(one.rule, Decisions)
     return one.ours.found > one.rule.found and one.ours.false < one.rule.false
 
 
@@ -238,12 +238,12 @@ def _agrees(one: Found) -> bool:
 
 
 def _below_ridge(one: Found) -> bool:
-    assert not isinstance(one.ours, Periods | Slips | Contacts)
+    assert not isinstance(one.ours, Periods | Decisions | Contacts)
     return all((e.ours < e.ridge).all() and (np.abs(e.inside - 0.9) <= 0.05).all() for e in one.ours)
 
 
 def _at_most_trees(one: Found) -> bool:
-    assert not isinstance(one.ours, Periods | Slips | Contacts)
+    assert not isinstance(one.ours, Periods | Decisions | Contacts)
     assert isinstance(one.trees, list)
     return all(bool((e.ours <= trees).all()) for e, trees in zip(one.ours, one.trees, strict=True))
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, build
 
-Question = Literal["period", "slip", "force", "poses", "contact"]
+Question = Literal["period", "slip", "force", "poses", "contact", "touch"]
 _FILE = Path(__file__).with_name("catalogue.toml")
 
 

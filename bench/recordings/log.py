@@ -30,8 +30,8 @@ class Log:
     time_s : (n,) float64
     readings : (n, channels) float64
         In the unit of the array, in the order of its channels.
-    slips : bool
-        The object slips, or is tugged.
+    label : bool
+        What is asked of the log happens: its object slips, is tugged or is touched.
     period_mm : float
         Of the grating that the sensor slides over; 0 for a surface without one.
     speed_mm_s : float
@@ -45,7 +45,7 @@ class Log:
     group: str
     time_s: FloatArray
     readings: FloatArray
-    slips: bool = False
+    label: bool = False
     period_mm: float = 0.0
     speed_mm_s: float = 0.0
     forces: FloatArray | None = None

@@ -37,6 +37,11 @@ def contact(log: Log, array: Array) -> NDArray[np.bool_]:
     return np.asarray(is_on[np.searchsorted([e.evidence_s for e in changes], log.time_s, side="right")])
 
 
+def touches(log: Log, array: Array) -> bool:
+    """Return True where a contact is reported."""
+    return bool(contact(log, array).any())
+
+
 def periods_mm(log: Log, array: Array) -> list[float]:
     """Return the periods that are reported, in order; `--sliding --speed V --max-tilt 10`."""
     texture = {"speed_mm_s": log.speed_mm_s, "max_tilt_deg": _TILT_DEG}

@@ -56,7 +56,7 @@ def centre_change(log: Log) -> float:
     return max(moves)
 
 
-SLIP_RULES: dict[str, Callable[[Log], float]] = {
+LOG_RULES: dict[str, Callable[[Log], float]] = {
     "median change": median_change,
     "norm change": norm_change,
     "load fall": load_fall,
@@ -65,15 +65,15 @@ SLIP_RULES: dict[str, Callable[[Log], float]] = {
 
 
 def by_threshold(logs: Sequence[Log], score: Callable[[Log], float]) -> list[bool]:
-    """Decide for each log whether it slips, by the threshold that is best on the other groups."""
+    """Decide for each log whether its label holds, by the threshold that is best on the other groups."""
     scores = np.array([score(log) for log in logs])
-    slips = np.array([log.slips for log in logs])
+    label = np.array([log.label for log in logs])
     groups = np.array([log.group for log in logs])
     said = []
     for one, group in zip(scores, groups, strict=True):
         others = groups != group
         levels = np.unique(np.quantile(scores[others], np.linspace(0, 1, _LEVELS)))
-        found, quiet = scores[others & slips], scores[others & ~slips]
+        found, quiet = scores[others & label], scores[others & ~label]
         right = np.array([(found >= level).mean() + (quiet < level).mean() for level in levels])
         said.append(bool(one >= levels[right == right.max()].mean()))
     return said
@@ -101,11 +101,11 @@ def _start(log: Log) -> FloatArray:
 
 
 def by_trees(logs: Sequence[Log]) -> list[bool]:
-    """Decide for each log whether it slips, by boosted trees that learnt from the other groups."""
+    """Decide for each log whether its label holds, by boosted trees that learnt from the other groups."""
     from sklearn.ensemble import HistGradientBoostingClassifier  # takes seconds to load
 
     features = np.array([_features(log) for log in logs])
-    slips = np.array([log.slips for log in logs])
+    label = np.array([log.label for log in logs])
     groups = np.array([log.group for log in logs])
     said = np.zeros(len(logs), dtype=np.bool_)
     for group in np.unique(groups):
@@ -113,7 +113,7 @@ def by_trees(logs: Sequence[Log]) -> list[bool]:
         trees = HistGradientBoostingClassifier(
             max_iter=100, min_samples_leaf=5, class_weight="balanced", random_state=0
         )
-        said[own] = trees.fit(features[~own], slips[~own]).predict(features[own])
+        said[own] = trees.fit(features[~own], label[~own]).predict(features[own])
     return [bool(one) for one in said]
 
 

@@ -52,7 +52,7 @@ def biotac_sp(folder: Path) -> Iterator[Log]:
             readings = rows(path, header=True)
             time_s = np.arange(len(readings)) / 100.0
             group = path.stem.rstrip("0123456789")
-            yield Log(f"{kind}/{path.stem}", group, time_s, readings, slips=kind != "t")
+            yield Log(f"{kind}/{path.stem}", group, time_s, readings, label=kind != "t")
 
 
 _TUG_CHANNELS = 30
@@ -65,7 +65,7 @@ def eflesh_tugs(folder: Path) -> Iterator[Log]:
     for at, slips in enumerate(labels):
         readings = tensor(data / f"seq_{at}.pt", _TUG_CHANNELS)
         # No object is named: neighbours in time are of the same one.
-        yield Log(f"seq_{at}", f"block {at // 10}", np.arange(len(readings)) / 100.0, readings, slips=slips)
+        yield Log(f"seq_{at}", f"block {at // 10}", np.arange(len(readings)) / 100.0, readings, label=slips)
 
 
 _N_PER_G = 9.80665e-3
@@ -115,7 +115,7 @@ def sdh2(folder: Path) -> Iterator[Log]:
         time_s, readings = pressure_profile(path)
         group = path.stem if path in slips else path.parent.name
         name = f"{path.parent.name}/{path.stem}"
-        yield Log(name, group, time_s, readings, slips=path in slips, pads=_SDH2_PADS)
+        yield Log(name, group, time_s, readings, label=path in slips, pads=_SDH2_PADS)
 
 
 _PROBES_N = (5, 10, 20, 30, 40)
@@ -147,7 +147,7 @@ def uskin(folder: Path) -> Iterator[Log]:
             about["object_name"],
             np.linspace(0.0, (end - begin).total_seconds(), n),
             np.hstack([finger[:n] for finger in fingers]),
-            slips=about["dropped"] == "1",
+            label=about["dropped"] == "1",
         )
 
 
@@ -170,6 +170,23 @@ def tams(folder: Path) -> Iterator[Log]:
             )
 
 
+_ICUB_LINES = 7  # of a scan: joints, largest readings, five fingers
+_ICUB_HZ = 10.0  # not stated
+
+
+def icub(folder: Path) -> Iterator[Log]:
+    """Hands that close on an object or on nothing; one object is left out, as its authors advise."""
+    for path in numbered(folder / "iCubGraspDataset", "*.txt"):
+        thing, trial = path.stem.rsplit("_", 1)
+        if thing == "full_coke":
+            continue
+        lines = path.read_text().splitlines()[1:]
+        scans = [lines[at + 2 : at + _ICUB_LINES] for at in range(0, len(lines), _ICUB_LINES)]
+        readings = np.array([" ".join(scan).split() for scan in scans], dtype=np.float64)
+        time_s = np.arange(len(readings)) / _ICUB_HZ
+        yield Log(path.stem, f"trial {trial}", time_s, readings, label=thing != "none")
+
+
 READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "FabricSlide": fabric_slide,
     "BioTac_slide_20_50": biotac_materials,
@@ -182,4 +199,5 @@ READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "velostat": velostat,
     "uSkin": uskin,
     "TAMS array": tams,
+    "iCub": icub,
 }

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.__main__ import bench
-from bench.recordings.bench import Contacts, Periods, Slips
+from bench.recordings.bench import Contacts, Decisions, Periods
 from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
 from bench.recordings.rules import (
@@ -27,10 +27,10 @@ from bench.recordings.sources import READERS
 from tactiled.errors import DataError
 
 
-def log(slips: bool = False, group: str = "cup", change: float = 0.0, **more: object) -> Log:
+def log(label: bool = False, group: str = "cup", change: float = 0.0, **more: object) -> Log:
     time_s = np.arange(300) / 100.0
     readings = np.repeat(change * np.clip(time_s - 1.0, 0, 1)[:, np.newaxis], 4, axis=1)
-    return Log("log", group, time_s, readings, slips=slips, **more)  # type: ignore[arg-type]
+    return Log("log", group, time_s, readings, label=label, **more)  # type: ignore[arg-type]
 
 
 def test_every_source_has_a_reader_and_an_array_that_fits_the_detectors() -> None:
@@ -132,7 +132,7 @@ def test_counts_name_what_was_asked() -> None:
     grating = Log("a", "b", np.arange(3.0), np.zeros((3, 1)), period_mm=4.0)
     assert str(Periods.count([grating, grating, grating], [4.1, 9.0, 0.0])) == "1 of 3 right, 1 wrong"
     assert str(Periods.count([log(), log()], [4.1, 0.0])) == "1 of 2 with a period"
-    assert str(Slips.count([log(True), log(), log()], [True, True, False])) == "1 of 1, 1 of 2 false"
+    assert str(Decisions.count([log(True), log(), log()], [True, True, False])) == "1 of 1, 1 of 2 false"
 
 
 def test_without_data_the_command_says_how_to_get_them(tmp_path: Path) -> None:
