@@ -23,7 +23,7 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Pressure
-from tactiled.detect.signal.noise import GROUP_SCANS, RestNoise
+from tactiled.detect.signal.noise import RestNoise
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
@@ -114,7 +114,7 @@ class _Levels:
             self.given = self._contact, self._release, self._loading
         is_derived = self.given is None
         self._rest = RestNoise(array.n_channels)
-        self.n_blind = GROUP_SCANS if is_derived else 0
+        self.n_blind = self._rest.n_blind if is_derived else 0
         """Scans at the beginning for which the noise is not known."""
 
     def interrupt(self) -> None:

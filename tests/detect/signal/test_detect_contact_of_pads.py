@@ -93,3 +93,33 @@ def test_any_chunking_gives_the_same_contacts() -> None:
     block, gate = regular_block(values, RATE_HZ), ContactGate(COUNTS)
     found = [event for first in range(0, len(values), 7) for event in gate.process(block[first : first + 7])]
     assert found == contacts(COUNTS, values)
+
+
+SIXTEEN = build(
+    tomlfile.parse(
+        {
+            "name": "pad",
+            "unit": "count",
+            "range": [-(2**20), 2**20],
+            "taxel_count": 16,
+            "taxel_channels": [{"name": "N", "kind": "normal"}],
+        },
+        ArrayFile,
+        "pad",
+    )
+)
+
+
+def test_several_channels_show_a_contact_before_their_noise_is_known() -> None:
+    load = np.repeat([0.0, 40_000.0], [6, 20])
+    first, *_ = contacts(SIXTEEN, readings(load, np.ones(16)))
+    assert (first.state, round(first.time_s * RATE_HZ)) == ("loading", 6)
+    assert contacts(COUNTS, readings(load[:16] / 4, np.ones(4))) == []
+
+
+@pytest.mark.parametrize("spread", [0.0, 1.0])
+def test_noise_of_unequal_channels_is_no_contact_in_the_first_scans(spread: float) -> None:
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        sd = 2e4 * np.exp(spread * rng.normal(size=16))
+        assert contacts(SIXTEEN, np.rint(sd * rng.normal(size=(20, 16)))) == []
