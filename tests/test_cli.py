@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tactiled import __version__, compiled
+from tactiled import compiled
+from tactiled.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -1,4 +1,4 @@
-"""The two distributions: what each ships, what each needs, and that no file belongs to both."""
+"""The distributions: what each ships, what each needs, and that no file belongs to two."""
 
 import email
 import json
@@ -6,23 +6,23 @@ import re
 import subprocess
 import sys
 import tarfile
-import tomllib
 import venv
 import zipfile
 from pathlib import Path
 
 import pytest
 
-from tactiled import __version__
+from tactiled.version import __version__
 
 ROOT = Path(__file__).resolve().parent.parent
-CLIENT = ROOT / "packaging" / "client"
+PROJECTS = [ROOT, *sorted(path.parent for path in ROOT.glob("packages/*/pyproject.toml"))]
+CLIENT = ROOT / "packages" / "client"
 ADDRESS = "https://example.org/robots/tactiled"
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Both wheels, built without the network from a copy that knows its repository."""
+    """All wheels, built without the network from a copy that knows its repository."""
     folder = tmp_path_factory.mktemp("wheels")
     copy = folder / "checkout"
     listed = subprocess.run(
@@ -35,7 +35,8 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     project = copy / "pyproject.toml"
     project.write_text(project.read_text().replace('address = ""', f'address = "{ADDRESS}"'))
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
-    built = [*pip, "--wheel-dir", str(folder), str(copy), str(copy / "packaging" / "client")]
+    projects = [str(copy / path.relative_to(ROOT)) for path in PROJECTS]
+    built = [*pip, "--wheel-dir", str(folder), *projects]
     subprocess.run(built, check=True, timeout=300)
     return {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
 
@@ -51,24 +52,27 @@ def metadata_of(wheel: Path) -> email.message.Message:
         return email.message_from_string(archive.read(name).decode())
 
 
-def test_no_file_belongs_to_both_distributions_and_none_is_missing(wheels: dict[str, Path]) -> None:
-    daemon, client = files_of(wheels["tactiled"]), files_of(wheels["tactiled_client"])
-    assert not daemon & client
-    sources = {str(path.relative_to(ROOT)) for path in (ROOT / "tactiled").rglob("*.py")}
-    assert {name for name in daemon | client if name.endswith(".py")} == sources
-    assert "tactiled/py.typed" in client
+def test_no_file_belongs_to_two_distributions_and_none_is_missing(wheels: dict[str, Path]) -> None:
+    assert len(wheels) == len(PROJECTS)
+    shipped = sorted(name for wheel in wheels.values() for name in files_of(wheel))
+    assert len(shipped) == len(set(shipped))
+    sources = {str(path.relative_to(part)) for part in PROJECTS for path in (part / "tactiled").rglob("*.py")}
+    assert {name for name in shipped if name.endswith(".py")} == sources
+    assert "tactiled/py.typed" in files_of(wheels["tactiled_client"])
 
 
-def test_the_daemon_asks_for_the_client_of_its_own_version(wheels: dict[str, Path]) -> None:
-    daemon, client = metadata_of(wheels["tactiled"]), metadata_of(wheels["tactiled_client"])
-    assert daemon["Version"] == client["Version"] == __version__
-    assert f"tactiled-client=={__version__}" in daemon.get_all("Requires-Dist", [])
+def test_tactiled_is_a_namespace_in_every_distribution() -> None:
+    """A `tactiled/__init__.py` in one of them would hide the modules of all others."""
+    assert not [part for part in PROJECTS if (part / "tactiled" / "__init__.py").exists()]
 
 
-def test_both_are_built_of_the_same_list_of_modules() -> None:
-    daemon = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
-    client = tomllib.loads((CLIENT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]
-    assert daemon["targets"]["wheel"]["exclude"] == client["hooks"]["custom"]["modules"]
+def test_the_distributions_have_one_version_and_ask_for_each_other_at_it(wheels: dict[str, Path]) -> None:
+    for wheel in wheels.values():
+        metadata = metadata_of(wheel)
+        assert metadata["Version"] == __version__
+        asked = [line for line in metadata.get_all("Requires-Dist", []) if line.startswith("tactiled")]
+        assert all(line.partition(";")[0].strip().endswith(f"=={__version__}") for line in asked), asked
+    assert f"tactiled-client=={__version__}" in metadata_of(wheels["tactiled"]).get_all("Requires-Dist", [])
 
 
 def test_the_sdist_of_the_client_builds_the_same_wheel(wheels: dict[str, Path], tmp_path: Path) -> None:
@@ -134,7 +138,7 @@ def test_the_client_runs_with_zmq_and_msgpack_alone(wheels: dict[str, Path], tmp
     assert (silent.returncode, silent.stdout) == (1, "")
 
 
-def test_both_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], tmp_path: Path) -> None:
+def test_the_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], tmp_path: Path) -> None:
     """Installed from wheels, away from the checkout, protocols, config and scenes are still there."""
     for wheel in wheels.values():
         with zipfile.ZipFile(wheel) as archive:
@@ -152,13 +156,13 @@ def test_both_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], t
     assert "Example: tactiled listen" in python("-m", "tactiled", "listen", "--help")
     assert "port" in json.loads(python("-m", "tactiled", "check-config", "--schema"))["properties"]
     script = (
-        "import tactiled, tactiled.resources as r; print(tactiled.__file__);"
+        "import tactiled.resources as r; print(r.__file__);"
         "from tactiled.emulator.scene.description import load_scene; load_scene('demo');"
         "from tactiled.wire.layout import load_layout; load_layout('board-v1');"
         "print(r.shipped('systemd', 'tactiled@.service').exists());"
         "print(r.shipped('protocols', 'board.md').exists())"
     )
-    own = str(tmp_path / "site" / "tactiled" / "__init__.py")
+    own = str(tmp_path / "site" / "tactiled" / "resources.py")
     assert python("-c", script).split() == [own, "True", "True"]
 
 

@@ -1,7 +1,7 @@
 """Generate interface files from the JSON Schemas of the events: ``python -m tools.interfaces`` writes them.
 
 - ``ros2/tactiled_msgs``: the ROS 2 types of ``tactiled ros2``
-- ``tactiled/client/typed.py``: typed messages for Python
+- ``packages/client/tactiled/client/typed.py``: typed messages for Python
 - ``protocols/cpp/tactiled_events.hpp``: structures for C++
 """
 
@@ -73,7 +73,7 @@ def generated() -> dict[str, str]:
     return {
         **messages,
         **services,
-        "tactiled/client/typed.py": typed_python(),
+        "packages/client/tactiled/client/typed.py": typed_python(),
         "protocols/cpp/tactiled_events.hpp": typed_cpp(),
     }
 

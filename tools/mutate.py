@@ -40,6 +40,8 @@ from tools.mutations import Mutation, mutations
 ROOT = Path(__file__).resolve().parents[1]
 # No files of git, but the tests run on them.
 _COMPILED = "tactiled/**/_*.so"
+# Folders that hold a part of the package `tactiled`.
+_PARTS = ("tactiled", "packages/*/tactiled")
 # The client over zenoh needs a router and a bridge, which the tests of the room zenoh have.
 _ALSO = {"client": ("zenoh",)}
 # A mutation may make a loop endless. A machine that others use may be slower than at the baseline.
@@ -140,7 +142,7 @@ class Tree:
     root
         The checkout; its tracked and new files are copied, nothing in it is changed.
     room
-        Folder or module of the package `tactiled`.
+        Folder or module of the package `tactiled`, of any distribution.
     """
 
     def __init__(self, root: Path, room: str) -> None:
@@ -152,7 +154,10 @@ class Tree:
             if name and (root / name).is_file():
                 (self.copy / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(root / name, self.copy / name)
-        folder, package = self.copy / "tests" / room, self.copy / "tactiled" / room
+        self.parts = [found.parent for pattern in _PARTS for found in sorted(self.copy.glob(pattern))]
+        places = [part / "tactiled" / room for part in self.parts]
+        there = [place for place in places if place.is_dir() or place.with_suffix(".py").is_file()]
+        folder, package = self.copy / "tests" / room, (there or places)[0]
         tests = [folder] if folder.is_dir() else sorted((self.copy / "tests").glob(f"test_{room}*.py"))
         tests += [self.copy / "tests" / other for other in _ALSO.get(room, ())]
         self.sources = sorted(package.rglob("*.py")) or [
@@ -203,9 +208,8 @@ class Tree:
         kept = self.copy / "baseline.pickle"
 
         def observe() -> int:
-            measure = coverage.Coverage(
-                data_file=None, source=[str(self.copy / "tactiled")], config_file=False
-            )
+            sources = [str(part / "tactiled") for part in self.parts]
+            measure = coverage.Coverage(data_file=None, source=sources, config_file=False)
             baseline = Baseline()
             measure.start()
             # Coverage and other work on the machine slow tests down, so no time is too long here.
@@ -256,8 +260,9 @@ class Tree:
                 for descriptor in (1, 2):
                     os.dup2(sys.stdout.fileno(), descriptor)
                 os.chdir(self.copy)
-                os.environ["PYTHONPATH"] = str(self.copy)
-                sys.path.insert(0, str(self.copy))
+                paths = [str(part) for part in self.parts]
+                os.environ["PYTHONPATH"] = os.pathsep.join(paths)
+                sys.path[:0] = paths
                 for name in [name for name in sys.modules if name.partition(".")[0] == "tactiled"]:
                     del sys.modules[name]  # of the checkout
                 sys.dont_write_bytecode = "PYTHONDONTWRITEBYTECODE" in os.environ

@@ -18,12 +18,13 @@ from queue import SimpleQueue
 import pyarrow
 import pyarrow.parquet
 
-from tactiled import __version__, resources, tomltext
+from tactiled import resources, tomltext
 from tactiled.archive.columns import event_rows, file_row, schema
 from tactiled.errors import DataError, OperatorError
 from tactiled.jobs import executor
 from tactiled.offline import Choices, array_of_config, detect_messages
 from tactiled.progress import ProgressBar
+from tactiled.version import __version__
 
 # Rows of a finished file, in the folder of parts; whatever else lies there is left alone.
 _PART = ".part"

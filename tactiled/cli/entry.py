@@ -5,7 +5,6 @@ import sys
 
 import click
 
-from tactiled import __version__
 from tactiled.cli import (
     analysis,
     archive,
@@ -19,6 +18,7 @@ from tactiled.cli import (
     viewers,
 )  # fmt: skip
 from tactiled.errors import TactiledError
+from tactiled.version import __version__
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 

@@ -20,13 +20,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Self
 
-from tactiled import __version__, resources, tomlfile
+from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
 from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.outside import json_of, shown
 from tactiled.pipeline import PipelineParams
 from tactiled.recording.cdr import HEAD, Schema, fields_of
+from tactiled.version import __version__
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 

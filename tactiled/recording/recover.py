@@ -11,7 +11,6 @@ from typing import BinaryIO
 from mcap.records import Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from tactiled import __version__
 from tactiled.errors import DataError
 from tactiled.recording import contents
 from tactiled.recording.chunks import chunks
@@ -21,6 +20,7 @@ from tactiled.recording.extent import Damage, Extent
 from tactiled.recording.reader import Reached, open_recording, read_header
 from tactiled.recording.rotation import free_mb
 from tactiled.recording.writer import ACTIVE, sync_directory
+from tactiled.version import __version__
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from typing import BinaryIO, Self
 
 from mcap.writer import CompressionType, Writer
 
-from tactiled import __version__
 from tactiled.errors import DataError
 from tactiled.events.types import Event
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
 from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEvent
 from tactiled.recording.standard import frame_id, standard_message
+from tactiled.version import __version__
 from tactiled.wire.frames import Hello, values_of
 
 ACTIVE = ".active"

@@ -14,11 +14,11 @@ from pathlib import Path
 
 from aiohttp import WSCloseCode, web
 
-from tactiled import __version__
 from tactiled.array import Array
 from tactiled.client import Subscription
 from tactiled.errors import UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
+from tactiled.version import __version__
 from tactiled.web.browsers import FRAMES_PER_S, Browser
 from tactiled.web.commands import DaemonCommands, check_request, parse_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections

@@ -18,7 +18,7 @@ from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Candidate, TextureEvent
 from tools.interfaces import ROOT, generated
 
-PYTHON = ["tactiled/client/typed.py", "protocols/cpp/tactiled_events.hpp"]
+PYTHON = ["packages/client/tactiled/client/typed.py", "protocols/cpp/tactiled_events.hpp"]
 GOOD = """
 from tactiled.client import Client, ScanMessage, SlipMessage, Message, subscribe
 

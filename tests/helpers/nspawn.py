@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled import __version__
+from tactiled.version import __version__
 
 CHECKOUT = Path(__file__).parents[2]
 SUITE, PYTHON = "bookworm", "3.11"  # Debian 12, the oldest that we serve, and the Python that it has
@@ -53,15 +53,15 @@ def copy_root(root: Path, to: Path) -> None:
 def make_wheels(folder: Path, version: str) -> None:
     """The checkout as two wheels that say they are `version`."""
     copy = folder / f"source-{version}"
-    for name in ("tactiled", "protocols", "config", "systemd", "ros2", "packaging"):
+    for name in ("tactiled", "protocols", "config", "systemd", "ros2", "packages"):
         shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("README.md", "LICENSE", "hatch_build.py", "pyproject.toml"):
         shutil.copy(CHECKOUT / name, copy)
-    for path in (copy / "pyproject.toml", copy / "tactiled" / "__init__.py"):
+    for path in (copy / "pyproject.toml", copy / "packages" / "client" / "tactiled" / "version.py"):
         path.write_text(path.read_text().replace(__version__, version))
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
-    subprocess.run([*build, str(copy), str(copy / "packaging" / "client")], check=True, timeout=COMMAND_S)
+    subprocess.run([*build, str(copy), str(copy / "packages" / "client")], check=True, timeout=COMMAND_S)
 
 
 def download_pins(folder: Path) -> None:
@@ -173,7 +173,7 @@ def wait_until(reached: Callable[[], bool], what: str, limit_s: float = COMMAND_
 def make_package(wheels: Path, version: str) -> Path:
     """The Debian package of a version whose wheels are there, in the same folder."""
     out = wheels / "packages"
-    build = [str(CHECKOUT / "packaging/debian/build"), "--version", version]
+    build = [str(CHECKOUT / "packages/debian/build"), "--version", version]
     subprocess.run([*build, "--wheels", str(wheels), "--out", str(out)], check=True, timeout=DOWNLOAD_S)
     (package,) = out.glob(f"tactiled_{version}_*.deb")
     return package

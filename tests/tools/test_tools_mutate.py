@@ -101,7 +101,6 @@ def checkout(tmp_path: Path) -> Path:
     }
     for name, text in {
         **files,
-        "tactiled/__init__.py": "",
         "pytest.ini": "[pytest]\npythonpath = .\n",
     }.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,11 @@
 """Status and info events, made from session, pipeline counters, layout and array."""
 
-from tactiled import __version__, compiled
+from tactiled import compiled
 from tactiled.array import Array
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import InfoEvent, StatusEvent
 from tactiled.pipeline import Health
+from tactiled.version import __version__
 from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout
 

@@ -11,7 +11,7 @@ from dataclasses import fields
 from itertools import accumulate
 from typing import Literal, get_args
 
-from tactiled import __version__, compiled
+from tactiled import compiled
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.events.types import (
     BoardState,
@@ -24,6 +24,7 @@ from tactiled.events.types import (
     Suppressed,
 )
 from tactiled.pipeline import Health
+from tactiled.version import __version__
 
 # From the transfer of one frame (7 ms at 115200 baud) over FTDI buckets (16 ms) and stalls to backlogs.
 _LATENCY_S = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0)
