@@ -10,6 +10,7 @@ import pytest
 
 from bench.__main__ import BENCHES
 from tactiled.cli.entry import cli
+from tactiled.cli.packages import DeferredCommand
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -33,6 +34,13 @@ def commands(text: str) -> list[str]:
     return [line.split("  #")[0].strip() for line in (*blocks, *inline)]
 
 
+def verb_of(group: click.Group, name: str) -> click.Command:
+    """Verb of a group, also of one that another distribution brings."""
+    command = group.get_command(click.Context(group), name)
+    assert command is not None, name
+    return command.load() if isinstance(command, DeferredCommand) else command
+
+
 @every_page
 def test_relative_links_and_their_anchors_exist(page: Path) -> None:
     for target in re.findall(r"\]\((?!https?://)([^)\s]+)\)", page.read_text()):
@@ -53,10 +61,9 @@ def test_commands_and_their_options_exist(page: Path) -> None:
         if program == "./run" and verb == "bench":
             assert words[0] in (*BENCHES, "NAME"), line
             continue
-        command = cli.commands.get(verb)
-        assert command is not None, line
+        command = verb_of(cli, verb)
         if isinstance(command, click.Group):
-            command = command.commands[words[0]]
+            command = verb_of(command, words[0])
         known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
         assert {word for word in words if re.fullmatch(r"--?[a-z][\w-]*", word)} <= known | {"--help"}, line
 

@@ -1,11 +1,14 @@
 """The distributions: what each ships, what each needs, and that no file belongs to two."""
 
+import ast
 import email
+import itertools
 import json
 import re
 import subprocess
 import sys
 import tarfile
+import tomllib
 import venv
 import zipfile
 from pathlib import Path
@@ -64,6 +67,39 @@ def test_no_file_belongs_to_two_distributions_and_none_is_missing(wheels: dict[s
 def test_tactiled_is_a_namespace_in_every_distribution() -> None:
     """A `tactiled/__init__.py` in one of them would hide the modules of all others."""
     assert not [part for part in PROJECTS if (part / "tactiled" / "__init__.py").exists()]
+
+
+def test_a_distribution_imports_only_those_that_it_depends_on() -> None:
+    """Extras count: what needs one imports it where it is used."""
+    names: list[str] = []
+    places: dict[str, str] = {}
+    needs: dict[str, set[str]] = {}
+    for part in PROJECTS:
+        project = tomllib.loads((part / "pyproject.toml").read_text())["project"]
+        names.append(project["name"])
+        asked = [*project["dependencies"]]
+        if part != ROOT:  # the extras of the core are names for the distributions beside it
+            asked += itertools.chain(*project.get("optional-dependencies", {}).values())
+        needs[project["name"]] = {re.split(r"[\[=<>; ]", one)[0] for one in asked}
+        for path in (part / "tactiled").rglob("*.py"):
+            name = ".".join(path.relative_to(part).with_suffix("").parts).removesuffix(".__init__")
+            places[name] = project["name"]
+    wrong = []
+    for name, part in zip(names, PROJECTS, strict=True):
+        allowed = {name} | needs[name]
+        allowed |= set(itertools.chain(*(needs.get(one, ()) for one in allowed)))
+        for path in (part / "tactiled").rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                found: list[str] = []
+                if isinstance(node, ast.ImportFrom) and node.module == "tactiled":
+                    found = [f"tactiled.{one.name}" for one in node.names]
+                elif isinstance(node, ast.ImportFrom) and node.module:
+                    found = [node.module]
+                elif isinstance(node, ast.Import):
+                    found = [one.name for one in node.names]
+                ours = [one for one in found if one.startswith("tactiled.")]
+                wrong += [f"{path.relative_to(ROOT)}: {one}" for one in ours if places[one] not in allowed]
+    assert wrong == []
 
 
 def test_the_distributions_have_one_version_and_ask_for_each_other_at_it(wheels: dict[str, Path]) -> None:

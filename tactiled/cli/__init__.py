@@ -7,12 +7,12 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 
 - `live`: run, listen, command
 - `recordings`: record, replay, recover, export
-- `emulation`: emulate, demo
 - `analysis`: detect, tune
 - `viewers`: web, top
 - `ros2`: ros2
 - `fleet`: zenoh, fleet
-- `upkeep`: check-config, doctor, keys, fit-material, setup
+- `upkeep`: check-config, doctor, keys, setup
+- `packages`: how verbs of other distributions are found: emulate, demo, fit-material
 """
 
 from tactiled.cli.entry import cli, main, run_command

@@ -9,7 +9,6 @@ from tactiled.cli import (
     analysis,
     archive,
     calibration,
-    emulation,
     fleet,
     live,
     recordings,
@@ -17,6 +16,7 @@ from tactiled.cli import (
     upkeep,
     viewers,
 )  # fmt: skip
+from tactiled.cli.packages import OpenGroup
 from tactiled.errors import TactiledError
 from tactiled.version import __version__
 
@@ -32,7 +32,7 @@ def _show_version(context: click.Context, _parameter: click.Parameter, is_asked:
     context.exit()
 
 
-@click.group(context_settings=CONTEXT)
+@click.group(cls=OpenGroup, context_settings=CONTEXT)
 @click.option(
     "--version",
     is_flag=True,
@@ -51,11 +51,10 @@ def cli() -> None:
 for verb in (
     live.run, live.listen, live.command,
     recordings.record, recordings.replay, recordings.recover, recordings.export,
-    emulation.emulate, emulation.demo,
     analysis.detect, analysis.tune, calibration.calibrate, archive.archive,
     viewers.web, viewers.top, ros2.ros2,
     fleet.bridge, fleet.fleet,
-    upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.fit_material, upkeep.setup,
+    upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)
 

@@ -1,4 +1,4 @@
-"""Commands that set up a board and its array: configuration, diagnosis, keys, material."""
+"""Commands that set up a board and its array: configuration, diagnosis, keys."""
 
 import json
 import sys
@@ -19,7 +19,6 @@ from tactiled.cli.options import (
     need_extra,
     need_named,
     need_picture,
-    need_readable,
     need_toml,
 )
 from tactiled.errors import DataError
@@ -275,25 +274,6 @@ def keys_fleet(
     for file in make_fleet(folder, members):
         click.echo(json.dumps({"name": file.stem, "file": str(file)}))
     click.echo(f"{folder}/ca-key.pem makes further members: keep it away from the network", err=True)
-
-
-@click.command("fit-material")
-@click.argument("file", type=FILE)
-@click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
-def fit_material(file: Path, level: float) -> None:
-    """Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability.
-
-    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). Prints JSON to
-    stdout and a summary to stderr.
-
-    Example: tactiled fit-material rubber.csv
-    """
-    need_readable(file)
-    from tactiled.emulator.mechanics.fit import fit_material_file
-
-    fit = fit_material_file(file, level)
-    click.echo(json.dumps(fit.as_map(), allow_nan=False))
-    click.echo(fit.in_words(), err=True)
 
 
 @click.command()

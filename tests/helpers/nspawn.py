@@ -51,17 +51,18 @@ def copy_root(root: Path, to: Path) -> None:
 
 
 def make_wheels(folder: Path, version: str) -> None:
-    """The checkout as two wheels that say they are `version`."""
+    """The checkout as wheels that say they are `version`."""
     copy = folder / f"source-{version}"
     for name in ("tactiled", "protocols", "config", "systemd", "ros2", "packages"):
         shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("README.md", "LICENSE", "hatch_build.py", "pyproject.toml"):
         shutil.copy(CHECKOUT / name, copy)
-    for path in (copy / "pyproject.toml", copy / "packages" / "client" / "tactiled" / "version.py"):
+    projects = [copy / "pyproject.toml", *copy.glob("packages/*/pyproject.toml")]
+    for path in (*projects, copy / "packages" / "client" / "tactiled" / "version.py"):
         path.write_text(path.read_text().replace(__version__, version))
     pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
     build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
-    subprocess.run([*build, str(copy), str(copy / "packages" / "client")], check=True, timeout=COMMAND_S)
+    subprocess.run([*build, *(str(path.parent) for path in projects)], check=True, timeout=COMMAND_S)
 
 
 def download_pins(folder: Path) -> None:
