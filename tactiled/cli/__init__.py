@@ -12,7 +12,7 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `ros2`: ros2
 - `fleet`: zenoh, fleet
 - `upkeep`: check-config, doctor, keys, setup
-- `packages`: how verbs of other distributions are found: emulate, demo, fit-material
+- `packages`: how verbs of other distributions are found: calibrate, demo, emulate, fit-material
 """
 
 from tactiled.cli.entry import cli, main, run_command

@@ -8,7 +8,6 @@ import click
 from tactiled.cli import (
     analysis,
     archive,
-    calibration,
     fleet,
     live,
     recordings,
@@ -51,7 +50,7 @@ def cli() -> None:
 for verb in (
     live.run, live.listen, live.command,
     recordings.record, recordings.replay, recordings.recover, recordings.export,
-    analysis.detect, analysis.tune, calibration.calibrate, archive.archive,
+    analysis.detect, analysis.tune, archive.archive,
     viewers.web, viewers.top, ros2.ros2,
     fleet.bridge, fleet.fleet,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.setup,

@@ -38,6 +38,9 @@ class PackagedVerb:
 
 
 VERBS = {
+    "calibrate": PackagedVerb(
+        "calibration", "Fit newtons to the readings of LOG with the record of a force sensor."
+    ),
     "demo": PackagedVerb(
         "emulator",
         "Run board emulator, daemon and subscriber for half a minute; print a table and write a picture.",
