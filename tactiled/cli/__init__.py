@@ -9,10 +9,8 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 - `recordings`: record, replay, recover, export
 - `analysis`: detect, tune
 - `viewers`: web, top
-- `ros2`: ros2
-- `fleet`: zenoh, fleet
 - `upkeep`: check-config, doctor, keys, setup
-- `packages`: how verbs of other distributions are found: calibrate, demo, emulate, fit-material
+- `packages`: how the verbs of other distributions are found, which are in `tactiled.commands`
 """
 
 from tactiled.cli.entry import cli, main, run_command

@@ -8,10 +8,8 @@ import click
 from tactiled.cli import (
     analysis,
     archive,
-    fleet,
     live,
     recordings,
-    ros2,
     upkeep,
     viewers,
 )  # fmt: skip
@@ -51,8 +49,7 @@ for verb in (
     live.run, live.listen, live.command,
     recordings.record, recordings.replay, recordings.recover, recordings.export,
     analysis.detect, analysis.tune, archive.archive,
-    viewers.web, viewers.top, ros2.ros2,
-    fleet.bridge, fleet.fleet,
+    viewers.web, viewers.top,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)

@@ -73,7 +73,7 @@ def need_picture(path: Path) -> None:
         raise ConfigError("--plot", [f"{path}: name a {', '.join(PICTURES)} in a folder that exists"])
 
 
-def need_extra(module: str, extra: str, what: str) -> None:
+def need_extra(module: str, extra: str, what: str, distribution: str = "tactiled") -> None:
     """Refuse a command whose optional library is not installed, and name the command that installs it.
 
     Parameters
@@ -81,12 +81,14 @@ def need_extra(module: str, extra: str, what: str) -> None:
     module : str
         Name under which the library is imported.
     extra : str
-        Extra of the distribution that installs it.
+        Extra of the distribution that installs it; empty where it is no extra of that.
     what : str
         Feature that needs it.
+    distribution : str
+        Distribution of the feature.
     """
     if importlib.util.find_spec(module) is None:
-        raise OperatorError(f"{what} needs {module}: {install_command(extra)}")
+        raise OperatorError(f"{what} needs {module}: {install_command(extra, distribution)}")
 
 
 def need_named(name_or_path: str | None, kind: str) -> None:

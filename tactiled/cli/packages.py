@@ -53,6 +53,17 @@ VERBS = {
         "emulator",
         "Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability.",
     ),
+    "fleet": PackagedVerb(
+        "zenoh", "List the boards of a zenoh network: state, age, utilisation, loss, firmware, disk."
+    ),
+    "keys.fleet": PackagedVerb(
+        "zenoh",
+        "Make the certificates of a zenoh network: FOLDER/NAME.json5 for each member, for its host.",
+    ),
+    "ros2": PackagedVerb("ros2", "Publish boards to ROS 2 over DDS, as a node; ROS need not be installed."),
+    "zenoh": PackagedVerb(
+        "zenoh", "Forward a daemon's messages to a zenoh network, and requests from there to the daemon."
+    ),
 }
 """Verbs by the names of their entry points."""
 

@@ -21,6 +21,7 @@ from tactiled.cli.options import (
     need_picture,
     need_toml,
 )
+from tactiled.cli.packages import OpenGroup
 from tactiled.errors import DataError
 
 if TYPE_CHECKING:
@@ -206,7 +207,7 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     sys.exit(code)
 
 
-@click.group()
+@click.group(cls=OpenGroup, prefix="keys.")
 def keys() -> None:
     """Manage keys of clients on other hosts: a folder for each daemon, or one for a zenoh network.
 
@@ -243,37 +244,6 @@ def keys_list(folder: Path) -> None:
     click.echo(f"{folder}: the daemon is {folder_keys.pair()[0].decode()}", err=True)
     for key, name in sorted(folder_keys.clients().items(), key=lambda entry: entry[1]):
         click.echo(json.dumps({"name": name, "public_key": key.decode()}))
-
-
-@keys.command("fleet")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--router", "routers", multiple=True, metavar="NAME=ADDRESS", help="Router and its address.")
-@click.option("--robot", "robots", multiple=True, metavar="NAME", help="Host of a daemon, as in --host.")
-@click.option("--reader", "readers", multiple=True, metavar="NAME", help="Who may read all robots.")
-@click.option("--commander", "commanders", multiple=True, metavar="NAME", help="Who may command them, too.")
-def keys_fleet(
-    folder: Path,
-    routers: tuple[str, ...],
-    robots: tuple[str, ...],
-    readers: tuple[str, ...],
-    commanders: tuple[str, ...],
-) -> None:
-    """Make the certificates of a zenoh network: FOLDER/NAME.json5 for each member, to be moved to its host.
-
-    Routers take it as their configuration, `tactiled zenoh` as --config, clients as --keys. A second call
-    adds members; routers then need their new files. Prints one JSON line for each new member.
-
-    Example: tactiled keys fleet fleet --router hall=10.0.0.1 --robot robot7 --robot robot8 --reader dashboard
-    """
-    from tactiled.zenoh.certificates import FleetMembers, make_fleet
-
-    addresses = dict(word.partition("=")[::2] for word in routers)
-    if nameless := [word for word in routers if not all(word.partition("="))]:
-        raise click.UsageError(f"--router {nameless[0]}: give NAME=ADDRESS, as in hall=10.0.0.1")
-    members = FleetMembers(addresses, list(robots), list(readers), list(commanders))
-    for file in make_fleet(folder, members):
-        click.echo(json.dumps({"name": file.stem, "file": str(file)}))
-    click.echo(f"{folder}/ca-key.pem makes further members: keep it away from the network", err=True)
 
 
 @click.command()

@@ -14,6 +14,7 @@ from tactiled.events.endpoints import ZENOH_SCHEME
 from tactiled.outside import read_secret
 
 _TOKEN_ENV = "TACTILED_WEB_TOKEN"
+_HOSTS_S = 2.0  # for the slowest host of a zenoh network
 _SHORTEST_TOKEN = 16  # characters: 80 bits even where it has letters and digits of one case only
 
 
@@ -84,10 +85,10 @@ def web(
     from tactiled.web.server import Listening, run_web
 
     if any(endpoint.startswith(ZENOH_SCHEME) for endpoint in endpoints):
-        need_extra("zenoh", "zenoh", "zenoh:// endpoints")
-        from tactiled.zenoh.fleet import spread
+        need_extra("zenoh", "zenoh", "zenoh:// endpoints", "tactiled-client")
+        from tactiled.client.over_zenoh import spread
 
-        endpoints = spread(endpoints, keys)
+        endpoints = spread(endpoints, keys, _HOSTS_S)
     loaded = [load_array(name) for name in arrays]
     replay = None
     if files:

@@ -14,9 +14,9 @@ from messages import CONTACT, STATUS, anything
 from nodes import FakeNode
 from patience import PATIENCE_S
 
-from tactiled.cli.ros2 import ros2
 from tactiled.client import Message
 from tactiled.client.parse import message_of
+from tactiled.commands.ros2 import ros2
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2.bridge import Bridge, BridgeParams

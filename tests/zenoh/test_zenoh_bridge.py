@@ -17,10 +17,10 @@ from zenoh_threads import zenoh_threads
 from bench.fleet.routers import TwoRouters, free_port, router, two_routers
 from bench.fleet.simulated import Rates, SimulatedDaemon
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
-from tactiled.client.over_zenoh import Caller, open_session, parse_address
+from tactiled.client.over_zenoh import Caller, open_session, parse_address, spread
 from tactiled.errors import UnavailableError
 from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams
-from tactiled.zenoh.fleet import FleetList, spread
+from tactiled.zenoh.fleet import FleetList
 from tactiled.zenoh.safety import bridge_config
 
 BOARDS = ("TS0001", "TS0002")
@@ -210,7 +210,7 @@ def test_the_list_of_boards(fleet: Fleet) -> None:
 def test_all_hosts_become_an_endpoint_each(fleet: Fleet) -> None:
     others = ("tcp://127.0.0.1:9872", fleet.endpoint)
     everyone = fleet.endpoint.replace("robot7", "*")
-    assert spread((*others, everyone), None) == (*others, fleet.endpoint)
+    assert spread((*others, everyone), None, 2.0) == (*others, fleet.endpoint)
 
 
 def test_a_name_that_another_bridge_has_is_refused(fleet: Fleet) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from tactiled.cli.fleet import fleet
+from tactiled.commands.fleet import fleet
 from tactiled.errors import OperatorError
 from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of, write_targets
 

@@ -72,7 +72,7 @@ def install_command(extra: str, distribution: str = "tactiled") -> str:
     """Return the command that installs what an extra needs, from wherever the user stands.
 
     No package index has to have tactiled for it: the libraries themselves are named, as the metadata of the
-    installed distribution have them.
+    installed distribution have them. An empty `extra` stands for what the distribution always needs.
     """
     from importlib import metadata  # takes 20 ms, and every start of a command would pay it
 
@@ -80,9 +80,10 @@ def install_command(extra: str, distribution: str = "tactiled") -> str:
         needed = metadata.requires(distribution) or []
     except metadata.PackageNotFoundError:
         needed = []
-    pattern = re.compile(rf"\s*extra == ['\"]{re.escape(extra)}['\"]\s*")
+    pattern = re.compile(rf"\s*extra == ['\"]{re.escape(extra)}['\"]\s*" if extra else "")
     parts = [line.partition(";") for line in needed]
     found = [name.strip() for name, _, marker in parts if pattern.fullmatch(marker)]
+    libraries = [name for name in found if not name.startswith("tactiled")]
     if not found:
         return f"pip install '.[{extra}]' in the checkout of {distribution}"
-    return f"pip install {shlex.join(found)}"
+    return f"pip install {shlex.join(libraries or found)}"

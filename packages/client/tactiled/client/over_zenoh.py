@@ -444,6 +444,27 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
         session.close()
 
 
+def spread(endpoints: Sequence[str], keys: Path | None, timeout_s: float) -> tuple[str, ...]:
+    """Replace endpoints of all hosts (``zenoh://ROUTER:7447/*``) by one for each host that is there now.
+
+    Raises
+    ------
+    UnavailableError
+        There is none, or the router does not answer.
+    """
+    found: list[str] = []
+    for endpoint in endpoints:
+        path, query, options = endpoint.partition("?")
+        if not (endpoint.startswith(ZENOH_SCHEME) and path.endswith("/*")):
+            found.append(endpoint)
+            continue
+        hosts = sorted(states(endpoint, keys, timeout_s))
+        if not hosts:
+            raise UnavailableError(f"{endpoint}: no host of tactiled is on this network")
+        found += [f"{path[:-1]}{host}{query}{options}" for host in hosts]
+    return tuple(found)
+
+
 def _keys(host: str, topics: Sequence[str], board: str | None) -> list[str]:
     """Keys to subscribe to: only what is wanted crosses the network, and always the status."""
     boards = ["*"] if board is None else [zenoh_chunk(topic_of(board, "").split("/")[1]), "-"]

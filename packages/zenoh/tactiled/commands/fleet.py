@@ -1,4 +1,4 @@
-"""Commands for many robots: the bridge to zenoh, and the list of the boards of a network."""
+"""Commands for many robots: the bridge to zenoh, the list of the boards of a network, their certificates."""
 
 import json
 import logging
@@ -63,7 +63,9 @@ def bridge(
 
     Example: tactiled zenoh --events ipc:///run/tactiled/left/events.ipc --config /etc/tactiled/zenoh.json5
     """
-    need_extra("zenoh", "zenoh", "the bridge")
+    need_extra("zenoh", "zenoh", "the bridge", "tactiled-client")
+    if ros2:
+        need_extra("tactiled.ros2", "ros2", "--ros2", "tactiled-zenoh")
     if ros2 and (allow_commands or rate_hz is not None):
         raise click.UsageError(
             "--ros2 publishes what ROS subscribes to: leave out --rate and --allow-commands"
@@ -160,7 +162,7 @@ def fleet(
 
     Example: tactiled fleet zenoh://router:7447/* --once --expect robot7
     """
-    need_extra("zenoh", "zenoh", "the list")
+    need_extra("zenoh", "zenoh", "the list", "tactiled-client")
     from tactiled.errors import UnavailableError
     from tactiled.zenoh.fleet import FleetList, draw_table, write_targets
 
@@ -185,3 +187,34 @@ def fleet(
             if once:
                 sys.exit(0 if rows and all(row.valid for row in rows) else 1)
             time.sleep(period_s)
+
+
+@click.command("fleet")
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.option("--router", "routers", multiple=True, metavar="NAME=ADDRESS", help="Router and its address.")
+@click.option("--robot", "robots", multiple=True, metavar="NAME", help="Host of a daemon, as in --host.")
+@click.option("--reader", "readers", multiple=True, metavar="NAME", help="Who may read all robots.")
+@click.option("--commander", "commanders", multiple=True, metavar="NAME", help="Who may command them, too.")
+def keys_fleet(
+    folder: Path,
+    routers: tuple[str, ...],
+    robots: tuple[str, ...],
+    readers: tuple[str, ...],
+    commanders: tuple[str, ...],
+) -> None:
+    """Make the certificates of a zenoh network: FOLDER/NAME.json5 for each member, for its host.
+
+    Routers take it as their configuration, `tactiled zenoh` as --config, clients as --keys. A second call
+    adds members; routers then need their new files. Prints one JSON line for each new member.
+
+    Example: tactiled keys fleet fleet --router hall=10.0.0.1 --robot robot7 --robot robot8 --reader dashboard
+    """
+    from tactiled.zenoh.certificates import FleetMembers, make_fleet
+
+    addresses = dict(word.partition("=")[::2] for word in routers)
+    if nameless := [word for word in routers if not all(word.partition("="))]:
+        raise click.UsageError(f"--router {nameless[0]}: give NAME=ADDRESS, as in hall=10.0.0.1")
+    members = FleetMembers(addresses, list(robots), list(readers), list(commanders))
+    for file in make_fleet(folder, members):
+        click.echo(json.dumps({"name": file.stem, "file": str(file)}))
+    click.echo(f"{folder}/ca-key.pem makes further members: keep it away from the network", err=True)

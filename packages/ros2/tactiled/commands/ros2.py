@@ -66,7 +66,7 @@ def ros2(
     if messages is not None:
         _write_package(messages)
         return
-    need_extra("cyclonedds", "ros2", "the bridge to ROS 2")
+    need_extra("cyclonedds", "", "the bridge to ROS 2", "tactiled-ros2")
     from tactiled.ros2.bridge import BridgeParams, run_bridge
     from tactiled.ros2.names import is_namespace
     from tactiled.ros2.participant import Node

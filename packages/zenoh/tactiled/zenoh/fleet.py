@@ -13,8 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactiled.client.over_zenoh import states
-from tactiled.errors import OperatorError, UnavailableError
-from tactiled.events.endpoints import ZENOH_SCHEME
+from tactiled.errors import OperatorError
 from tactiled.outside import read_text
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
@@ -169,27 +168,6 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
         free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
         reason=reason,
     )
-
-
-def spread(endpoints: Sequence[str], keys: Path | None) -> tuple[str, ...]:
-    """Replace endpoints of all hosts (``zenoh://ROUTER:7447/*``) by one for each host that is there now.
-
-    Raises
-    ------
-    UnavailableError
-        There is none, or the router does not answer.
-    """
-    found: list[str] = []
-    for endpoint in endpoints:
-        path, query, options = endpoint.partition("?")
-        if not (endpoint.startswith(ZENOH_SCHEME) and path.endswith("/*")):
-            found.append(endpoint)
-            continue
-        hosts = sorted(states(endpoint, keys, _TIMEOUT_S))
-        if not hosts:
-            raise UnavailableError(f"{endpoint}: no host of tactiled is on this network")
-        found += [f"{path[:-1]}{host}{query}{options}" for host in hosts]
-    return tuple(found)
 
 
 def write_targets(file: Path, rows: Sequence[FleetRow], ports: Sequence[int]) -> bool:
