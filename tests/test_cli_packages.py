@@ -42,7 +42,8 @@ def test_the_table_of_verbs_is_that_of_the_entry_points() -> None:
         for name, project in PROJECTS.items()
         for entry in project["project"].get("entry-points", {}).get(packages.GROUP, {})
     }
-    assert {entry: verb.package for entry, verb in packages.VERBS.items()} == offered
+    verbs = {entry: verb.package for entry, verb in packages.VERBS.items()}
+    assert verbs | packages.PARTS == offered
 
 
 @pytest.mark.parametrize("entry", packages.VERBS)
@@ -84,6 +85,13 @@ def test_a_verb_that_is_not_installed_says_what_to_install(entry: str) -> None:
     listed = run(*filter(None, [group]), "--help", script=absent)
     assert f"  {verb} " in listed.stdout
     assert f"Not installed: pip install 'tactiled[{package}]'" in " ".join(listed.stdout.split())
+
+
+def test_detect_of_many_files_says_what_to_install() -> None:
+    absent = "from tactiled.cli import packages; packages._installed = dict"
+    done = run("detect", "a.mcap", "b.mcap", "--to", "events.parquet", script=absent)
+    assert done.returncode == 2
+    assert "detect --to needs tactiled-archive" in done.stderr
 
 
 def test_a_distribution_of_others_adds_a_verb(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from tactiled.cli import packages
 from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
@@ -196,10 +197,8 @@ def detect(
         **choices,
     )
     if to is not None:
-        from tactiled.archive.detect import FileJob, detect_files, matching
-
-        work = [FileJob.for_any_worker(name, array, rate_hz, asked) for name in matching(files)]
-        outcome = detect_files(work, to, jobs, dask)
+        detect_patterns = packages.find("detect.files", "detect --to").load()
+        outcome = detect_patterns(files, to, array, rate_hz, asked, jobs, dask)
         for name, error in outcome.failed:
             click.echo(error if error.startswith(name) else f"{name}: {error}", err=True)
         click.echo(outcome.words(to), err=True)
@@ -216,6 +215,7 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
         raise click.UsageError("--plot draws one file; leave out --to")
     if to.suffix != ".parquet" or not to.absolute().parent.is_dir():
         raise click.BadParameter(f"{to}: name a .parquet in a folder that exists", param_hint="--to")
+    packages.find("detect.files", "detect --to")
     need_extra("pyarrow", "parquet", "detect --to")
     if dask is not None:
         need_extra("distributed", "dask", "detect --dask")

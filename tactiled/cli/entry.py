@@ -7,7 +7,6 @@ import click
 
 from tactiled.cli import (
     analysis,
-    archive,
     live,
     recordings,
     upkeep,
@@ -48,7 +47,7 @@ def cli() -> None:
 for verb in (
     live.run, live.listen, live.command,
     recordings.record, recordings.replay, recordings.recover, recordings.export,
-    analysis.detect, analysis.tune, archive.archive,
+    analysis.detect, analysis.tune,
     viewers.web, viewers.top,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.setup,
 ):  # fmt: skip

@@ -38,6 +38,7 @@ class PackagedVerb:
 
 
 VERBS = {
+    "archive": PackagedVerb("archive", "Keep copies of recordings in a store of files."),
     "calibrate": PackagedVerb(
         "calibration", "Fit newtons to the readings of LOG with the record of a force sensor."
     ),
@@ -67,6 +68,9 @@ VERBS = {
 }
 """Verbs by the names of their entry points."""
 
+PARTS = {"detect.files": "archive"}
+"""Entry points of functions that verbs of the core call, with their packages."""
+
 
 @cache
 def _installed() -> Mapping[str, "EntryPoint"]:
@@ -76,9 +80,35 @@ def _installed() -> Mapping[str, "EntryPoint"]:
     return {found.name: found for found in entry_points(group=GROUP)}
 
 
+def _package_of(entry: str) -> str:
+    return PARTS[entry] if entry in PARTS else VERBS[entry].package
+
+
+def find(entry: str, what: str) -> "EntryPoint":
+    """Return an entry point of this repository, not imported yet.
+
+    Parameters
+    ----------
+    entry : str
+        Name of the entry point.
+    what : str
+        Feature that needs it.
+
+    Raises
+    ------
+    OperatorError
+        Its distribution is not installed; the message says what to install.
+    """
+    found = _installed().get(entry)
+    if found is None:
+        words = f"{what} needs tactiled-{_package_of(entry)}, which is not installed"
+        raise OperatorError(f"{words}: {install_words(entry)}")
+    return found
+
+
 def install_words(entry: str) -> str:
-    """Return the command that installs a verb of this repository."""
-    package = VERBS[entry].package
+    """Return the command that installs what an entry point of this repository needs."""
+    package = _package_of(entry)
     return f"pip install 'tactiled[{package}]', or ./packages/{package} in a checkout"
 
 
@@ -105,12 +135,7 @@ class DeferredCommand(click.Command):
         OperatorError
             Its distribution is not installed; the message says what to install.
         """
-        found = _installed().get(self.entry)
-        if found is None:
-            package = VERBS[self.entry].package
-            words = f"{self.name} is a verb of tactiled-{package}, which is not installed"
-            raise OperatorError(f"{words}: {install_words(self.entry)}")
-        command: click.Command = found.load()
+        command: click.Command = find(self.entry, f"`{self.name}`").load()
         return command
 
     def make_context(

@@ -11,7 +11,7 @@ from fsspec.implementations.memory import MemoryFileSystem
 from tactiled.archive.pull import pull
 from tactiled.archive.push import push
 from tactiled.archive.store import StoredRecording, examine, open_store, stored_recordings
-from tactiled.cli.archive import archive
+from tactiled.commands.archive import archive
 from tactiled.errors import DataError, OperatorError, UnavailableError
 
 

@@ -9,7 +9,7 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 from tactiled.archive.push import push
 from tactiled.archive.store import LASTING, check_lasting, open_store
-from tactiled.cli.archive import archive
+from tactiled.commands.archive import archive
 from tactiled.errors import OperatorError, UnavailableError
 
 

@@ -35,7 +35,7 @@ def push(directory: Path, url: str, remove: bool) -> None:
 
     Example: tactiled archive push /var/lib/tactiled --to s3://touch/hand-3 --remove
     """
-    need_extra("fsspec", "archive", "archive push")
+    need_extra("fsspec", "", "archive push", "tactiled-archive")
     from tactiled.archive.push import push as push_all
     from tactiled.archive.push import recordings, size_of
     from tactiled.archive.store import check_apart, open_store
@@ -71,7 +71,7 @@ def list_recordings(url: str) -> None:
 
     Example: tactiled archive list s3://touch/hand-3
     """
-    need_extra("fsspec", "archive", "archive list")
+    need_extra("fsspec", "", "archive list", "tactiled-archive")
     from tactiled.archive.store import open_store, stored_recordings
 
     for recording in stored_recordings(*open_store(url, "URL")):
@@ -89,7 +89,7 @@ def verify(url: str, names: tuple[str, ...]) -> None:
 
     Example: tactiled archive verify s3://touch/hand-3
     """
-    need_extra("fsspec", "archive", "archive verify")
+    need_extra("fsspec", "", "archive verify", "tactiled-archive")
     from tactiled.archive.pull import chosen
     from tactiled.archive.store import examine, open_store, stored_recordings
 
@@ -118,7 +118,7 @@ def pull(url: str, names: tuple[str, ...], directory: Path) -> None:
 
     Example: tactiled archive pull s3://touch/hand-3 'left/*' --to runs
     """
-    need_extra("fsspec", "archive", "archive pull")
+    need_extra("fsspec", "", "archive pull", "tactiled-archive")
     from tactiled.archive.pull import chosen
     from tactiled.archive.pull import pull as pull_all
     from tactiled.archive.store import open_store, stored_recordings

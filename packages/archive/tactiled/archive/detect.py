@@ -194,6 +194,26 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None, dask:
     return Outcome(len(jobs), len(jobs) - len(missing), outcome[0], outcome[1])
 
 
+def detect_patterns(
+    patterns: Sequence[str],
+    to: Path,
+    array: str | None,
+    rate_hz: float | None,
+    choices: Choices,
+    n_workers: int | None,
+    dask: str | None,
+) -> Outcome:
+    """Analyse the files of names and patterns, as ``tactiled detect --to`` does.
+
+    Raises
+    ------
+    DataError, OperatorError
+        As for `matching` and `detect_files`.
+    """
+    jobs = [FileJob.for_any_worker(name, array, rate_hz, choices) for name in matching(patterns)]
+    return detect_files(jobs, to, n_workers, dask)
+
+
 @contextlib.contextmanager
 def alone_in(parts: Path) -> Iterator[None]:
     """Make the folder of parts, keep other runs out of it, and remove it if it is empty at the end."""
