@@ -54,7 +54,7 @@ def install(container: Container) -> None:
 
 def upgrade(container: Container, version: str) -> None:
     pip = ("/opt/tactiled/bin/pip", "install", "--quiet", "--no-index", "--find-links=/wheels")
-    container.run(*pip, f"tactiled=={version}")
+    container.run(*pip, f"tactiled[emulator]=={version}")
 
 
 def configure(container: Container, serial: str, more: str = "") -> None:
