@@ -104,9 +104,9 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 
 
 @needs_compiled
-@given(seed=st.integers(0, 2**32), each=st.booleans())
+@given(seed=st.integers(0, 2**32), each=st.booleans(), is_field=st.booleans())
 @settings(max_examples=15, deadline=None)
-def test_pressure(seed: int, each: bool) -> None:
+def test_pressure(seed: int, each: bool, is_field: bool) -> None:
     rng, n, taxels, sides = np.random.default_rng(seed), 20, 3, 4
     own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
     steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
@@ -115,10 +115,14 @@ def test_pressure(seed: int, each: bool) -> None:
     sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
     found = []
     for one in both(pressure):
-        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5)
-        reals, flags = np.zeros((2 + taxels) * n), np.zeros((2 + taxels) * n, dtype=np.uint8)
-        of.take(n, steps, held, levels.ravel(), reals, flags)
-        found.append([reals, flags])
+        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5, is_field, 0.15, 0.01)
+        answers = []
+        for _ in range(2):
+            reals, flags = np.zeros((2 + taxels) * n), np.zeros((2 + taxels) * n, dtype=np.uint8)
+            of.take(n, steps, held, levels.ravel(), reals, flags)
+            of.interrupt(0.7)
+            answers += [reals, flags, np.array(of.set)]
+        found.append(answers)
     assert all(map(is_same, *found))
 
 

@@ -167,6 +167,7 @@ class ContactTracker:
     """
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
+        self._rate_hz = rate_hz
         self._levels = _Levels(array, params)
         self._grid = Quantiser(array)
         weights = array.normal_weights()
@@ -217,7 +218,7 @@ class ContactTracker:
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
-        self._pressure.interrupt(n_missing)
+        self._pressure.interrupt(math.exp(-n_missing / (_SET_S * self._rate_hz)))
         self._levels.interrupt()
         self._n_blind = self._levels.n_blind if self._n_blind else 0
         self._begin()

@@ -19,6 +19,6 @@ cdef class Pressure:
     cdef public long long[::1] own, counts
     cdef public double[::1] sign, total_weights, line, totals, set
 
-    cpdef interrupt(self, long n_missing)
+    cpdef interrupt(self, double kept)
 
     cpdef take(self, long n, const double[::1] steps, const double[::1] held, const double[::1] levels, double[::1] reals, unsigned char[::1] flags)

@@ -95,11 +95,11 @@ class Pressure:
         self.set = array("d", bytes(8 * len(counts)))
         self.is_begun = False
 
-    def interrupt(self, n_missing: int) -> None:
-        """Pass over scans that are missing."""
+    def interrupt(self, kept: float) -> None:
+        """Pass over missing scans, after which a part of the set is left."""
         self.is_begun = False
         for t in range(self.n_taxels):
-            self.set[t] *= (1.0 - self.set_per_scan) ** n_missing
+            self.set[t] *= kept
 
     def take(
         self, n: int, steps: FloatArray, held: FloatArray, levels: FloatArray, reals: FloatArray, flags: Flags
