@@ -120,6 +120,17 @@ def test_a_resistive_cell_follows_the_curve_of_its_divider(curve: str) -> None:
     assert np.sqrt((error_n**2).mean()) < 1.5 * found.rms[2]
 
 
+@pytest.mark.parametrize("noise_falls", [True, False])
+def test_a_foil_of_low_resistance_may_be_bent_where_its_noise_falls_with_it(noise_falls: bool) -> None:
+    """A hundredth of the resistance at rest is clear of a noise that is a part of it, not of one that stays."""
+    cell = replace(CELL, unit="V", zero_first_s=1.0)
+    time_s = np.arange(0.0, 100.0, 0.02)
+    ohm = 700.0 / (1.0 + 100.0 * presses_n(time_s) / presses_n(time_s).max())
+    noise = (1e-3 * ohm if noise_falls else 2.0) * np.random.default_rng(4).standard_normal(len(time_s))
+    curves = bin_log(time_s, (ohm + noise)[:, np.newaxis], cell).curves
+    assert curves == (("linear", "log", "inverse") if noise_falls else ("linear",))
+
+
 @given(
     st.lists(st.floats(0.001, 300.0), min_size=1, max_size=60),
     st.floats(0.05, 50.0),

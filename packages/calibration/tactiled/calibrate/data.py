@@ -16,9 +16,10 @@ from tactiled.force.calibration import OUTPUTS, Curve
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
 NO_TAXEL = -1
-# A curve is tried where no reading falls below this part of the reading without a load: nearer to 0 it bends
-# by the noise.
-_LEAST_PART = 0.02
+# A curve is tried where no reading falls below so many standard deviations of the noise that the lowest ones
+# have: nearer to 0 it bends by the noise. That of a resistor falls with its reading.
+_LEAST_NOISES, _LOWEST = 10.0, 0.05  # the second: quantile of the readings
+_MEDIAN_BEND = 0.6745 * 6**0.5  # median of |v[k] - 2 v[k + 1] + v[k + 2]| of white noise of unit variance
 _LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
 _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
@@ -102,7 +103,11 @@ class BinnedLog:
     @property
     def curves(self) -> tuple[Curve, ...]:
         """Curves that the readings may be put through; a bent one needs readings well above 0."""
-        if (self.zero > 0).all() and (self.readings > (_LEAST_PART - 1.0) * self.zero).all():
+        whole = self.readings + self.zero
+        lowest = whole[1:-1] <= np.quantile(whole, _LOWEST, axis=0)
+        bends = np.where(lowest, np.abs(np.diff(whole, n=2, axis=0)), np.nan)
+        noise = np.nanmedian(bends, axis=0) / _MEDIAN_BEND
+        if (self.zero > 0).all() and (whole.min(axis=0) > _LEAST_NOISES * noise).all():
             return ("linear", "log", "inverse")
         return ("linear",)
 
