@@ -122,7 +122,7 @@ def test_a_resistive_cell_follows_the_curve_of_its_divider(curve: str) -> None:
 
 @pytest.mark.parametrize("noise_falls", [True, False])
 def test_a_foil_of_low_resistance_may_be_bent_where_its_noise_falls_with_it(noise_falls: bool) -> None:
-    """A hundredth of the resistance at rest is clear of a noise that is a part of it, not of one that stays."""
+    """A hundredth of the resistance at rest is clear of a noise that is a part of it."""
     cell = replace(CELL, unit="V", zero_first_s=1.0)
     time_s = np.arange(0.0, 100.0, 0.02)
     ohm = 700.0 / (1.0 + 100.0 * presses_n(time_s) / presses_n(time_s).max())
