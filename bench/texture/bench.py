@@ -249,8 +249,8 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         tables.misfit_table(trials["misfits"]),
         f"Two waves in view, windows of {_TWO_WAVES_S:g} s, the first at {spoiled.SNR_DB:g} dB "
         f"({_SHORT_S:g} s: {_SHORT_SNR_DB:g} dB), {spoiled.SPEED_MM_S:g} mm/s "
-        f"({seeds_in_words(sizes.misfits)}). Either grating is a right answer; both named: both are among "
-        "the answer and its candidates, refusals included.",
+        f"({seeds_in_words(sizes.misfits)}). Either grating is a right answer; `several-gratings` is the "
+        "right refusal.",
         tables.two_wave_table(trials["two waves"], _SHORT_S),
         "Error of the answer that stands at a time since the onset of slip, root mean square of "
         f"{sizes.slides} slides ({seeds_in_words(sizes.slides)}) at {spoiled.SPEED_MM_S:g} mm/s, "

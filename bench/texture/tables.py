@@ -382,10 +382,9 @@ def two_wave_table(trials: Sequence[Trial], short_s: float) -> str:
         row = {"what is in view": name if window_s != short_s else f"{name}, in {window_s:g} s"}
         for is_known, words in SPEEDS.items():
             found = TrialSet(t for t in mine if t.is_speed_known == is_known)
-            both = f"{sum(t.names_both for t in found.all)}" if mine[0].has_second else NONE
             _, held = _errors(found).values()
             row |= _counts(found, f"{words}: ")
-            row |= {f"{words}: both named, of all": both, f"{words}: within 95 %: D, angle": held}
+            row |= {f"{words}: within 95 %: D, angle": held}
         rows.append(row | {"refused as": TrialSet(mine).refused})
     return table(rows)
 

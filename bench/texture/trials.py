@@ -74,8 +74,6 @@ class Trial:
         "ok", and on another lobe; or "ok" where there are no grooves.
     after_s : float
         Of a first answer: time since the onset of slip; infinite where there was none.
-    has_second, names_both : bool
-        Two gratings were in view, and both are among the answer and its candidates, whatever the status.
     """
 
     name: str
@@ -89,8 +87,6 @@ class Trial:
     snr_db: float = _NAN
     periods: float = _NAN
     after_s: float = _NAN
-    has_second: bool = False
-    names_both: bool = False
 
     def of(self, quantity: Quantity) -> Estimate:
         """Return the estimate of the period or of the angle."""
@@ -250,24 +246,11 @@ def two_wave_trial(name: str, window_s: float, snr_db: float, is_speed_known: bo
     TWO_WAVES[name](window, rng)
     event = _full_window(window, rng, window_s, is_speed_known)
     gratings = [window.wave] if window.beside is None else [window.wave, window.beside]
-    answer = [(event.period_mm, event.angle_deg)] * (event.status == "ok")
-    named = [*answer, *((c.period_mm, c.angle_deg) for c in event.candidates)]
-    nearest = min(gratings, key=lambda wave: _least_turns_off(wave, answer))
-    return compare(
-        event,
-        nearest,
-        name=name,
-        seed=seed,
-        window_s=window_s,
-        is_speed_known=is_speed_known,
-        has_second=len(gratings) == 2,
-        names_both=len(gratings) == 2
-        and max(_least_turns_off(wave, named) for wave in gratings) <= _WRONG_TURNS,
-    )
-
-
-def _least_turns_off(wave: Wave, named: Sequence[tuple[float, float]]) -> float:
-    return min((turns_off(wave, *grating) for grating in named), default=np.inf)
+    nearest = gratings[0]
+    if event.status == "ok":
+        nearest = min(gratings, key=lambda wave: turns_off(wave, event.period_mm, event.angle_deg))
+    fields = {"name": name, "seed": seed, "window_s": window_s, "is_speed_known": is_speed_known}
+    return compare(event, nearest, **fields)
 
 
 def _full_window(

@@ -369,8 +369,7 @@ struct Candidate {
     double angle_deg = 0.0;
     // Relative weight of this candidate.
     double weight = 0.0;
-    // Standard deviation of the period of this candidate where status is ok or period-only, millimetres;
-    // else 0.0.
+    // Standard deviation of the period of this candidate where status is period-only, millimetres; else 0.0.
     double period_sd_mm = 0.0;
     // Shortest period of this candidate for the permitted tilts where status is period-only, millimetres;
     // else 0.0.
@@ -411,11 +410,12 @@ struct Texture {
     // short, or the published procedure was not given the speed. too-few-periods: the window holds too few
     // periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings
     // fit the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ
-    // from those of one wave by stray_rad, too much to tell the true grating from others. machine: the
-    // strongest swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds the
-    // noise. saturated: too few channels can be read. stale: the newest scan of the window was handled more
-    // than samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit
-    // was not ready at the scan at which it was due.
+    // from those of one wave by stray_rad, too much to tell the true grating from others. several-gratings:
+    // more than one wave is in view, two gratings or a grating and a vibration at its frequency. machine:
+    // the strongest swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds
+    // the noise. saturated: too few channels can be read. stale: the newest scan of the window was handled
+    // more than samples.late_after_s after it was taken, so that the estimate would be of the past, or the
+    // fit was not ready at the scan at which it was due.
     static constexpr const char* STATUS_OK = "ok";
     static constexpr const char* STATUS_PERIOD_ONLY = "period-only";
     static constexpr const char* STATUS_NO_SLIP = "no-slip";
@@ -423,6 +423,7 @@ struct Texture {
     static constexpr const char* STATUS_ALIASED = "aliased";
     static constexpr const char* STATUS_AMBIGUOUS = "ambiguous";
     static constexpr const char* STATUS_UNEVEN_CHANNELS = "uneven-channels";
+    static constexpr const char* STATUS_SEVERAL_GRATINGS = "several-gratings";
     static constexpr const char* STATUS_MACHINE = "machine";
     static constexpr const char* STATUS_LOW_SNR = "low-snr";
     static constexpr const char* STATUS_SATURATED = "saturated";
@@ -463,8 +464,8 @@ struct Texture {
     // Root-mean-square difference of the channels' phases from those of one wave, apart from noise, radians:
     // how unlike the taxels are. 0.0 where it was not estimated.
     double stray_rad = 0.0;
-    // Gratings that the signals cannot tell apart, or the gratings that an estimate found, if several; empty
-    // otherwise.
+    // Gratings that the signals cannot tell apart, or, with period-only, the gratings in view, if several;
+    // empty otherwise.
     std::vector<Candidate> candidates;
     // Name of the estimator that reports it.
     std::string estimator;

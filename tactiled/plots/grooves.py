@@ -23,6 +23,7 @@ _REASONS: Mapping[str, str] = {
     "aliased": "no answer, ripples are too fast for the scan rate",
     "ambiguous": "no answer, several gratings fit the phases",
     "uneven-channels": "no answer, the phases of the channels differ too much",
+    "several-gratings": "no answer, several gratings are in view",
     "period-only": "period without angle",
     "machine": "no answer, all channels swing at once, as with a motor",
     "low-snr": "no answer, no ripple above the noise",

@@ -18,8 +18,7 @@
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
 * Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
   every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
-* With two gratings in view the event describes the stronger one, and `candidates` of an "ok" event lists
-  both, weighted by their shares of the ripple's power.
+* With two gratings in view there is no answer but "several-gratings".
 """
 
 from collections import deque
@@ -488,6 +487,6 @@ def _event(span: _Span, fit: WaveFit, answered_s: float, params: JointParams) ->
         window_s=span.window_s,
         snr_db=fit.snr_db,
         stray_rad=fit.stray_rad,
-        candidates=fit.gratings if fit.second else fit.candidates,
+        candidates=fit.candidates,
         estimator=ESTIMATOR,
     )

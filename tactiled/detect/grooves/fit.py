@@ -2,8 +2,8 @@
 
 The steps: find the line in the pooled spectrum (`spectrum`); list every wave vector that its phases allow
 (`search`); climb to the maximum from the best, with all harmonics (`solve`, `refine`); weigh the best
-against the others (`ambiguity`) and against two waves of one frequency (`two_waves`); state the covariance
-from the Fisher information. `model` defines the wave.
+against the others (`ambiguity`) and against two waves of one frequency (`second_wave`); state the
+covariance from the Fisher information. `model` defines the wave.
 
 Each window is fitted without knowledge of earlier ones, so that a competing reading that has since become as
 likely is found. Between fits, `track` follows the answer.
@@ -23,18 +23,20 @@ from tactiled.detect.grooves.ambiguity import (
 )
 from tactiled.detect.grooves.model import (
     ALIASED,
+    SAME_WAVE_RAD,
     ChannelLayout,
     TrackedWave,
     WaveFit,
     WaveMotion,
     WaveParams,
     period_and_angle,
+    wave_vector,
 )
 from tactiled.detect.grooves.refine import RefinedWave, refine, variance_inflation
-from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
+from tactiled.detect.grooves.search import channel_phasors, common_mode_power, search_wave_vectors
+from tactiled.detect.grooves.second_wave import has_second_wave
 from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.spectrum import RippleHypothesis, foreign_lines, strongest_line
-from tactiled.detect.grooves.two_waves import pair_candidates, pairs_confirm_fit, pairs_in_line
 from tactiled.detect.grooves.window import STRAIGHT, DetrendedWindow, make_window, normal_equations
 
 # Part of a channel's readings. A channel with more bad ones is left out.
@@ -151,7 +153,7 @@ def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
 
 
 def _fit(window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, params: WaveParams) -> WaveFit:
-    """Fit the strongest wave and, where there is a second grating, that one too."""
+    """Fit the strongest wave; refuse where what it leaves holds another one."""
     first, line = _strongest_wave(window, layout, motion, params)
     if line is None or first.status not in _WAVES:
         return first
@@ -161,9 +163,17 @@ def _fit(window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, par
     second, other = _strongest_wave(window.without_lines(*line), layout, motion, params, least)
     if other is None or second.status != "ok":
         return first
-    # Fit the first again without the second, which was noise to it.
-    first, _ = _strongest_wave(window.without_lines(*other), layout, motion, params)
-    return replace(first, second=second) if first.status == "ok" else first
+    # The first without the second, which was noise to it.
+    alone, _ = _strongest_wave(window.without_lines(*other), layout, motion, params)
+    if alone.status == "ok" and _are_alike(alone, second, layout):
+        return alone  # an uneven speed makes side bands, which are the same grating at other frequencies
+    return WaveFit("several-gratings", first.frequency_hz, first.snr_db)
+
+
+def _are_alike(one: WaveFit, other: WaveFit, layout: ChannelLayout) -> bool:
+    """True where two answers cannot be told apart on the array."""
+    apart = wave_vector(one.period_mm, one.angle_deg) - wave_vector(other.period_mm, other.angle_deg)
+    return bool(np.abs(apart).max() * layout.radius_mm <= SAME_WAVE_RAD)
 
 
 def _line_power(window: DetrendedWindow, phase_rate: float) -> float:
@@ -245,21 +255,15 @@ def _wave(
     fit = stated = with_estimates(fit, best, window, layout, motion)
     noise_inflation = fit.noise_inflation
     fit = assess_ambiguity(fit, best, found, window, layout, motion, params)
-    pairs = pairs_in_line(noise_inflation, best, found, window, layout, motion, params)
-    is_alone = fit.status == "ok" and not pairs and not window.removed
+    variance = 2 * best.variance * noise_inflation / window.n
+    z, k, are_alike = channel_phasors(window, best.equations, 1), best.waves.k[0], not best.mismatch.any()
+    if has_second_wave(z, variance, layout, motion, params, k, are_alike):
+        return WaveFit("several-gratings", fit.frequency_hz, fit.snr_db), line
+    is_alone = fit.status == "ok" and not window.removed
     if is_alone and stated.wave is not None:
         fit = replace(fit, wave=replace(stated.wave, added=fit.covariance - stated.covariance))
     else:
         fit = replace(fit, wave=None)
-    if pairs and not pairs_confirm_fit(pairs, best, layout):
-        refused = WaveFit("ambiguous", fit.frequency_hz, fit.snr_db, error_probability=fit.error_probability)
-        return replace(refused, candidates=pair_candidates(pairs)), line
-    if pairs and fit.status == "ok":
-        return refit_without_pair(
-            fit, best, window.without_wave(pairs[0].second, line[0]), layout, motion, params
-        ), line
-    if pairs:  # the other wave distorts the phases: no evidence against the given motion
-        return fit, line
     if fit.status != "ok" and contradicts_motion(best, found, window, layout, motion, params):
         loose = _wave(ripple, layout, motion.without_speed, params)
         if loose is not None and loose[0].status == "ok":
@@ -338,21 +342,3 @@ def with_wave(fit: WaveFit, best: RefinedWave, window: DetrendedWindow, motion: 
         n_harmonics=best.equations.n_harmonics,
         uses_given_speed=motion.has_speed,
     )
-
-
-def refit_without_pair(
-    fit: WaveFit,
-    best: RefinedWave,
-    window: DetrendedWindow,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-) -> WaveFit:
-    """Fit again in a window without the weaker wave; the change is added to the covariance."""
-    anew = refine(window, layout, motion, params, best.waves)
-    if not anew.is_wave:
-        return fit
-    alone = with_estimates(fit, anew, window, layout, motion)
-    turned = np.radians((alone.angle_deg - fit.angle_deg + 90) % 180 - 90)
-    off = np.array([alone.period_mm - fit.period_mm, turned, alone.speed_mm_s - fit.speed_mm_s])
-    return replace(alone, covariance=alone.covariance + np.outer(off, off), wave=None)

@@ -209,8 +209,6 @@ class WaveFit:
         Factor by which coloured noise near the line widens the largest variance over that of white noise.
     error_probability : float
         Probability that another reading of the phases is the true one.
-    second : WaveFit or None
-        A second grating in view, of less power.
     wave : TrackedWave or None
         Set where one wave is all that the window holds, so that it can be tracked.
     is_new_pattern : bool
@@ -232,7 +230,6 @@ class WaveFit:
     noise_inflation: float = 1.0
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()
-    second: "WaveFit | None" = None
     wave: TrackedWave | None = None
     is_new_pattern: bool = False
     stray_rad: float = 0.0
@@ -252,24 +249,15 @@ class WaveFit:
         """Standard deviation of the speed."""
         return float(np.sqrt(self.covariance[2, 2]))
 
-    @property
-    def gratings(self) -> tuple[Candidate, ...]:
-        """The grating and the second one, each weighted by its share of the ripple's power."""
-        both = [self] if self.second is None else [self, self.second]
-        powers = np.array([10 ** (grating.snr_db / 10) for grating in both])
-        return tuple(
-            Candidate(
-                period_mm=grating.period_mm,
-                angle_deg=grating.angle_deg,
-                weight=float(weight),
-                period_sd_mm=grating.period_sd_mm,
-            )
-            for grating, weight in zip(both, powers / powers.sum(), strict=True)
-        )
-
 
 def period_and_angle(k: FloatArray) -> tuple[float, float]:
     """Period (mm) and angle (degrees, within -90..90) of a wave vector in radians per millimetre."""
     angle = np.arctan2(k[1], k[0])
     angle -= np.pi * np.round(angle / np.pi)
     return float(2 * np.pi / np.hypot(k[0], k[1])), float(np.degrees(angle))
+
+
+def wave_vector(period_mm: float, angle_deg: float) -> FloatArray:
+    """Wave vector of a period and an angle, radians per millimetre: (2,)."""
+    angle = np.radians(angle_deg)
+    return 2 * np.pi / period_mm * np.array([np.cos(angle), np.sin(angle)])

@@ -13,9 +13,9 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout
 from tactiled.detect.worker import pause
 
-# Squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
-MOST_ALIKE = 0.9
-# Grid steps in phase at the edge of the array, two steps either way.
+# Points of a square grid, two steps either way: (25, 2).
+NEIGHBOURS = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+# Grid steps in phase at the edge of the array.
 _NEARBY_RAD = (0.2, 0.08, 0.03)
 # Steps of expectation and maximisation.
 _FACTOR_STEPS = 6
@@ -42,7 +42,6 @@ class Phasors:
 
     def __init__(self, z: FloatArray, variance: FloatArray, layout: ChannelLayout) -> None:
         self.z = z
-        self._noise = variance
         self.variance = variance + _LEAST_MISMATCH**2 * float((np.abs(z) ** 2).mean())
         self.place = np.stack([layout.x_mm, layout.y_mm], axis=1)
         self.is_kind = layout.is_kind
@@ -76,24 +75,20 @@ class Phasors:
     def likelihood(self, k: FloatArray) -> FloatArray:
         """Log-likelihood at the likeliest mismatch: (pairs,), for wave vectors (pairs, waves, 2)."""
         each = self.fit(k)
-        size, left, beside = self._compare(each)
-        total = self._by_channel_gain(size, beside)
-        if each.shape[-1] > 1:
-            total = np.maximum(total, self._by_wave_gain(each, left))
-        return np.maximum(total, self._by_taxel_factor(beside))
+        size, beside = self._compare(each)
+        return np.maximum(self._by_channel_gain(size, beside), self._by_taxel_factor(beside))
 
     def by_mismatch(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log-likelihoods of single waves under two models of mismatch: of each channel, and of taxel loads.
 
         Each at its maximum near the given wave vectors (waves, 2).
         """
-        moves = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
         found = []
         for by_load in (False, True):
             at, likelihood = k, np.zeros(len(k))
             for step_rad in _NEARBY_RAD:
-                near = at[:, np.newaxis] + moves * step_rad / self._radius_mm
-                size, _, beside = self._compare(self.fit(near.reshape(-1, 1, 2)))
+                near = at[:, np.newaxis] + NEIGHBOURS * step_rad / self._radius_mm
+                size, beside = self._compare(self.fit(near.reshape(-1, 1, 2)))
                 each = self._by_taxel_factor(beside) if by_load else self._by_channel_gain(size, beside)
                 each = each.reshape(len(k), -1)
                 at = near[np.arange(len(k)), each.argmax(axis=1)]
@@ -101,16 +96,14 @@ class Phasors:
             found.append(likelihood)
         return found[0], found[1]
 
-    def _compare(
-        self, each: NDArray[np.complex128]
-    ) -> tuple[FloatArray, NDArray[np.complex128], NDArray[np.complex128]]:
-        """Squares of a model (pairs, channels, waves), its residual, and that turned by the model's phase.
+    def _compare(self, each: NDArray[np.complex128]) -> tuple[FloatArray, NDArray[np.complex128]]:
+        """Squares of a model (pairs, channels, waves), and its residual, turned by the model's phase.
 
         Gain mismatch is parallel to a phasor, phase mismatch perpendicular.
         """
         model = each.sum(axis=-1)
         left = self.z - model
-        return np.abs(model) ** 2, left, left * np.exp(-1j * np.angle(model))
+        return np.abs(model) ** 2, left * np.exp(-1j * np.angle(model))
 
     def _by_channel_gain(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
         """Log-likelihood where one gain of each channel applies to all waves: (pairs,).
@@ -131,15 +124,10 @@ class Phasors:
             total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
         return total
 
-    def _by_wave_gain(self, waves: NDArray[np.complex128], left: NDArray[np.complex128]) -> FloatArray:
-        """Log-likelihood where each wave has its own gain in each channel: (pairs,).
-
-        Parameters
-        ----------
-        waves : (pairs, channels, waves) complex128
-        left : (pairs, channels) complex128
-            Residual.
-        """
+    def by_wave_gain(self, k: FloatArray) -> FloatArray:
+        """Log-likelihood where each wave has its own gain in each channel: (pairs,), as `likelihood`."""
+        waves = self.fit(k)
+        left = self.z - waves.sum(axis=-1)
         size = np.abs(waves) ** 2
         square = waves**2
         along = (size + square.real).sum(axis=-1) / 2  # variance of the real part; 2 x 2 covariance matrices
@@ -193,11 +181,6 @@ class Phasors:
             square = (u**2 / rest[:, np.newaxis]).sum(axis=(1, 2)) - (seen**2).sum(axis=1) / more
             total -= 0.5 * (z.shape[1] * (np.log(rest).sum(axis=-1) + np.log(more)) + square)
         return total
-
-    def limit_mismatch_to(self, k: FloatArray) -> None:
-        """Reduce the variance where the residual of a pair (2, 2) shows that the channels are more alike."""
-        left = np.abs(self.z - self.fit(k[np.newaxis])[0].sum(axis=-1)) ** 2
-        self.variance = np.minimum(self.variance, self._noise + float(left.mean()) / 2)
 
     def is_single_wave(self, k: FloatArray) -> bool:
         """True where one wave with equal channels of each kind leaves no more than noise."""

@@ -160,12 +160,6 @@ class DetrendedWindow:
         """A copy in which polynomials of up to `order` are part of the trend."""
         return self._without(trend_basis(self.n, order)[:, STRAIGHT + 1 :])
 
-    def without_wave(self, phasors: NDArray[np.complex128], phase_rate: float) -> "DetrendedWindow":
-        """A copy without a wave of known phasors (channels,), stated for sampling at one instant."""
-        late = np.exp(1j * phase_rate * (self.travel + self.skew[:, np.newaxis]))
-        volts = self.volts - (phasors[:, np.newaxis] * late).real
-        return replace(self, volts=volts - (volts @ self.trend) @ self.trend.T)
-
     def _without(self, functions: FloatArray) -> "DetrendedWindow":
         trend = np.linalg.qr(np.concatenate([self.trend, functions], axis=1))[0]
         volts = self.volts - (self.volts @ trend) @ trend.T

@@ -40,6 +40,8 @@ export const REFUSALS = {
   "too-few-periods": "Too few periods in the window: slide further.",
   aliased: "The ripple is too fast for the scan rate: slide more slowly.",
   ambiguous: "Several gratings fit equally well: give the speed.",
+  "uneven-channels": "The phases of the channels differ too much: give the speed.",
+  "several-gratings": "Two gratings, or a vibration at the frequency of one: slide where there is one alone.",
   machine: "All channels swing at once, as with a motor or an arm: slide at another speed.",
   "low-snr": "No ripple above the noise: flat, or press harder.",
   saturated: "Too few channels can be read: press less.",

@@ -117,13 +117,13 @@ def test_table_of_misfits() -> None:
 
 
 def test_table_of_two_waves() -> None:
-    both = replace(off(trial("x"), 5e-4, 0.3), has_second=True, names_both=True)
-    trials = [both, replace(both, is_wrong=True, names_both=False), refused(both)]
+    right = off(trial("x"), 5e-4, 0.3)
+    trials = [right, replace(right, is_wrong=True), refused(right)]
     assert rows(two_wave_table(trials, 4.0))[2] == [
-        "x", "2 of 3", "1", "2", "100 %, 0 %", "0 of 0", "0", "0", "-", "ambiguous 1",
+        "x", "2 of 3", "1", "100 %, 0 %", "0 of 0", "0", "-", "ambiguous 1",
     ]  # fmt: skip
-    short = [replace(t, window_s=4.0, has_second=False) for t in trials]
-    assert rows(two_wave_table(short, 4.0))[2][:4] == ["x, in 4 s", "2 of 3", "1", "-"]
+    short = [replace(t, window_s=4.0) for t in trials]
+    assert rows(two_wave_table(short, 4.0))[2][:3] == ["x, in 4 s", "2 of 3", "1"]
 
 
 def a_slide() -> list[Trial]:

@@ -7,8 +7,9 @@ import pytest
 from gratings import ARRAY
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import channel_layout
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
 from tactiled.detect.grooves.phasors import Phasors
+from tactiled.detect.grooves.second_wave import has_second_wave
 
 LAYOUT = channel_layout(ARRAY)
 PLACE = np.stack([LAYOUT.x_mm, LAYOUT.y_mm], axis=1)
@@ -65,4 +66,19 @@ def test_one_wave_is_seldom_taken_for_more_and_two_are_not_taken_for_one() -> No
 
 def test_likelihood_is_finite_without_any_ripple() -> None:
     nothing = Phasors(np.zeros(len(PLACE), dtype=np.complex128), np.full(len(PLACE), 1e-12), LAYOUT)
-    assert np.isfinite(nothing.likelihood(np.array([[K, OTHER], [K, K]]))).all()
+    pairs = np.array([[K, OTHER], [K, K]])
+    assert np.isfinite([nothing.likelihood(pairs), nothing.by_wave_gain(pairs)]).all()
+
+
+def test_two_waves_of_one_frequency_are_seen_and_uneven_gains_are_not() -> None:
+    crossed = K * [1, -1]
+    variance = np.full(len(PLACE), SD**2)
+    motion = WaveMotion(direction_deg=0.0, direction_sd_deg=0.0)
+    seen = {"two": 0, "one": 0}
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        gain = rng.uniform(0.7, 1.3, len(PLACE)) * np.exp(0.1j * rng.standard_normal(len(PLACE)))
+        one, two = phasors_of(rng, [(K, 1.0)], gain), phasors_of(rng, [(K, 1.0), (crossed, 0.5)])
+        seen["one"] += has_second_wave(one, variance, LAYOUT, motion, WaveParams(), K, False)
+        seen["two"] += has_second_wave(two, variance, LAYOUT, motion, WaveParams(), K, False)
+    assert seen == {"two": 10, "one": 0}

@@ -309,8 +309,7 @@ class CandidateData(TypedDict):
     weight: float
     """Relative weight of this candidate."""
     period_sd_mm: float
-    """Standard deviation of the period of this candidate where status is ok or period-only, millimetres; else
-    0.0.
+    """Standard deviation of the period of this candidate where status is period-only, millimetres; else 0.0.
     """
     period_min_mm: float
     """Shortest period of this candidate for the permitted tilts where status is period-only, millimetres;
@@ -349,6 +348,7 @@ class TextureData(TypedDict):
         "aliased",
         "ambiguous",
         "uneven-channels",
+        "several-gratings",
         "machine",
         "low-snr",
         "saturated",
@@ -359,7 +359,8 @@ class TextureData(TypedDict):
     short, or the published procedure was not given the speed. too-few-periods: the window holds too few
     periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings fit
     the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ from
-    those of one wave by stray_rad, too much to tell the true grating from others. machine: the strongest
+    those of one wave by stray_rad, too much to tell the true grating from others. several-gratings: more than
+    one wave is in view, two gratings or a grating and a vibration at its frequency. machine: the strongest
     swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds the noise.
     saturated: too few channels can be read. stale: the newest scan of the window was handled more than
     samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit was not
@@ -402,8 +403,8 @@ class TextureData(TypedDict):
     how unlike the taxels are. 0.0 where it was not estimated.
     """
     candidates: list[CandidateData]
-    """Gratings that the signals cannot tell apart, or the gratings that an estimate found, if several; empty
-    otherwise.
+    """Gratings that the signals cannot tell apart, or, with period-only, the gratings in view, if several;
+    empty otherwise.
     """
     estimator: str
     """Name of the estimator that reports it."""

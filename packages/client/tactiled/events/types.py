@@ -173,6 +173,7 @@ TextureStatus = Literal[
     "aliased",
     "ambiguous",
     "uneven-channels",
+    "several-gratings",
     "machine",
     "low-snr",
     "saturated",
@@ -182,13 +183,13 @@ TextureStatus = Literal[
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """Grating that is in view, or one of those that an ambiguous texture may be."""
+    """Grating that is in view, with "period-only", or one of those that an ambiguous texture may be."""
 
     period_mm: float
     angle_deg: float
     weight: float
     period_sd_mm: float = 0.0
-    """Standard deviation of the period with "ok" and "period-only"; else 0.0."""
+    """Standard deviation of the period with "period-only"; else 0.0."""
     period_min_mm: float = 0.0
     """Shortest period with "period-only", as of the event; else 0.0. The longest is next."""
     period_max_mm: float = 0.0

@@ -9,6 +9,7 @@ from gratings import (
     Grating,
     MotionOf,
     Slide,
+    assert_refused,
     assert_right,
     fit,
     motions,
@@ -31,7 +32,7 @@ def gains(slide: Slide) -> FloatArray:
     return np.random.default_rng(slide.seed).uniform(0.6, 1.4, 36)
 
 
-REFUSED = ("ambiguous", "uneven-channels")
+REFUSED = ("several-gratings", "ambiguous", "uneven-channels")
 
 
 @motions
@@ -45,24 +46,6 @@ def test_crossed_grooves_are_not_taken_for_others_between_them(
     slide = Slide(gratings, duration_s=4.0)
     found = fit(slide, motion_of(slide))
     assert found.status in REFUSED or (ratio < 1 and is_near(found, gratings[0]))
-
-
-@motions
-def test_both_crossed_gratings_are_reported(motion_of: MotionOf) -> None:
-    """Equal channels; with individual gains more than one pair may remain."""
-    slide = Slide((), duration_s=4.0)
-    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
-    y = ARRAY.y_mm[ARRAY.channel_taxel]
-    along, across = 2 * np.pi / 1.3 * np.cos(np.radians(40)), 2 * np.pi / 1.3 * np.sin(np.radians(40))
-    own = np.sin(np.nan_to_num(ARRAY.azimuth_deg))
-    waves = 0.05 * np.cos(along * x + across * y + own) + 0.02 * np.cos(along * x - across * y + 1 - own)
-    found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, OFFSETS_S) + waves)
-    assert found.status == "ambiguous"
-    strong, weak = found.candidates
-    for candidate, angle_deg in ((strong, 40.0), (weak, -40.0)):
-        assert candidate.period_mm == pytest.approx(1.3, abs=0.05)
-        assert candidate.angle_deg == pytest.approx(angle_deg, abs=2.0)
-    assert strong.weight > weak.weight
 
 
 @motions
@@ -156,8 +139,7 @@ def test_a_slightly_wrong_direction_hides_no_crossed_grooves(
 
 @motions
 @pytest.mark.parametrize("angle_deg", [15.0, 30.0, 35.0, 45.0, 60.0])
-def test_equal_crossed_gratings_are_the_pair_reported(motion_of: MotionOf, angle_deg: float) -> None:
-    """At steep angles too many pairs fit: none is reported, so no false one is."""
+def test_equal_crossed_gratings_are_seen(motion_of: MotionOf, angle_deg: float) -> None:
     slide = Slide((), duration_s=6.0, noise=0.001)
     x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
     y = ARRAY.y_mm[ARRAY.channel_taxel]
@@ -166,15 +148,11 @@ def test_equal_crossed_gratings_are_the_pair_reported(motion_of: MotionOf, angle
     own = np.nan_to_num(ARRAY.azimuth_deg)
     waves = 0.05 * (np.cos(along * x + across * y + own) + np.cos(along * x - across * y + 1 - 2 * own))
     found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, OFFSETS_S) + waves)
-    assert found.status == "ambiguous"
-    assert found.candidates or angle_deg > 40
-    for sign in (-1, 1) if found.candidates else ():
-        named = [c for c in found.candidates if abs(c.angle_deg - sign * angle_deg) < 2]
-        assert sum(c.weight for c in named) == pytest.approx(0.5, abs=0.1)
+    assert_refused(found, "several-gratings")
 
 
 @motions
-def test_a_weak_vibration_at_the_ripples_frequency_is_removed_or_the_window_refused(
+def test_a_weak_vibration_at_the_ripples_frequency_is_in_the_sigmas_or_the_window_refused(
     motion_of: MotionOf,
 ) -> None:
     answered = 0
@@ -189,4 +167,4 @@ def test_a_weak_vibration_at_the_ripples_frequency_is_removed_or_the_window_refu
         if found.status == "ok":
             answered += 1
             assert_right(found, grating)
-    assert answered > 6
+    assert answered > 3
