@@ -37,10 +37,15 @@ from tactiled.detect.grooves.search import channel_phasors, common_mode_power, s
 from tactiled.detect.grooves.second_wave import has_second_wave
 from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.spectrum import RippleHypothesis, foreign_lines, strongest_line
-from tactiled.detect.grooves.window import STRAIGHT, DetrendedWindow, make_window, normal_equations
+from tactiled.detect.grooves.window import (
+    MOST_BAD_PART,
+    STRAIGHT,
+    DetrendedWindow,
+    filled,
+    make_window,
+    normal_equations,
+)
 
-# Part of a channel's readings. A channel with more bad ones is left out.
-_MOST_BAD_PART = 0.05
 # No converter reads more. Fourth powers of it, and of its noise, are finite numbers.
 _MOST_VOLTS = 1e9
 # Variance, radians^2. With more, what suits no wave suits its mirror image no better.
@@ -126,13 +131,13 @@ def prepare_window(
     """The window of `fit_wave` and the layout of its usable channels about their centre; or a refusal."""
     sane = np.abs(volts) <= _MOST_VOLTS
     usable = sane if usable is None else usable & sane
-    chosen = np.flatnonzero(usable.mean(axis=0) >= 1 - _MOST_BAD_PART)
+    chosen = np.flatnonzero(usable.mean(axis=0) >= 1 - MOST_BAD_PART)
     n = len(volts)
     if n <= params.trend_order + 4 * params.max_harmonics + 1:
         return WaveFit("too-few-periods")
     if not len(chosen):
         return WaveFit("saturated")
-    readings = _filled(volts[:, chosen], usable[:, chosen])
+    readings = filled(volts[:, chosen], usable[:, chosen])
     x_mm, y_mm = layout.x_mm[chosen], layout.y_mm[chosen]
     centre = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
     here = ChannelLayout(x_mm - centre[0], y_mm - centre[1], layout.kind[chosen])
@@ -140,16 +145,6 @@ def prepare_window(
     if speeds_mm_s is not None and motion.has_speed:
         rate = speeds_mm_s
     return make_window(readings, time_s, rate, channel_offset_s[chosen], trend_order), here
-
-
-def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-    """Interpolate the few bad readings linearly."""
-    volts = volts.copy()
-    scans = np.arange(len(volts))
-    for c in np.flatnonzero(~usable.all(axis=0)):
-        good = usable[:, c]
-        volts[~good, c] = np.interp(scans[~good], scans[good], volts[good, c])
-    return volts
 
 
 def _fit(window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion, params: WaveParams) -> WaveFit:

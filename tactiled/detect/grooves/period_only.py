@@ -24,10 +24,9 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.lines import SpectralLine, spectral_lines, strongest_swing
 from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
+from tactiled.detect.grooves.window import MOST_BAD_PART, filled
 from tactiled.events.types import UNKNOWN_SD_DEG, Candidate
 
-# Part of a channel's readings. A channel with more bad ones is left out.
-_MOST_BAD_PART = 0.05
 # Probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s: about
 # ten are independent, so that 1 slide in 1000 over a flat surface has an answer.
 _FALSE_ALARMS = 1e-4
@@ -79,12 +78,12 @@ def fit_line(
     _speeds_mm_s: FloatArray,
 ) -> WaveFit:
     """Fit one window by its lines alone; parameters and result are those of `fit_wave`."""
-    chosen = usable.mean(axis=0) >= 1 - _MOST_BAD_PART
+    chosen = usable.mean(axis=0) >= 1 - MOST_BAD_PART
     if not chosen.any():
         return WaveFit("saturated")
     duration_s = float(time_s[-1] - time_s[0])
     band_hz = _band_hz(motion, params, (len(time_s) - 1) / duration_s if duration_s > 0 else 0.0)
-    readings = _filled(volts[:, chosen], usable[:, chosen])
+    readings = filled(volts[:, chosen], usable[:, chosen])
     lines = spectral_lines(readings, time_s, _FALSE_ALARMS, band_hz)
     strongest = strongest_swing(readings, (band_hz[0] * duration_s, band_hz[1] * duration_s))
     if strongest.in_phase > _MOST_IN_PHASE:
@@ -181,12 +180,3 @@ def _candidates(gratings: list[SpectralLine], answers: list[WaveFit]) -> tuple[C
         )
         for line, answer in zip(gratings, answers, strict=True)
     )
-
-
-def _filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-    """Readings with the bad ones interpolated."""
-    filled, scans = np.array(volts), np.arange(len(volts))
-    for channel in np.flatnonzero(~usable.all(axis=0)):
-        good = usable[:, channel]
-        filled[~good, channel] = np.interp(scans[~good], scans[good], volts[good, channel])
-    return filled

@@ -19,6 +19,8 @@ from tactiled.array import FloatArray
 from tactiled.detect.worker import pause
 from tactiled.samples.block import ScanBlock
 
+# Part of a channel's readings. A channel with more bad ones is left out of a fit.
+MOST_BAD_PART = 0.05
 # Phase rate. Lines that are less than this apart cannot be resolved in one window: 0.75 of its periods.
 _NEXT_RAD = 0.75 * np.pi
 # Order of the trend that is always removed: level and slope.
@@ -101,6 +103,16 @@ class ScanWindow:
     def speeds_mm_s(self) -> FloatArray:
         """Speed from each scan to the next: (n,)."""
         return self._speeds_mm_s[self._rows]
+
+
+def filled(volts: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
+    """Readings (n, channels) with the few bad ones interpolated linearly."""
+    volts = volts.copy()
+    scans = np.arange(len(volts))
+    for c in np.flatnonzero(~usable.all(axis=0)):
+        good = usable[:, c]
+        volts[~good, c] = np.interp(scans[~good], scans[good], volts[good, c])
+    return volts
 
 
 @dataclass(frozen=True, eq=False)
