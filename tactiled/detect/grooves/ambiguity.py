@@ -35,6 +35,7 @@ _LEAST_SPREAD_MM2 = 1e-6
 
 def assess_ambiguity(
     fit: WaveFit,
+    noise_inflation: float,
     best: RefinedWave,
     found: PlaneWaves,
     window: DetrendedWindow,
@@ -47,6 +48,8 @@ def assess_ambiguity(
     Parameters
     ----------
     fit : WaveFit
+    noise_inflation : float
+        Ratio of the noise at the line to that of `best`.
     best : RefinedWave
         The first of `found`, refined.
     found : PlaneWaves
@@ -56,7 +59,7 @@ def assess_ambiguity(
     motion : WaveMotion
     params : WaveParams
     """
-    posterior = weigh_readings(best, found, window, layout, motion, params, fit.noise_inflation)
+    posterior = weigh_readings(best, found, window, layout, motion, params, noise_inflation)
     likeliest = int(posterior.weights.argmax())
     if best.mismatch.any():
         fit = _widened(fit, best.waves.k[0], posterior.k, motion)

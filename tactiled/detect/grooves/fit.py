@@ -21,6 +21,7 @@ from tactiled.detect.grooves.ambiguity import (
     has_baseline,
     weigh_readings,
 )
+from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import (
     ALIASED,
     SAME_WAVE_RAD,
@@ -213,57 +214,93 @@ def _wave(
     ripple: RippleHypothesis, layout: ChannelLayout, motion: WaveMotion, params: WaveParams
 ) -> tuple[WaveFit, Line] | None:
     """Fit the wave of a line, directly or as the mirror image of an undersampled ripple; or None."""
-    window, phase_rate, variance = ripple.window, ripple.phase_rate, ripple.variance
+    window, phase_rate = ripple.window, ripple.phase_rate
     if not has_baseline(layout, motion):
         return WaveFit("ambiguous", window.frequency_hz(phase_rate)), (phase_rate, [1])
-    equations = normal_equations(window, phase_rate, 1)
-    least = common_mode_power(window, equations, layout, variance)
-    found = search_wave_vectors(window, equations, layout, motion, params, variance, least)
-    best = refine(window, layout, motion, params, found[0]) if len(found.k) else None
-    if best is not None and best.mismatch.any():
+    best, found = _best_reading(ripple, layout, motion, params)
+    suits_motion = best is not None and best.is_wave and not (motion.has_speed and best.mismatch.any())
+    if ripple.is_line and not suits_motion:
+        least = found.gain[0] if best is not None and best.is_wave else -np.inf
+        image = _mirror_image(ripple, layout, motion, params, least)
+        if image is not None:
+            return image, (phase_rate, [1])
+    if best is not None and best.is_wave:
+        return _judged(ripple, best, found, layout, motion, params)
+    if motion.has_speed and has_baseline(layout, motion.without_speed):
+        return _wave(ripple, layout, motion.without_speed, params)
+    return None
+
+
+def _best_reading(
+    ripple: RippleHypothesis, layout: ChannelLayout, motion: WaveMotion, params: WaveParams
+) -> tuple[RefinedWave | None, PlaneWaves]:
+    """The best wave of a line, if any, and all that its phases allow, the best first."""
+    window = ripple.window
+    equations = normal_equations(window, ripple.phase_rate, 1)
+    least = common_mode_power(window, equations, layout, ripple.variance)
+    found = search_wave_vectors(window, equations, layout, motion, params, ripple.variance, least)
+    if not len(found.k):
+        return None, found
+    best = refine(window, layout, motion, params, found[0])
+    if best.mismatch.any():
         # Strays of channels may have made another reading the best.
         weights = weigh_readings(best, found, window, layout, motion, params).weights
         if weights.argmax():
             found = found[np.argsort(-weights, kind="stable")]
             best = refine(window, layout, motion, params, found[0])
-    is_wave = best is not None and best.is_wave
-    if ripple.is_line and (best is None or not is_wave or (motion.has_speed and best.mismatch.any())):
-        # An undersampled ripple appears at a lower frequency, where its phases suit no wave well.
-        whole_phase_rate = 2 * np.pi / window.largest_step
-        for fast in (whole_phase_rate - phase_rate, whole_phase_rate + phase_rate):
-            other = search_wave_vectors(
-                window, normal_equations(window, fast, 1), layout, motion, params, variance, least
-            )
-            if len(other.k) and (not is_wave or other.gain[0] > found.gain[0]):
-                image = refine(window, layout, motion, params, other[0])
-                if image.is_wave and image.fundamental_mismatch.mean() < _MOST_ALIASED_MISMATCH:
-                    hz = window.frequency_hz(float(image.waves.phase_rate[0]))
-                    return WaveFit("aliased", hz, image.snr_db), (phase_rate, [1])
-    if best is None or not is_wave:
-        if motion.has_speed and has_baseline(layout, motion.without_speed):
-            return _wave(ripple, layout, motion.without_speed, params)
-        return None
+    return best, found
+
+
+def _mirror_image(
+    ripple: RippleHypothesis, layout: ChannelLayout, motion: WaveMotion, params: WaveParams, least_gain: float
+) -> WaveFit | None:
+    """The refusal of an undersampled ripple, whose image suits the phases of a line better; or None.
+
+    Such a ripple appears at a lower frequency, where its phases suit no wave well.
+    """
+    window, phase_rate, variance = ripple.window, ripple.phase_rate, ripple.variance
+    least = common_mode_power(window, normal_equations(window, phase_rate, 1), layout, variance)
+    whole_phase_rate = 2 * np.pi / window.largest_step
+    for fast in (whole_phase_rate - phase_rate, whole_phase_rate + phase_rate):
+        equations = normal_equations(window, fast, 1)
+        found = search_wave_vectors(window, equations, layout, motion, params, variance, least)
+        if len(found.k) and found.gain[0] > least_gain:
+            image = refine(window, layout, motion, params, found[0])
+            if image.is_wave and image.fundamental_mismatch.mean() < _MOST_ALIASED_MISMATCH:
+                hz = window.frequency_hz(float(image.waves.phase_rate[0]))
+                return WaveFit("aliased", hz, image.snr_db)
+    return None
+
+
+def _judged(
+    ripple: RippleHypothesis,
+    best: RefinedWave,
+    found: PlaneWaves,
+    layout: ChannelLayout,
+    motion: WaveMotion,
+    params: WaveParams,
+) -> tuple[WaveFit, Line]:
+    """The answer that a wave gives, or the refusal where another reading or a second wave is likely."""
+    window = ripple.window
     line = _own_lines(window, layout, motion, params, best)
-    fit = WaveFit("ok", window.frequency_hz(line[0]), best.snr_db)
+    refused = WaveFit("aliased", window.frequency_hz(line[0]), best.snr_db)
     if line[0] * window.largest_step > 2 * np.pi * ALIASED:
-        return replace(fit, status="aliased"), line
-    fit = stated = with_estimates(fit, best, window, layout, motion)
-    noise_inflation = fit.noise_inflation
-    fit = assess_ambiguity(fit, best, found, window, layout, motion, params)
-    variance = 2 * best.variance * noise_inflation / window.n
-    z, k, are_alike = channel_phasors(window, best.equations, 1), best.waves.k[0], not best.mismatch.any()
+        return refused, line
+    stated, noise_inflation = with_estimates(replace(refused, status="ok"), best, window, layout, motion)
+    fit = assess_ambiguity(stated, noise_inflation, best, found, window, layout, motion, params)
+    z, variance = channel_phasors(window, best.equations, 1), 2 * best.variance * noise_inflation / window.n
+    k, are_alike = best.waves.k[0], not best.mismatch.any()
     if has_second_wave(z, variance, layout, motion, params, k, are_alike):
-        return WaveFit("several-gratings", fit.frequency_hz, fit.snr_db), line
-    is_alone = fit.status == "ok" and not window.removed
-    if is_alone and stated.wave is not None:
-        fit = replace(fit, wave=replace(stated.wave, added=fit.covariance - stated.covariance))
-    else:
-        fit = replace(fit, wave=None)
-    if fit.status != "ok" and contradicts_motion(best, found, window, layout, motion, params):
-        loose = _wave(ripple, layout, motion.without_speed, params)
-        if loose is not None and loose[0].status == "ok":
-            return loose
-    return fit, line
+        return replace(refused, status="several-gratings"), line
+    if fit.status != "ok":
+        if contradicts_motion(best, found, window, layout, motion, params):
+            loose = _wave(ripple, layout, motion.without_speed, params)
+            if loose is not None and loose[0].status == "ok":
+                return loose
+        return fit, line
+    if window.removed or stated.wave is None:
+        return replace(fit, wave=None), line
+    return replace(fit, wave=replace(stated.wave, added=fit.covariance - stated.covariance)), line
 
 
 def _own_lines(
@@ -282,8 +319,11 @@ def _own_lines(
 
 def with_estimates(
     fit: WaveFit, best: RefinedWave, window: DetrendedWindow, layout: ChannelLayout, motion: WaveMotion
-) -> WaveFit:
-    """Add period, angle, speed, their covariance and, as `wave`, what is needed to track them."""
+) -> tuple[WaveFit, float]:
+    """Add period, angle, speed, their covariance and, as `wave`, what is needed to track them.
+
+    Also returned is the factor by which coloured noise near the line widens the largest variance.
+    """
     slope = estimate_slope(best, window, motion)
     solver = WaveSolver(window, layout, motion, best.variance, best.mismatch)
     by_noise, by_mismatch = variance_inflation(window, layout, solver, best, slope)
@@ -294,8 +334,7 @@ def with_estimates(
         np.sqrt(np.maximum(by_noise, by_mismatch)),
         np.zeros((3, 3)),
     )
-    fit = with_wave(replace(fit, wave=wave), best, window, motion)
-    return replace(fit, noise_inflation=float(by_noise.max()))
+    return with_wave(replace(fit, wave=wave), best, window, motion), float(by_noise.max())
 
 
 def estimate_slope(best: RefinedWave, window: DetrendedWindow, motion: WaveMotion) -> FloatArray:
@@ -334,6 +373,5 @@ def with_wave(fit: WaveFit, best: RefinedWave, window: DetrendedWindow, motion: 
         angle_deg=angle_deg,
         speed_mm_s=speed_mm_s,
         covariance=covariance + fit.wave.added,
-        n_harmonics=best.equations.n_harmonics,
         uses_given_speed=motion.has_speed,
     )

@@ -205,8 +205,6 @@ class WaveFit:
         Of period (mm), angle (radians) and speed (mm/s).
     uses_given_speed : bool
         False where no speed was given, or where the phases contradict the given one.
-    noise_inflation : float
-        Factor by which coloured noise near the line widens the largest variance over that of white noise.
     error_probability : float
         Probability that another reading of the phases is the true one.
     wave : TrackedWave or None
@@ -225,9 +223,7 @@ class WaveFit:
     angle_deg: float = 0.0
     speed_mm_s: float = 0.0
     covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    n_harmonics: int = 0
     uses_given_speed: bool = False
-    noise_inflation: float = 1.0
     error_probability: float = 1.0
     candidates: tuple[Candidate, ...] = ()
     wave: TrackedWave | None = None

@@ -45,7 +45,6 @@ def test_harmonics_sharpen_the_answer(motion_of: MotionOf) -> None:
     sharp = Slide((Grating(harmonics=(1.0, 0.5, 0.3)),))
     found, better = fit(plain, motion_of(plain)), fit(sharp, motion_of(sharp))
     assert_right(better, sharp.gratings[0])
-    assert better.n_harmonics == 3
     assert better.angle_sd_deg < 0.9 * found.angle_sd_deg
 
 
@@ -112,7 +111,6 @@ def test_drift_that_is_random_makes_no_slower_fundamental(motion_of: MotionOf, p
         if found.status == "ok":
             n_ok += 1
             assert is_near(found, grating)
-            assert found.noise_inflation > 1.0
     assert n_ok > 4
 
 
