@@ -213,7 +213,6 @@ class Array:
 
     Attributes
     ----------
-    name : str
     x_mm, y_mm : (taxels,) float64
     pad : (taxels,) int64
         Number of the rigid pad that a taxel belongs to.

@@ -107,7 +107,6 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
 
     Parameters
     ----------
-    path : Path
     port_url : str, optional
         Overrides ``port.url``.
 

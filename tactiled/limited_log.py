@@ -28,7 +28,6 @@ class RateLimitedLog:
 
     Parameters
     ----------
-    logger : Logger
     what : str, optional
         Begins each line, e.g. ``"request refused"``.
     """
@@ -46,8 +45,6 @@ class RateLimitedLog:
 
         Parameters
         ----------
-        reason : str
-        now_s : float
         level : int
             Of the log lines.
         kind : str, optional
@@ -88,7 +85,6 @@ def limit_rate_of(names: tuple[str, ...], log: RateLimitedLog) -> Iterator[None]
     ----------
     names : tuple of str
         Loggers, such as ``"asyncio"``. Their children are not affected.
-    log : RateLimitedLog
     """
 
     def redirect(record: logging.LogRecord) -> bool:

@@ -22,12 +22,7 @@ _MOST_VALUES = 1 << 22
 
 
 class LogTally:
-    """Figures of a log of any length, taken while it is processed; its memory is bounded.
-
-    Parameters
-    ----------
-    array : Array
-    """
+    """Figures of a log of any length, taken while it is processed; its memory is bounded."""
 
     def __init__(self, array: Array) -> None:
         self.array = array
@@ -119,7 +114,6 @@ def summary(
         Topics that were asked for.
     speed_mm_s : float
         Sliding speed that was given; 0 for none.
-    sliding_is_given : bool
     """
     array, duration_s = tally.array, tally.last_s - tally.first_s
     rate_hz = (tally.n_scans - 1) / duration_s

@@ -58,12 +58,10 @@ class Choices:
         Shortest and longest groove period.
     max_tilt_deg : float, optional
         Largest angle from groove normal to motion.
-    setting : str, optional
     config : Path, optional
         File whose table `detect` holds parameters; the options above replace its values.
     tare_s : float, optional
         Time at the beginning of the log whose readings are the zero, in place of the array's own.
-    sliding : KnownSliding, optional
     topics : tuple of str
         Topics that are computed and printed.
     grip_hz : float
@@ -156,7 +154,6 @@ class Log:
     ----------
     board : str
         Serial number of the board whose recording it is; else the name of the file.
-    tally : LogTally
     held : HeldLog, optional
         All readings and events, for a picture; None where the file is only passed through.
     """
@@ -190,7 +187,6 @@ class HeldLog:
 
     Attributes
     ----------
-    time_s : list of float
     volts : list of (channels,) float64
     """
 

@@ -86,9 +86,6 @@ class Pipeline:
 
     Parameters
     ----------
-    layout : Layout
-    array : Array
-    params : PipelineParams
     live : bool
         True for live data and exact replays: scans that were handed over late are marked, and events that
         rest on them are not valid. False for the analysis of a file, in which no scan is late.
@@ -299,7 +296,6 @@ class Pipeline:
             recording says: the ``index`` of the scan at which a fit was due and not ready.
         arguments : mapping
             Checked ones.
-        now_s : float
 
         Returns
         -------

@@ -55,7 +55,6 @@ class Load:
 
     Attributes
     ----------
-    n_boards, n_processes : int
     cpu_part, waited_part : float
         Processor time of the daemon over time, and time that it waited for its processor over time.
     rss_mb, pss_mb : float

@@ -62,7 +62,6 @@ class ScanAccounting:
 
     Parameters
     ----------
-    rate_hz : float
     oldest_valid_s : float
         Largest age of the newest scan at which a status may be valid.
     settled_s : float
@@ -70,7 +69,6 @@ class ScanAccounting:
 
     Attributes
     ----------
-    counts : ScanCounts
     errors_s : list of float
         Errors of settled instants; the reader clears them.
     """

@@ -99,9 +99,6 @@ def timing(
 
     Parameters
     ----------
-    line : LineConditions
-    seed : int
-    duration_s : float
     pings : bool
         Ping the board as the daemon does.
     answer_s : tuple of float

@@ -47,7 +47,6 @@ class FaultCase:
         Scans that the board misses itself and flags; the daemon must count exactly these as such.
     is_countable : bool
         Whether the daemon can count the lost scans: not over a boot, nor where another board came between.
-    times : int
     calm_s : float
         Time without fault before it.
     """

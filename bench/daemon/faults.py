@@ -37,7 +37,6 @@ class FaultRecovery:
 
     Attributes
     ----------
-    span : FaultSpan
     before, after : ReceivedMessage
         Statuses of calm moments around it.
     fresh : ReceivedMessage

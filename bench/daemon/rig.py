@@ -28,10 +28,6 @@ class SimulatedLink:
     Parameters
     ----------
     scene, layout, array
-    board : EmulatedBoardParams, optional
-    faults : FaultParams, optional
-    seed : int
-    session : SessionParams, optional
     publish : callable
         Called with every event, the status at each tick among them.
     on_scan : callable
@@ -43,7 +39,6 @@ class SimulatedLink:
 
     Attributes
     ----------
-    now_s : float
     port, pipeline, session, link
     connects : int
         Number of times that the port was opened.

@@ -61,7 +61,6 @@ class ValidOnset(NamedTuple):
 
     Attributes
     ----------
-    at_s : float
     is_contact_known : bool
         The contact was measured from its beginning.
     is_stale : bool
@@ -83,7 +82,6 @@ class SoakResult:
         Bytes that the link got, and the duration of the run.
     rms_s, rss_mb, objects
         Error of instants, memory and the number of objects that Python holds, tenth by tenth.
-    true_slips, slips_found : int
     false_slips, unsure_slips : int
         Onsets away from any true slide, in a contact that was measured from its beginning, and in one
         that was not, where the end of a slide may look like an onset.

@@ -49,7 +49,6 @@ class Cut:
     ----------
     how : str
         ``closed`` or ``silent``.
-    duration_s : float
     sent, recovered, lost : int
         Slip messages of all boards from 1 s before the cut to the next one.
     fresh_after_s, complete_after_s : float
@@ -80,16 +79,12 @@ class FleetFigures:
 
     Attributes
     ----------
-    n_boards : int
     delay_s : (slips,) float64
         Receipt through zenoh after that over ZeroMQ.
     bridge_part : float
         Processor time of the bridge over time.
-    cuts : sequence of Cut
-    lost_in_all : int
     real : (int, int)
         Messages of info and recording that came from the real boards over all cuts, and those that did not.
-    profiles : sequence of Profile
     """
 
     n_boards: int

@@ -136,7 +136,6 @@ class TwoRouters:
         Router of the daemons' side.
     readers_port : int
         Router of the subscribers' side.
-    line : CuttableLine
     """
 
     robots_port: int

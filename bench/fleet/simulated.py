@@ -85,7 +85,6 @@ class SimulatedDaemon:
         To bind; requests are taken beside it.
     boards : sequence of str
         Serial numbers.
-    rates : Rates
     """
 
     def __init__(self, endpoint: str, boards: Sequence[str], rates: Rates) -> None:

@@ -32,8 +32,6 @@ class Case:
 
     Attributes
     ----------
-    motion : str
-    seconds : float
     creep : float
         Times the drawn creep.
     moments : bool
@@ -57,8 +55,6 @@ class ForceScore:
 
     Attributes
     ----------
-    seed : int
-    case : Case
     normal, shear : dict of str to float
         Rms error of each method over the range.
     bound_normal, bound_shear : float
@@ -67,8 +63,6 @@ class ForceScore:
         Rms error of the centre of pressure above 1 N.
     inside : tuple of float
         Part of the scans in contact whose 90 % intervals of fx, fy, fz hold the truth.
-    late_error_s : float
-    model : str
     """
 
     seed: int
@@ -89,7 +83,6 @@ class HoldScore:
 
     Attributes
     ----------
-    seed : int
     inside : float
         Part of the hour in which the 90 % interval of fz holds the truth.
     worst : float
@@ -111,7 +104,6 @@ class MagnetScore:
 
     Attributes
     ----------
-    seed : int
     tactiled, ridge : tuple of float
         Rms errors of normal force and shear over their ranges; ridge regression with squares beside.
     inside : float

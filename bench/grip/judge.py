@@ -65,10 +65,8 @@ def course(
 
     Parameters
     ----------
-    world : World
     learnt : Learnt, optional
         The shipped trees where it is left out.
-    params : GripParams, optional
     announces : bool
         The hand announces its acceleration, where the world has one.
     """

@@ -60,8 +60,6 @@ class Arm(NamedTuple):
     kind : str
         ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"``, ``"margin"``,
         ``"margin, friction known"``, ``"margin, all known"`` or ``"oracle"``.
-    number : float
-    n : int
     """
 
     kind: str

@@ -29,8 +29,6 @@ class DetectorMessages:
 
     Parameters
     ----------
-    batch : HeldBatch
-    make_detector : callable
     topic : str
         Slip events are rare: between them, a message has the time alone.
     """

@@ -34,7 +34,6 @@ class Done:
         First megabyte of standard output and of standard error.
     peak_mb : float
         Largest resident memory, 10^6 bytes.
-    seconds : float
     """
 
     code: int

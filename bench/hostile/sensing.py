@@ -98,7 +98,6 @@ def sensing(folder: Path, publish: str = "") -> Iterator[Sensing]:
 
     Parameters
     ----------
-    folder : Path
     publish : str
         Lines for the table ``[publish]`` of the configuration.
     """

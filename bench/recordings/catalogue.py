@@ -23,7 +23,6 @@ class Source:
         Repository, its version, and the licence that it states.
     files : list of str
         Folders that are read.
-    sensor, labels : str
     asked : mapping of str to str
         Questions, and the simple rule that stands beside the daemon in each.
     chosen : str

@@ -24,7 +24,6 @@ class Log:
 
     Attributes
     ----------
-    name : str
     group : str
         What the log shares with others and a rule must not have seen: the object, the material.
     time_s : (n,) float64
@@ -34,7 +33,6 @@ class Log:
         What is asked of the log happens: its object slips, is tugged or is touched.
     period_mm : float
         Of the grating that the sensor slides over; 0 for a surface without one.
-    speed_mm_s : float
     forces : (n, 3) float64, optional
         fx, fy, fz of the force sensor, newtons, at the scans; NaN for axes that it does not have.
     pads : sequence of (rows, columns, first)

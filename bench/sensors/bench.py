@@ -52,7 +52,6 @@ class Trial:
         The interval of the period holds the period of the ridges.
     error_sds : float
         Error of a right answer over its stated standard deviation.
-    baseline_is_right : bool
     cost_s : float
         Processor time of one second of recording.
     """

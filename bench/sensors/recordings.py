@@ -30,8 +30,6 @@ class Sensor:
 
     Attributes
     ----------
-    name : str
-    rate_hz : float
     array : mapping
         Array file, as a user writes it.
     level, step : float

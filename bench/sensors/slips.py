@@ -37,7 +37,6 @@ class SlipTrial:
 
     Attributes
     ----------
-    has_slide : bool
     found : bool
         An onset was reported during the slide.
     n_false : int

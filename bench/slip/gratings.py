@@ -31,10 +31,8 @@ class GratingSlide:
 
     Attributes
     ----------
-    block : ScanBlock
     start_s : float
         From which all of the contact slides, to the end.
-    speed_mm_s, period_mm : float
     ripple_hz, ripple_db : float
         Frequency of the ripple, and its power over that of the noise in a scan.
     """

@@ -78,7 +78,6 @@ class OnlineCost:
         Mean of a hop or window.
     median_ms, longest_ms : float
         Of a hop, which a worker computes where there is one.
-    scans_per_s : float
     """
 
     estimator: str

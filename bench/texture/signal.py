@@ -229,7 +229,6 @@ def bound(
     ----------
     time_s : (n,) float64
         Instants at which the scans began.
-    is_speed_known : bool
     n_drift : int
         Unknown terms of each channel's drift: 0 for none, 1 for its level, 2 for a straight line.
     """

@@ -91,7 +91,6 @@ def fit(
 
     Parameters
     ----------
-    worlds : sequence of Looks
     forests : mapping
         First forests, by the generators that each is grown without: all of `left_out`.
     without : frozenset of str

@@ -30,7 +30,6 @@ class Looks:
     ----------
     world : str
         Generator and seed.
-    generator, hand : str
     look_s : float
         Time between looks.
     time_s : (n,) float64
@@ -86,7 +85,6 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
 
     Parameters
     ----------
-    world : World
     as_trained : bool
         Announce, state and cut at random, from the seed; otherwise none of it.
     """

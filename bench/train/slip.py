@@ -31,7 +31,6 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
 
     Parameters
     ----------
-    progress : ProgressBar
     is_quick : bool
         Few worlds: trees to try the command with.
     to : Path, optional

@@ -70,7 +70,6 @@ class PageMeasures:
         Processor time of the server over time, by number of clients.
     page_part, tab_part : float
         Processor time over time: of the page's process, and of all processes of the browser.
-    pictures_per_s : float
     heap_mb : sequence of float
         Memory of the page's scripts after garbage collection, at equal intervals.
     server_mb : sequence of float

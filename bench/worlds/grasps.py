@@ -34,7 +34,6 @@ class _Move:
 
     Attributes
     ----------
-    at_s, factor, takes_s : float
     for_all : bool
         Of the one that bears all loads from there on.
     """

@@ -55,13 +55,10 @@ class Population:
 
     Attributes
     ----------
-    laws, hands : tuple of str
-    duration_s : float
     most_used : float, optional
         Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
     side : int
         Taxels along each side of the array.
-    rates_hz : tuple of float
     """
 
     laws: tuple[str, ...] = LAWS

@@ -31,7 +31,6 @@ class Forces:
 
     Attributes
     ----------
-    step_s : float
     load : (n, taxels) float
         N.
     shear : (n, 2, taxels) float

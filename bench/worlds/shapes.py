@@ -25,7 +25,6 @@ class PressureTable:
 
     Attributes
     ----------
-    usual_n : float
     node_n : (levels, nodes) float64
         Loads of the nodes, N; the total of row k is ``usual_n * 2.5 * (k / (levels - 1))^2``.
     """

@@ -21,12 +21,8 @@ class World:
     ----------
     generator, law, hand : str
         Physics; contact law or shape of the object; what the hand does.
-    seed : int
-    rate_hz : float
     noise_mv : float
         White noise, thousandths of the unit of the readings.
-    array : Array
-    block : ScanBlock
     utilisation : (n,) float64
         Shear of all places of the contact over what they bear; 1 while all of it slides, 0 without contact.
     gross : (n,) bool

@@ -45,8 +45,6 @@ class SharedParts:
     ----------
     publisher : Publisher
         That of the endpoints of the board, which others may have too.
-    clock : EpochClock
-    turns : LoopTurns
     watched : callable
         Takes the time, at 10 Hz for each board.
     announce : callable
@@ -65,10 +63,8 @@ class BoardRunner:
 
     Parameters
     ----------
-    board : ServedBoard
     params : ServiceParams
         Those of `board`, or what a reload has made of them.
-    shared : SharedParts
     phase_s : float
         Delay of the first status, so that the boards of a daemon do not publish theirs all at once.
 

@@ -32,7 +32,6 @@ class ServedBoard:
 
     Attributes
     ----------
-    params : ServiceParams
     make_pipeline : callable
         Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled.
     recorder : Recorder, optional

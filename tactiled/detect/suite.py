@@ -125,8 +125,6 @@ class DetectorPair:
 
     Parameters
     ----------
-    slip : SlipDetector or None
-    texture : TextureEstimator or None
     grip : Detector, optional
         Runs beside the two.
     """
@@ -286,8 +284,6 @@ def build_methods(
 
     Parameters
     ----------
-    array : Array
-    params : DetectParams
     worker : Worker, optional
         Takes long computations; without one they are computed in place.
     sliding : KnownSliding, optional

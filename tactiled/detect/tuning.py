@@ -72,8 +72,6 @@ class TunedSuite:
 
     Parameters
     ----------
-    array : Array
-    params : DetectParams
     build : callable
         Makes the suite.
     force : ForceSource, optional

@@ -24,7 +24,6 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
 
     Parameters
     ----------
-    array : Array
     time_s : (n,) float64
         Increasing, two at least.
     readings : (n, channels) float64

@@ -40,7 +40,6 @@ def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float |
 
     Parameters
     ----------
-    array : Array
     finest_mm : float
         Finest allowed period; wave vectors differ by at most ``4 pi / finest_mm``.
     alike_rad : float

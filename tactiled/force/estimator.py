@@ -76,7 +76,6 @@ class _Estimate(NamedTuple):
         See `DriftZero`.
     missing2 : list of float
         Variances of fx, fy and fz by channels without a reading.
-    n_missing : int
     """
 
     values: FloatArray
@@ -88,11 +87,6 @@ class _Estimate(NamedTuple):
 
 class ForceEstimator:
     """Forces on an array, for each scan.
-
-    Parameters
-    ----------
-    array : Array
-    file : CalibrationFile
 
     Raises
     ------

@@ -107,13 +107,7 @@ def output_weights(array: Array, taxel_weights: FloatArray) -> FloatArray:
 
 
 class PairsModel:
-    """Taxels with side electrodes: crosstalk, load curve, creep, and a map that depends on load.
-
-    Parameters
-    ----------
-    array : Array
-    params : PairsModelParams
-    """
+    """Taxels with side electrodes: crosstalk, load curve, creep, and a map that depends on load."""
 
     def __init__(self, array: Array, params: PairsModelParams) -> None:
         n = array.n_channels
@@ -168,11 +162,6 @@ class PairsModel:
 class FeatureMaker:
     """Features of the smooth model: readings, their squares and products, and low-passed copies.
 
-    Parameters
-    ----------
-    array : Array
-    params : SmoothFeatures
-
     Attributes
     ----------
     taxel : (features,) int64
@@ -214,13 +203,7 @@ class FeatureMaker:
 
 
 class SmoothModel:
-    """Ridge regression on the features of `FeatureMaker`.
-
-    Parameters
-    ----------
-    array : Array
-    params : SmoothModelParams
-    """
+    """Ridge regression on the features of `FeatureMaker`."""
 
     def __init__(self, array: Array, params: SmoothModelParams) -> None:
         maker = FeatureMaker(array, params)

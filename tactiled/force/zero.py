@@ -29,7 +29,6 @@ class DriftZero:
 
     Parameters
     ----------
-    array : Array
     largest : (channels,) float64
         Largest reading of each channel in the calibration; the scale of drift.
     noise, sd : float

@@ -82,7 +82,6 @@ def draw_log(
         Events of this log, on the same clock.
     channel_offset_s : (channels,) float64, optional
         Delay of each channel's sample after the start of the scan.
-    truth : KnownTruth, optional
     """
     truth = truth or KnownTruth()
     if channel_offset_s is None:

@@ -27,9 +27,6 @@ def draw_margin(axis: Axes, grips: Sequence[GripEvent], truth: KnownMargin | Non
 
     Parameters
     ----------
-    axis : Axes
-    grips : sequence of GripEvent
-    truth : KnownMargin or None
     origin_s : float
         Instant that is 0 on the axis of time.
     """

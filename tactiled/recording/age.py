@@ -34,7 +34,6 @@ class Ages:
 
     Parameters
     ----------
-    directory : Path
     pause_s : float
         The most that a pause between two boots counts.
     boot : str

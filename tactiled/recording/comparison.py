@@ -72,12 +72,7 @@ class ReplayComparison:
 
 
 class ReplayVerifier:
-    """Comparison of replayed with live events, byte by byte.
-
-    Parameters
-    ----------
-    replay : Replay
-    """
+    """Comparison of replayed with live events, byte by byte."""
 
     def __init__(self, replay: Replay) -> None:
         self._replay = replay

@@ -69,7 +69,6 @@ class Header:
 
     Attributes
     ----------
-    source : RecordedBoard
     pipeline : PipelineParams
         Parameters with which the events in the file were computed.
     config_sha256 : str

@@ -24,7 +24,6 @@ class Finished:
 
     Attributes
     ----------
-    path : Path
     size_mb : float
         10^6 bytes.
     ended_unix_s : float
@@ -72,7 +71,6 @@ def surplus(
 
     Parameters
     ----------
-    files : iterable of Finished
     keep_mb, keep_days : float, optional
         Limits of total size (10^6 bytes) and of age; None is no limit.
     ages_s : mapping of str to float

@@ -26,7 +26,6 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
     ----------
     paths : sequence of Path
         One recording, or consecutive parts.
-    out : Path
     reached : callable, optional
         Called with the completed fraction, 0 to 1.
 

@@ -11,7 +11,6 @@ class Damage:
 
     Attributes
     ----------
-    n_bytes : int
     first_unix_s, last_unix_s : float
         Epoch times of the messages before and after it; equal where the duration is unknown.
     """
@@ -38,7 +37,6 @@ class Extent:
     ----------
     good_bytes : int
         Offset of the end of the last whole record that carries data.
-    size_bytes : int
     is_complete : bool
         The end-of-data record was found: nothing is cut off.
     torn_s : tuple of float, optional

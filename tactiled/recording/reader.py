@@ -154,7 +154,6 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
 
     Parameters
     ----------
-    path : Path
     extent : Extent, optional
         Updated while the file is read.
     reached : callable, optional

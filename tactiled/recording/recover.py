@@ -31,7 +31,6 @@ class RecoveryResult:
     ----------
     path : Path
         The finished file.
-    messages : int
     first_unix_s, last_unix_s : float
         Epoch times of the saved messages; 0.0 where there are none.
     lost_bytes : int
@@ -141,7 +140,6 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
 
     Yields
     ------
-    is_recovered : bool
     words : str
         Description of what was recovered, or why it was not.
 

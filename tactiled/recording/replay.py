@@ -25,7 +25,6 @@ def replay(
 
     Parameters
     ----------
-    paths : sequence of Path
     write_line : callable
         Called with each line.
     topics : collection of str

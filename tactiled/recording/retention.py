@@ -13,7 +13,6 @@ class Retained:
 
     Attributes
     ----------
-    removed : list of Finished
     unproven : str
         Why files that are too old by the clock of this host were kept; empty where there are none.
     """
@@ -27,7 +26,6 @@ class Retention:
 
     Parameters
     ----------
-    directory : Path
     keep_mb, keep_days : float, optional
         Limits of total size (10^6 bytes) and of age; None is no limit.
     boot : str, optional

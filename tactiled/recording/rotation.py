@@ -106,10 +106,8 @@ class Rotation:
     ----------
     path : Path
         Name of the first part, see `part_path`.
-    params : RecordParams
     header : Header
         Header of the first part.
-    now_s : float
     """
 
     def __init__(self, path: Path, params: RecordParams, header: Header, now_s: float) -> None:
@@ -160,7 +158,6 @@ class Rotation:
         ----------
         hello : bytes
             Last hello of the board as a frame, for the header of a new part.
-        now_s : float
         """
         if now_s < self.due_s:
             return

@@ -36,7 +36,6 @@ class RecordEntry:
     ----------
     cause : Read or Input, optional
         The input; None for events of the daemon itself, about `board`.
-    outputs : sequence of Output
     hello : Hello, optional
         Hello of the board as the pipeline knows it afterwards.
     dropped : tuple of int
@@ -63,11 +62,8 @@ class RecordingSession:
 
     Parameters
     ----------
-    params : RecordParams
-    header : Header
     path : Path, optional
         File to record into from the start; by default a new file in `params.directory`, if that is set.
-    now_s : float
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:

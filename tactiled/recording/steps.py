@@ -49,7 +49,6 @@ class Replay:
     ----------
     header : Header
         Header of the first part.
-    pipeline : Pipeline
     extents : mapping of Path to Extent
         Readable extent of each file, once it has been read.
 

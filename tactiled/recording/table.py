@@ -93,14 +93,8 @@ class TableStream:
 
     The first rows are read at once, for the scan period and the number of channels.
 
-    Parameters
-    ----------
-    path : Path
-    options : TableOptions
-
     Attributes
     ----------
-    n_channels : int
     spacing : Spacing
         Of the first 100,000 rows, fewer of arrays of many channels.
 
@@ -238,7 +232,6 @@ class BlockSplitter:
 
     Parameters
     ----------
-    spacing : Spacing
     rate_hz : float or None
         Scan rate; None to use the period of the rows.
     """

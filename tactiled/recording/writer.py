@@ -41,7 +41,6 @@ class RecordingWriter:
     ----------
     path : Path
         Name of the finished file.
-    header : Header
 
     Raises
     ------

@@ -81,8 +81,6 @@ class Assembler:
 
     Parameters
     ----------
-    layout : Layout
-    params : SampleParams, optional
     baud : int
         Baud rate of the line; 0 for that of the layout.
     live : bool

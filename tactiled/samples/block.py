@@ -114,7 +114,6 @@ def regular_block(
     ----------
     volts : (n, channels) float64
         NaN readings are marked invalid.
-    rate_hz : float
     start_s : float
         Instant of scan ``index``.
     """

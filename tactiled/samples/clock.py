@@ -68,7 +68,6 @@ class ClockFit:
 
     Parameters
     ----------
-    params : ClockParams
     min_latency_s : float
         Time from the start of a scan to the arrival of its last byte on an ideal line: sampling of
         all channels plus transfer. A constant further delay of the line cannot be measured from one end.
@@ -140,7 +139,6 @@ class ClockFit:
 
         Parameters
         ----------
-        board_s, arrival_s : float
         waited_s : float
             Time since the hand-over before the one that completed this frame; infinity where unknown.
         whole : bool
@@ -186,7 +184,6 @@ class ClockFit:
 
         Parameters
         ----------
-        board_s : float
         sent_s, arrival_s : float
             Instants before and after the board read its clock; a backlog only makes the interval longer.
         """
@@ -209,12 +206,7 @@ class ClockFit:
                     self._bands[k] = band._replace(low=-math.inf)
 
     def time_of(self, board_s: float) -> tuple[float, float]:
-        """Host instant of a board instant, and its standard deviation.
-
-        Returns
-        -------
-        time_s, time_sd_s : float
-        """
+        """Host instant of a board instant, and its standard deviation."""
         if self._origin is None:
             return board_s, math.inf
         x = board_s - self._origin[0]

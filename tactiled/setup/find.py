@@ -84,7 +84,6 @@ def examine(port: FoundPort, array: str | None = None) -> FoundBoard:
 
     Parameters
     ----------
-    port : FoundPort
     array : str, optional
         Array of the board, where it does not ship with tactiled: a file.
     """

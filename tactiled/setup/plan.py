@@ -88,7 +88,6 @@ def make_plan(
 
     Parameters
     ----------
-    board : FoundBoard
     name : str, optional
         Name of the instance; by default the serial number of the adapter, by which the udev rule starts it.
     tcp_port : int

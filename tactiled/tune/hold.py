@@ -28,8 +28,6 @@ class Recording:
     ----------
     name : str
         Name in the report: a file name, or "quiet hold".
-    array : Array
-    items : tuple of ScanBlock or Gap
     """
 
     name: str
@@ -62,12 +60,7 @@ class Recording:
 
 
 class Collector:
-    """Compact collector of published scans, in order; hours of scans fit into memory.
-
-    Parameters
-    ----------
-    array : Array
-    """
+    """Compact collector of published scans, in order; hours of scans fit into memory."""
 
     def __init__(self, array: Array) -> None:
         self._array = array

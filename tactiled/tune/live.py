@@ -37,7 +37,6 @@ def record_live(
         Duration of each.
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
-    keys : Path, optional
     report : callable
         Called with prompts for the user.
 

@@ -67,8 +67,6 @@ class Study:
 
     Attributes
     ----------
-    accepted_per_hour : float
-    quiet, motion : Recording
     hold_s, motion_s : float
         Evaluated time: the longest contact without its first second; all contact.
     noise_sd_v : (channels,) float64

@@ -84,7 +84,6 @@ class ReplayFile:
 
         Parameters
         ----------
-        from_s, to_s : float
         thin : bool
             Leave out most scans, grip and force messages: what the timeline before an instant needs.
         """

@@ -26,7 +26,6 @@ class StaticFile:
 
     Attributes
     ----------
-    content_type : str
     etag : str
         Changes with the content.
     body, packed : bytes

@@ -20,7 +20,6 @@ class Decoder:
 
     Parameters
     ----------
-    layout : Layout
     direction : {"board-to-host", "host-to-board"}
         Direction of the bytes.
     """

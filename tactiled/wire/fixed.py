@@ -7,12 +7,7 @@ from tactiled.wire.layout import Layout
 
 
 class FixedCommandFramer:
-    """Find fixed commands among any bytes; the body of a command is its bytes.
-
-    Parameters
-    ----------
-    layout : Layout
-    """
+    """Find fixed commands among any bytes; the body of a command is its bytes."""
 
     def __init__(self, layout: Layout) -> None:
         self._commands = tuple(layout.fixed_commands)

@@ -99,8 +99,6 @@ class _GoodScans:
 
     Parameters
     ----------
-    layout : Layout
-    crc16_start : int
     limit : int
         Bytes before which the delimiter of a frame must come.
     """
@@ -248,7 +246,6 @@ class CobsFramer:
 
         Returns
         -------
-        bodies : list of bytes
         framed : int
             Number of bytes of the good frames.
         last : int

@@ -21,10 +21,8 @@ class GoodScans:
         First remainder of CRC-16 with the polynomial x^16 + x^12 + x^5 + 1, most significant bit first.
     is_little : bool
         Byte order of all numbers.
-    type_number, type_width, body_bytes : int
     places, widths : list of 3 int
         Of sequence, ticks and flags; width 0 where the layout has no such field.
-    counts_at, counts_width : int
     is_signed : bool
         The counts are.
     n_most : int

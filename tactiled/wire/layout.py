@@ -188,7 +188,6 @@ def tagged_packets(layout: Layout, body: bytes) -> bytes:
 
     Parameters
     ----------
-    layout : Layout
     body : bytes
         Channels, in the order of the layout.
     """

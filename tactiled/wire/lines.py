@@ -25,7 +25,6 @@ class LineFramer:
 
     Parameters
     ----------
-    layout : Layout
     direction : {"board-to-host", "host-to-board"}
     """
 

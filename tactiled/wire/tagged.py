@@ -30,7 +30,6 @@ class TaggedFramer:
 
     Parameters
     ----------
-    layout : Layout
     direction : {"board-to-host", "host-to-board"}
     """
 

@@ -22,7 +22,6 @@ class TerminatorFramer:
 
     Parameters
     ----------
-    layout : Layout
     direction : {"board-to-host", "host-to-board"}
     """
 

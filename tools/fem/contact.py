@@ -82,13 +82,7 @@ def load_felupe() -> Any:
 
 
 class TaxelPress:
-    """One taxel and one plate; `follow` a list of instants.
-
-    Parameters
-    ----------
-    mesh : TaxelMesh
-    surface : Surface
-    """
+    """One taxel and one plate; `follow` a list of instants."""
 
     def __init__(self, mesh: TaxelMesh, surface: Surface) -> None:
         fem = load_felupe()

@@ -31,11 +31,8 @@ class DataPath:
 
     Parameters
     ----------
-    link : BoardLink
     connection : Connection
         Commands are written to it. Its `run` is given this object.
-    encoder : Encoder
-    outlets : Outlets
     turns : LoopTurns
         Told how long the handling of each read takes.
     changed : callable

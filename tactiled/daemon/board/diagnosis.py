@@ -65,7 +65,6 @@ class LineWatch:
 
     Parameters
     ----------
-    protocol : str
     baud : int
         Both are used in messages only.
     others : mapping of str to Layout

@@ -46,8 +46,6 @@ class BoardLink:
 
     Parameters
     ----------
-    pipeline : Pipeline
-    session : Session
     line : LineWatch
         The one that `session` was made with.
     turns : LoopTurns, optional
@@ -84,7 +82,6 @@ class BoardLink:
 
         Parameters
         ----------
-        data : bytes
         now_s : float
             Host monotonic seconds at which the bytes were read.
         publish : callable
@@ -147,7 +144,6 @@ class BoardLink:
 
         Parameters
         ----------
-        command : Command
         now_s : float
             Time before the first byte is written; the board cannot have received it earlier.
 
@@ -237,8 +233,6 @@ def make_link(
 
     Parameters
     ----------
-    pipeline : Pipeline
-    params : SessionParams
     baud : int
         Named in diagnoses.
     others : mapping of str to Layout

@@ -31,12 +31,7 @@ class LoopTurns:
 
 
 class HostLoad:
-    """Turns of the event loop as the statuses of one board have them, and its late fits of the last 10 s.
-
-    Parameters
-    ----------
-    turns : LoopTurns
-    """
+    """Turns of the event loop as the statuses of one board have them, and its late fits of the last 10 s."""
 
     def __init__(self, turns: LoopTurns) -> None:
         self._loop_turns = turns
@@ -49,7 +44,6 @@ class HostLoad:
 
         Parameters
         ----------
-        now_s : float
         fits_late : int
             Number of late fits since the start.
         """

@@ -24,12 +24,6 @@ class Report:
 
     Parameters
     ----------
-    session : Session
-    link : BoardLink
-    connection : Connection
-    layout : Layout
-    array : Array
-    outlets : Outlets
     announce : callable
         Takes the words for a new state or reason.
     """

@@ -42,14 +42,11 @@ class Terms:
 
     Parameters
     ----------
-    params : SessionParams
-    layout : Layout
     check : callable
         Reason why a board is not the one configured, or None (`pipeline.check_hello`).
 
     Attributes
     ----------
-    params : SessionParams
     introduces : bool
         The protocol has a hello message.
     confirms : bool
@@ -112,7 +109,6 @@ class Terms:
         ----------
         known : bool
             The board has identified itself since the last event that could have changed it.
-        streaming : bool
         rate_hz : float
             Rate that the board stated.
         """

@@ -28,7 +28,6 @@ class Leftovers:
 
     Parameters
     ----------
-    directory : Path
     min_free_mb : float
         A file is not recovered while its copy would leave less free space than this on the disk (10^6 bytes).
     """

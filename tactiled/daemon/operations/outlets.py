@@ -22,11 +22,8 @@ class Outlets:
         Its `hello` describes the board in a recording.
     session : Session
         Its `board_serial` is in every message.
-    publisher : Publisher
-    metrics : Metrics
     clock : EpochClock
         Followed by its owner.
-    recorder : Recorder, optional
     """
 
     def __init__(

@@ -56,8 +56,6 @@ class Recorder:
 
     Parameters
     ----------
-    params : RecordParams
-    header : Header
     path : Path, optional
         Record into this file from the start; left out: into `params.directory`, if there is one.
     """

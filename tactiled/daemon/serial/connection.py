@@ -32,13 +32,7 @@ class Listener(Protocol):
 
 
 class Connection:
-    """Keep a port open, and report its bytes and losses to a `Listener`.
-
-    Parameters
-    ----------
-    url : str
-    baud : int
-    """
+    """Keep a port open, and report its bytes and losses to a `Listener`."""
 
     def __init__(self, url: str, baud: int) -> None:
         self.connects = 0

@@ -35,8 +35,6 @@ class Commands:
 
     Parameters
     ----------
-    pipeline : Pipeline
-    session : Session
     tuned : callable
         Takes the events caused by a change of the detectors: (name, arguments, events, now_s).
     record : callable, optional

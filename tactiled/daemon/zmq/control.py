@@ -95,7 +95,6 @@ class Control:
         ----------
         payload : bytes
             Any bytes.
-        requester : Requester
         respond : callable
             Takes the reply, at once or when a command is done.
         """

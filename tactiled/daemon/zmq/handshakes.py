@@ -31,8 +31,6 @@ class Handshakes:
 
     Parameters
     ----------
-    context : zmq.Context
-    guarded : zmq.Socket
     denied : RateLimitedLog
         Logs each client that failed.
     """

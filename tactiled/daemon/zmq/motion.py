@@ -39,7 +39,6 @@ class MotionSenders:
 
         Parameters
         ----------
-        command : Motion
         sender : tuple of str
             Identifies a program that runs, and so a clock.
         now_s : float

@@ -42,7 +42,6 @@ class Network:
 
     Parameters
     ----------
-    params : PublishParams
     do, settings, boards : callable
         See `Control`.
     n_boards : int
@@ -124,13 +123,6 @@ class Network:
 
 class GuardedRequests:
     """ROUTER socket of libzmq that passes requests of clients with keys to a `Control`.
-
-    Parameters
-    ----------
-    endpoints : sequence of str
-    control : Control
-    context : zmq.Context
-    authenticator : CurveAuthenticator
 
     Raises
     ------

@@ -87,7 +87,6 @@ class Peer:
     ----------
     sock : socket.socket
         Not blocking.
-    bounds : Bounds
     dropped : Counter
         Counts the messages that were dropped for newer ones, by name.
     """
@@ -170,7 +169,6 @@ class PeerServer:
         Ours, for example ``PUB``.
     peer_types : collection of str
         Those that may connect; others are refused with the reason.
-    bounds : Bounds
     """
 
     def __init__(self, socket_type: str, peer_types: Collection[str], bounds: Bounds) -> None:

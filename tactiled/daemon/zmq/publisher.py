@@ -118,9 +118,6 @@ class Publisher:
 
     Parameters
     ----------
-    params : PublishParams
-    environ : mapping
-    context : zmq.Context, optional
     authenticator : CurveAuthenticator, optional
         Both are required for guarded endpoints.
     n_boards : int

@@ -28,7 +28,6 @@ class Requesters(PeerServer):
 
     Parameters
     ----------
-    control : Control
     commands_over_tcp : bool
         Take commands over TCP too.
     """

@@ -55,12 +55,7 @@ class _Client(Params):
 
 
 class KeyFolder:
-    """Folder of the keys of one daemon.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """Folder of the keys of one daemon."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -152,7 +147,6 @@ class CurveAuthenticator:
     ----------
     context : zmq.Context
         Its sockets send the ZAP requests.
-    keys : KeyFolder
 
     Raises
     ------

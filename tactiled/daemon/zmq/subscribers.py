@@ -30,7 +30,6 @@ class Subscribers(PeerServer):
 
         Parameters
         ----------
-        topic, payload : bytes
         name : str
             What the message is counted under in `dropped`.
         """

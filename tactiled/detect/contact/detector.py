@@ -74,8 +74,6 @@ class ContactScan(NamedTuple):
 
     Attributes
     ----------
-    filter : ContactFilter
-    verdict : Verdict
     shear : (2, taxels) float64
         Force of the object on the skin, over the total load.
     ratio : tuple of 3 float
@@ -104,11 +102,6 @@ class GripDetector:
     """Compute how close a contact is to slipping, for each scan.
 
     An array without shear or without load channels cannot tell, and gets no events.
-
-    Parameters
-    ----------
-    array : Array
-    params : GripParams
 
     Examples
     --------

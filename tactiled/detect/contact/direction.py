@@ -48,7 +48,6 @@ def direction(scan: ContactScan, past: Sequence[FloatArray], n_averaged: int, *,
 
     Parameters
     ----------
-    scan : ContactScan
     past : sequence of (2, taxels) float64
         Shear over the total load, of the newest scans up to this one.
     n_averaged : int
@@ -83,7 +82,6 @@ def opposed(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
 
     Parameters
     ----------
-    scan : ContactScan
     past : sequence of (2, taxels) float64
         Shear over the total load.
     """

@@ -62,20 +62,17 @@ class ContactFilter:
     ----------
     x, y : (taxels,) float64
         Places from their mean, over their mean distance from it.
-    rate_hz : float
     shear_per_friction : float
         Reading of shear over that of load at a friction of 1.
     friction, log_sd : float
         Median of friction before any contact, in units of the readings, and sd of its logarithm.
     incipient_p, gross_p : float
         Probabilities from which a slip is open; it closes below a third of them.
-    learnt : Learnt
 
     Attributes
     ----------
     gate : SlipHysteresis
         Slips at these two probabilities, which `verdict` follows.
-    posterior : Posterior
     is_known : bool
         The beginning of the contact was seen, or a slide since.
     slid_at : float

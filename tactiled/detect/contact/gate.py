@@ -22,10 +22,6 @@ class SlipHysteresis:
         Probabilities that a tenth of the area slips, or all of it, from which a slip is open.
     look_s : float
         Time between looks.
-
-    Attributes
-    ----------
-    is_open, is_gross : bool
     """
 
     def __init__(self, incipient_p: float, gross_p: float, look_s: float) -> None:

@@ -103,8 +103,6 @@ class Memory:
 
         Parameters
         ----------
-        p : float
-        ratio : float
         step_s : float
             Time since the last look.
         log_load_change : float

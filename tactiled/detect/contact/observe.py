@@ -33,10 +33,6 @@ def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
 class Responses:
     """Weights that make loads and shears of the taxels out of readings.
 
-    Parameters
-    ----------
-    array : Array
-
     Attributes
     ----------
     weights : (3, taxels, channels) float64

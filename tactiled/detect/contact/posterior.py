@@ -106,7 +106,6 @@ class Posterior:
             Of the states, as logarithms but for a constant.
         soon_scores : (4,) float
             Of no gross slip within 300 ms, and of one within 300, 100 and 50 ms.
-        ratio : float
         prior_log, prior_variance : float
             Of the logarithm of friction, as a ratio, before any contact.
         log_friction, variance : float
@@ -162,7 +161,6 @@ class Posterior:
             1 where a gross slip is open.
         least_sliding : float
             Probability of sliding, at least, while one is.
-        ratio : float
         log_friction, variance : float
             Of the logarithm of friction, as a ratio, in the memory.
         """

@@ -32,8 +32,6 @@ class PressZero:
 
     Parameters
     ----------
-    n_taxels : int
-    rate_hz : float
     shear_per_friction : float
         Reading of shear over that of load at a friction of 1.
     least_load : float

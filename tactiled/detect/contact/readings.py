@@ -23,11 +23,6 @@ _LEAST_KEPT = 0.75  # of the taxels; with fewer, the messages are not valid
 class TaxelReadings(Readings):
     """Loads and shears of the taxels.
 
-    Parameters
-    ----------
-    array : Array
-    rate_hz : float
-
     Attributes
     ----------
     recent : (n, 3, taxels) float64

@@ -29,11 +29,6 @@ class GripSlip:
 
     An array without shear or without load channels has contact events only.
 
-    Parameters
-    ----------
-    array : Array
-    params : GripParams
-
     Examples
     --------
     A press, then shear along +x by Mindlin's curve from 4.0 s. Loads are equal, so that only the size of the

@@ -44,7 +44,6 @@ class PosteriorSlips:
     ----------
     gate : SlipHysteresis
         Slips that are open; others step it before each `step`.
-    rate_hz : float
 
     Attributes
     ----------

@@ -25,10 +25,8 @@ class SlipsByThreshold:
 
     Parameters
     ----------
-    array : Array
     params : GripParams
         Of the contact filter; its probabilities are not used.
-    thresholds : iterable of SlipThresholds
 
     Attributes
     ----------

@@ -42,7 +42,6 @@ class TravellingRipple:
     ----------
     array : Array
         With places, loads and shears.
-    rate_hz : float
 
     Attributes
     ----------

@@ -47,17 +47,12 @@ def assess_ambiguity(
 
     Parameters
     ----------
-    fit : WaveFit
     noise_inflation : float
         Ratio of the noise at the line to that of `best`.
     best : RefinedWave
         The first of `found`, refined.
     found : PlaneWaves
         All readings that the phases allow.
-    window : DetrendedWindow
-    layout : ChannelLayout
-    motion : WaveMotion
-    params : WaveParams
     """
     posterior = weigh_readings(best, found, window, layout, motion, params, noise_inflation)
     likeliest = int(posterior.weights.argmax())

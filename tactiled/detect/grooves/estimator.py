@@ -152,11 +152,8 @@ class _PendingFit:
 
     Attributes
     ----------
-    job : Job
     due_index : int
         Scan at which the answer is reported.
-    window : _Window
-    span : _Span
     is_refusal_due : bool
         True where a refusal is reported also without an answer before it.
     is_full : bool
@@ -176,8 +173,6 @@ class JointTexture:
 
     Parameters
     ----------
-    array : Array
-    params : JointParams
     worker : Worker, optional
         Computes the fits; by default they are computed in place.
     fit : callable

@@ -85,17 +85,10 @@ def fit_wave(
         Instants at which scans began, evenly spaced or nearly so.
     channel_offset_s : (channels,) float64
         Delay from the beginning of a scan to the sampling of each channel.
-    layout : ChannelLayout
-    motion : WaveMotion
-    params : WaveParams
     usable : (n, channels) bool
         False for readings to ignore; by default those that are not finite.
     speeds_mm_s : (n,) float64, optional
         Speed from each scan to the next where it is known and not constant; `motion` then holds the mean.
-
-    Returns
-    -------
-    WaveFit
 
     Examples
     --------

@@ -127,7 +127,6 @@ def sweep(square: FloatArray, n: int) -> FloatArray:
     Parameters
     ----------
     square : (unknowns, unknowns, ...) float64
-    n : int
     """
     square = square.copy()
     for i in range(n):
@@ -176,9 +175,6 @@ def linearise(
 
     Parameters
     ----------
-    geometry : PhaseGeometry
-    equations : NormalEquations
-    waves : PlaneWaves
     product : (samples, channels, functions) float64
         Used instead of the product of `equations`. Samples and waves are equal in number, or one of either.
     """

@@ -63,7 +63,6 @@ class SpectralLine(NamedTuple):
 
     Attributes
     ----------
-    frequency_hz, frequency_sd_hz : float
     power : float
         Power over the noise beside it, summed over the channels.
     statistic : float

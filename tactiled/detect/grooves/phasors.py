@@ -37,7 +37,6 @@ class Phasors:
     z : (channels,) complex128
     variance : (channels,) float64
         Of noise in the real and in the imaginary part of each.
-    layout : ChannelLayout
     """
 
     def __init__(self, z: FloatArray, variance: FloatArray, layout: ChannelLayout) -> None:

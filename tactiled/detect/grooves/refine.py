@@ -67,7 +67,6 @@ class RefinedWave:
         Variance of phases within a kind, radians^2, widened so that all harmonics count as one observation.
     is_wave : bool
         True where the phases of one wave suit the channels.
-    n_scans : int
     """
 
     waves: PlaneWaves
@@ -169,11 +168,8 @@ def variance_inflation(
 
     Parameters
     ----------
-    window : DetrendedWindow
-    layout : ChannelLayout
     solver : WaveSolver
         With noise and mismatch of `best`.
-    best : RefinedWave
     slope : (answers, 3) float64
 
     Returns
@@ -217,11 +213,6 @@ def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float,
     ----------
     mismatches : (channels,) float64
         In standard deviations.
-    layout : ChannelLayout
-
-    Returns
-    -------
-    effect, dof : float
     """
     n_taxels, n_channels = len(layout.places_mm), len(mismatches)
     sums, sizes = np.bincount(layout.taxel, mismatches), np.bincount(layout.taxel)

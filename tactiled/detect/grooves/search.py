@@ -35,12 +35,8 @@ def search_wave_vectors(
 
     Parameters
     ----------
-    window : DetrendedWindow
     equations : NormalEquations
         At the line's frequency, fundamental only.
-    layout : ChannelLayout
-    motion : WaveMotion
-    params : WaveParams
     variance : (channels,) float64
         Of each channel's noise, volts^2.
     least : float

@@ -59,9 +59,6 @@ def has_second_wave(
         Phasors of the line.
     variance : (channels,) float64
         Of noise in the real and in the imaginary part of each.
-    layout : ChannelLayout
-    motion : WaveMotion
-    params : WaveParams
     k : (2,) float64
         Wave vector of the one wave.
     are_alike : bool

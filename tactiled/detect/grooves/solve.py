@@ -46,10 +46,8 @@ class WaveSolver:
 
     Parameters
     ----------
-    window : DetrendedWindow
     layout : ChannelLayout
         Of the window's channels; positions are relative to their centre.
-    motion : WaveMotion
     variance : (channels,) float64
         Of each channel's noise, volts^2.
     mismatch : (kinds, harmonics) float64, optional
@@ -107,7 +105,6 @@ class WaveSolver:
 
         Parameters
         ----------
-        equations : NormalEquations
         k : (starts, 2) float64
         phase_rate : (starts,) float64
             Near that of `equations`: a change of frequency is followed to first order.
@@ -169,7 +166,6 @@ class WaveSolver:
 
         Parameters
         ----------
-        equations : NormalEquations
         waves : PlaneWaves
             One wave.
         noise : (samples, channels, functions) float64

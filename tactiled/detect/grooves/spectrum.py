@@ -86,7 +86,6 @@ def line_spectra(window: DetrendedWindow, *others: DetrendedWindow) -> list[Line
 
     Parameters
     ----------
-    window : DetrendedWindow
     *others : DetrendedWindow
         Windows of the same readings with other trends.
 
@@ -129,7 +128,6 @@ def floor_beside(window: DetrendedWindow, phase_rate: float, variance: FloatArra
     ----------
     window : DetrendedWindow
         Without the line at `line` and its harmonics.
-    phase_rate : float
     variance : (channels,) float64
     line : float
         Phase rate of the line that was removed.
@@ -363,10 +361,6 @@ def foreign_lines(
 
     Parameters
     ----------
-    window : DetrendedWindow
-    layout : ChannelLayout
-    motion : WaveMotion
-    params : WaveParams
     waves : PlaneWaves
         One wave.
     equations : NormalEquations

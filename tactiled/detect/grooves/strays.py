@@ -89,7 +89,6 @@ def weigh_waves(
         Phasors of the line.
     variance : (channels,) float64
         Of noise in the real and in the imaginary part of each.
-    layout : ChannelLayout
     k : (waves, 2) float64
         Local maxima of the likelihood, radians per millimetre.
     motion : WaveMotion
@@ -99,10 +98,6 @@ def weigh_waves(
         apart from that of speed and direction; radians per millimetre.
     log_prior : (sigmas_c, sigmas_t) float64
         Logarithms of the probabilities of the standard deviations.
-
-    Returns
-    -------
-    StrayPosterior
     """
     noise = variance / np.maximum(np.abs(z) ** 2, _TINY)
     place = np.stack([layout.x_mm, layout.y_mm], axis=1)

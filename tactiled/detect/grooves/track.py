@@ -114,7 +114,6 @@ def is_another_pattern(window: DetrendedWindow, best: RefinedWave, n_block: int)
 
     Parameters
     ----------
-    window : DetrendedWindow
     best : RefinedWave
         The wave of the whole window.
     n_block : int

@@ -37,7 +37,6 @@ class ScanWindow:
     ----------
     size : int
         Scans at most.
-    n_channels : int
     most : int, optional
         Scans that are kept for `widen`; `size` if not given.
     """
@@ -131,8 +130,6 @@ class DetrendedWindow:
         One row where the speed is constant, else a row for each channel.
     skew : (channels,) float64
         Distance travelled between the instant that `travel` states and the sampling of each channel.
-    half_travel : float
-    duration_s : float
     trend : (n, terms) float64
         Orthonormal columns: polynomials, and lines that were removed.
     removed : tuple of float
@@ -214,7 +211,6 @@ def make_window(
         Distance per second after each scan, mm/s; ones where the speed is unknown.
     channel_offset_s : (channels,) float64
         Delay from the beginning of a scan to the sampling of each channel.
-    trend_order : int
     """
     duration_s = float(time_s[-1] - time_s[0])
     travel = np.concatenate([[0.0], np.cumsum(travel_rate[:-1] * np.diff(time_s))])

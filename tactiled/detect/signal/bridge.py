@@ -18,12 +18,7 @@ _LOSSES = ("corrupt", "missing")
 
 
 class GapBridge:
-    """Detector that is given interpolated scans in place of short gaps.
-
-    Parameters
-    ----------
-    detector : Detector
-    """
+    """Detector that is given interpolated scans in place of short gaps."""
 
     def __init__(self, detector: Detector) -> None:
         self._detector = detector

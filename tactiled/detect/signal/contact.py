@@ -153,18 +153,7 @@ class _TouchingTaxels(NamedTuple):
 
 
 class ContactTracker:
-    """State machine of the contact, one scan at a time.
-
-    Parameters
-    ----------
-    array : Array
-    params : ContactParams
-    rate_hz : float
-
-    Attributes
-    ----------
-    state : str
-    """
+    """State machine of the contact, one scan at a time."""
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
         self._rate_hz = rate_hz
@@ -369,13 +358,7 @@ def lost_contact_event(time_s: float, previous: ContactState) -> ContactEvent:
 
 
 class ContactGate:
-    """Contact events from pressure alone: none, loading, holding.
-
-    Parameters
-    ----------
-    array : Array
-    params : ContactParams
-    """
+    """Contact events from pressure alone: none, loading, holding."""
 
     def __init__(self, array: Array, params: ContactParams | None = None) -> None:
         self._array = array

@@ -152,7 +152,6 @@ class Bank:
 
     Parameters
     ----------
-    n_channels : int
     taps : sequence of (taps,) float64
         Of each filter, that of the newest scan first.
     """
@@ -190,7 +189,6 @@ class Jumps:
     ----------
     taxel_channels : (taxels * channels,) uint8
         1 where a channel is part of a taxel.
-    n_taxels : int
 
     Attributes
     ----------
@@ -372,7 +370,6 @@ class NoiseFloor:
 
     Parameters
     ----------
-    n_channels, n_levels : int
     least : float
         No noise is below it.
     n_scans : float
@@ -427,7 +424,6 @@ class Readings:
         None for arrays whose taxels have no opposed sides.
     own, weights : (n * 3 * taxels,)
         Channels that make load, shear along x and along y of the taxels, and their weights.
-    rate_hz, volts_per_step : float
     n_hold : int
         Scans for which a bad channel waits before it takes its taxel out.
     most_dropped : float

@@ -43,13 +43,7 @@ class GatedEstimator(Protocol):
 
 
 class KnownSlidingTexture:
-    """Texture estimator that is started and stopped by a known interval; slip events are ignored.
-
-    Parameters
-    ----------
-    texture : GatedEstimator
-    sliding : KnownSliding
-    """
+    """Texture estimator that is started and stopped by a known interval; slip events are ignored."""
 
     def __init__(self, texture: GatedEstimator, sliding: KnownSliding) -> None:
         self._texture = texture

@@ -26,10 +26,6 @@ class RestNoise:
     groups of 16 scans is about half of the standard deviation. Until a group without missing readings is
     complete, it is a bound from the first scans of several channels, or full scale.
 
-    Parameters
-    ----------
-    n_channels : int
-
     Attributes
     ----------
     n_blind : int

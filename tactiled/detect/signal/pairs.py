@@ -27,12 +27,7 @@ def mean_response(weights: FloatArray, steps: FloatArray) -> FloatArray:
 
 
 class PairResponse:
-    """Opposed (shear) and common (pressure) response of an array's channels.
-
-    Parameters
-    ----------
-    array : Array
-    """
+    """Opposed (shear) and common (pressure) response of an array's channels."""
 
     def __init__(self, array: Array) -> None:
         self._weights = whole_weights(array.shear_weights())  # (2, taxels, channels)

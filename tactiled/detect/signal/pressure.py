@@ -24,7 +24,6 @@ class Hold:
 
     Parameters
     ----------
-    n_channels : int
     limit, steps_per_unit : float
         Readings beyond the limit are not ok.
     """
@@ -66,7 +65,6 @@ class Pressure:
         Sign of the pressure; whole weights of the array's pressure.
     line : (n,) float64
         Whole weights of a least-squares slope.
-    volts_per_step, slope_scale : float
     is_field : bool
         The readings are those of a magnetic field, which a press may raise or lower.
     set_of_load, set_per_scan : float
@@ -108,7 +106,6 @@ class Pressure:
 
         Parameters
         ----------
-        n : int
         steps, held : (n * channels,) float64
             Readings, 0 where there is none; the slope is that of the held ones.
         levels : (3 * taxels,) or (3 * n * taxels,) float64

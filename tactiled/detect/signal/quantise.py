@@ -30,7 +30,6 @@ class HeldReadings:
         Whole numbers within +-2^23.
     ok : (n, channels) bool
         False where the reading was NaN, invalid or outside full scale and an older one stands in.
-    all_ok : bool
     """
 
     steps: FloatArray
@@ -42,10 +41,6 @@ class Quantiser:
     """Streaming rounding to the grid, holding the last good reading of each channel.
 
     A channel that never had a good reading is held at zero.
-
-    Parameters
-    ----------
-    array : Array
     """
 
     def __init__(self, array: Array) -> None:

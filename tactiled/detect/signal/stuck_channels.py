@@ -32,12 +32,7 @@ _LEAST_SIDES = 3
 
 
 class StuckChannelDetector:
-    """Detect stuck channels in a stream of readings.
-
-    Parameters
-    ----------
-    array : Array
-    """
+    """Detect stuck channels in a stream of readings."""
 
     def __init__(self, array: Array) -> None:
         self._search = stuck_channels(array)

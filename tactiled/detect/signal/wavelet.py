@@ -127,13 +127,7 @@ class WaveletCoefficients:
 
 
 class SwtBank:
-    """Causal coif1 bank over all channels.
-
-    Parameters
-    ----------
-    array : Array
-    params : BankParams
-    """
+    """Causal coif1 bank over all channels."""
 
     def __init__(self, array: Array, params: BankParams | None = None) -> None:
         self.levels = (params or BankParams()).levels

@@ -10,8 +10,6 @@ class Change(NamedTuple):
     ----------
     row : int
         Scan of the block.
-    is_onset : bool
-    statistic : float
     scans_before : int
         Scans from the onset to this scan, about.
     is_gross : bool

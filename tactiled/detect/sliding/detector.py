@@ -53,7 +53,6 @@ class SlidingSlip:
 
     Parameters
     ----------
-    array : Array
     first : ContactAndSlip
         Reports contact, and slip by shear.
     """

@@ -102,7 +102,6 @@ def log_odds(found: Spectra, own: FloatArray, at_rest: FloatArray | None) -> flo
 
     Parameters
     ----------
-    found : Spectra
     own : (bins,) float64
         See `own_power`.
     at_rest : (bins,) float64 or None

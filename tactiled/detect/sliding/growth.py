@@ -54,13 +54,7 @@ _LEAST_NOISE = 1.0 / 12  # variance of rounding to a step
 
 
 class GrowthTracker:
-    """Track slips of an array by the growth of its shear channels, or by its loads where it has no shear.
-
-    Parameters
-    ----------
-    array : Array
-    rate_hz : float
-    """
+    """Track slips of an array by the growth of its shear channels, or by its loads where it has no shear."""
 
     def __init__(self, array: Array, rate_hz: float) -> None:
         kinds = np.array(array.channel_kind)

@@ -50,13 +50,7 @@ class _Rest:
 
 
 class SlidingTracker:
-    """Track the sliding of one array at one scan rate.
-
-    Parameters
-    ----------
-    array : Array
-    rate_hz : float
-    """
+    """Track the sliding of one array at one scan rate."""
 
     def __init__(self, array: Array, rate_hz: float) -> None:
         self._mean_of = max(1, round(rate_hz / _FINEST_HZ))

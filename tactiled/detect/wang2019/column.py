@@ -17,10 +17,8 @@ class TaxelColumn:
 
     Parameters
     ----------
-    array : Array
     number : int
         Number of the column, counted as in `Array.columns`; the last where there are fewer.
-    low_pass_hz : float
 
     Attributes
     ----------

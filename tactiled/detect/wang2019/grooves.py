@@ -112,15 +112,12 @@ def estimate(
     ----------
     volts : (n, taxels) float64
         Two or three taxels of one column, in ascending y.
-    rate_hz : float
     volts_per_step : float
         Resolution of the readings.
     places_mm : (taxels,) float64
         Positions y of the taxels.
     offsets_s : (taxels,) float64
         Delay from the beginning of a scan to the sampling of each.
-    motion : SlidingMotion
-    params : GrooveParams
 
     Examples
     --------

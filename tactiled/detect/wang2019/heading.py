@@ -67,7 +67,6 @@ class HeadingTracker:
 
     Parameters
     ----------
-    pairs : PairResponse
     taxels : (taxels,) bool
         Taxels whose response is summed.
     rest_steps : (scans, channels) float64
@@ -78,7 +77,6 @@ class HeadingTracker:
         Unit vector of the slip's direction.
     turn_deg : float
         Smallest change of direction that is reported.
-    rate_hz : float
     """
 
     def __init__(

@@ -34,7 +34,6 @@ class KinkOnset(NamedTuple):
 
     Attributes
     ----------
-    delay : KinkDelay
     along : (axes,) float64
         Unit vector of the movement.
     direction_deg, direction_sd_deg : float

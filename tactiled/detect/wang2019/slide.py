@@ -41,7 +41,6 @@ class MotionResponse:
         Response before the slip, in grid steps.
     view : ScanView
         The scan in which the slip was detected.
-    kink : KinkFit
 
     Attributes
     ----------
@@ -85,14 +84,12 @@ class ActiveSlip:
 
     Parameters
     ----------
-    onset : SlipEvent
     response : MotionResponse or None
         None for an array without shear channels, whose slips end with their last crossing.
     heading : HeadingTracker or None
         None under the same condition.
     now_s : float
         Instant of the scan in which the slip was detected.
-    rate_hz : float
 
     Attributes
     ----------

@@ -93,11 +93,6 @@ def level_at(rate_hz: float, params: SlipParams) -> int:
 class WaveletSlip:
     """Report contact and slip events by the published rule.
 
-    Parameters
-    ----------
-    array : Array
-    params : SlipParams
-
     Examples
     --------
     Load for 1 s, hold for 3 s, then shear along +x (R1 rises, R3 falls) from 4 s on:

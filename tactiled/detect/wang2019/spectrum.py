@@ -60,7 +60,6 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     ----------
     volts : (n, taxels) float64
         One signal per taxel; finite.
-    rate_hz : float
     volts_per_step : float
         Resolution of the readings: the noise floor of a noiseless signal.
     low_pass_hz : float

@@ -58,11 +58,6 @@ class TextureParams(GrooveParams):
 class PaperTexture:
     """Report texture events by the published procedure.
 
-    Parameters
-    ----------
-    array : Array
-    params : TextureParams
-
     Examples
     --------
     Grooves of 1.2 mm inclined by 30 degrees under a slip along +x that is detected at the first scan:

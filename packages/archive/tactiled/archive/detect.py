@@ -44,9 +44,6 @@ class FileJob:
         Name in the table.
     path : Path
         Absolute.
-    array : str, optional
-    rate_hz : float, optional
-    choices : Choices
     version : str
         Of the tactiled that asks.
     """

@@ -47,8 +47,6 @@ def pull(
 
     Parameters
     ----------
-    store : AbstractFileSystem
-    recordings : sequence of StoredRecording
     directory : Path
         Recordings keep their path below the folder of the store.
     reached : callable

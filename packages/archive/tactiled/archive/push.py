@@ -22,7 +22,6 @@ class Copy:
 
     Attributes
     ----------
-    path : Path
     state : {"copied", "there already", "repaired", "failed"}
         All but the last are confirmed: the store had these bytes when they were read back. "there already"
         was read back now only where the recording is to be removed here; "repaired" is a damaged copy that
@@ -73,8 +72,6 @@ def push(
 
     Parameters
     ----------
-    directory : Path
-    store : AbstractFileSystem
     folder : str
         Folder in the store; recordings keep their path below `directory`.
     remove : bool

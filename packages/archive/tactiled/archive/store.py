@@ -50,7 +50,6 @@ class Examined:
 
     Attributes
     ----------
-    recording : StoredRecording
     health : {"whole", "damaged", "unconfirmed", "unreadable"}
     reason : str
         Why the copy is not whole; else empty.

@@ -128,7 +128,6 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
     time_s : (n,) float64
     readings : (n, channels) float64
         As in the file, NaN where missing.
-    array : Array
     """
     spacing_s = np.diff(time_s)
     half_s = np.minimum(spacing_s, np.quantile(spacing_s, _USUAL)) / 2

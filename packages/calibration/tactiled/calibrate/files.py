@@ -28,7 +28,6 @@ class ArrayLog:
 
     Attributes
     ----------
-    array : Array
     time_s : (n,) float64
     readings : (n, channels) float64
         NaN where missing or not valid.

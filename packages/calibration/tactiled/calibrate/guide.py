@@ -44,10 +44,6 @@ class Advice:
 class Guide:
     """Information about the sensitivities of an array, updated with each second of scans.
 
-    Parameters
-    ----------
-    array : Array
-
     Raises
     ------
     DataError

@@ -32,7 +32,6 @@ def record_guided(
         Endpoint where the daemon publishes.
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
-    keys : Path, optional
     most_s : float
         Longest duration.
     report : callable

@@ -62,7 +62,6 @@ class PairsFit:
     Attributes
     ----------
     physics : dict of str to float
-    linear : LinearFit
     regression : Regression
         Of all rows, at these parameters.
     features : (n, features) float64
@@ -85,9 +84,6 @@ class PairsFitter:
 
     Parameters
     ----------
-    array : Array
-    log : BinnedLog
-    reference : AlignedReference
     late_s : float
         Offset of the clocks from their correlation.
     rows : (n,) bool

@@ -56,7 +56,6 @@ class SmoothFit:
 
     Attributes
     ----------
-    terms : FeatureTerms
     kinds : SmoothFeatures
         The terms, scaled to the readings.
     weights : (6, features) float64

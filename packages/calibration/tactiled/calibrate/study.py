@@ -68,7 +68,6 @@ class CalibrationStudy:
 
     Attributes
     ----------
-    file : CalibrationFile
     late_s : float
         Clock of the reference minus that of the log.
     late_sd_s : float
@@ -85,7 +84,6 @@ class CalibrationStudy:
         Stated standard deviations.
     baseline : (6,) float64
         Rms differences of ridge regression with squares in the folds.
-    used : list of int
     """
 
     file: CalibrationFile
@@ -127,8 +125,6 @@ def calibrate(
     time_s : (n,) float64
     readings : (n, channels) float64
         As the sensor gave them, NaN where missing.
-    table : ReferenceTable
-    identity : Identity
     reached : callable
         Called with a few words after each stage.
     models : tuple of str

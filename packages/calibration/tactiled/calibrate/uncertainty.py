@@ -29,7 +29,6 @@ class AxisUncertainty:
     ----------
     factor : (rank, features) float64
         Its products with the features are independent errors.
-    floor_n, own, of_normal : float
     covariance : (features, features) float64
         Of the weights, scaled as the rest.
     """
@@ -61,7 +60,6 @@ def axis_uncertainty(
 
     Parameters
     ----------
-    axis : str
     features : (n, features) float64
     covariance : (features, features) float64
         Of the weights.

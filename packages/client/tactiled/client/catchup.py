@@ -53,7 +53,6 @@ class CatchUp:
     ----------
     enabled : bool
         There is a daemon to send requests to.
-    now_s : float
 
     Attributes
     ----------

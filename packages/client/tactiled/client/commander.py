@@ -37,7 +37,6 @@ class Reply:
 
     Attributes
     ----------
-    ok : bool
     reason : str
         Reason for a refusal; empty where `ok`.
     data : dict

@@ -84,7 +84,6 @@ def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
 
     Parameters
     ----------
-    endpoint : str
     keys : Path, optional
         Configuration of zenoh with the certificates of this client; the endpoint may name it instead. With
         it, the router is reached over TLS.
@@ -284,8 +283,6 @@ class Queries:
 
     Parameters
     ----------
-    session : zenoh.Session
-    key : str
     answered : callable
         Takes each reply, in a thread of zenoh.
     """
@@ -374,13 +371,7 @@ class WakeUp:
 
 
 class Caller:
-    """Requests with one reply each, for commands.
-
-    Parameters
-    ----------
-    endpoint : str
-    keys : Path, optional
-    """
+    """Requests with one reply each, for commands."""
 
     def __init__(self, endpoint: str, keys: Path | None) -> None:
         address = parse_address(endpoint, keys)
@@ -412,7 +403,6 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
     ----------
     endpoint : str
         ``zenoh://ROUTER:7447/*``, or with one host.
-    keys : Path, optional
     timeout_s : float
         Time to wait for the slowest host.
 

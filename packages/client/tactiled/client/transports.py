@@ -50,7 +50,6 @@ class ZmqTransport:
     ----------
     context : zmq.Context
         Of the sockets; terminated by `close`.
-    endpoint : str
     control : str
         Endpoint for requests; empty: none are sent.
     topics, board, keys

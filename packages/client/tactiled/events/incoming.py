@@ -32,10 +32,6 @@ def checked_map(topic: str, data: Mapping[str, Any]) -> dict[str, Any]:
         Map as received. Fields that are not declared are left out; declared fields with a default, which an
         earlier version does not send, get that default.
 
-    Returns
-    -------
-    dict
-
     Raises
     ------
     ContractError

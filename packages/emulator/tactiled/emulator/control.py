@@ -39,12 +39,7 @@ def move_grip(contact: SceneContact, force_n: float) -> None:
 
 
 class ControlLines:
-    """Protocol of the control socket, without I/O: bytes of one peer in, answers out.
-
-    Parameters
-    ----------
-    contact : SceneContact
-    """
+    """Protocol of the control socket, without I/O: bytes of one peer in, answers out."""
 
     def __init__(self, contact: SceneContact) -> None:
         self._contact = contact

@@ -24,12 +24,8 @@ class EmulatedPort:
 
     Parameters
     ----------
-    scene : Scene
-    layout : Layout
     power_up_s : float
         True instant (host monotonic clock) of power-up.
-    board : EmulatedBoardParams
-    faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
     on_scan : callable
@@ -37,12 +33,10 @@ class EmulatedPort:
 
     Attributes
     ----------
-    board : Board
     array : Array
         The array of the board.
     contact : SceneContact
         Source of the truth; takes a controller's grip.
-    counts : FaultCounts
     plugged : bool
         False while a fault has unplugged the port: a host cannot read, write or open it.
 

@@ -34,8 +34,6 @@ def prepare(scene: Scene, array: Array, progress: Progress | None = None) -> Non
 
     Parameters
     ----------
-    scene : Scene
-    array : Array
     progress : callable
         Called before each table that is solved, with the number of tables done and their total.
 

@@ -43,11 +43,6 @@ class Emulator:
 
     Parameters
     ----------
-    scene : Scene
-    layout : Layout
-    link : HostLink
-    board : EmulatedBoardParams
-    faults : FaultParams
     seed : int
         Of the faults.
     report : callable

@@ -23,12 +23,8 @@ class Simulation:
 
     Parameters
     ----------
-    scene : Scene
-    layout : Layout
     origin_s : float
         Simulated monotonic time at power-up.
-    board : EmulatedBoardParams
-    faults : FaultParams
     seed : int
         Of the faults; the scene has its own.
     is_host : bool

@@ -136,8 +136,6 @@ class Bridge:
 
     Parameters
     ----------
-    node : Node or ZenohNode
-    params : BridgeParams
     report : callable
         Called with what becomes known, as maps: the node, each board.
     """

@@ -105,7 +105,6 @@ def diagnostics(rows: Sequence[tuple[str, str, Level, str, Mapping[str, Any]]], 
     ----------
     rows : sequence of (str, str, Level, str, mapping)
         Name, hardware id, level, text and values of each entry.
-    unix_s : float
     """
     entries = [
         {

@@ -18,7 +18,6 @@ class RosField:
 
     Attributes
     ----------
-    name : str
     kind : str
         Primitive type, or full name of a message type.
     size : int, optional

@@ -37,7 +37,6 @@ class BoardFreshness:
 
         Parameters
         ----------
-        topic : str
         data : mapping
             Map of the message.
         now_s, unix_s : float

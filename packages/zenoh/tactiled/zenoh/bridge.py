@@ -55,7 +55,6 @@ class ZenohBridgeParams:
         Name of this host in the keys.
     scan_rate_hz : float, optional
         Highest rate of the topics of each scan; 0: none of them; left out: every message.
-    allow_commands : bool
     keys : Path, optional
         Key file for the daemon, where its endpoint needs one.
     """
@@ -87,7 +86,6 @@ class ZenohBridge:
 
     Parameters
     ----------
-    params : ZenohBridgeParams
     session : zenoh.Session
         Closed by its owner.
 

@@ -35,7 +35,6 @@ class FleetRow:
 
     Attributes
     ----------
-    host, board : str
     state : str
         As in its status; ``silent``: the host has a bridge but its daemon does not answer; ``gone``: it was
         on the network before; ``missing``: it is expected and was never there.
@@ -47,7 +46,6 @@ class FleetRow:
         Part of the friction limit that is in use; -1 without contact or without `grip` messages.
     loss_ppm : float
         Scans missing per million; -1 where they are not counted.
-    firmware : str
     recording : str
         State of the recording.
     free_mb : float

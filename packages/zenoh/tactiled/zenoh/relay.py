@@ -63,8 +63,6 @@ class Relay:
         ----------
         payload : bytes
             Any bytes.
-        respond : callable
-        now_s : float
         may_command : bool
             It came over the key of commands.
         """

@@ -56,10 +56,8 @@ class Board:
 
     Parameters
     ----------
-    layout : Layout
     hello : Hello
         Identity; its rate is the one after power-up.
-    params : EmulatedBoardParams
     source : ScanSource
         Read in scene time, which begins at the first start command.
     power_up_s : float
@@ -71,7 +69,6 @@ class Board:
     ----------
     scene_start_s : float or None
         True instant of scene time 0; None until the first start. `skip_until` moves it.
-    running : bool
     preparing : bool
         Set while the source cannot be read yet.
 

@@ -11,11 +11,6 @@ class ScanNoise:
 
     Block b of scans is drawn from Philox, a counter-based generator, with the key (seed, b), so that no state
     is carried from block to block (Salmon et al., SC 2011).
-
-    Parameters
-    ----------
-    seed : int
-    channels : int
     """
 
     def __init__(self, seed: int, channels: int) -> None:

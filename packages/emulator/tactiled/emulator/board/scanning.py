@@ -100,11 +100,8 @@ class Scanning:
 
     Parameters
     ----------
-    source : ScanSource
-    crystal : Crystal
     offset_s : (channels,) float64
         Of each channel's sample, board seconds after the scan began.
-    rate_hz : float
     begin_s : float
         True instant of the first scan.
     scene_start_s : float

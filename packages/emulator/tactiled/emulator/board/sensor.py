@@ -18,17 +18,9 @@ class Sensor:
 
     Parameters
     ----------
-    scene : Scene
-    array : Array
-    adc_bits : int
-    adc_reference_v : float
     span : (float, float), optional
         Readings of no and of all counts, in the unit of the array: the sensor converts counts itself. An
         array in newtons then reads the force on the skin, without rubber and divider.
-
-    Attributes
-    ----------
-    contact : SceneContact
 
     Raises
     ------

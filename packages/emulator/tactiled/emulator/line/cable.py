@@ -31,9 +31,6 @@ class CableModel:
 
     Parameters
     ----------
-    baud : int
-    params : FaultParams
-    seed : int
     counts : FaultCounts
         Counters of the faults.
     """

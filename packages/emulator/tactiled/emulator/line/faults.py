@@ -80,8 +80,6 @@ class FaultPlan:
 
     Parameters
     ----------
-    params : FaultParams
-    seed : int
     power_up_s : float
         Instant that ``at_s`` counts from.
     """

@@ -115,7 +115,6 @@ class TcpLink:
 
     Parameters
     ----------
-    host : str
     port : int
         0 takes a free port, which is kept when the port is unplugged.
 

@@ -26,7 +26,6 @@ class ModelOption:
 
     Attributes
     ----------
-    name : str
     provides : Mapping
         Need to measured relative error.
     refusal : str
@@ -70,7 +69,6 @@ def choose(
     ----------
     source : str
         Name of the scene, for the error message.
-    needs : iterable of str
     tolerance : float
         Largest relative error of each.
     candidates : sequence of ModelOption

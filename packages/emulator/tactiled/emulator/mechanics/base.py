@@ -101,7 +101,6 @@ class TaxelModel(Protocol):
             Normal force, N, or indentation, mm (negative: no touch), at the end of the step.
         base_mm : (t, 2) float64
             Place over the surface at the end of the step.
-        dt_s : float
         """
         ...
 

@@ -87,10 +87,8 @@ class Compliance:
 
     Parameters
     ----------
-    surface : Surface
     azimuth_deg : (a,) float64
         Of the read-out areas.
-    n_taxels : int
     readout : {"edge", "half"}
     mesh : str
         Name of the shipped compliance.

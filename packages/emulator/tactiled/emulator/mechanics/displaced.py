@@ -51,7 +51,6 @@ class DisplacementEffects:
 
     Parameters
     ----------
-    skin : SkinCompliance
     azimuth_deg : (a,) float64
         Azimuths of the read-out areas.
     """

@@ -39,7 +39,6 @@ class YeohFit:
         Standard deviation of the measured stress about the fit.
     stretch : tuple of float
         Shortest and longest stretch measured.
-    stability : StableRange
     """
 
     c_mpa: tuple[float, float, float]

@@ -69,9 +69,7 @@ class Lumped:
 
     Parameters
     ----------
-    surface : Surface
     azimuth_deg : (a,) float64
-    n_taxels : int
     readout : {"edge", "half"}
 
     Attributes

@@ -68,9 +68,7 @@ class Periodic:
 
     Parameters
     ----------
-    surface : Surface
     azimuth_deg : (a,) float64
-    n_taxels : int
     readout : {"edge", "half"}
     mesh : str
         Mesh of the compliance.

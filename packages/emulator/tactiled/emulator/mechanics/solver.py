@@ -64,7 +64,6 @@ class ContactSolver:
     compliance : (3, n, 3, n) float64
         Displacement component i of node k by force component j on node l, mm/N; symmetric, positive
         definite. Components: into the body, x, y.
-    friction : float
     """
 
     def __init__(self, compliance: FloatArray, friction: float) -> None:

@@ -38,7 +38,6 @@ class GridInterpolator:
     ----------
     source : GridSource
         Reset here.
-    step_s : float
     block : int
         Grid points computed at once; 1 for a source that reacts to input.
     """

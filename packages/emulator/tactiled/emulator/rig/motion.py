@@ -52,11 +52,7 @@ def play(
         wanders over the whole array, so that taxels do not share the load in proportion. "hold": contacts of
         10 to 20 s with sway, taps and slow pulls. "flat": presses with a flat plate, without shear.
         "tip": presses with a finger tip on one taxel after the other.
-    array : Array
     stiffness : (taxels,) float64
-    seconds : float
-    rng : Generator
-    rate_hz : float
     """
     n = round(seconds * rate_hz)
     time_s = np.arange(n) / rate_hz

@@ -17,7 +17,6 @@ class ReferenceSensor:
 
     Attributes
     ----------
-    rate_hz : float
     late_s : float
         Its clock reads so much more than that of the log at the same instant.
     drift_ppm : float

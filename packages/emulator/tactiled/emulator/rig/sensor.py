@@ -23,7 +23,6 @@ class RigSensor:
 
     Attributes
     ----------
-    array : Array
     law : str
         Conductance as a function of the force above the dead zone: a power, or falling or growing slope.
     bend : float
@@ -52,7 +51,6 @@ class RigSensor:
         Relative stiffness, by which taxels share a load.
     divider : float
         Divider resistor times conductance at 1 N.
-    supply_v, noise_v : float
     temperature_per_k : float
         Relative change of conductance.
     """
@@ -96,7 +94,6 @@ class RigSensor:
         ----------
         loads_n : (n, taxels, 3) float64
             Force of the object on each taxel: x, y, normal.
-        rate_hz : float
         rng : Generator
             Of the noise.
         temperature_k : (n,) float64 or float

@@ -22,7 +22,6 @@ class RigRun:
 
     Attributes
     ----------
-    loads : Loads
     readings : (n, channels) float64
     reference_s : (m,) float64
         In the reference's clock.

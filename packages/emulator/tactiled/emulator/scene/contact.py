@@ -72,7 +72,6 @@ class TaxelModelEntry:
 
     Attributes
     ----------
-    build : TaxelModelBuilder
     provides : dict
         Need (see `description.Need`) to measured relative error: ``PROVIDES`` of the module.
     step_s : float

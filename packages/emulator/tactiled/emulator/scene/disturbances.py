@@ -15,12 +15,7 @@ _SWELL = 0.1  # part of its time over which a sine grows, and fades, so that it 
 
 
 class Disturbances:
-    """Sums of a scene's disturbances.
-
-    Parameters
-    ----------
-    disturbances : sequence of Disturbance
-    """
+    """Sums of a scene's disturbances."""
 
     def __init__(self, disturbances: Sequence[Disturbance]) -> None:
         self._disturbances = tuple(disturbances)

@@ -32,12 +32,6 @@ DAMPING_RATIO = 0.2
 class HeldMotion:
     """Load and place of the skin over a held object.
 
-    Parameters
-    ----------
-    scene : Scene
-    params : HeldObject
-    longest_step_s : float
-
     Attributes
     ----------
     step_s : float

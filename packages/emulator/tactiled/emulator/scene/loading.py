@@ -21,7 +21,6 @@ class LoadMemory:
 
     Parameters
     ----------
-    step_s : float
     time_constant_s : float
         Time constant of the lag.
     """
@@ -52,12 +51,7 @@ def _peak(before_n: float, load_n: float) -> float:
 
 
 class PrescribedLoad:
-    """Rows of load, lagged load and peak of a scene without controller; a `stepper.GridSource`.
-
-    Parameters
-    ----------
-    motion : SceneMotion
-    """
+    """Rows of load, lagged load and peak of a scene without controller; a `stepper.GridSource`."""
 
     def __init__(self, motion: SceneMotion) -> None:
         self._motion = motion

@@ -63,8 +63,6 @@ class PhysicalContact:
 
     Parameters
     ----------
-    motion : SceneMotion
-    array : Array
     build : callable
         Surface, azimuths and number of taxels to the `TaxelModel`.
     step_s : float

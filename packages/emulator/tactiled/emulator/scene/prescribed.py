@@ -34,11 +34,6 @@ class SignalContact:
     ``2 pi ((x + travel_x) cos a + (y + travel_y) sin a) / D`` and the amplitude
     ``A = ripple * cos(a) * exp(-2 (pi sigma / D)^2)``. The exponential is the Fourier transform of a Gaussian
     aperture; the cosine is the fall to one half from 0 to 60 degrees in Wang 2019.
-
-    Parameters
-    ----------
-    motion : SceneMotion
-    array : Array
     """
 
     def __init__(self, motion: SceneMotion, array: Array) -> None:

@@ -44,7 +44,6 @@ class TrueSlip:
         Infinite while the slip continues.
     direction_deg : float or None
         At the beginning; None where the skin turned on the spot.
-    surface : FlatPlate or GroovedPlate
     shear_s, incipient_s, gross_s : float or None
         The tangential load begins to grow; 10 % and 90 % of the contact area slip. None for prescribed
         signals; `gross_s` also where slip did not become gross.
@@ -64,7 +63,6 @@ class Truth:
 
     Parameters
     ----------
-    scene : Scene
     t0_s : float
         Instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
         ``start`` command, which the emulator reports.
