@@ -319,8 +319,14 @@ class GripDetector:
                 self._n_baseline += 1
                 readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
                 return None
-            per_friction = self._array.shear_per_friction
-            zero = PressZero(self._array.n_taxels, self._rate_hz, per_friction, least, is_seen=is_seen)
+            zero = PressZero(
+                self._array.n_taxels,
+                self._rate_hz,
+                self._array.shear_per_friction,
+                least,
+                is_seen=is_seen,
+                in_counts=self._array.unit == "count",
+            )
             self._filter.begin(is_seen=is_seen)
             self._ripple.reset()
             self._touch = _Touch(self._filter, zero, self._ripple)

@@ -22,6 +22,9 @@ _PRESS_S = 0.6  # of a press that shear does not end, after which the zero is kn
 # Standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into shear, and
 # an array that is mounted at 2 degrees so much of all of it.
 _TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
+# The same of three-axis chips whose counts nobody calibrated: 0.06 to 0.26 of the load is shear on a public
+# skin (uSkin). 0.1 costs utilisation on our own worlds three times as much, and finds as many slips there.
+_CROSSTALK_SD = 0.05
 _SDS = 2.0  # that the zero of the whole array may have
 _LEFT_SDS = 3.0  # by which shear must leave the zero to be of a pull
 _SEEN = 2.0  # times the load of the zero: more than half of the contact was seen to begin since
@@ -38,6 +41,8 @@ class PressZero:
         Of a taxel, on the mean: where a contact begins. Smaller loads say little of the zero.
     is_seen : bool
         The contact was seen to begin. Otherwise shear may have come before.
+    in_counts : bool
+        Load and shear of the array were not calibrated.
 
     Attributes
     ----------
@@ -54,12 +59,19 @@ class PressZero:
     """
 
     def __init__(
-        self, n_taxels: int, rate_hz: float, shear_per_friction: float, least_load: float, *, is_seen: bool
+        self,
+        n_taxels: int,
+        rate_hz: float,
+        shear_per_friction: float,
+        least_load: float,
+        *,
+        is_seen: bool,
+        in_counts: bool,
     ) -> None:
         self._n_taxels = n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
         self._taxel_sd = self.taxel_sd = _TAXEL_SD * shear_per_friction
-        mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD)
+        mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD, _CROSSTALK_SD * in_counts)
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._least_load = least_load
         self.is_seen = is_seen

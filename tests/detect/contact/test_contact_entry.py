@@ -69,7 +69,7 @@ def test_the_interval_of_utilisation_holds_what_a_slanted_press_bears() -> None:
 
 def test_the_zero_of_unequal_sides_is_measured_and_is_no_shear() -> None:
     rng = np.random.default_rng(5)
-    zero = PressZero(9, 100.0, 1.0, 0.01, is_seen=True)
+    zero = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False)
     parts = 0.04 * rng.normal(size=(2, 9))
     parts -= parts.mean(axis=1, keepdims=True)
     for k in range(60):
@@ -82,7 +82,7 @@ def test_the_zero_of_unequal_sides_is_measured_and_is_no_shear() -> None:
 
 
 def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True), np.ones(9)
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.ones(9)
     for _ in range(20):
         zero.take(load, np.zeros((2, 9)), 1e-3, 3e-3)
     assert not zero.is_left
@@ -94,9 +94,19 @@ def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -
     assert 0.01 < zero.whole_sd < 0.04
 
 
+@pytest.mark.parametrize("in_counts", [True, False])
+def test_a_press_of_chips_in_counts_may_make_more_shear_than_one_in_newtons(in_counts: bool) -> None:
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=in_counts), np.ones(9)
+    crosstalk = np.stack([0.1 * load, np.zeros(9)])
+    for k in range(60):
+        zero.take((1 + k / 20) * load, (1 + k / 20) * crosstalk, 1e-3, 3e-3)
+    left = float((crosstalk - zero.parts)[0].mean())
+    assert left < 0.01 if in_counts else left > 0.02
+
+
 def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a_pull() -> None:
     for ratio, is_pull in ((0.0, False), (0.2, True)):
-        zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True), np.full(9, 0.1)
+        zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.full(9, 0.1)
         zero.take(load, 0 * load * np.ones((2, 1)), 1e-3, 3e-3)
         zero.take(load, 0.2 * load * np.ones((2, 1)), 1e-3, 3e-3)
         assert zero.is_left
@@ -108,7 +118,7 @@ def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a
 
 def test_the_zero_of_the_first_small_loads_does_not_last() -> None:
     """Of a taxel that is hardly touched, noise is many times the load."""
-    zero, rng = PressZero(9, 100.0, 1.0, 0.01, is_seen=True), np.random.default_rng(6)
+    zero, rng = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.random.default_rng(6)
     depth = np.linspace(0.0, 0.06, 9)
     for k in range(60):
         load = depth + 1e-4 + 0.05 * k
@@ -149,7 +159,7 @@ def test_a_contact_from_the_first_scan_on_is_uncertain_and_its_slips_are_told() 
 
 
 def test_a_contact_whose_load_grows_after_the_first_scan_was_seen_to_begin() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False), np.full(9, 0.1)
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
     zero.take(load, 0.5 * load * np.ones((2, 1)), 1e-3, 3e-3)
     assert zero.whole_sd > 0.5
     for _ in range(59):
@@ -159,7 +169,7 @@ def test_a_contact_whose_load_grows_after_the_first_scan_was_seen_to_begin() -> 
 
 
 def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False), np.full(9, 0.1)
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
     for k in range(30):
         zero.take((1 + k / 10) * load, 0.2 * (1 + k / 10) * load * np.ones((2, 1)), 1e-3, 3e-3)
     assert zero.is_left
