@@ -16,9 +16,9 @@ from typing import Any, Self
 
 from tactiled.array import load_array
 from tactiled.client import Client, Message
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.emulator.board.identity import EmulatedBoardParams

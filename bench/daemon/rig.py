@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from tactiled.array import Array
 from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultKind, FaultParams

@@ -26,7 +26,7 @@ from bench.report import (
 )
 from bench.train.data import BATCH, MINUTES, Size, all_looks
 from bench.worlds.generators import GENERATORS, draw
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.learnt import learnt_from
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

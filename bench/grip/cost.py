@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.samples.block import ScanBlock, regular_block
 
 SIDES = (1, 3, 4, 8)  # taxels along the side of a square, each with a load and two shears

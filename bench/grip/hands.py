@@ -25,8 +25,8 @@ from bench.report import (
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import FloatArray
-from tactiled.detect.contact.detector import GripDetector, GripParams
 from tactiled.detect.contact.gate import SlipHysteresis
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.worlds.world import World
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 
 FloatArray = NDArray[np.float64]

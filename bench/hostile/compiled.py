@@ -14,7 +14,7 @@ import sys, threading
 import numpy as np
 from tactiled import compiled
 from tactiled.array import ArrayFile, build
-from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.samples.block import regular_block

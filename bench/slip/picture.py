@@ -25,7 +25,7 @@ from bench.slip.score import (
     usual,
 )
 from bench.slip.tables import by_name, by_threshold, reliability_of
-from tactiled.detect.contact.thresholds import SlipThresholds
+from tactiled.detect.contact.slips_by_threshold import SlipThresholds
 
 _COLOURS = ("#1f77b4", "#2ca02c", "#ff7f0e", "#d62728", "#9467bd")
 _MARKERS = ("o", "s", "^", "x", "+")  # of the settings, then of other detectors

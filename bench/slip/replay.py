@@ -11,11 +11,11 @@ import numpy as np
 from bench.slip.cases import Case
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.contact.detector import ContactScan, GripParams
+from tactiled.detect.contact.grip_detector import ContactScan, GripParams
 from tactiled.detect.contact.posterior import INCIPIENT_USED
 from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.detect.contact.slips import ScanInstant
-from tactiled.detect.contact.thresholds import SlipsByThreshold, SlipThresholds
+from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold, SlipThresholds
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent

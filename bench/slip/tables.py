@@ -38,7 +38,7 @@ from bench.slip.score import (
     usual,
 )
 from tactiled.detect.contact.slip_detector import SETTINGS
-from tactiled.detect.contact.thresholds import SlipThresholds
+from tactiled.detect.contact.slips_by_threshold import SlipThresholds
 from tactiled.emulator.scene.families import HELD_OUT_QUIET, HELD_OUT_SLIPPING
 
 DEFAULT = "balanced"

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.worlds.world import World
-from tactiled.detect.contact.detector import GripDetector
 from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import HORIZONS_S
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.signs import LOOK_S, NAMES
 

@@ -1,4 +1,4 @@
-"""One board of the daemon: port, pipeline, session, outlets and commands, put together and run.
+"""One board of the daemon: port, pipeline, session, distributor and commands, put together and run.
 
 A daemon has a runner for each board. They share the event loop, the sockets and the wall clock, and nothing
 else: what one of them meets (no port, noise, a wrong board, a full disk, an exception) the others do not see.
@@ -14,15 +14,15 @@ from typing import Any
 
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.diagnosis import other_layouts
+from tactiled.daemon.board.host_load import LoopTurns
 from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.board.report import Report
 from tactiled.daemon.clock import EpochClock
+from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.operations.metrics import Metrics
-from tactiled.daemon.operations.outlets import Outlets
 from tactiled.daemon.serial.connection import Connection
 from tactiled.daemon.serial.port import check_url
-from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.zmq.commands import Commands, Done
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
@@ -91,14 +91,16 @@ class BoardRunner:
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
         self._commands = Commands(pipeline, session, self._tuned, switch)
         self.metrics = Metrics(pipeline.health, connection.errors, lambda: session.board_serial)
-        self._outlets = Outlets(pipeline, session, shared.publisher, self.metrics, shared.clock, recorder)
+        self._distributor = Distributor(
+            pipeline, session, shared.publisher, self.metrics, shared.clock, recorder
+        )
         self._report = Report(
-            session, link, connection, pipeline.layout, pipeline.array, self._outlets, self._announced
+            session, link, connection, pipeline.layout, pipeline.array, self._distributor, self._announced
         )
         self.words = ""
         """State of the board and its reason, as logged; empty before the first."""
         self._path = DataPath(
-            link, connection, Encoder(pipeline.layout), self._outlets, shared.turns,
+            link, connection, Encoder(pipeline.layout), self._distributor, shared.turns,
             self._changed, self._handled, self._failed,
         )  # fmt: skip
 
@@ -184,7 +186,7 @@ class BoardRunner:
         def finish(reason: str) -> None:
             event = self._commands.event(request, requester, reason, time.monotonic())
             if event is not None:
-                self._outlets.publish_and_record(event)
+                self._distributor.publish_and_record(event)
             done(reason)
 
         self._commands.do(request, requester, now_s, finish)
@@ -232,7 +234,7 @@ class BoardRunner:
             self._end.set_exception(error)
 
     def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
-        self._outlets.tuned(name, arguments, events, now_s)
+        self._distributor.tuned(name, arguments, events, now_s)
 
     @property
     def _baud(self) -> int:

@@ -11,14 +11,14 @@ from pydantic import Field, model_validator
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
-from tactiled.detect.sliding.detector import LOOKS_BACK_S, SlidingSlip
+from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.detect.worker import InPlace, Worker

@@ -3,7 +3,7 @@
 from tactiled.array import Array
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.waves import check_waves
+from tactiled.doctor.groove_findings import check_waves
 
 _FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/evidence.py)
 

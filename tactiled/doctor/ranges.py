@@ -15,7 +15,7 @@ import numpy as np
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.model import ALIASED
-from tactiled.doctor.rivals import Rivals, rivals
+from tactiled.doctor.ambiguous_waves import Rivals, rivals
 
 Limit = Literal["set", "aliased", "ambiguous", "too-few-periods"]
 # Phases of the channels of a real skin deviate from a plane wave by 0.05 rad or more. Two waves whose phases

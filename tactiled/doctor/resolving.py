@@ -19,7 +19,7 @@ from tactiled.array import Array
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.wang2019.grooves import EQUAL_MM, GrooveParams
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.waves import check_waves
+from tactiled.doctor.groove_findings import check_waves
 
 
 def lever_mm(array: Array, column: list[int]) -> tuple[float, bool]:

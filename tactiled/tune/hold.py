@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.contact import ContactTracker
+from tactiled.detect.signal.contact_gate import ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import DataError

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.detector import ContactScan, GripParams
+from tactiled.detect.contact.grip_detector import ContactScan, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.detect.contact.slips import ScanInstant
-from tactiled.detect.contact.thresholds import SlipsByThreshold
+from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite, measures_ratio
 from tactiled.events.types import Event, SlipEvent

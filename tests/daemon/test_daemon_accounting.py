@@ -9,7 +9,7 @@ from bench.daemon.accounting import ScanAccounting
 from bench.daemon.rig import SimulatedLink
 from bench.daemon.soak import grasps
 from tactiled.array import load_array
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.events.types import Event, StatusEvent

@@ -22,11 +22,11 @@ from patience import PATIENCE_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from tactiled.client import AsyncCommander
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from touches import LSB, Touch, contact_states, onsets, pieces, run, slips, splits, textures
 
 from tactiled.array import load_array
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent

@@ -13,11 +13,11 @@ from tactiled.config import load_config
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveFit, WaveMotion, channel_layout
+from tactiled.doctor.ambiguous_waves import rivals
 from tactiled.doctor.finding import as_json
+from tactiled.doctor.groove_findings import check_waves
 from tactiled.doctor.ranges import Range, ranges
-from tactiled.doctor.rivals import rivals
 from tactiled.doctor.unplugged import resolved_in_words
-from tactiled.doctor.waves import check_waves
 
 WANG = load_array("wang2019-3x3")
 EQUAL = load_array("normal-3x3")

@@ -13,10 +13,10 @@ from boards import LAYOUT, descriptors
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.pipeline import Pipeline

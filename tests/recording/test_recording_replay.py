@@ -10,7 +10,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads, write_step
 
-from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.errors import DataError
 from tactiled.events.codec import decode, encode
 from tactiled.events.types import Event, GripEvent, SlipEvent

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tactiled.array import load_array
-from tactiled.detect.contact.detector import GripDetector
-from tactiled.detect.signal.contact import ContactGate
+from tactiled.detect.contact.grip_detector import GripDetector
+from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.signal.wavelet import SwtBank
 from tactiled.errors import ContractError

@@ -13,9 +13,9 @@ import os
 import time
 from collections.abc import Callable, Sequence
 
+from tactiled.daemon.board.host_load import LoopTurns
 from tactiled.daemon.board.link import BoardLink
-from tactiled.daemon.board.load import LoopTurns
-from tactiled.daemon.operations.outlets import Outlets
+from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
@@ -25,7 +25,7 @@ _DRAIN_S = 0.1
 
 
 class DataPath:
-    """Pass bytes from a connection to a board link, its events to the outlets, its commands to the board.
+    """Pass bytes from a connection to a board link, its events to the distributor, its commands to the board.
 
     Implements `connection.Listener`, and keeps the timer for the deadlines of the session.
 
@@ -48,7 +48,7 @@ class DataPath:
         link: BoardLink,
         connection: Connection,
         encoder: Encoder,
-        outlets: Outlets,
+        distributor: Distributor,
         turns: LoopTurns,
         changed: Callable[[float], None],
         handled: Callable[[float], None],
@@ -58,7 +58,7 @@ class DataPath:
         self._session = link.session
         self._connection = connection
         self._encoder = encoder
-        self._outlets = outlets
+        self._distributor = distributor
         self._turns = turns
         self._changed = changed
         self._handled = handled
@@ -75,7 +75,7 @@ class DataPath:
             self._handover_s = handover_s
             arguments = {"handover_s": handover_s}
             _, events = self._link.pipeline.command("adapter", arguments, now_s)
-            self._outlets.tuned("adapter", arguments, events, now_s)
+            self._distributor.tuned("adapter", arguments, events, now_s)
         self.act(self._link.opened(now_s, self._framing_errors(), is_pty=self._connection.is_pty))
 
     def received(self, data: bytes) -> None:
@@ -84,11 +84,11 @@ class DataPath:
         try:
             self.act(
                 self._link.received(
-                    data, now_s, self._outlets.publish, self._outlets.received, self._announced
+                    data, now_s, self._distributor.publish, self._distributor.received, self._announced
                 )
             )
             end_s = time.monotonic()
-            self._outlets.metrics.handled(end_s - now_s)
+            self._distributor.metrics.handled(end_s - now_s)
             self._turns.add(end_s, end_s - now_s)
             self._handled(end_s)
         except Exception as error:  # as in `_guarded`, without a call between bytes and scan
@@ -112,7 +112,7 @@ class DataPath:
             data = self._encoder.encode(command)
             now_s = time.monotonic()
             if (arguments := self._link.sending(command, now_s)) is not None:
-                self._outlets.tuned(command.name, arguments, (), now_s)
+                self._distributor.tuned(command.name, arguments, (), now_s)
             self._connection.write(data)
         now_s = time.monotonic()
         self._changed(now_s)
@@ -124,7 +124,7 @@ class DataPath:
                 self._timer = asyncio.get_running_loop().call_at(deadline_s, self._deadline)
 
     def _announced(self) -> None:
-        self._outlets.flush()
+        self._distributor.flush()
         os.sched_yield()
 
     async def drain(self) -> None:
@@ -142,7 +142,7 @@ class DataPath:
 
     def _handle_loss(self, reason: str) -> None:
         if self._link.lost(reason):
-            self._outlets.disconnected(time.monotonic())
+            self._distributor.disconnected(time.monotonic())
         self.act()
 
     def _deadline(self) -> None:

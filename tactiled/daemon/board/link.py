@@ -11,9 +11,9 @@ from typing import Any
 
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
 from tactiled.daemon.board.health import status_event
-from tactiled.daemon.board.load import HostLoad, LoopTurns
+from tactiled.daemon.board.host_load import HostLoad, LoopTurns
+from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Output, Pipeline, check_hello
 from tactiled.wire.frames import Command, Hello
@@ -247,5 +247,5 @@ def make_link(
     """
     layout, array = pipeline.layout, pipeline.array
     line = LineWatch(layout.name, baud, others)
-    terms = Terms(params, layout, lambda hello: check_hello(hello, layout, array))
-    return BoardLink(pipeline, Session(terms, line), line, turns)
+    requirements = BoardRequirements(params, layout, lambda hello: check_hello(hello, layout, array))
+    return BoardLink(pipeline, Session(requirements, line), line, turns)

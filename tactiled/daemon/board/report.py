@@ -9,7 +9,7 @@ from tactiled.array import Array
 from tactiled.daemon.board.health import info_event
 from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.operations.outlets import Outlets
+from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.serial.connection import Connection
 from tactiled.limited_log import RateLimitedLog
 from tactiled.wire.layout import Layout
@@ -35,7 +35,7 @@ class Report:
         connection: Connection,
         layout: Layout,
         array: Array,
-        outlets: Outlets,
+        distributor: Distributor,
         announce: Callable[[str], None],
     ) -> None:
         self._session = session
@@ -43,7 +43,7 @@ class Report:
         self._connection = connection
         self._layout = layout
         self._array = array
-        self._outlets = outlets
+        self._distributor = distributor
         self._announce = announce
         self.is_fresh = False
         """True where the newest status says that data are fresh."""
@@ -80,8 +80,8 @@ class Report:
         if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
             self._described = hello
             self._next_info_s = now_s + INFO_PERIOD_S
-            self._outlets.publish_and_record(info_event(hello, self._layout, self._array, now_s))
-        self._outlets.look(now_s)
+            self._distributor.publish_and_record(info_event(hello, self._layout, self._array, now_s))
+        self._distributor.look(now_s)
 
     def _publish_status(self, now_s: float) -> None:
         port_warning = self._connection.warning
@@ -96,7 +96,7 @@ class Report:
             self._log.add(f"{self._board}: {warnings[cause]}", now_s, kind=cause)
         self._warned = warnings
         self.is_fresh = event.valid
-        self._outlets.publish_and_record(replace(event, sent=self._outlets.sent))
+        self._distributor.publish_and_record(replace(event, sent=self._distributor.sent))
 
     @property
     def _board(self) -> str:

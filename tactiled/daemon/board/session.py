@@ -8,12 +8,12 @@
         |                  '-- wrong board, refused command --> fault       |
         '---- lost, from anywhere                 silence --> stalled ------'
 
-The next command follows from what is known of the board alone (`Terms.wanted`), not from a sequence of steps:
-an unknown board is asked to identify itself, then its rate is set, then it is started. A reboot, a lost
-answer or a replug makes something unknown again, so every setting is restored by the same rule. A board that
-has not identified itself as the configured one gets no command but ``identify``. A started board is
-identified once more when its scans arrive, because it may have rebooted between its hello and the start and
-lost its settings.
+The next command follows from what is known of the board alone (`BoardRequirements.wanted`), not from a
+sequence of steps: an unknown board is asked to identify itself, then its rate is set, then it is started. A
+reboot, a lost answer or a replug makes something unknown again, so every setting is restored by the same
+rule. A board that has not identified itself as the configured one gets no command but ``identify``. A
+started board is identified once more when its scans arrive, because it may have rebooted between its hello
+and the start and lost its settings.
 
 A running board that needs no command is pinged about once a second, for the clock fit of the pipeline.
 Nothing waits for the answer: a ping is sent only while no command awaits an answer, and a command is sent
@@ -27,7 +27,7 @@ import math
 from tactiled.daemon.board.asking import ANSWER_S, Asking
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.pinging import Pinging
-from tactiled.daemon.board.terms import SessionParams, Terms
+from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.events.types import BoardState
 from tactiled.wire.frames import Acknowledge, Command, Hello
 
@@ -44,31 +44,31 @@ class Session:
 
     Parameters
     ----------
-    terms : Terms
+    requirements : BoardRequirements
         Requirements on the board.
     line : LineWatch
         Names the likely cause when no frame arrives.
     """
 
-    def __init__(self, terms: Terms, line: LineWatch) -> None:
-        self.terms = terms
+    def __init__(self, requirements: BoardRequirements, line: LineWatch) -> None:
+        self.requirements = requirements
         self._line = line
         self.reset()
 
     def reset(self) -> None:
         """Return to the initial state: no port, no board known."""
-        self._asking = Asking(self.terms.token_bits)
-        self._pinging = Pinging(self.terms.has_ping)
-        self.hello: Hello | None = self.terms.assumed_hello()
+        self._asking = Asking(self.requirements.token_bits)
+        self._pinging = Pinging(self.requirements.has_ping)
+        self.hello: Hello | None = self.requirements.assumed_hello()
         """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
         self.lost("opening the port")
 
     def configure(self, params: SessionParams) -> None:
         """Take new parameters; the board is identified again, and its settings are restored as needed."""
-        self.terms.configure(params)
+        self.requirements.configure(params)
         self._refused = ""  # the refusal concerned the old parameters
         self._asking.keep_quiet(0.0)
-        if self.terms.confirms:
+        if self.requirements.confirms:
             self._known = False
 
     # ---- inputs ------------------------------------------------------------------------------------
@@ -79,7 +79,7 @@ class Session:
         self._scan_s = now_s
         self._asking.reset(now_s)
         # Firmware without a hello message is accepted unseen, and started if its protocol can do that.
-        self._known = not self.terms.introduces
+        self._known = not self.requirements.introduces
         return self._step(now_s)
 
     def lost(self, reason: str) -> None:
@@ -93,7 +93,7 @@ class Session:
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
         """Handle a hello of the board."""
         self._asking.answered("identify", now_s)
-        if (foreign := self.terms.foreign_because(hello)) is not None:
+        if (foreign := self.requirements.foreign_because(hello)) is not None:
             self._foreign = foreign
             self._known = self._running = self._stalled = False
             self._asking.keep_quiet(now_s + FOREIGN_S)
@@ -107,8 +107,8 @@ class Session:
         self._confirmed = hello.streaming and wanted is None
         if self._rate_taken and wanted in ("stop", "set_rate"):
             self._refuse(
-                f"the board took set_rate to {self.terms.params.rate_hz:g} Hz but says {hello.rate_hz:g} Hz: "
-                "choose a rate that its timer can make",
+                f"the board took set_rate to {self.requirements.params.rate_hz:g} Hz but says "
+                f"{hello.rate_hz:g} Hz: choose a rate that its timer can make",
                 now_s,
             )
         self._rate_taken = False
@@ -127,7 +127,7 @@ class Session:
             return []  # the hello is the real answer to identify
         self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
-            rate = f" to {self.terms.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
+            rate = f" to {self.requirements.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
             self._refuse(f"the board refused {answer.command}{rate}: {answer.result}", now_s)
             return []
         self._refused = ""
@@ -149,7 +149,7 @@ class Session:
             self._running, self._stalled = True, False
             self._pinging.reset(now_s)
             self._refused = self._asking.unanswered = ""
-            self._known = self._confirmed or not self.terms.confirms
+            self._known = self._confirmed or not self.requirements.confirms
         return self._step(now_s)
 
     def streams(self) -> None:
@@ -162,7 +162,7 @@ class Session:
             return []
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
-            self._streaming, self._confirmed, self._known = False, False, not self.terms.confirms
+            self._streaming, self._confirmed, self._known = False, False, not self.requirements.confirms
             self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # the board says that it streams, but no scan arrives: start it again
@@ -172,7 +172,9 @@ class Session:
     def stop(self) -> list[Command]:
         """Return the commands that stop the board when the daemon ends; nothing is restored after it."""
         self._leaving = True
-        if not (self._open and (self._known or self._running or self._stalled) and self.terms.has_stop):
+        if not (
+            self._open and (self._known or self._running or self._stalled) and self.requirements.has_stop
+        ):
             return []
         return [self._asking.command("stop")]
 
@@ -197,7 +199,9 @@ class Session:
     @property
     def board_serial(self) -> str:
         """Serial number of the board, also after it was unplugged; empty while none is known."""
-        return self.hello.board_serial if self.hello is not None else self.terms.params.board_serial or ""
+        return (
+            self.hello.board_serial if self.hello is not None else self.requirements.params.board_serial or ""
+        )
 
     @property
     def rate_hz(self) -> float:
@@ -245,7 +249,7 @@ class Session:
         """Name of the command that the board needs next; None for none."""
         if not self._open or self._leaving:
             return None
-        return self.terms.wanted(self._known, self._streaming, self.rate_hz)
+        return self.requirements.wanted(self._known, self._streaming, self.rate_hz)
 
     def _step(self, now_s: float) -> list[Command]:
         """Return the command that the board needs, unless it awaits an answer or must wait."""
@@ -256,9 +260,9 @@ class Session:
             return []
         if self._asking.is_exhausted(name):
             self._asking.unanswered = name
-            if name != "identify" and self.terms.confirms:
+            if name != "identify" and self.requirements.confirms:
                 self._known, name = False, "identify"
-        return [self._asking.ask(name, self.terms.params.rate_hz, now_s)]
+        return [self._asking.ask(name, self.requirements.params.rate_hz, now_s)]
 
     def _ping(self, now_s: float) -> list[Command]:
         """Return a ping if one is due and the board needs no command."""
@@ -270,7 +274,7 @@ class Session:
     def _refuse(self, reason: str, now_s: float) -> None:
         """Enter the state fault for a command that the board refused; it is asked again after `FOREIGN_S`."""
         self._refused, self._running = reason, False
-        self._known = not self.terms.introduces
+        self._known = not self.requirements.introduces
         self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tactiled.daemon.board.requirements import SessionParams, is_same_rate
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, is_same_rate
 from tactiled.daemon.zmq.motion import MotionSenders
 from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
 from tactiled.errors import ConfigError, TactiledError
@@ -92,7 +92,7 @@ class Commands:
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
-            params = session.terms.params
+            params = session.requirements.params
             if (
                 params.rate_hz == change.rate_hz
             ):  # a configuration that was reloaded meanwhile keeps its own rate
@@ -159,7 +159,7 @@ class Commands:
         if self._rate is not None:
             done(f"{self._rate.rate_hz:g} Hz is being set: wait for it")
             return
-        before = self._session.terms.params
+        before = self._session.requirements.params
         try:
             self._session.configure(before.model_copy(update={"rate_hz": rate_hz}))
         except ConfigError as error:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.observe import Responses, relieved_sides
+from tactiled.detect.contact.responses import Responses, relieved_sides
 from tactiled.detect.signal.fast import Bank, Jumps, NoiseFloor, Readings
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.stuck_channels import stuck_channels

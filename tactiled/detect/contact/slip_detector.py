@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.detector import SCANNED, GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import SCANNED, GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.contact.thresholds import SlipThresholds
-from tactiled.detect.signal.contact import (
+from tactiled.detect.contact.slips_by_threshold import SlipThresholds
+from tactiled.detect.signal.contact_gate import (
     ContactTracker,
     ContactTransition,
     contact_event,

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.signal.pairs import PairResponse, mean_response
+from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 
 # A tap or a bump that pushes the skin aside is over sooner.
 _HELD_S = 0.2

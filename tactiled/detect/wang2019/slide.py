@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.signal.pairs import mean_response
+from tactiled.detect.signal.opposed_pairs import mean_response
 from tactiled.detect.wang2019.heading import HeadingTracker
 from tactiled.detect.wang2019.kink import KinkFit
 from tactiled.events.types import SlipEvent

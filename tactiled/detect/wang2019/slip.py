@@ -35,14 +35,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.contact import (
+from tactiled.detect.signal.contact_gate import (
     ContactParams,
     ContactTracker,
     ContactTransition,
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.pairs import PairResponse, mean_response
+from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
 from tactiled.detect.wang2019.heading import HeadingTracker

@@ -11,7 +11,7 @@ from bench.grip.hands import alarms, count_reports
 from bench.grip.judge import Course, course, score
 from bench.worlds.laws import HANDS, LAWS, USUAL, Population, draw_worlds
 from bench.worlds.world import World
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from bench.slip.score import (
 from bench.worlds.laws import draw_worlds
 from bench.worlds.world import World
 from tactiled.array import load_array
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block

@@ -13,7 +13,7 @@ from bench.train import data, fit
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw
-from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
 from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES

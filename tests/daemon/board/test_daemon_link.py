@@ -19,8 +19,8 @@ from patience import PATIENCE_S
 
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.link import SILENT_S, BoardLink
+from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import PortParams
@@ -140,7 +140,7 @@ def test_a_connection_that_delivers_nothing_is_reopened(tmp_path: Path) -> None:
 
 def bare_link() -> BoardLink:
     line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
-    session = Session(Terms(SessionParams(), LAYOUT, lambda _: None), line)
+    session = Session(BoardRequirements(SessionParams(), LAYOUT, lambda _: None), line)
     return BoardLink(Pipeline(LAYOUT, ARRAY), session, line)
 
 

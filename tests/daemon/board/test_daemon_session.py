@@ -11,8 +11,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from tactiled.daemon.board.asking import MAX_TRIES
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
+from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import FOREIGN_S, Session
-from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.errors import ConfigError
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
 from tactiled.wire.layout import load_layout
@@ -32,7 +32,7 @@ class Bench:
     def __init__(self, params: SessionParams | None = None, board: SimBoard | None = None) -> None:
         self.now_s = 1000.0
         self.line = LineWatch("tactiled-board", 115200)
-        self.session = Session(Terms(params or SessionParams(), LAYOUT, fits), self.line)
+        self.session = Session(BoardRequirements(params or SessionParams(), LAYOUT, fits), self.line)
         self.board = board or SimBoard()
         self.down_broken = self.up_broken = False
         self.sent: list[Command] = []
@@ -401,7 +401,7 @@ def test_new_parameters_take_effect_while_running() -> None:
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
     layout = load_layout("legacy-9")
-    session = Session(Terms(SessionParams(), layout, fits), LineWatch("legacy-9", 57600))
+    session = Session(BoardRequirements(SessionParams(), layout, fits), LineWatch("legacy-9", 57600))
     assert session.opened(10.0) == []
     assert (session.state, session.deadline_s) == ("syncing", math.inf)
     assert session.scanned(10.1) == []
@@ -415,7 +415,7 @@ def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
 
 def test_a_rate_for_firmware_that_cannot_set_one_is_a_config_error() -> None:
     with pytest.raises(ConfigError, match=r"session\.rate_hz.*leave rate_hz out"):
-        Terms(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits)
+        BoardRequirements(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits)
 
 
 class AnyHistory(RuleBasedStateMachine):

@@ -16,10 +16,10 @@ from patience import PATIENCE_S
 from tactiled.array import load_array
 from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
 from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.board.terms import SessionParams, Terms
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served import ServedBoard, ServiceParams
+from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.commands import RATE_S, Commands
 from tactiled.daemon.zmq.publisher import PublishParams
@@ -231,19 +231,20 @@ def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> Non
 @pytest.mark.parametrize("asked_hz", [None, 500.0])
 def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(asked_hz: float | None) -> None:
     session = Session(
-        Terms(SessionParams(board_serial="A"), LAYOUT, lambda _: None), LineWatch(LAYOUT.name, 115200)
+        BoardRequirements(SessionParams(board_serial="A"), LAYOUT, lambda _: None),
+        LineWatch(LAYOUT.name, 115200),
     )
     commands = Commands(Pipeline(LAYOUT, ARRAY), session, lambda *_: None)
     reasons: list[str] = []
     session.opened(0.0)
     rate = Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0)
     commands.do(rate, Requester("1"), 0.0, reasons.append)
-    assert session.terms.params.rate_hz == 200.0
+    assert session.requirements.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
     commands.configure(read_again)
     commands.look(RATE_S)
     assert ["old rate stays" in reason for reason in reasons] == [True]
-    assert session.terms.params == read_again
+    assert session.requirements.params == read_again
 
 
 def test_a_commanded_rate_holds_where_a_configuration_that_is_read_again_names_none(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.posterior import INCIPIENT_USED, LEAST_GROSS_USED
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.announced import HOLD_S, AnnouncedMotion, course_of
-from tactiled.detect.contact.detector import GripDetector
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite

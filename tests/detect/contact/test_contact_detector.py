@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from mindlin import slid_to, travel_for
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 

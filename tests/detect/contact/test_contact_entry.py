@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from touches import contact_states, onsets, pieces, run, slips, splits
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.detector import GripDetector, GripParams
-from tactiled.detect.contact.press import PressZero
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block

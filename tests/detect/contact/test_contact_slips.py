@@ -7,9 +7,9 @@ import pytest
 from mindlin import slid_to
 
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
-from tactiled.detect.contact.detector import GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
-from tactiled.detect.contact.thresholds import SlipsByThreshold
+from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block

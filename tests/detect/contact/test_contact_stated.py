@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.detector import GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite

@@ -9,9 +9,9 @@ import pytest
 from touches import Touch, contact_states
 
 from tactiled.array import Array, load_array
-from tactiled.detect.signal.contact import ContactGate
-from tactiled.detect.signal.noise import RestNoise
+from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.rest_noise import RestNoise
 from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite

@@ -23,8 +23,8 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Pressure
-from tactiled.detect.signal.noise import RestNoise
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.rest_noise import RestNoise
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params

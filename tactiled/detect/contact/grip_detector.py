@@ -13,10 +13,10 @@ from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.contact.filter import ContactFilter, Verdict
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.posterior import INCIPIENT_SHARE, INCIPIENT_USED
-from tactiled.detect.contact.press import PressZero
+from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.travelling import TravellingRipple
-from tactiled.detect.signal.contact import ContactParams
+from tactiled.detect.signal.contact_gate import ContactParams
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.events.types import Event, GripEvent, GripState
 from tactiled.samples.block import Gap, ScanBlock

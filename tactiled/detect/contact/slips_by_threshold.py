@@ -4,11 +4,11 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from tactiled.array import Array
-from tactiled.detect.contact.detector import SCANNED, ContactScan, GripDetector, GripParams
 from tactiled.detect.contact.gate import SlipHysteresis
+from tactiled.detect.contact.grip_detector import SCANNED, ContactScan, GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.signal.contact import ContactTracker
+from tactiled.detect.signal.contact_gate import ContactTracker
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 

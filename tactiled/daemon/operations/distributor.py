@@ -13,7 +13,7 @@ from tactiled.pipeline import Output, Pipeline
 from tactiled.recording.contents import Read
 
 
-class Outlets:
+class Distributor:
     """Send each event to publisher, recorder and metrics.
 
     Parameters

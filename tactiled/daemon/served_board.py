@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Self
 
-from tactiled.daemon.board.terms import SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.port import PortParams

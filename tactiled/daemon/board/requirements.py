@@ -37,7 +37,7 @@ class SessionParams(Params):
     )
 
 
-class Terms:
+class BoardRequirements:
     """Requirements on a board, combined with what its protocol can do.
 
     Parameters
