@@ -131,6 +131,13 @@ def test_a_foil_of_low_resistance_may_be_bent_where_its_noise_falls_with_it(nois
     assert curves == (("linear", "log", "inverse") if noise_falls else ("linear",))
 
 
+def test_curves_of_a_log_whose_lowest_readings_are_its_first_and_last() -> None:
+    cell = replace(CELL, unit="V", zero_first_s=1.0)
+    time_s = np.arange(0.0, 1.5, 0.02)
+    volts = 3.0 - 0.1 * np.sin(np.pi * time_s / time_s[-1])
+    assert bin_log(time_s, (6.0 - volts)[:, np.newaxis], cell).curves == ("linear", "log", "inverse")
+
+
 @given(
     st.lists(st.floats(0.001, 300.0), min_size=1, max_size=60),
     st.floats(0.05, 50.0),

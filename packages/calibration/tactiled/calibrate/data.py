@@ -104,7 +104,8 @@ class BinnedLog:
     def curves(self) -> tuple[Curve, ...]:
         """Curves that the readings may be put through; a bent one needs readings well above 0."""
         whole = self.readings + self.zero
-        lowest = whole[1:-1] <= np.quantile(whole, _LOWEST, axis=0)
+        inner = whole[1:-1]
+        lowest = inner <= np.quantile(inner, _LOWEST, axis=0)
         bends = np.where(lowest, np.abs(np.diff(whole, n=2, axis=0)), np.nan)
         noise = np.nanmedian(bends, axis=0) / _MEDIAN_BEND
         if (self.zero > 0).all() and (whole.min(axis=0) > _LEAST_NOISES * noise).all():
