@@ -291,6 +291,11 @@ class Array:
         """True for magnetic fields along axes; the sum of sides in uT is all that presses, a pressure."""
         return self.unit == "uT" and any(kind.startswith("shear") for kind in self.channel_kind)
 
+    @property
+    def measures_ratio(self) -> bool:
+        """True where the array measures shear over load; a magnetic field along z is no load."""
+        return self.has_shear and bool(self.normal_weights().any()) and not self.is_field
+
     def summary(self) -> dict[str, Any]:
         """Return a plain map for `tactiled check-config`."""
         return {

@@ -108,3 +108,8 @@ def test_a_distribution_of_others_adds_a_verb(tmp_path: Path) -> None:
 def test_a_verb_that_nobody_has_is_a_mistake_in_the_call() -> None:
     assert cli.get_command(click.Context(cli), "frobnicate") is None
     assert run("frobnicate").returncode == 2
+
+
+def test_a_subcommand_of_a_distribution_is_no_verb_by_its_entry_point() -> None:
+    with click.Context(cli) as context:
+        assert cli.get_command(context, "keys.fleet") is None

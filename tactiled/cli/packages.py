@@ -180,6 +180,6 @@ class OpenGroup(click.Group):
         """Return a verb; one of another distribution is not imported yet."""
         own = super().get_command(ctx, cmd_name)
         entry = f"{self._prefix}{cmd_name}"
-        if own is not None or not (entry in VERBS or entry in _installed()):
+        if own is not None or "." in cmd_name or not (entry in VERBS or entry in _installed()):
             return own
         return DeferredCommand(cmd_name, entry)

@@ -235,18 +235,10 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 
 def _model_slip(array: Array, params: DetectParams) -> SlipDetector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
-    if measures_ratio(array):
+    if array.measures_ratio:
         return GripSlip(array, params.grip)
     # Grip events, where these are published, come from a detector of their own.
     return SlidingSlip(array, GripSlip(array, params.grip.model_copy(update={"publish": False})))
-
-
-def measures_ratio(array: Array) -> bool:
-    """Return True if the array measures shear over load.
-
-    A magnetic field along z is no load.
-    """
-    return array.has_shear and bool(array.normal_weights().any()) and not array.is_field
 
 
 _MODEL = DetectorFactories(slip=_model_slip, texture=_joint_texture)

@@ -16,7 +16,7 @@ from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.detect.contact.slips import ScanInstant
 from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
 from tactiled.detect.signal.bridge import GapBridge
-from tactiled.detect.suite import DetectParams, build_suite, measures_ratio
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 from tactiled.tune.rates import rate_interval
@@ -148,7 +148,7 @@ class _Reports:
 
     def __init__(self, array: Array) -> None:
         self._array = array
-        self._model = _ModelReports(array) if measures_ratio(array) else None
+        self._model = _ModelReports(array) if array.measures_ratio else None
 
     def of(self, recording: Recording) -> dict[str, ReportCount]:
         """Count the slips that each setting reports; short gaps are bridged as in the pipeline."""

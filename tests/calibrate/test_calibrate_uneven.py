@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log, start_zero
+from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log, pose_log, start_zero
 from tactiled.calibrate.folds import segments
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
 from tactiled.errors import DataError
@@ -129,6 +129,22 @@ def test_a_foil_of_low_resistance_may_be_bent_where_its_noise_falls_with_it(nois
     noise = (1e-3 * ohm if noise_falls else 2.0) * np.random.default_rng(4).standard_normal(len(time_s))
     curves = bin_log(time_s, (ohm + noise)[:, np.newaxis], cell).curves
     assert curves == (("linear", "log", "inverse") if noise_falls else ("linear",))
+
+
+@pytest.mark.parametrize(("least_v", "lsb_v"), [(1e-6, 0.0), (0.01, 0.01)])
+def test_readings_at_the_rail_or_of_few_steps_are_not_bent(least_v: float, lsb_v: float) -> None:
+    cell = replace(CELL, unit="V", zero_first_s=1.0)
+    time_s = np.arange(0.0, 100.0, 0.02)
+    volts = np.maximum(2.0 - 0.25 * presses_n(time_s), least_v)
+    volts = np.maximum(np.rint(volts / lsb_v), 1.0) * lsb_v if lsb_v else volts
+    assert bin_log(time_s, volts[:, np.newaxis], cell).curves == ("linear",)
+
+
+def test_curves_of_poses_do_not_depend_on_their_order() -> None:
+    cell = replace(CELL, unit="V", zero=np.full(CELL.n_channels, 3.0), zero_first_s=0.0)
+    volts = np.linspace(0.2, 3.0, 40)[:, np.newaxis]
+    shuffled = np.random.default_rng(0).permutation(volts)
+    assert pose_log(volts, cell).curves == pose_log(shuffled, cell).curves == ("linear", "log", "inverse")
 
 
 def test_curves_of_a_log_whose_lowest_readings_are_its_first_and_last() -> None:

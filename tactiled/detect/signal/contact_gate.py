@@ -24,7 +24,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Pressure
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.detect.signal.rest_noise import RestNoise
+from tactiled.detect.signal.rest_noise import GROUP_SCANS, RestNoise
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -39,8 +39,9 @@ _RELEASE_OF_CONTACT = 0.6  # as the levels of the 2019 array, 0.15 V of 0.25 V
 # paper, 20 N in 8 s, is 12 % of its final load per second.
 _LOADING_OF_LOAD = 0.03
 _LOADING_OF_CONTACT = 0.12  # per second; as on the 2019 array, 0.03 V/s of 0.25 V
-# Set of a soft skin, where the array file gives no level. Printed lattices kept 3 to 12 % of a press of 20 s
-# for a minute; creep has no single time, this one is between those of presses and of holds.
+# Set of a soft skin, where the array file gives no level and no shear over load says that a light load is
+# held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one is
+# between those of presses and of holds.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0
 _LOADING_SDS = 10.0  # of the slope by the noise at rest, which may be stated two times too small
@@ -114,7 +115,7 @@ class _Levels:
             self.given = self._contact, self._release, self._loading
         is_derived = self.given is None
         self._rest = RestNoise(array.n_channels)
-        self.n_blind = self._rest.n_blind if is_derived else 0
+        self.n_blind = GROUP_SCANS if is_derived else 0
         """Scans at the beginning for which the noise is not known."""
 
     def interrupt(self) -> None:
@@ -186,7 +187,7 @@ class ContactTracker:
             self._grid.volts_per_step,
             slope_scale,
             array.is_field,
-            0.0 if self._levels.given else _SET_OF_LOAD,
+            0.0 if self._levels.given or array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
         )
         self._given_levels: FloatArray | None = None

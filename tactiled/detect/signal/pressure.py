@@ -121,22 +121,22 @@ class Pressure:
         for i in range(n):
             row, n_touching, n_released, array_total = i * channels, 0, 0, 0.0
             for t in range(taxels):
-                total, largest, held_total = 0.0, -_INFINITE, 0.0
+                total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
                 for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
                     c = self.own[s]
                     one = steps[row + c] * self.sign[c]
                     total += one
-                    largest = max(largest, one)
+                    largest, smallest = max(largest, one), min(smallest, one)
                     held_total += held[row + c] * self.total_weights[c]
                 array_total += abs(held_total) if self.is_field else held_total
                 level = i * each + t
                 n_read = levels[level]
+                if self.is_field and total < 0.0:
+                    total, largest = -total, -smallest
                 rest = total - largest
                 if n_read >= _LEAST_SIDES:
                     total = rest + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest)
                 pressure = total * self.volts_per_step / max(n_read, 1.0)
-                if self.is_field:
-                    pressure = abs(pressure)
                 self.set[t] += self.set_per_scan * (self.set_of_load * max(pressure, 0.0) - self.set[t])
                 pressure -= self.set[t]
                 at = 2 * n + i * taxels + t

@@ -5,15 +5,11 @@ sliding only add to the noise. The quietest group so far is therefore the noise 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.signal.quantise import READING_BITS, HeldReadings
 
-_GROUP_SCANS = 16
-# Until a group is complete, every channel is taken to have twice the noise that the noisiest of several has
-# shown by then: a few differences of one channel say little, those of all channels of a sensor more.
-_FIRST_SCANS, _SEVERAL, _DOUBT = 3, 8, 2.0
+GROUP_SCANS = 16
 _SECOND_DIFFERENCE = 6.0  # variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
 _UNKNOWN = 2.0**READING_BITS  # full scale, in steps: no reading stands out of that
 _ROUNDING = 12.0  # variance of rounding to a step q is q^2 / 12
@@ -22,19 +18,12 @@ _ROUNDING = 12.0  # variance of rounding to a step q is q^2 / 12
 class RestNoise:
     """Standard deviation of each channel's noise in its quietest group of scans so far.
 
-    It is no less than the rounding noise of the smallest step between two readings. The minimum over many
-    groups of 16 scans is about half of the standard deviation. Until a group without missing readings is
-    complete, it is a bound from the first scans of several channels, or full scale.
-
-    Attributes
-    ----------
-    n_blind : int
-        Number of scans after which something is known.
+    It is no less than the rounding noise of the smallest step between two readings, and full scale until
+    a group without missing readings is complete. The minimum over many groups of 16 scans is about half of
+    the standard deviation.
     """
 
     def __init__(self, n_channels: int) -> None:
-        self.n_blind = _FIRST_SCANS if n_channels >= _SEVERAL else _GROUP_SCANS
-        self._is_first = True  # no group is complete
         self._steps = np.empty((0, n_channels))
         self._ok = np.empty((0, n_channels), dtype=np.bool_)
         self._least_power = np.full((1, n_channels), _UNKNOWN**2)
@@ -49,9 +38,9 @@ class RestNoise:
         n_left = len(self._steps)
         steps = np.concatenate([self._steps, held.steps])
         ok = np.concatenate([self._ok, held.ok])
-        n_groups = len(steps) // _GROUP_SCANS
-        whole = n_groups * _GROUP_SCANS
-        groups = steps[:whole].reshape(n_groups, _GROUP_SCANS, steps.shape[1])
+        n_groups = len(steps) // GROUP_SCANS
+        whole = n_groups * GROUP_SCANS
+        groups = steps[:whole].reshape(n_groups, GROUP_SCANS, steps.shape[1])
         usable = ok[:whole].reshape(groups.shape).all(axis=1)
         change = np.diff(groups, axis=1)
         power = (np.diff(change, axis=1) ** 2).mean(axis=1) / _SECOND_DIFFERENCE
@@ -61,22 +50,8 @@ class RestNoise:
         smallest = _running_least(self._least_step, np.where(usable, step, np.inf))
         self._least_power, self._least_step = powers[-1:], smallest[-1:]
         rounding = np.where(np.isfinite(smallest), smallest, 0.0) ** 2 / _ROUNDING
-        n_scans = n_left + np.arange(1, len(held.steps) + 1)
-        noise = np.asarray(np.sqrt(np.maximum(powers, rounding))[n_scans // _GROUP_SCANS])
-        if self._is_first and self.n_blind < _GROUP_SCANS:
-            early = (n_scans >= self.n_blind) & (n_scans < _GROUP_SCANS)
-            bounds = self._bounds(steps[: _GROUP_SCANS - 1], ok[: _GROUP_SCANS - 1])
-            noise[early] = bounds[n_scans[early] - self.n_blind, np.newaxis]
-        self._is_first &= n_groups == 0
-        return noise
-
-    def _bounds(self, steps: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
-        """Bound of the noise after each scan of the first group, from scan `n_blind` on."""
-        squares = np.diff(steps, n=2, axis=0) ** 2 / _SECOND_DIFFERENCE
-        number = np.arange(1, len(squares) + 1)[:, np.newaxis]
-        largest = (np.cumsum(squares, axis=0) / number).max(axis=1, initial=0.0)
-        bound = np.where(np.logical_and.accumulate(ok.all(axis=1))[2:], _DOUBT * np.sqrt(largest), _UNKNOWN)
-        return np.asarray(np.minimum.accumulate(bound[self.n_blind - 3 :]))  # a touch adds to all after it
+        groups_known = (n_left + np.arange(1, len(held.steps) + 1)) // GROUP_SCANS
+        return np.asarray(np.sqrt(np.maximum(powers, rounding))[groups_known])
 
 
 def _running_least(before: FloatArray, values: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ NO_TAXEL = -1
 # A curve is tried where no reading falls below so many standard deviations of the noise that the lowest ones
 # have: nearer to 0 it bends by the noise. That of a resistor falls with its reading.
 _LEAST_NOISES, _LOWEST = 10.0, 0.05  # the second: quantile of the readings
+_LEAST_PART = 0.02  # of the reading without a load, in poses: no order of theirs shows noise
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of |v[k] - 2 v[k + 1] + v[k + 2]| of white noise of unit variance
 _LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
@@ -104,18 +105,29 @@ class BinnedLog:
     def curves(self) -> tuple[Curve, ...]:
         """Curves that the readings may be put through; a bent one needs readings well above 0."""
         whole = self.readings + self.zero
-        inner = whole[1:-1]
-        lowest = inner <= np.quantile(inner, _LOWEST, axis=0)
-        bends = np.where(lowest, np.abs(np.diff(whole, n=2, axis=0)), np.nan)
-        noise = np.nanmedian(bends, axis=0) / _MEDIAN_BEND
-        if (self.zero > 0).all() and (whole.min(axis=0) > _LEAST_NOISES * noise).all():
-            return ("linear", "log", "inverse")
-        return ("linear",)
+        if not (self.zero > 0).all():
+            return ("linear",)
+        least = _LEAST_PART * self.zero if self.are_poses else _LEAST_NOISES * _noise_of_lowest(whole)
+        return ("linear", "log", "inverse") if (whole.min(axis=0) > least).all() else ("linear",)
 
     @property
     def step_s(self) -> float:
         """Median of the steps."""
         return float(np.median(self.steps_s))
+
+
+def _noise_of_lowest(readings: FloatArray) -> FloatArray:
+    """Standard deviation (channels,) of the noise of the lowest readings (n, channels), rounding included.
+
+    Infinite where these are all the same: they may stand at the end of the range.
+    """
+    inner = readings[1:-1]
+    is_lowest = inner <= np.quantile(inner, _LOWEST, axis=0)
+    bends = np.where(is_lowest, np.abs(np.diff(readings, n=2, axis=0)), np.nan)
+    steps = np.abs(np.diff(np.sort(np.where(is_lowest, inner, np.nan), axis=0), axis=0))
+    least_step = np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf)
+    noise = np.nanmedian(bends, axis=0) / _MEDIAN_BEND
+    return np.asarray(np.maximum(noise, least_step / math.sqrt(12.0)))
 
 
 def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog:
