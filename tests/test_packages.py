@@ -1,13 +1,11 @@
 """The distributions: what each ships, what each needs, and that no file belongs to two."""
 
 import ast
-import email
 import itertools
 import json
 import re
 import subprocess
 import sys
-import tarfile
 import tomllib
 import venv
 import zipfile
@@ -16,16 +14,17 @@ from pathlib import Path
 import pytest
 
 from tactiled.version import __version__
+from tools import release
+from tools.release import metadata_of
 
 ROOT = Path(__file__).resolve().parent.parent
 PROJECTS = [ROOT, *sorted(path.parent for path in ROOT.glob("packages/*/pyproject.toml"))]
-CLIENT = ROOT / "packages" / "client"
 ADDRESS = "https://example.org/robots/tactiled"
 
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """All wheels, built without the network from a copy that knows its repository."""
+    """All wheels, each built from its sdist, without the network, from a copy that knows its repository."""
     folder = tmp_path_factory.mktemp("wheels")
     copy = folder / "checkout"
     listed = subprocess.run(
@@ -37,22 +36,14 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             (copy / name).write_bytes((ROOT / name).read_bytes())
     project = copy / "pyproject.toml"
     project.write_text(project.read_text().replace('address = ""', f'address = "{ADDRESS}"'))
-    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
-    projects = [str(copy / path.relative_to(ROOT)) for path in PROJECTS]
-    built = [*pip, "--wheel-dir", str(folder), *projects]
-    subprocess.run(built, check=True, timeout=300)
+    release.build(copy, folder)
+    assert release.contradictions(copy, folder) == []
     return {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
 
 
 def files_of(wheel: Path) -> set[str]:
     with zipfile.ZipFile(wheel) as archive:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
-
-
-def metadata_of(wheel: Path) -> email.message.Message:
-    with zipfile.ZipFile(wheel) as archive:
-        (name,) = (name for name in archive.namelist() if name.endswith(".dist-info/METADATA"))
-        return email.message_from_string(archive.read(name).decode())
 
 
 def test_no_file_belongs_to_two_distributions_and_none_is_missing(wheels: dict[str, Path]) -> None:
@@ -111,21 +102,24 @@ def test_the_distributions_have_one_version_and_ask_for_each_other_at_it(wheels:
     assert f"tactiled-client=={__version__}" in metadata_of(wheels["tactiled"]).get_all("Requires-Dist", [])
 
 
-def test_the_sdist_of_the_client_builds_the_same_wheel(wheels: dict[str, Path], tmp_path: Path) -> None:
-    """Away from the checkout, where a link of the archive would lead nowhere."""
-    assert (CLIENT / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
-    build = "import sys; from hatchling.build import build_{0} as build; print(build(sys.argv[1]))"
-    command = [sys.executable, "-c", build.format("sdist"), str(tmp_path)]
-    subprocess.run(command, cwd=CLIENT, check=True, capture_output=True, timeout=300)
-    (sdist,) = tmp_path.glob("*.tar.gz")
-    with tarfile.open(sdist) as archive:
-        archive.extractall(tmp_path / "away", filter="data")
-    (folder,) = (tmp_path / "away").iterdir()
-    command[2] = build.format("wheel")
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
-    (wheel,) = tmp_path.glob("*.whl")
-    assert files_of(wheel) == files_of(wheels["tactiled_client"])
-    assert metadata_of(wheel)["Version"] == __version__
+def test_every_sdist_brings_the_licence() -> None:
+    """A link to the one at the top would lead nowhere in an archive."""
+    for project in PROJECTS:
+        assert (project / "LICENSE").read_bytes() == (ROOT / "LICENSE").read_bytes()
+
+
+def test_twine_accepts_the_files_and_dependencies_come_first(
+    wheels: dict[str, Path],
+) -> None:
+    folder = wheels["tactiled"].parent
+    order = release.upload_order(folder)
+    release.run([sys.executable, "-m", "twine", "check", *map(str, order)], folder)
+    assert {path.name for path in order if path.suffix == ".gz"} == {
+        path.name for path in folder.glob("*.tar.gz")
+    }
+    names = [path.name.split("-")[0] for path in order if path.suffix == ".gz"]
+    assert names[:2] == ["tactiled_client", "tactiled"]
+    assert not [path.name for path in order if "-linux_" in path.name]  # an index refuses these
 
 
 def test_the_daemon_installs_nothing_for_pictures_or_finite_elements(wheels: dict[str, Path]) -> None:
