@@ -148,7 +148,7 @@ class DeferredCommand(click.Command):
         """Return the summary, or what to install."""
         found = _installed().get(self.entry)
         if found is None:
-            return f"Not installed: {install_words(self.entry)}."
+            return f"Not installed: tactiled-{_package_of(self.entry)}."
         if self.help is None:
             return f"Verb of {found.dist.name if found.dist else found.module}."
         return super().get_short_help_str(limit)

@@ -34,10 +34,10 @@ def _contact(array: Array) -> Finding:
 
 def _slip(array: Array) -> Finding:
     has_pressure = bool(array.normal_weights().any())
-    if array.has_shear and _has_load(array):
+    if array.measures_ratio:
         return Finding("slip", "ok", "from shear, beside the pressure")
     if array.has_shear:
-        what = "field" if array.unit == "uT" else "shear"
+        what = "field" if array.is_field else "shear"
         return Finding(
             "slip", "warn", f"from {what} that grows beyond its own hold; without a load to compare"
         )
@@ -48,12 +48,7 @@ def _slip(array: Array) -> Finding:
 
 
 def _direction(array: Array) -> Finding:
-    if array.has_shear and _has_load(array):
+    if array.measures_ratio:
         return Finding("direction", "ok", "of slip, from shear")
     lacking = "shear without a load" if array.has_shear else "no shear channels"
     return Finding("direction", "warn", f"not measured: {lacking}; --direction gives it for a log")
-
-
-def _has_load(array: Array) -> bool:
-    """Return True where pressure is a load, as the choice of the slip detector has it (`detect.suite`)."""
-    return bool(array.normal_weights().any()) and array.unit != "uT"

@@ -56,6 +56,18 @@ def test_without_pressure_there_is_no_contact_and_slip_has_no_direction(tmp_path
     assert "5 mm/s over the frequency" in found["grooves"].words
 
 
+@pytest.mark.parametrize(
+    ("kind", "says"), [('kind = "side"\nazimuth_deg = {}', "from shear"), ('kind = "shear_x"', "from field")]
+)
+def test_sides_in_microtesla_are_pressures_and_axes_are_fields(kind: str, says: str, tmp_path: Path) -> None:
+    channels = [f'[[taxel_channels]]\nname = "C{k}"\n{kind.format(90 * k)}' for k in range(4)]
+    head = 'name = "skin"\nunit = "uT"\nrange = [-100, 100]\ntaxel_count = 2'
+    file = tmp_path / "skin.toml"
+    file.write_text("\n".join([head, *channels]))
+    found = {finding.check: finding.words for finding in abilities(load_array(str(file)), 100.0, 0.0)}
+    assert says in found["slip"]
+
+
 def test_check_config_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file, picture = tmp_path / "field.toml", tmp_path / "field.svg"
     file.write_text(SHEAR_ONLY)

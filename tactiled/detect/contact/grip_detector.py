@@ -101,7 +101,7 @@ class ContactScan(NamedTuple):
 class GripDetector:
     """Compute how close a contact is to slipping, for each scan.
 
-    An array without shear or without load channels cannot tell, and gets no events.
+    An array that measures no shear over load cannot tell, and gets no events.
 
     Examples
     --------
@@ -128,8 +128,7 @@ class GripDetector:
         self._params = params or GripParams()
         self._learnt = learnt
         self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
-        self.can_tell = bool(np.any(array.normal_weights() != 0)) and array.has_shear
-        """True where the array has load and shear channels."""
+        self.can_tell = array.measures_ratio
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0

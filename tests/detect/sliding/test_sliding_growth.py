@@ -135,3 +135,10 @@ def test_any_chunking_and_a_restart_give_the_same_slips(kinds: tuple[str, ...]) 
         assert run(detector(kinds), pieces(block, cuts)) == whole
 
     check()
+
+
+def test_a_field_has_no_grip_message_because_it_is_no_load() -> None:
+    pull = 200 * np.clip(T - 6, 0, 1)
+    block = held(FIELD, 0, pull, normal=1000 * np.clip(T - 1, 0, 1))
+    events = build_methods(skin(FIELD), DetectParams()).process(block)
+    assert {event.topic for event in events} == {"contact", "slip", "texture"}
