@@ -16,7 +16,6 @@ import re
 import shlex
 import subprocess
 import sys
-import tarfile
 import tempfile
 import tomllib
 import zipfile
@@ -125,9 +124,7 @@ def main(arguments: list[str] | None = None, root: Path = ROOT) -> int:
     with tempfile.TemporaryDirectory() as temporary:
         tree, built = Path(temporary, "tree"), Path(temporary, "built")
         built.mkdir()
-        run(["git", "archive", "--output", f"{temporary}/tree.tar", "HEAD"], root)
-        with tarfile.open(f"{temporary}/tree.tar") as archive:
-            archive.extractall(tree, filter="data")
+        run(["git", "clone", "--quiet", "--depth=1", root.as_uri(), str(tree)], root)
         left = obstacles(root, tree)
         for one in left:
             print(f"release: before a release: {one}", file=sys.stderr)
