@@ -179,8 +179,8 @@ def track_table(trials: Sequence[Trial]) -> str:
         found = TrialSet(mine)
         answered = {t.seed for t in found.ok}
         wrong = {t.seed for t in found.ok if t.is_wrong}
-        errors = [f"{found.over_bound(quantity):.2f}" for quantity in reversed(QUANTITIES)]
-        is_bounded = any(np.isfinite(t.angle.bound) for t in found.right)
+        compared = TrialSet(t for t in mine if np.isfinite(t.angle.bound))
+        errors = [f"{compared.over_bound(quantity):.2f}" for quantity in reversed(QUANTITIES)]
         rows.append(
             {
                 "noise": name,
@@ -190,7 +190,7 @@ def track_table(trials: Sequence[Trial]) -> str:
                 "in 1000, at most (95 %)": f"{1e3 * found.most_wrong:.2f}",
                 "angle within 95 %": f"{100 * within(found.ok, 'angle'):.1f} %" if found.ok else NONE,
                 "period within 95 %": f"{100 * within(found.ok, 'period'):.1f} %" if found.ok else NONE,
-                "over the bound: angle, period": ", ".join(errors) if is_bounded else NONE,
+                "over the bound: angle, period": ", ".join(errors) if compared.right else NONE,
                 "refused as": found.refused,
             }
         )

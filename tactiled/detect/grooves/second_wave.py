@@ -9,7 +9,11 @@ Two waves of one frequency and one motion have the same component along the moti
 grid across it, and the best few are refined.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout, WaveMotion, WaveParams
@@ -17,6 +21,7 @@ from tactiled.detect.grooves.phasors import NEIGHBOURS, Phasors
 from tactiled.detect.grooves.search import GRID_STEP_RAD
 from tactiled.detect.worker import pause
 
+_BLOCK = 64  # waves whose overlaps with all later ones fit into the cache
 # Pairs that are refined, the ones that explain most.
 _MOST_STARTS = 6
 # Grid steps of the refinement, in phase at the edge of the array.
@@ -116,8 +121,8 @@ def _likely_pairs(
         pause()
         along = k @ motion.heading - error * off
         waves = along[:, np.newaxis] * motion.heading + across[:, np.newaxis] * normal
-        waves = np.concatenate([waves, np.zeros((1, 2))])
         each = _explained(phasors, waves)
+        waves = np.concatenate([waves, np.zeros((1, 2))])
         best = np.argpartition(-each, _MOST_STARTS, axis=None)[:_MOST_STARTS]
         one, other = np.unravel_index(best, each.shape)
         pairs.append(np.stack([waves[one], waves[other]], axis=1))
@@ -127,13 +132,41 @@ def _likely_pairs(
 
 
 def _explained(phasors: Phasors, waves: FloatArray) -> FloatArray:
-    """Power that each wave and each later one explain together, by least squares: (waves, waves)."""
-    explained = np.zeros((len(waves), len(waves)))
+    """Power that each wave and each later one explain together, by least squares: (waves, waves + 1).
+
+    The waves are evenly spaced, so that their overlaps depend on their distance alone. The last column is of
+    the one that is common to all channels.
+    """
+    n = len(waves)
+    explained = np.zeros((n, n + 1))
     for place, z in phasors.groups:
         own = np.exp(1j * (waves @ place.T)) / np.sqrt(len(place))
-        seen, overlap = own.conj() @ z, own.conj() @ own.T
-        alike = overlap.real**2 + overlap.imag**2
+        seen = own.conj() @ z
         power = (np.abs(seen) ** 2).sum(axis=1)
-        both = power[:, np.newaxis] + power - 2 * ((seen.conj() @ seen.T) * overlap).real
-        explained += np.where(alike < _MOST_ALIKE, both / np.maximum(1 - alike, 1 - _MOST_ALIKE), 0.0)
+        by_distance = own @ own[0].conj()
+        factor = _resolved(by_distance)
+        for first in range(0, n, _BLOCK):
+            rows, later = slice(first, first + _BLOCK), slice(first, n)
+            crossed = seen[rows].conj() @ seen[later].T
+            crossed *= _by_distance(by_distance[: n - first], len(crossed))
+            both = power[rows, np.newaxis] + power[later] - 2 * crossed.real
+            explained[rows, later] += both * _by_distance(factor[: n - first], len(crossed))
+        common, with_common = (
+            z.sum(axis=0) / np.sqrt(len(place)),
+            own.conj().sum(axis=1) / np.sqrt(len(place)),
+        )
+        both = power + (np.abs(common) ** 2).sum() - 2 * ((seen.conj() @ common) * with_common).real
+        explained[:, n] += _resolved(with_common) * both
     return np.triu(explained, 1)
+
+
+def _by_distance(values: NDArray[Any], n_rows: int) -> NDArray[Any]:
+    """Matrix (rows, columns) of values by the distance of column from row, negative ones conjugate."""
+    whole = np.concatenate([values[n_rows - 1 : 0 : -1].conj(), values])
+    return sliding_window_view(whole, len(values))[::-1]
+
+
+def _resolved(overlap: NDArray[np.complex128]) -> FloatArray:
+    """Factor of what two waves of an overlap explain by least squares; 0 where they cannot be resolved."""
+    alike = overlap.real**2 + overlap.imag**2
+    return np.where(alike < _MOST_ALIKE, 1 / np.maximum(1 - alike, 1 - _MOST_ALIKE), 0.0)

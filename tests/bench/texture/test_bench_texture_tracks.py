@@ -39,5 +39,9 @@ def test_tables_count_slides_and_say_when_a_change_was_noticed() -> None:
     row = track_table([right, right, wrong]).splitlines()[-1]
     assert "2 of 2" in row
     assert "1 (in 1 slides)" in row
+    bounded = dataclasses.replace(
+        right, angle=Estimate(0.0, 0.2, 1.0, 0.1), period=Estimate(1.0, 0.3, 1.0, 0.1)
+    )
+    assert "| 2.00, 3.00 " in track_table([right, bounded])  # of those that have a bound
     late = [dataclasses.replace(right, name=next(iter(CHANGES)), after_s=s) for s in (0.4, 0.8, math.inf)]
     assert "0.8 s, inf s, inf s" in change_table(late).splitlines()[-1]
