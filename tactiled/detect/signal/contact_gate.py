@@ -34,6 +34,8 @@ from tactiled.tomlfile import Params
 _CONTACT_SDS = 12.0
 # Part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes is less.
 _CONTACT_OF_RANGE = 1 / 1024
+# Part of the range while the noise of a channel is not known: a tenth of a light touch of most sensors.
+_EARLY_OF_RANGE = 1 / 64
 _RELEASE_OF_CONTACT = 0.6  # as the levels of the 2019 array, 0.15 V of 0.25 V
 # Per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of the 2019
 # paper, 20 N in 8 s, is 12 % of its final load per second.
@@ -103,7 +105,7 @@ class ContactTransition(NamedTuple):
 class _Levels:
     """Levels of contact, release and loading, given or derived, in the unit of the array."""
 
-    def __init__(self, array: Array, params: ContactParams) -> None:
+    def __init__(self, array: Array, params: ContactParams, volts_per_step: float) -> None:
         own = array.contact
         self._contact = params.contact_volts or (own.above if own else None)
         self._release = params.release_volts or (own.below if own else None)
@@ -113,10 +115,10 @@ class _Levels:
         """Levels of contact, release and loading, where none is derived."""
         if self._contact is not None and self._release is not None and self._loading is not None:
             self.given = self._contact, self._release, self._loading
-        is_derived = self.given is None
-        self._rest = RestNoise(array.n_channels)
-        self.n_blind = GROUP_SCANS if is_derived else 0
-        """Scans at the beginning for which the noise is not known."""
+        early_volts = (array.high - array.low) * _EARLY_OF_RANGE / _CONTACT_SDS
+        self._rest = RestNoise(array.n_channels, early_volts / volts_per_step)
+        self.first_scans = (0, self._rest.early_scan, GROUP_SCANS - 1) if self.given is None else (0,)
+        """Scans at which levels become known, or fall: a contact may have begun before."""
 
     def interrupt(self) -> None:
         """Pass over missing scans."""
@@ -158,8 +160,8 @@ class ContactTracker:
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._levels = _Levels(array, params)
         self._grid = Quantiser(array)
+        self._levels = _Levels(array, params, self._grid.volts_per_step)
         weights = array.normal_weights()
         self._counted = np.abs(np.sign(weights)).T.copy()  # (channels, taxels)
         self._all_readings = self._counted.sum(axis=0)
@@ -196,7 +198,7 @@ class ContactTracker:
             of_taxels = np.ones(array.n_taxels)
             self._given_levels = np.stack([self._all_readings, contact * of_taxels, release * of_taxels])
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
-        self._n_blind = self._levels.n_blind  # scans before the levels are known
+        self._n_scans = 0  # until the levels are known
         self._begin()
 
     def _begin(self) -> None:
@@ -210,7 +212,8 @@ class ContactTracker:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         self._pressure.interrupt(math.exp(-n_missing / (_SET_S * self._rate_hz)))
         self._levels.interrupt()
-        self._n_blind = self._levels.n_blind if self._n_blind else 0
+        if self._n_scans <= self._levels.first_scans[-1]:
+            self._n_scans = 0
         self._begin()
 
     def measure(
@@ -288,11 +291,10 @@ class ContactTracker:
         self, touches: bool, released: bool, slope_volts_s: float, loading_volts_s: float
     ) -> ContactTransition | None:
         """Process one scan and return the change of state, if any."""
-        if self._n_blind > 0:
-            self._n_blind -= 1
-            return None
         self._follow_load(abs(slope_volts_s) <= loading_volts_s)
-        is_first, self._is_first = self._is_first, False
+        is_first = self._is_first or self._n_scans in self._levels.first_scans
+        self._is_first = False
+        self._n_scans += 1
         if self.state == "none":
             if touches and is_first:
                 return self._go("unknown")

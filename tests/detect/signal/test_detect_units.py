@@ -91,11 +91,24 @@ def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> No
     rng = np.random.default_rng(2)
     sd = np.where(np.arange(3000) < 1000, 10.0, 200.0)[:, np.newaxis]
     steps = np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis])
-    found = RestNoise(4).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True))
-    assert (found[:15] == 2.0**23).all()  # unknown
+    found = RestNoise(4, early=50.0).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True))
+    assert (found[:3] == 2.0**23).all()  # unknown
+    assert (found[3:15] == 50.0).all()  # no less than was said
     assert (found[15:] < 14.0).all()
     assert (found[15:] > 3.0).all()
     assert (np.diff(found, axis=0) <= 0).all()
+
+
+@pytest.mark.parametrize("hum", [0.0, 200.0])
+def test_a_press_soon_after_the_start_is_told_at_once_and_hum_is_none(hum: float) -> None:
+    array = wang_in("count", 0, 65535, "0.0")
+    rng, scan = np.random.default_rng(4), np.arange(60)
+    rest = 3.0 * rng.normal(size=(60, 36)) + hum * np.sin(2 * np.pi * 0.13 * scan)[:, np.newaxis]
+    pressed = np.where(scan < 8, 0.0, 20_000.0)[:, np.newaxis]
+    assert contact_states(ContactGate(array).process(regular_block(np.rint(rest), 100.0))) == []
+    events = ContactGate(array).process(regular_block(np.rint(rest + pressed), 100.0))
+    assert contact_states(events)[0] == "loading"
+    assert events[0].evidence_s == pytest.approx(0.08)
 
 
 def test_a_tare_replaces_the_zero_of_the_array() -> None:
