@@ -27,6 +27,7 @@ class LogTally:
     def __init__(self, array: Array) -> None:
         self.array = array
         self.n_scans = 0
+        self.n_repeats = 0
         self.first_s = self.last_s = math.nan
         self.low, self.high = math.inf, -math.inf
         self.n_lost = 0
@@ -123,6 +124,11 @@ def summary(
         f"{tally.n_scans} scans in {duration_s:.4g} s: {rate_hz:.4g} Hz, "
         f"spacing varies by {100 * jitter:.1f} % on average"
     )
+    if tally.n_repeats:
+        yield (
+            f"{tally.n_repeats} of them repeat the one before and are left out: the sensor gives "
+            f"{rate_hz * (1 - tally.n_repeats / tally.n_scans):.3g} scans a second"
+        )
     yield _range_used(tally)
     # For other topics, no detector of contact has run.
     if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):

@@ -372,7 +372,7 @@ def _run_table(
     else:
         time_s, volts = read_bag(path, choices.topic, rate_hz)
         batches = [(time_s, volts, 1.0)]
-        n_channels, spacing = volts.shape[1], spacing_of(time_s)
+        n_channels, spacing = volts.shape[1], spacing_of(time_s, volts)
         choice = "which field of the message with --topic TOPIC.FIELD"
     if n_channels != log.array.n_channels:
         raise DataError(
@@ -392,6 +392,7 @@ def _run_table(
                 yield from suite.process(part)
         if reached is not None:
             reached(share)
+    log.tally.n_repeats = splitter.n_repeats
     _check_sliding(path, log.tally.first_s, log.tally.last_s, choices.sliding)
 
 

@@ -39,7 +39,7 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
     n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
     rest = np.array([_median(one[:n_first], one) for one in readings.T])
     return [
-        _rate(time_s),
+        _rate(time_s, readings),
         _range(array, readings),
         _dead(array, readings),
         _zero(array, rest),
@@ -56,13 +56,15 @@ def _median(first: FloatArray, whole: FloatArray) -> float:
     return 0.0
 
 
-def _rate(time_s: FloatArray) -> Finding:
-    period_s, longest_s = spacing_of(time_s)
+def _rate(time_s: FloatArray, readings: FloatArray) -> Finding:
+    period_s, longest_s, rows = spacing_of(time_s, readings)
     steps_s = np.diff(time_s)
     n_pauses = int((steps_s > _PAUSES * longest_s).sum())
     words = f"{1 / period_s:.4g} Hz"
     if longest_s > period_s:
         words += f", uneven: steps of {steps_s.min():.3g} to {longest_s:.3g} s"
+    if rows > 1:
+        words += f", rows repeat: one scan in {rows}"
     if n_pauses:
         words += f", {n_pauses} pauses, the longest of {steps_s.max():.3g} s"
     return Finding("log: rate", "ok", words, values={"rate_hz": 1 / period_s, "pauses": n_pauses})

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tactiled.errors import DataError
 from tactiled.pipeline import RATES_HZ
+from tactiled.recording.repeats import LATE, RepeatFilter, rows_of_a_reading
 from tactiled.recording.rows import MOST_BYTES, SECONDS, FloatArray, TableOptions, TimeUnit, rows_of
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -118,9 +119,10 @@ class TableStream:
         if (n := _n_rows(self._ahead)) < 2:
             raise DataError(f"{path}: {n} scans; at least two are needed to compute the rate")
         self.n_channels = self._ahead[0][1].shape[1]
-        self.spacing = spacing_of(np.concatenate([time_s for time_s, _, _ in self._ahead]))
+        time_s, readings = (np.concatenate(part) for part in list(zip(*self._ahead, strict=True))[:2])
+        self.spacing = spacing_of(time_s, readings)
         is_known = options.rate_hz is not None or options.time_unit is not None
-        if fault := _rate_fault(self.spacing.period_s, is_known=is_known):
+        if fault := _rate_fault(spacing_of(time_s).period_s, is_known=is_known):
             raise DataError(f"{path}: {fault}")
 
     def __iter__(self) -> Iterator[Checked]:
@@ -194,30 +196,39 @@ def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
 
 
 class Spacing(NamedTuple):
-    """How the rows of a log are spaced.
+    """How the scans of a log are spaced.
 
     Attributes
     ----------
     period_s : float
-        Time from row to row.
+        Time from scan to scan.
     longest_s : float
         Longest usual step; a longer one has missing scans or is a pause.
+    rows : int
+        Rows of a scan: more than 1 where the sensor is slower than its log, and rows repeat it.
     """
 
     period_s: float
     longest_s: float
+    rows: int = 1
 
 
-def spacing_of(time_s: FloatArray) -> Spacing:
-    """Describe the spacing of stamps (n,), two at least.
+def spacing_of(time_s: FloatArray, readings: FloatArray | None = None) -> Spacing:
+    """Describe the spacing of stamps (n,), two at least, of the scans among them if readings are given.
 
     A log whose steps are mostly even, or multiples of one, has the median as its period: longer steps are
     missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is
     uneven, as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
+    So is a log with rows that repeat a scan.
     """
+    rows = 1 if readings is None else rows_of_a_reading(readings)
+    if readings is not None and rows > 1:
+        time_s = time_s[RepeatFilter(rows).take(readings)]
     steps_s = np.diff(time_s)
     median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL, method="higher"))
     periods = usual_s / median_s
+    if rows > 1:
+        return Spacing(median_s, max(usual_s, LATE * median_s), rows)
     if periods < _UNEVEN or abs(periods - round(periods)) < _MULTIPLE * periods:
         return Spacing(median_s, median_s)
     return Spacing(float(steps_s[steps_s < _UNEVEN * usual_s].mean()), usual_s)
@@ -233,16 +244,23 @@ class BlockSplitter:
     Parameters
     ----------
     rate_hz : float or None
-        Scan rate; None to use the period of the rows.
+        Rate of the rows; None to use their times.
+
+    Attributes
+    ----------
+    n_repeats : int
+        Rows that repeat the scan before, and are none.
     """
 
     def __init__(self, spacing: Spacing, rate_hz: float | None) -> None:
-        self._rate_hz = rate_hz or 1 / spacing.period_s
+        self._rate_hz = 1 / spacing.period_s if rate_hz is None else rate_hz / spacing.rows
         if not 0.1 < self._rate_hz * spacing.period_s < 10:
             raise DataError(
-                f"a rate of {self._rate_hz:g} Hz, but rows are {spacing.period_s:g} s apart: omit the rate, "
-                "or correct time_s"
+                f"a rate of {rate_hz:g} Hz, but rows are {spacing.period_s / spacing.rows:g} s apart: "
+                "omit the rate, or correct time_s"
             )
+        self._repeats = RepeatFilter(spacing.rows)
+        self.n_repeats = 0
         self._is_uneven = spacing.longest_s > spacing.period_s
         self._longest_s = spacing.longest_s
         self._expected_s: float | None = None
@@ -250,6 +268,12 @@ class BlockSplitter:
 
     def split(self, time_s: FloatArray, volts: FloatArray, valid: NDArray[np.bool_]) -> list[ScanBlock | Gap]:
         """Return the blocks and gaps of the next rows; parameters as of `to_blocks`."""
+        is_scan = self._repeats.take(volts)
+        if not is_scan.all():
+            self.n_repeats += int((~is_scan).sum())
+            time_s, volts, valid = time_s[is_scan], volts[is_scan], valid[is_scan]
+        if not len(time_s):
+            return []
         is_first = self._expected_s is None
         steps = self._steps(time_s)
         index = self._index + np.cumsum(steps)
@@ -317,8 +341,8 @@ def to_blocks(
         Strictly increasing.
     volts : (n, channels) float64
     rate_hz : float or None
-        Scan rate; None to use the period of the rows.
+        Rate of the rows; None to use their times.
     valid : (n, channels) bool
         False for readings that are missing or saturated.
     """
-    return BlockSplitter(spacing_of(time_s), rate_hz).split(time_s, volts, valid)
+    return BlockSplitter(spacing_of(time_s, volts), rate_hz).split(time_s, volts, valid)

@@ -11,6 +11,7 @@ import pytest
 from bombs import npz_that_claims
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 from pyarrow import parquet
 
 from tactiled.archive.detect import FileJob, analyse
@@ -19,6 +20,7 @@ from tactiled.errors import DataError
 from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
 from tactiled.recording import rows, table
+from tactiled.recording.repeats import rows_of_a_reading
 from tactiled.recording.rows import FloatArray, TableOptions
 from tactiled.recording.table import BlockSplitter, TableStream, read_table, spacing_of, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
@@ -88,13 +90,19 @@ def test_all_formats_give_the_same_rows_in_any_batches(
     holes=st.sets(st.integers(1, 99), max_size=20),
     cuts=st.sets(st.integers(1, 79), max_size=10),
     jitter=st.floats(0, 0.4),
+    n_rows=st.integers(1, 4),
 )
-def test_batches_change_no_scan_and_no_gap(holes: set[int], cuts: set[int], jitter: float) -> None:
+def test_batches_change_no_scan_and_no_gap(
+    holes: set[int], cuts: set[int], jitter: float, n_rows: int
+) -> None:
     rng = np.random.default_rng(1)
-    time_s = np.delete(np.arange(100) + rng.uniform(-jitter, jitter, 100) * 0.9, sorted(holes))
-    volts = rng.normal(size=(len(time_s), 2))
+    n = 100 * n_rows
+    time_s = np.arange(n) + rng.uniform(-jitter, jitter, n) * 0.9
+    volts = np.repeat(rng.normal(size=(100, 2)), n_rows, axis=0)
+    is_there = np.repeat(~np.isin(np.arange(100), sorted(holes)), n_rows)
+    time_s, volts = time_s[is_there], volts[is_there]
     valid = np.ones(volts.shape, dtype=np.bool_)
-    splitter = BlockSplitter(spacing_of(time_s), None)
+    splitter = BlockSplitter(spacing_of(time_s, volts), None)
     ends = [*sorted(cut for cut in cuts if cut < len(time_s)), len(time_s)]
     items = []
     for start, end in zip([0, *ends], ends, strict=False):
@@ -108,6 +116,48 @@ def test_batches_change_no_scan_and_no_gap(holes: set[int], cuts: set[int], jitt
             for found in (items, whole)
         )
         assert np.array_equal(ours, theirs)
+
+
+def polled(seed: int, n: int, *, resting: slice) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """Rows of a host that polls a sensor of 10 Hz every 23 to 27 ms, and those that show a scan first."""
+    rng = np.random.default_rng(seed)
+    time_s = np.cumsum(rng.uniform(0.023, 0.027, n))
+    scan = (time_s / 0.1).astype(np.int64)
+    values = rng.integers(0, 4000, (scan[-1] + 1, 3)).astype(np.float64)
+    values[resting] = values[resting.start]
+    return time_s, values[scan], np.flatnonzero(np.diff(scan, prepend=-1))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rows_that_repeat_a_slow_sensor_are_no_scans(seed: int) -> None:
+    time_s, volts, first_rows = polled(seed, 1000, resting=slice(0, 0))
+    blocks = to_blocks(time_s, volts, None, np.isfinite(volts))
+    assert [type(block) for block in blocks] == [ScanBlock]
+    assert isinstance(blocks[0], ScanBlock)
+    assert np.array_equal(blocks[0].time_s, time_s[first_rows])
+    assert blocks[0].rate_hz == pytest.approx(10.0, rel=0.05)
+    said = to_blocks(time_s, volts, 40.0, np.isfinite(volts))[0]
+    assert isinstance(said, ScanBlock)
+    assert said.rate_hz == 10.0
+
+
+def test_a_slow_sensor_that_rests_goes_on_scanning() -> None:
+    time_s, volts, first_rows = polled(7, 2000, resting=slice(100, 300))
+    blocks = to_blocks(time_s, volts, None, np.isfinite(volts))
+    assert not any(isinstance(block, Gap) for block in blocks)
+    assert sum(len(block) for block in blocks if isinstance(block, ScanBlock)) == pytest.approx(
+        len(first_rows), abs=10
+    )
+
+
+def test_coarse_readings_that_repeat_by_chance_are_scans() -> None:
+    rng = np.random.default_rng(8)
+    press = np.clip(np.arange(3000) - 1000, 0, 60) // 3
+    volts = np.rint(press + 0.2 * rng.normal(size=3000))[:, np.newaxis]
+    assert rows_of_a_reading(volts) == 1
+    (block,) = to_blocks(np.arange(3000) / 100, volts, None, np.isfinite(volts))
+    assert isinstance(block, ScanBlock)
+    assert len(block) == 3000
 
 
 @pytest.mark.parametrize("kind", FORMATS)
