@@ -204,8 +204,8 @@ class DetectorFactories(NamedTuple):
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
 
 
-# Times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for them, a
-# robot does not; and 2,000 channels at 100 Hz take 115 MB.
+# choice: times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for
+# them, a robot does not; and 2,000 channels at 100 Hz take 115 MB.
 _WIDEST = 4
 
 

@@ -27,18 +27,19 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Sup
 from tactiled.force.estimator import ForceSource
 from tactiled.samples.block import Gap, ScanBlock
 
-TARE_S = 0.5  # averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
-_LEAST_TARE_SCANS = 10  # below 20 Hz, half a second holds too few scans for a mean
-# Means of both halves may differ by this part of the contact level: 10 mV of 0.25 V on the 2019 array, which
-# is well above creep of 0.01 V/s in a quarter of a second and what is left of 5 mV rms of noise (1.4 mV), and
-# well below what a touch brings in the time.
+TARE_S = 0.5  # choice: averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
+_LEAST_TARE_SCANS = 10  # choice: below 20 Hz, half a second holds too few scans for a mean
+# derived: means of both halves may differ by this part of the contact level: 10 mV of 0.25 V on the 2019
+# array, which is well above creep of 0.01 V/s in a quarter of a second and what is left of 5 mV rms of noise
+# (1.4 mV), and well below what a touch brings in the time.
 _STILL_OF_CONTACT = 1 / 25
-_STILL_OF_RANGE = 1 / 1024  # where the array file gives no contact level
+_STILL_OF_RANGE = 1 / 1024  # choice: where the array file gives no contact level
 _NO_FRICTION = (
     "no detector of this configuration learns friction: it takes shear, load and the topic grip or slip"
 )
 _NO_MOTION = "no detector of this configuration takes motion: it takes shear, load and the topic grip or slip"
-_KEPT_INTERVALS = 8  # a slip is found at most some 0.3 s after its onset, so older intervals do not matter
+# derived: a slip is found at most some 0.3 s after its onset, so older intervals do not matter
+_KEPT_INTERVALS = 8
 
 
 class _AnnouncedIntervals:

@@ -10,10 +10,10 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.errors import DataError
 
-# A value holds so long after its instant: ten steps of a sender at 100 Hz, so that a few late commands leave
-# no hole, and one step of a sender at 10 Hz, the slowest that is served.
+# choice: a value holds so long after its instant: ten steps of a sender at 100 Hz, so that a few late
+# commands leave no hole, and one step of a sender at 10 Hz, the slowest that is served.
 HOLD_S = 0.1
-_KEPT = 2048  # values: two seconds at 1000 Hz, one of them announced ahead
+_KEPT = 2048  # choice: values: two seconds at 1000 Hz, one of them announced ahead
 
 
 class AnnouncedMotion:

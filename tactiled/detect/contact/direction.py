@@ -22,12 +22,12 @@ from tactiled.array import FloatArray
 from tactiled.detect.contact.grip_detector import ContactScan
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-# Of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.
+# physical: of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.
 _TURNS, _TURNS_SD = 0.4, 0.33
-_MODEL_SD = 0.05  # radians: resistors that are 5 % unequal turn one taxel by so much
-_FEWEST = 4  # taxels whose spread has a variance: fewer have no more than three degrees of freedom
-_AVERAGED, _AVERAGED_S = 3, 0.06  # scans at each end of the growth, and their time at most
-# Of the angle from the growth to its first half: what that half still has of the bend of the second.
+_MODEL_SD = 0.05  # derived: radians: resistors that are 5 % unequal turn one taxel by so much
+_FEWEST = 4  # derived: taxels whose spread has a variance: fewer have no more than three degrees of freedom
+_AVERAGED, _AVERAGED_S = 3, 0.06  # choice: scans at each end of the growth, and their time at most
+# derived: of the angle from the growth to its first half: what that half still has of the bend of the second.
 _BEND_LEFT = 0.2
 
 

@@ -19,7 +19,7 @@ from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.posterior import LEAST_GROSS_USED, RIPPLE_P
 from tactiled.detect.contact.signs import GROWTH_S, LOOK_S, NAMES
 
-HORIZONS_S = (0.05, 0.1, 0.3)
+HORIZONS_S = (0.05, 0.1, 0.3)  # choice
 STATE_SIGNS = (
     *("load_unevenness", "loaded_part", "moment", "shear_load_correlation", "ratio", "log_ratio_of_largest"),
     *("since_largest_s", "own_ratio_sd", "own_ratio_most", "ratio_change_80ms", "log_ratio_change_300ms"),
@@ -28,7 +28,7 @@ STATE_SIGNS = (
 )
 """Signs that the second trees are given beside the memory."""
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
-_LEAST_RATIO = 0.02  # that a slide bears: the friction of wet ice
+_LEAST_RATIO = 0.02  # physical: that a slide bears: the friction of wet ice
 
 
 class Verdict(NamedTuple):

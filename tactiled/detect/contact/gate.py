@@ -2,13 +2,14 @@
 
 import math
 
-# A slip closes when its probability was below this part of the threshold for so long. With half of it and
-# 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
+# tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
+# and 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
 OFF, _OFF_S = 1 / 3, 0.15
-_SURELY_OVER = 0.02  # probability below which a slip closes at once: a slide that turns back is another one
-_GROWN = 1.1  # of the least ratio since a slip closed, beyond which the next incipient one may open
-_SURELY = 3.0  # standard deviations: what noise may make is no slip
-_SETTLE_S = 0.06  # after a gap or a touch, before a slip may open: its direction needs some scans
+# prior: probability below which a slip closes at once: a slide that turns back is another one
+_SURELY_OVER = 0.02
+_GROWN = 1.1  # prior: of the least ratio since a slip closed, beyond which the next incipient one may open
+_SURELY = 3.0  # choice: standard deviations: what noise may make is no slip
+_SETTLE_S = 0.06  # prior: after a gap or a touch, before a slip may open: its direction needs some scans
 
 
 class SlipHysteresis:

@@ -12,7 +12,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.contact.filter import ContactFilter, Verdict
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
-from tactiled.detect.contact.posterior import INCIPIENT_SHARE, INCIPIENT_USED
+from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.travelling import TravellingRipple
@@ -23,26 +23,27 @@ from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 # A contact begins where the mean load of the taxels exceeds both, and ends at half of it.
-_CONTACT_NOISES = 10.0  # standard deviations of the mean load's noise
-_CONTACT_RANGE = 0.005  # of full scale: drift of a sensor at rest stays below it for minutes
-_FRICTION = 0.6  # of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
-_BASELINE_S = 1.0  # averaging time of the readings without contact
-_LONGEST_GAP_S = 2.0  # beyond, what is held is held anew
-# Of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes hold anew
-# seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
+_CONTACT_NOISES = 10.0  # choice: standard deviations of the mean load's noise
+_CONTACT_RANGE = 0.005  # physical: of full scale: drift of a sensor at rest stays below it for minutes
+_FRICTION = 0.6  # physical: of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
+_BASELINE_S = 1.0  # choice: averaging time of the readings without contact
+_LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
+# prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
+# hold anew seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
 _SAME_LOADS = 0.5
 SCANNED = ("corrupt", "missing")
 """Causes of gaps during which the board kept scanning."""
-NEEDED_UTILISATION = 0.7
+NEEDED_UTILISATION = 0.7  # choice
 """Utilisation that `needed_load` would leave."""
-_SURELY = 2.0  # standard deviations by which the ratio falls where a contact is unloaded
-_TINY = 1e-9
-_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
-_UNKNOWN_USED = (0.0, 0.5, 1.0)  # utilisation of a contact whose beginning nobody saw
-# Standard deviation of the logarithm of friction by which the model errs although friction is known: taxels
-# are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow with it.
+_SURELY = 2.0  # choice: standard deviations by which the ratio falls where a contact is unloaded
+_TINY = 1e-9  # derived
+_UNKNOWN_USED = (0.0, 0.5, 1.0)  # derived: utilisation of a contact whose beginning nobody saw
+# tuned: standard deviation of the logarithm of friction by which the model errs although friction is known:
+# taxels are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow
+# with it.
 _MODEL_SD = 0.1
-_DROPPED_SD = 0.1  # by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
+# prior: by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
+_DROPPED_SD = 0.1
 
 
 class GripParams(Params):
@@ -429,7 +430,7 @@ class _Touch:
         else:
             state = "partial" if verdict.slipping_share > INCIPIENT_SHARE else "sticking"
         # What is not known of the zero is more shear that may be borne.
-        size = math.hypot(x, y, moment) + _FIVE_PERCENT * self._offset_sd * load
+        size = math.hypot(x, y, moment) + FIVE_PERCENT * self._offset_sd * load
         friction_low, friction, friction_high = verdict.friction
         needed_load = size / (NEEDED_UTILISATION * friction_low)
         in_50, in_100, in_300 = verdict.p_gross

@@ -8,7 +8,7 @@ the next one is most likely of the same hand and object.
 from array import array
 from math import exp, log, sqrt
 
-ODDS_S = (0.1, 0.4, 1.6, 6.0)
+ODDS_S = (0.1, 0.4, 1.6, 6.0)  # choice: averaging times of the odds, each four times the one before
 NAMES: tuple[str, ...] = (
     "odds",
     *(f"odds_{1000 * time_s:.0f}ms" for time_s in ODDS_S),
@@ -16,22 +16,26 @@ NAMES: tuple[str, ...] = (
     *("log_ratio_of_slid", "slid_s", "log_ratio_of_borne", "since_likely_s", "log_ratio_of_crossing"),
     *("log_ratio_of_friction", "log_friction_sd"),
 )
-_MOST_ODDS, _LEAST_ODDS = 5.0, -4.0
-_LONG_S = 10.0
-_PEAK_S = 1.0
-_SLID_S = 20.0  # for which a slide tells the ratio that friction bears
-_BORNE_S = 20.0
-_LEAST_RATIO = 0.01
-# Rates of a filter with two states, 1/s: a prior of everyday hands, whose slips are seconds apart and short.
+_MOST_ODDS, _LEAST_ODDS = 5.0, -4.0  # choice: one look is never surer than 1 in 150
+_LONG_S = 10.0  # choice: in which the hand's own habits show
+_PEAK_S = 1.0  # choice: decay of the largest odds
+_SLID_S = 20.0  # prior: for which a slide tells the ratio that friction bears
+_BORNE_S = 20.0  # prior: for which a ratio that was borne without a slide does
+_LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
+# prior: rates of a filter with two states, 1/s: a prior of everyday hands, whose slips are seconds apart and
+# short.
 _ONSETS, _ENDS = 0.05, 1.0
-_FILTER_PART = 0.15  # of the odds of a look of 20 ms that is new: readings of neighbouring looks are alike
-_LOOK_S = 0.02
-_MOST_UNLOADED = -5.0  # log of the load over that of 300 ms before: less is no load
-# Friction. Kinetic friction of a slide scatters by 0.12 in log for each 0.3 s of travel over other places.
+# prior: of the odds of a look of 20 ms that is new: readings of neighbouring looks are alike
+_FILTER_PART = 0.15
+_LOOK_S = 0.02  # derived: that of `signs`
+_MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: less is no load
+# physical: friction. Kinetic friction of a slide scatters by 0.12 in log for each 0.3 s of travel over other
+# places.
 _SLIDE_SD, _SLIDE_S = 0.12, 0.3
-_WALK_SD = 0.03  # of log friction in a second: warming, moisture, wear of what is held
-_CONTACT_SD = 0.15  # of log friction from one contact with an object to the next: place and pressure differ
-_LEAST_SD = 0.07  # friction that depends on load, speed and age is not known better by one number
+_WALK_SD = 0.03  # prior: of log friction in a second: warming, moisture, wear of what is held
+# prior: of log friction from one contact with an object to the next: place and pressure differ
+_CONTACT_SD = 0.15
+_LEAST_SD = 0.07  # prior: friction that depends on load, speed and age is not known better by one number
 
 
 class Memory:

@@ -7,7 +7,7 @@ cdef extern from "math.h":
     cpdef double exp(double x)
     cpdef double sqrt(double x)
 
-cdef double RIPPLE_P, _FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD
+cdef double RIPPLE_P, FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD
 cdef double _PLAUSIBLE_SDS, _TINY
 
 

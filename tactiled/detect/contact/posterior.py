@@ -5,27 +5,29 @@ from collections.abc import Sequence
 from itertools import pairwise
 from math import exp, log, sqrt
 
-INCIPIENT_SHARE = 0.1  # of the area that slips: what is called incipient slip
-# Utilisation at which a tenth of a ball's area slips in first loading: the sticking share is (1 - u)^(2/3)
-# (Mindlin 1949; Johnson, Contact Mechanics, 7.2). Above it, cells are narrow where a controller works.
+INCIPIENT_SHARE = 0.1  # choice: of the area that slips: what is called incipient slip
+# derived: utilisation at which a tenth of a ball's area slips in first loading: the sticking share is (1 -
+# u)^(2/3) (Mindlin 1949; Johnson, Contact Mechanics, 7.2). Above it, cells are narrow where a controller
+# works.
 INCIPIENT_USED = 1.0 - (1.0 - INCIPIENT_SHARE) ** 1.5
-EDGES = (0.0, INCIPIENT_USED, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0)
+EDGES = (0.0, INCIPIENT_USED, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0)  # choice
 N_STATES = len(EDGES)
 """Cells of utilisation, and sliding, which is the last one."""
-LEAST_GROSS_USED = 0.9
+LEAST_GROSS_USED = 0.9  # choice
 """Utilisation, at least, while a gross slip is open: what slides bears its limit, up to uneven friction."""
+# physical: probability of sliding where a ripple travels: hands that hold had one in 2 windows of 1.7 h
 RIPPLE_P = 0.99
-"""Probability of sliding where a ripple travels: hands that hold had one in 2 windows of 1.7 h."""
-_QUANTILES = (0.05, 0.5, 0.95)
-_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
-_LEAST_RATIO = 0.02  # below it, the ratio says nothing of friction
-_LEAST_MIDDLE = 0.05  # of a cell: where hardly any of friction is in use, the ratio does not tell friction
-_LEAST_VARIANCE = 0.01  # of the logarithm of friction: a ratio tells it to a tenth at best
-# Standard deviations of the logarithm of the ratio by which the friction that a state implies may err: in one
-# contact by pressure, place and zero; over all contacts by gains of uncalibrated shear, too. Beyond so many
-# deviations of this and of friction, a state is implausible.
+_QUANTILES = (0.05, 0.5, 0.95)  # choice
+FIVE_PERCENT = 1.645  # derived: standard deviations from the median to the quantile of 95 %
+_LEAST_RATIO = 0.02  # physical: below it, the ratio says nothing of friction
+# prior: of a cell: where hardly any of friction is in use, the ratio does not tell friction
+_LEAST_MIDDLE = 0.05
+_LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it to a tenth at best
+# prior: standard deviations of the logarithm of the ratio by which the friction that a state implies may err:
+# in one contact by pressure, place and zero; over all contacts by gains of uncalibrated shear, too. Beyond so
+# many deviations of this and of friction, a state is implausible.
 _HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS = 0.15, 0.3, 2.0
-_TINY = 1e-12
+_TINY = 1e-12  # derived
 
 
 class Posterior:
@@ -186,7 +188,7 @@ class Posterior:
             now = max(square - mean * mean, _LEAST_VARIANCE)
             if now < variance:
                 log_friction, variance = log(ratio) + mean, now
-        reach = _FIVE_PERCENT * sqrt(variance)
+        reach = FIVE_PERCENT * sqrt(variance)
         self.friction[0] = exp(log_friction - reach)
         self.friction[1] = exp(log_friction)
         self.friction[2] = exp(log_friction + reach)

@@ -18,16 +18,17 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
-_PRESS_S = 0.6  # of a press that shear does not end, after which the zero is known
-# Standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into shear, and
-# an array that is mounted at 2 degrees so much of all of it.
+_PRESS_S = 0.6  # prior: of a press that shear does not end, after which the zero is known
+# derived: standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into
+# shear, and an array that is mounted at 2 degrees so much of all of it.
 _TAXEL_SD, _MOUNTED_SD = 0.07, 0.03
-# The same of three-axis chips whose counts nobody calibrated: 0.06 to 0.26 of the load is shear on a public
-# skin (uSkin). 0.1 costs utilisation on our own worlds three times as much, and finds as many slips there.
+# tuned: the same of three-axis chips whose counts nobody calibrated: 0.06 to 0.26 of the load is shear on a
+# public skin (uSkin). 0.1 costs utilisation on our own worlds three times as much, and finds as many slips
+# there.
 _CROSSTALK_SD = 0.05
-_SDS = 2.0  # that the zero of the whole array may have
-_LEFT_SDS = 3.0  # by which shear must leave the zero to be of a pull
-_SEEN = 2.0  # times the load of the zero: more than half of the contact was seen to begin since
+_SDS = 2.0  # choice: that the zero of the whole array may have
+_LEFT_SDS = 3.0  # choice: by which shear must leave the zero to be of a pull
+_SEEN = 2.0  # choice: times the load of the zero: more than half of the contact was seen to begin since
 
 
 class PressZero:

@@ -9,15 +9,16 @@ from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.stuck_channels import stuck_channels
 from tactiled.detect.signal.wavelet import border_scans, taps
 
-# The standard deviation of the noise is read off the detail coefficients of the two finest levels of the
-# stationary coif1 transform: all its filters have unit energy, so that white noise has the same standard
+# choice: the standard deviation of the noise is read off the detail coefficients of the two finest levels of
+# the stationary coif1 transform: all its filters have unit energy, so that white noise has the same standard
 # deviation in each (Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 5.5).
 NOISE_LEVELS = 2
-_NOISE_S = 1.0  # averaging time of the noise
-_HISTORY_S = 0.06  # in which what interpolation between channels leaves counts as noise: the length of a jerk
-# For which the last good reading stands in; a channel that is bad for longer takes its taxel out.
+_NOISE_S = 1.0  # choice: averaging time of the noise
+# prior: in which what interpolation between channels leaves counts as noise: the length of a jerk
+_HISTORY_S = 0.06
+# choice: for which the last good reading stands in; a channel that is bad for longer takes its taxel out.
 _HOLD_S = 0.05
-_LEAST_KEPT = 0.75  # of the taxels; with fewer, the messages are not valid
+_LEAST_KEPT = 0.75  # choice: of the taxels; with fewer, the messages are not valid
 
 
 class TaxelReadings(Readings):

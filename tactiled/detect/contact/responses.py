@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import RelievedSides
 
-_TINY = 1e-12
+_TINY = 1e-12  # derived
 
 
 def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:

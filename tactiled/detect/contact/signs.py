@@ -14,28 +14,31 @@ import pywt
 
 from tactiled.array import FloatArray
 
-LOOK_S = 0.02
+LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tell the same
 """Time between looks; each scan is a look where scans are farther apart."""
-CHANGE_S = (0.04, 0.08, 0.16, 0.3, 0.5)
-TURN_S = (0.08, 0.16, 0.3)
-SPREAD_S = (0.16, 0.5)
-WANDER_S = (0.04, 0.08, 0.16, 0.3)
-LEVELS = (1, 2, 3)
-GROWTH_S = 0.08
-_MEAN_S = 0.3
-_LONGEST_S = 1.0
-_LEAST_RATIO = 0.01  # below it the logarithm of a ratio is that of noise
-_TINY = 1e-12
-_EVEN = 0.03  # of the mean load: where loads differ by less, they say nothing of the shears
+# choice: windows of the signs, from two looks to a slow grip, each about twice the one before. The trees
+# take from them what they need.
+CHANGE_S = (0.04, 0.08, 0.16, 0.3, 0.5)  # choice
+TURN_S = (0.08, 0.16, 0.3)  # choice
+SPREAD_S = (0.16, 0.5)  # choice
+WANDER_S = (0.04, 0.08, 0.16, 0.3)  # choice
+LEVELS = (1, 2, 3)  # choice
+GROWTH_S = 0.08  # choice
+_MEAN_S = 0.3  # choice: the longest horizon of a prediction
+_LONGEST_S = 1.0  # choice: memory of the signs; the longer one is `Memory`
+_LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
+_TINY = 1e-12  # derived
+_EVEN = 0.03  # prior: of the mean load: where loads differ by less, they say nothing of the shears
 _UNKNOWN = float("nan")
-_LOADED = 0.25  # of the mean load: a taxel with less has no ratio of its own
-_SUDDEN_DROP = 0.85  # of the ratio before: a fall to less within a tenth of a second is a jerk of the object
-_DROP_S = 0.1
-_LONG_AGO_S = 1.0  # times beyond are all the same: longer ones tell what the hand does, not the skin
-# Parts of the newest ratio; when it was last below each of them tells in which course it grew.
+_LOADED = 0.25  # prior: of the mean load: a taxel with less has no ratio of its own
+# prior: of the ratio before: a fall to less within a tenth of a second is a jerk of the object
+_SUDDEN_DROP = 0.85
+_DROP_S = 0.1  # prior: so long a jerk takes
+_LONG_AGO_S = 1.0  # prior: times beyond are all the same: longer ones tell what the hand does, not the skin
+# choice: parts of the newest ratio; when it was last below each of them tells in which course it grew.
 _PARTS = (0.5, 0.9, 0.95, 0.98)
-_KEPT = 0.1  # change of the ratio, in parts of it, up to which a course tells how it came about
-# A ripple of 0.2 to 20 Hz between two leaky means, and the time over which its delays are averaged.
+_KEPT = 0.1  # prior: change of the ratio, in parts of it, up to which a course tells how it came about
+# choice: a ripple of 0.2 to 20 Hz between two leaky means, and the time over which its delays are averaged.
 _RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S = 0.03, 0.8, 1.5
 
 

@@ -15,18 +15,18 @@ from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import Direction, averaged_scans, direction, opposed
 from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.grip_detector import ContactScan
-from tactiled.detect.contact.posterior import INCIPIENT_USED, RIPPLE_P
+from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED, RIPPLE_P
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 DETECTOR = "grip"
-_HISTORY_S = 1.0  # in which the beginning of a slip is looked for
-_GAP_STEPS = 1.5  # times the time between scans: a longer one is a gap
-_FULL = 0.97  # of the ratio at the limit: taxels of unequal friction slip one after the other
-# Quantiles of a normal distribution in seven equal parts: values of the logarithm of friction, over its sd.
+_HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
+_GAP_STEPS = 1.5  # derived: times the time between scans: a longer one is a gap
+_FULL = 0.97  # prior: of the ratio at the limit: taxels of unequal friction slip one after the other
+# derived: quantiles of a normal distribution in seven equal parts: values of the logarithm of friction, over
+# its sd.
 _SDS = np.array([-1.465, -0.792, -0.366, 0.0, 0.366, 0.792, 1.465])
-_FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
-_LEAST_PART = 1e-3  # of the load: a taxel with less is not loaded
-_LEAST_GROWTH = 1e-3  # 1/s: slower growth does not tell when it began
+_LEAST_PART = 1e-3  # derived: of the load: a taxel with less is not loaded
+_LEAST_GROWTH = 1e-3  # derived: 1/s: slower growth does not tell when it began
 
 
 class ScanInstant(NamedTuple):
@@ -172,7 +172,7 @@ class PosteriorSlips:
 def _likely_friction(scan: ContactScan) -> FloatArray:
     """Return values of friction that are equally likely."""
     low, median, high = scan.filter.friction
-    return np.asarray(median * np.exp(_SDS * math.log(high / low) / (2 * _FIVE_PERCENT)))
+    return np.asarray(median * np.exp(_SDS * math.log(high / low) / (2 * FIVE_PERCENT)))
 
 
 def _slipping_taxels(scan: ContactScan) -> tuple[int, ...]:

@@ -19,20 +19,23 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 
-_HOP_S = 0.5
-# Hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a millisecond.
+_HOP_S = 0.5  # choice
+# choice: hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a
+# millisecond.
 _SHORT, _LONG = (4, 6), (8, 12, 16, 24, 32)
-_LEAST_CYCLES = 4  # slower changes are of the hand
-_FASTEST_HZ = 20.0  # faster scans are averaged
-_FEWEST = 6  # taxels: a plane takes three of them, and phases need some more
-# Power of the line over the median of all frequencies: 2.5 is the most of white noise in 18 directions.
+_LEAST_CYCLES = 4  # prior: slower changes are of the hand
+_FASTEST_HZ = 20.0  # choice: faster scans are averaged
+_FEWEST = 6  # derived: taxels: a plane takes three of them, and phases need some more
+# derived: power of the line over the median of all frequencies: 2.5 is the most of white noise in 18
+# directions.
 _STANDS_OUT = 10.0
-# Power of the line over that of any other frequency but its lobe and harmonics: slow noise has no line.
+# prior: power of the line over that of any other frequency but its lobe and harmonics: slow noise has no
+# line.
 _OVER_OTHERS = 8.0
-_LOBE, _HARMONICS = 2, (2, 3)
-_BEYOND_PLANES = 0.1  # of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
-_MOST_ALIKE = 0.7  # mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
-_STOPPED = 0.25  # power of the newest quarter over that of the window
+_LOBE, _HARMONICS = 2, (2, 3)  # derived
+_BEYOND_PLANES = 0.1  # derived: of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
+_MOST_ALIKE = 0.7  # prior: mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
+_STOPPED = 0.25  # prior: power of the newest quarter over that of the window
 
 
 class TravellingRipple:

@@ -13,7 +13,7 @@ from tactiled.detect.base import Detector
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 
-BRIDGE_S = 0.05  # the onset of a slip bends the signal for longer; corruption seldom lasts so long
+BRIDGE_S = 0.05  # prior: the onset of a slip bends the signal for longer; corruption seldom lasts so long
 _LOSSES = ("corrupt", "missing")
 
 

@@ -29,24 +29,26 @@ from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# Levels where neither the parameters nor the array file give any.
-# Noise at rest is stated up to two times too small (`RestNoise`): this leaves 6 standard deviations.
+# choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
+# times too small (`RestNoise`): this leaves 6 standard deviations.
 _CONTACT_SDS = 12.0
-# Part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes is less.
+# physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
+# is less.
 _CONTACT_OF_RANGE = 1 / 1024
-# Part of the range while the noise of a channel is not known: a tenth of a light touch of most sensors.
+# prior: part of the range while the noise of a channel is not known: drift and hum of a sensor that is of use
+# are less.
 _EARLY_OF_RANGE = 1 / 64
-_RELEASE_OF_CONTACT = 0.6  # as the levels of the 2019 array, 0.15 V of 0.25 V
-# Per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of the 2019
-# paper, 20 N in 8 s, is 12 % of its final load per second.
+_RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
+# physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
+# the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
 _LOADING_OF_LOAD = 0.03
-_LOADING_OF_CONTACT = 0.12  # per second; as on the 2019 array, 0.03 V/s of 0.25 V
-# Set of a soft skin, where the array file gives no level and no shear over load says that a light load is
-# held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one is
-# between those of presses and of holds.
+_LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
+# tuned: set of a soft skin, where the array file gives no level and no shear over load says that a light load
+# is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one
+# is between those of presses and of holds.
 _SET_OF_LOAD = 0.15
-_SET_S = 30.0
-_LOADING_SDS = 10.0  # of the slope by the noise at rest, which may be stated two times too small
+_SET_S = 30.0  # tuned: on eFlesh, too
+_LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
 
 
 class ContactParams(Params):

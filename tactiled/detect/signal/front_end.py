@@ -28,25 +28,26 @@ Whole = NDArray[np.int64]
 _INFINITE = float("inf")
 _UNKNOWN = float("nan")
 # Noise of a channel: see `NOISE_LEVELS` of `tactiled.detect.contact.readings`.
-_CLIP = 3.0  # standard deviations: a coefficient beyond counts as this much, since it is signal
-_CLIPPED_AFTER = 20  # scans: before, the mean is too uncertain to clip by
-_ROUNDING = sqrt(12.0)  # rounding to steps of q has a standard deviation of q / sqrt(12)
-_MEAN_ABS = 0.7978845608028654  # sqrt(2 / pi): of a normal variable of unit variance
-# Jumps, from scan to scan: of the mean load of a taxel, below which a jump changes the total shear by less
-# than the zero; standard deviations of noise; times the change of the median taxel, whose load may be a
+_CLIP = 3.0  # choice: standard deviations: a coefficient beyond counts as this much, since it is signal
+_CLIPPED_AFTER = 20  # prior: scans: before, the mean is too uncertain to clip by
+_ROUNDING = sqrt(12.0)  # derived: rounding to steps of q has a standard deviation of q / sqrt(12)
+_MEAN_ABS = 0.7978845608028654  # derived: sqrt(2 / pi): of a normal variable of unit variance
+# prior: jumps, from scan to scan: of the mean load of a taxel, below which a jump changes the total shear by
+# less than the zero; standard deviations of noise; times the change of the median taxel, whose load may be a
 # third.
 _LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES = 0.02, 10.0, 10.0
-_LOADED = 0.1  # of the largest load: taxels with less need not move with the others
-_FEWEST_LOADED = 4  # taxels, of which most are right
-_MOST_JUMP = 0.4  # of them that may jump at once: six neighbouring channels are of three taxels
-# Part of the pressed side's reading, below which the opposite one has lost its load: it then reads 0.41 to
-# 0.48 of it (finite elements of the 2019 taxel under 8 to 16 N).
+_LOADED = 0.1  # prior: of the largest load: taxels with less need not move with the others
+_FEWEST_LOADED = 4  # derived: taxels, of which most are right
+_MOST_JUMP = 0.4  # derived: of them that may jump at once: six neighbouring channels are of three taxels
+# physical: part of the pressed side's reading, below which the opposite one has lost its load: it then reads
+# 0.41 to 0.48 of it (finite elements of the 2019 taxel under 8 to 16 N).
 _RELIEVED = 0.5
-# Of the mean of all sides over the load, where some are relieved: 1.02 to 1.16 on the same.
+# physical: of the mean of all sides over the load, where some are relieved: 1.02 to 1.16 on the same.
 _MOST_SPREAD = 1.3
-_LEAST_PRESSED = 0.1  # of the load, by which a side must be pressed for its part of the shear to be known
-_TINY = 1e-12
-_SPARE = 64  # scans after which those that the filters need move to the front
+# prior: of the load, by which a side must be pressed for its part of the shear to be known
+_LEAST_PRESSED = 0.1
+_TINY = 1e-12  # derived
+_SPARE = 64  # choice: scans after which those that the filters need move to the front
 
 
 def _zeros(n: int) -> "array[float]":

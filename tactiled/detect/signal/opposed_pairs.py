@@ -6,14 +6,16 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-# Weights are multiples of 2^-20, so that sums of weighted readings (whole steps within 2^23, some hundreds of
-# channels) stay below 2^53 and exact. It costs a millionth of a response.
+# derived: weights are multiples of 2^-20, so that sums of weighted readings (whole steps within 2^23, some
+# hundreds of channels) stay below 2^53 and exact. It costs a millionth of a response.
 _WEIGHT_SCALE = 2.0**20
-# A voltage divider saturates: with x = G R at rest and a swing e of each resistor's force, R1 - R3 goes as
-# e / ((1 + x)^2 - (x e)^2), more than in proportion for the pair that moves more. That bends a direction
-# towards the nearer axis by up to (x / (1 + x))^2 e^2 / 4 radians: 1.5 degrees at 1.2 V of 3.3 V and e = 0.9.
+# derived: a voltage divider saturates: with x = G R at rest and a swing e of each resistor's force, R1 - R3
+# goes as e / ((1 + x)^2 - (x e)^2), more than in proportion for the pair that moves more. That bends a
+# direction towards the nearer axis by up to (x / (1 + x))^2 e^2 / 4 radians: 1.5 degrees at 1.2 V of 3.3 V
+# and e = 0.9.
 _MODEL_SD_DEG = 1.5
-_ONE_TAXEL_SD_DEG = 3.0  # one taxel shows no spread; resistors that are 5 % unequal turn it by so much
+# derived: one taxel shows no spread; resistors that are 5 % unequal turn it by so much
+_ONE_TAXEL_SD_DEG = 3.0
 
 
 def whole_weights(weights: FloatArray) -> FloatArray:

@@ -10,13 +10,14 @@ from typing import Any
 from tactiled.array import FloatArray
 from tactiled.detect.signal.front_end import Flags, Reals, Whole
 
-# A number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves to even.
+# derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
+# to even.
 _TO_WHOLE = 1.5 * 2.0**52
 _INFINITE = float("inf")
-# A side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
+# choice: a side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
-_LEAST_SIDES = 3  # of two readings that differ, the wrong one cannot be identified
+_LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
 
 
 class Hold:

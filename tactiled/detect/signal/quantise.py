@@ -17,7 +17,7 @@ from tactiled.detect.signal.fast import Hold
 from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
 
-READING_BITS = 23  # with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
+READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.signal.quantise import READING_BITS, HeldReadings
 
-GROUP_SCANS = 16
-_SECOND_DIFFERENCE = 6.0  # variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
-_UNKNOWN = 2.0**READING_BITS  # full scale, in steps: no reading stands out of that
-_ROUNDING = 12.0  # variance of rounding to a step q is q^2 / 12
-_MEDIAN = 0.6745  # of |x| of a normal variable of unit variance
-# Second differences, of all channels, before their median counts: that of eight is less than a sixth of the
-# true one once in 2,000 draws.
+GROUP_SCANS = 16  # choice
+_SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
+_UNKNOWN = 2.0**READING_BITS  # derived: full scale, in steps: no reading stands out of that
+_ROUNDING = 12.0  # derived: variance of rounding to a step q is q^2 / 12
+_MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
+# derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
+# of the true one once in 2,000 draws.
 _FEWEST = 8
 
 

@@ -4,7 +4,8 @@ import numpy as np
 
 from tactiled.array import FloatArray
 
-_SPARE = 2  # times the rows that are added at once: the kept rows move to the front once in so many calls
+# choice: times the rows that are added at once: the kept rows move to the front once in so many calls
+_SPARE = 2
 
 
 class RollingRows:

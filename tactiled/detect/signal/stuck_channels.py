@@ -24,11 +24,11 @@ from tactiled.detect.signal.fast import StuckChannels
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.errors import ContractError
 
-_HISTORY, _TURNED = 128, 52  # 0.4 of all: 3.3 standard deviations above a last bit that flips
-_LONG = 40  # 0.4^40 is 1e-16
-_MOST = 1 / 3  # of the channels: where more rest, the noise has stopped
-_PRESSED_OF_RANGE = 0.01  # where the array file has no pressure that ends a contact (0.15 of +-8 V)
-_LEAST_SIDES = 3
+_HISTORY, _TURNED = 128, 52  # derived: 0.4 of all: 3.3 standard deviations above a last bit that flips
+_LONG = 40  # derived: 0.4^40 is 1e-16
+_MOST = 1 / 3  # prior: of the channels: where more rest, the noise has stopped
+_PRESSED_OF_RANGE = 0.01  # physical: where the array file has no pressure that ends a contact (0.15 of +-8 V)
+_LEAST_SIDES = 3  # derived
 
 
 class StuckChannelDetector:

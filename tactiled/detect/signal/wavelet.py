@@ -28,9 +28,9 @@ from tactiled.detect.signal.rolling import RollingRows
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-MAX_LEVEL = 6
-PIECE_SCANS = 1024  # most scans filtered at once: bounds the memory of long blocks
-_TAP_SCALE = 2.0**24
+MAX_LEVEL = 6  # choice
+PIECE_SCANS = 1024  # choice: most scans filtered at once: bounds the memory of long blocks
+_TAP_SCALE = 2.0**24  # derived
 
 
 class BankParams(Params):

@@ -22,20 +22,20 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.sliding.ripple import travelling_line
 
-_TREND_ORDER = 3
-LEAST_CYCLES = 3  # a cubic trend leaves humps of fewer in the window
-_PATTERNS = 3  # load, and tilt in two directions
-_CHANNELS_OF_PATTERN = 3  # at least, for each pattern that is left out
-_FEW = 4  # channels, of which hum and roughness cannot be told apart
-_SMOOTH = np.ones(3) / 3
-_QUIET_PART = 0.25  # of the bins, which show the noise
-# Set on seeds 0 to 7 of `bench.sensors.worlds` (16 taxels, 35.6 Hz). Largest of some ten independent groups
-# of bins, in standard deviations of their logarithm, with a margin for noise that is not quite even.
+_TREND_ORDER = 3  # choice
+LEAST_CYCLES = 3  # derived: a cubic trend leaves humps of fewer in the window
+_PATTERNS = 3  # derived: load, and tilt in two directions
+_CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
+_FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
+_SMOOTH = np.ones(3) / 3  # choice
+_QUIET_PART = 0.25  # prior: of the bins, which show the noise
+# tuned: set on seeds 0 to 7 of `bench.sensors.worlds` (16 taxels, 35.6 Hz). Largest of some ten independent
+# groups of bins, in standard deviations of their logarithm, with a margin for noise that is not quite even.
 _AT_REST, _AT_REST_SDS = 0.4, 3.5
-_SLOPE = 4.0  # log odds for each unit of log power beyond that
-_LINE_AT_REST = 0.7  # twice the most at rest, in logarithms
-_ONCE = 0.6  # of the excess: a slide through the window has a quarter in each
-_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # log odds of one window: both are less than sliding needs
+_SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
+_LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
+_ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
+_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # tuned: on the same seeds; less than sliding needs
 
 
 class Spectra(NamedTuple):

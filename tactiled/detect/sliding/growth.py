@@ -26,31 +26,35 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.change import Change
 
-_HOP_S = 0.02
-_LENGTHS_S = (0.32, 0.64, 1.28)  # half of them is averaged, half lies between the two means
-_LASTS_S = 0.1  # longer than a tap
-_KEPT_S = 6.0  # of the hold
-_AGO_S = 0.5  # a slow slip must not be compared with its own beginning
-_LEAST_HOLD_S = 1.0  # after which a hold shows its own creep and tremor
-# Squared growth of a channel, over the noise of its hops, that a hold may have of which less is known: a
-# prior, ten standard deviations of each channel.
+_HOP_S = 0.02  # choice: as the looks at a contact
+_LENGTHS_S = (0.32, 0.64, 1.28)  # choice: half of them is averaged, half lies between the two means
+_LASTS_S = 0.1  # prior: longer than a tap
+_KEPT_S = 6.0  # prior: of the hold
+_AGO_S = 0.5  # prior: a slow slip must not be compared with its own beginning
+_LEAST_HOLD_S = 1.0  # prior: after which a hold shows its own creep and tremor
+# prior: squared growth of a channel, over the noise of its hops, that a hold may have of which less is known:
+# a prior, ten standard deviations of each channel.
 _UNKNOWN_HOLD = 100.0
-# Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold" and "tug", magnetic pads).
-GROWS = 9.0  # squared growth over the largest of the hold
-# A growth so many times the largest since is a press: creep is a tenth of one. Of 9, 30 and 100, the last
-# adds no slips in tremor that comes in bursts.
+# tuned: squared growth over the largest of the hold. Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold"
+# and "tug", magnetic pads).
+GROWS = 9.0
+# tuned: a growth so many times the largest since is a press: creep is a tenth of one. Of 9, 30 and 100, the
+# last adds no slips in tremor that comes in bursts (the same worlds).
 _PRESSES = 100.0
+# prior: of the largest growth of the hold: below it for so long, a slip is over
 _STOPS, _STOPS_S = 2.0, 0.3
-# Of the change of a channel in shear over that of a normal channel, squared. Of tugs on a public recording of
-# a magnetic skin, 95 % have more; a press that is felt by the normal channels alone has less.
+# tuned: of the change of a channel in shear over that of a normal channel, squared. Of tugs on a public
+# recording of a magnetic skin, 95 % have more; a press that is felt by the normal channels alone has less.
 _SHEAR_PART = 0.2
-# Of loads that move: squared growth over the noise that an onset exceeds in any hold. Set on a public
+# tuned: of loads that move: squared growth over the noise that an onset exceeds in any hold. Set on a public
 # recording of an electrode finger (BioTacSP-DoS): 400 finds 242 of 262 slips there and is wrong in 4 of 44
 # touches, 450 finds 239 and is wrong in 3, 500 finds 228 and is wrong in 2.
 _HOLDS_MOVE = 450.0
-_MOVED = 2.0  # standard deviations of a hop's noise; the noise of many channels that do not move adds up
-_MANY, _MOST_OF_ONE = 4, 0.9  # channels, and the part of the growth above which one of them is at fault
-_LEAST_NOISE = 1.0 / 12  # variance of rounding to a step
+# choice: standard deviations of a hop's noise; the noise of many channels that do not move adds up
+_MOVED = 2.0
+# prior: channels, and the part of the growth above which one of them is at fault
+_MANY, _MOST_OF_ONE = 4, 0.9
+_LEAST_NOISE = 1.0 / 12  # derived: variance of rounding to a step
 
 
 class GrowthTracker:

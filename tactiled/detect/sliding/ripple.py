@@ -9,12 +9,13 @@ not needed. Ridges as far apart as twice the array, or as the taxels, are not to
 import numpy as np
 from numpy.typing import NDArray
 
-# Mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill the
-# circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
+# derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
+# the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
 _MOST_ALIKE = 0.4
-_LOBE = 2  # bins to either side that a Hann window spreads a line over
-_HARMONICS = (2, 3)
-_LEAST_CHANNELS = 6  # phases of fewer that are noise fill the circle by chance, or have a mean by chance
+_LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
+_HARMONICS = (2, 3)  # choice
+# derived: phases of fewer that are noise fill the circle by chance, or have a mean by chance
+_LEAST_CHANNELS = 6
 
 
 def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:

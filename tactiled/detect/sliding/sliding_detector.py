@@ -22,9 +22,9 @@ from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Ev
 from tactiled.samples.block import Gap, ScanBlock
 
 DETECTOR = "sliding"
-LOOKS_BACK_S = 3.0  # a slide is found by a window of 2 s and two hops after it began
-# The loads after a slide are others than before it, which looks like load that moves for as long as the
-# longest growth is of.
+LOOKS_BACK_S = 3.0  # derived: a slide is found by a window of 2 s and two hops after it began
+# derived: the loads after a slide are others than before it, which looks like load that moves for as long as
+# the longest growth is of.
 _SETTLES_S = 2.0
 _NOT_TOUCHING: tuple[ContactState, ...] = ("none",)
 _NOT_BEGUN: tuple[ContactState, ...] = ("none", "unknown")

@@ -14,20 +14,20 @@ from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.change import Change
 from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, ripple_odds, spectra
 
-_FINEST_HZ = 100.0  # faster scans are averaged: ridges pass at less than half of this rate
-_WINDOW_S = 2.0
-# Bins enough for the noise beside a line, and scans enough for three patterns.
+_FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
+_WINDOW_S = 2.0  # choice
+# derived: bins enough for the noise beside a line, and scans enough for three patterns.
 _LEAST_WINDOW = 72
-_HOPS = 8  # in a window
-BEGINS, _BOUND, _SPENT = 3.0, 5.0, 0.5  # log odds; two windows at least, four to forget
-_LEARNS_BELOW = 1.0
-_NO_RIPPLE = -1.0  # log odds, before rest was seen: what does not travel is taken for rest
-_KNOWN_HOPS = 4  # at rest, before their mean counts
-_MEMORY_HOPS = 32  # 8 s
-_STOPPED = 0.25  # power of changes from scan to scan, over the median of the slide
-_STOPPED_HOPS = 2
-_LEAST_STEPS = 1.0 / 12  # variance of rounding to whole steps
-_ROUNDING = 1.0 / 6  # of the square of the smallest change: twice that of even rounding
+_HOPS = 8  # choice: in a window
+BEGINS, _BOUND, _SPENT = 3.0, 5.0, 0.5  # choice: log odds; two windows at least, four to forget
+_LEARNS_BELOW = 1.0  # prior: log odds of sliding up to which a window shows the rest
+_NO_RIPPLE = -1.0  # prior: log odds, before rest was seen: what does not travel is taken for rest
+_KNOWN_HOPS = 4  # choice: at rest, before their mean counts
+_MEMORY_HOPS = 32  # choice: 8 s
+_STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of the slide
+_STOPPED_HOPS = 2  # choice
+_LEAST_STEPS = 1.0 / 12  # derived: variance of rounding to whole steps
+_ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that of even rounding
 
 
 class _Rest:

@@ -8,7 +8,7 @@ from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.samples.block import ScanBlock
 
-# Part of the readings. A spectrum does not notice so few interpolated ones.
+# prior: part of the readings. A spectrum does not notice so few interpolated ones.
 _MAX_BAD_PART = 0.01
 
 

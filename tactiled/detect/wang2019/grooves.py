@@ -44,16 +44,16 @@ from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.events.types import Candidate, TextureStatus
 from tactiled.tomlfile import Params
 
-# Within 30 degrees of the column, delays along it say little about the angle.
+# choice: within 30 degrees of the column, delays along it say little about the angle.
 _MIN_COS_COLUMN = 0.5
-# An answer that is less than this outside the limits counts as one more, even where it is unlikely.
+# choice: an answer that is less than this outside the limits counts as one more, even where it is unlikely.
 _COUNTED_SIGMAS = 3.0
-# A sine between two bins, d of a bin from the nearest bin k, leaks its mirror image at -f into that bin: d /
-# 2k of it, at a phase that differs between taxels. Over d in +-1/2 and all phases that is 0.102 / k radians
-# rms. The largest possible error, all three taxels against each other, is four times the standard deviation
-# from it.
+# derived: a sine between two bins, d of a bin from the nearest bin k, leaks its mirror image at -f into that
+# bin: d / 2k of it, at a phase that differs between taxels. Over d in +-1/2 and all phases that is 0.102 / k
+# radians rms. The largest possible error, all three taxels against each other, is four times the standard
+# deviation from it.
 _IMAGE_RAD = 0.102
-# Gaps that differ by less are equal: array files have two decimals.
+# derived: gaps that differ by less are equal: array files have two decimals.
 EQUAL_MM = 1e-6
 
 

@@ -21,22 +21,23 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 
-# A tap or a bump that pushes the skin aside is over sooner.
+# prior: a tap or a bump that pushes the skin aside is over sooner.
 _HELD_S = 0.2
-# Length of the recorded response. At 0.1 mm/s a skin needs half of it to reverse.
+# prior: length of the recorded response. At 0.1 mm/s a skin needs half of it to reverse.
 _TRACE_S = 5.0
-# Angle still to turn, which is part of the stated standard deviation; a longer wait gains nothing.
+# choice: angle still to turn, which is part of the stated standard deviation; a longer wait gains nothing.
 _SETTLED_DEG = 3.0
-# Growth of the response allowed in `_HELD_S`: the beginning of a reversal shrinks the response by more.
+# prior: growth of the response allowed in `_HELD_S`: the beginning of a reversal shrinks the response by
+# more.
 _SETTLED_PART = 0.2
-# Part of the largest recorded response. A stop or a lift leaves less, and no direction.
+# prior: part of the largest recorded response. A stop or a lift leaves less, and no direction.
 _KEPT_PART = 0.5
-# Part of the response that must have come since the slip began or last changed direction. Shear that remains
-# from an earlier slide, under a false slip, is no change of direction.
+# prior: part of the response that must have come since the slip began or last changed direction. Shear that
+# remains from an earlier slide, under a false slip, is no change of direction.
 _DRAGGED_PART = 0.1
-# exp overflows above 709, which high scan rates reach; nothing is left to turn then.
+# derived: exp overflows above 709, which high scan rates reach; nothing is left to turn then.
 _LARGEST_EXPONENT = 700.0
-# parts of the chord: above the ripple of grooves, and where the curve is still steep
+# prior: parts of the chord: above the ripple of grooves, and where the curve is still steep
 _EARLY, _LATE = 0.2, 0.5
 
 

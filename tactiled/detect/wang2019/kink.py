@@ -18,7 +18,8 @@ from tactiled.array import FloatArray
 from tactiled.detect.signal.wavelet import kink_response, taps
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-# Smallest response to a unit kink that is considered: there a coefficient of 2 mV needs 200 V per scan.
+# choice: smallest response to a unit kink that is considered: there a coefficient of 2 mV needs 200 V per
+# scan.
 _FAINTEST_GAIN = 1e-5
 
 

@@ -15,10 +15,10 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ALIASED
 from tactiled.events.types import TextureStatus
 
-# With fewer, a trend or creep passes for a ripple.
+# prior: with fewer, a trend or creep passes for a ripple.
 _MIN_PERIODS = 3
-# Peak power over the median of the spectrum, summed over three taxels. White noise in 500 bins exceeds 10
-# less than once in a million windows (gamma distribution of shape 3).
+# derived: peak power over the median of the spectrum, summed over three taxels. White noise in 500 bins
+# exceeds 10 less than once in a million windows (gamma distribution of shape 3).
 _MIN_PEAK_RATIO = 10.0
 
 

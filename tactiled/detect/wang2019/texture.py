@@ -32,7 +32,7 @@ from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "wang2019"
-# A spectrum of fewer has no peaks.
+# derived: a spectrum of fewer has no peaks.
 _MIN_WINDOW_SCANS = 8
 
 
