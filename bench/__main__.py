@@ -31,7 +31,6 @@ BENCHES = {
     "web": "bench.web.bench",
     "ros2": "bench.ros2",
     "fleet": "bench.fleet.bench",
-    "hostile": "bench.hostile.bench",
 }
 WITH_PLOT = ("contact", "slip", "hold", "force", "texture")
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
@@ -73,7 +72,7 @@ def bench(
     beside the strongest line of a spectrum. recordings: public recordings of other groups, beside
     simple rules and trees. web: delays of the live page in a browser, and what server
     and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
-    bytes of many boards through two routers of zenoh. hostile: attacks on every border, with what was seen.
+    bytes of many boards through two routers of zenoh.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -1,1 +1,0 @@
-"""Attacks on every border of the program, done for real: files, stores, sockets, clocks, USB strings."""

@@ -1,0 +1,110 @@
+"""Real processes: a daemon with an emulated board, whose clients send what no client should."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgpack
+import pytest
+import zmq
+from patience import PATIENCE_S
+from ports import free_pair
+
+from tactiled.daemon.zmq import zmtp
+
+pytestmark = pytest.mark.system
+ATTACK_S = 2.0
+MOST_MB = 150.0  # resident memory of the daemon, whatever a client does
+SUBSCRIBER = zmtp.GREETING + zmtp.ready("SUB")
+REQUESTER = zmtp.GREETING + zmtp.ready("DEALER")
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """Port of the events of a daemon (of its requests: the next one), its process, and a good subscriber."""
+
+    port: int
+    pid: int
+    scans: "zmq.Socket[bytes]"
+
+    def next_seq(self) -> int:
+        assert self.scans.poll(round(1000 * PATIENCE_S)), "the daemon publishes no scan"
+        return int(msgpack.unpackb(self.scans.recv_multipart()[1])["seq"])
+
+    def peak_mb(self) -> float:
+        """Largest resident memory of the daemon so far, 10^6 bytes."""
+        lines = Path(f"/proc/{self.pid}/status").read_text().splitlines()
+        return sum(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmHWM"))
+
+
+@pytest.fixture
+def sensing(tmp_path: Path) -> Iterator[Sensing]:
+    port, board, config = free_pair(), tmp_path / "board", tmp_path / "tactiled.toml"
+    events = f"ipc://{tmp_path}/events.ipc"
+    config.write_text(
+        f'[port]\nurl = "{board}"\n[publish]\nendpoints = ["tcp://127.0.0.1:{port}", "{events}"]\n'
+    )
+    with ExitStack() as stack:
+
+        def start(*arguments: str) -> "subprocess.Popen[bytes]":
+            command = [sys.executable, "-m", "tactiled", *arguments]
+            null = subprocess.DEVNULL
+            child = stack.enter_context(subprocess.Popen(command, stdout=null, stderr=null))
+            stack.callback(child.terminate)
+            return child
+
+        start("emulate", "--scene", "rest", "--link", str(board))
+        daemon = start("run", "--config", str(config))
+        scans = stack.enter_context(zmq.Context()).socket(zmq.SUB)
+        stack.enter_context(scans)
+        scans.rcvhwm = 0
+        scans.subscribe("tactile/TS0001/scan")
+        scans.connect(events)
+        yield Sensing(port, daemon.pid, scans)
+
+
+def flood(port: int, greeting: bytes, piece: bytes) -> None:
+    """Send a piece again and again, as fast as it is taken; where the daemon closes, connect again."""
+    end_s = time.monotonic() + ATTACK_S
+    while time.monotonic() < end_s:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port)) as sock:
+            sock.settimeout(0.1)
+            rest = greeting + piece
+            while time.monotonic() < end_s:
+                with suppress(TimeoutError):
+                    rest = rest[sock.send(rest) :] or piece
+
+
+@pytest.mark.parametrize(
+    ("port_offset", "greeting", "piece"),
+    [
+        (0, b"", os.urandom(4096)),
+        (0, SUBSCRIBER, b"".join(zmtp.message(b"\1%08d" % k + bytes(242)) for k in range(4000))),
+        (0, SUBSCRIBER, b"\3" + b"\x7f" * 8 + bytes(2**20)),
+        (0, SUBSCRIBER, 256 * (b"\1\xff" + bytes(255))),
+        (1, REQUESTER, b"\3" + (16384).to_bytes(8) + bytes(16384)),
+    ],
+    ids=[
+        "random bytes",
+        "subscriptions",
+        "a huge frame",
+        "an endless message",
+        "an endless request",
+    ],
+)
+def test_a_hostile_client_costs_bounded_memory_and_no_scan(
+    sensing: Sensing, port_offset: int, greeting: bytes, piece: bytes
+) -> None:
+    first = sensing.next_seq()
+    flood(sensing.port + port_offset, greeting, piece)
+    last, after_s = first, time.monotonic()
+    while time.monotonic() - after_s < ATTACK_S:  # what was published during the attack, and after it
+        assert sensing.next_seq() == (last := last + 1)
+    assert last - first > 100 * ATTACK_S  # at 100 scans a second, over twice the time
+    assert sensing.peak_mb() <= MOST_MB
