@@ -16,7 +16,6 @@ BENCHES = {
     "faults": "bench.daemon.faults",
     "latency": "bench.latency.bench",
     "throughput": "bench.throughput.bench",
-    "boards": "bench.boards.bench",
     "soak": "bench.daemon.soak",
     "paper": "bench.paper.bench",
     "contact": "bench.contact.bench",
@@ -28,13 +27,10 @@ BENCHES = {
     "texture": "bench.texture.bench",
     "sensors": "bench.sensors.bench",
     "recordings": "bench.recordings.bench",
-    "web": "bench.web.bench",
-    "ros2": "bench.ros2",
-    "fleet": "bench.fleet.bench",
 }
 WITH_PLOT = ("contact", "slip", "hold", "force", "texture")
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
-WITH_JSON = ("force", "grip", "texture", "sensors", "recordings", "web")
+WITH_JSON = ("force", "grip", "texture", "sensors", "recordings")
 WITH_DATA = ("recordings",)
 
 
@@ -60,8 +56,7 @@ def bench(
     clock: errors of the instants of scans. paper: the published experiments, ours beside theirs.
     contact: cost and errors of each contact model. latency: from a scan's last byte to a subscriber,
     beside a C program. throughput: scans a second, files in times real time, processor and memory.
-    boards: cost, memory and latency of many boards in one process, by their number. soak: days of board
-    time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
+    soak: days of board time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
     slip events of every setting, on random worlds and on the emulator's families. grip: sliding,
     margins and forecasts of the contact filter on worlds of a generator that it never saw. hands: false
     alarms of hands that hold, over two hours. hold: drops and grip force of a controller that follows
@@ -70,9 +65,7 @@ def bench(
     beside ridge regression and the bound. texture: errors of groove estimates over the Cramer-Rao
     bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
     beside the strongest line of a spectrum. recordings: public recordings of other groups, beside
-    simple rules and trees. web: delays of the live page in a browser, and what server
-    and page cost. ros2: delay and cost of the bridge to ROS 2. fleet: losses over cut links, delays and
-    bytes of many boards through two routers of zenoh.
+    simple rules and trees.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -3,8 +3,8 @@
 from contextlib import closing
 
 import pytest
+from routers import free_port, router
 
-from bench.fleet.routers import free_port, router
 from tactiled.client.over_zenoh import open_session, parse_address
 
 

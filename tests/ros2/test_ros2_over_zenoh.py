@@ -9,6 +9,7 @@ import zenoh
 from messages import CONTACT, STATUS
 from patience import PATIENCE_S
 from rosbags.typesys import Stores, get_typestore
+from routers import free_port, router
 from zenoh_ros2_sdk.attachment import Attachment
 from zenoh_ros2_sdk.discovery import get_topic_info, get_topic_names_and_types
 from zenoh_ros2_sdk.keyexpr import topic_keyexpr
@@ -16,7 +17,6 @@ from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.utils import get_type_hash
 from zenoh_threads import zenoh_threads
 
-from bench.fleet.routers import free_port, router
 from tactiled.client import Message
 from tactiled.client.over_zenoh import open_session, parse_address, session_config
 from tactiled.client.parse import message_of

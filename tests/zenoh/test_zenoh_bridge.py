@@ -12,10 +12,10 @@ import msgpack
 import pytest
 import zenoh
 from patience import PATIENCE_S
+from routers import TwoRouters, free_port, router, two_routers
+from simulated_daemon import Rates, SimulatedDaemon
 from zenoh_threads import zenoh_threads
 
-from bench.fleet.routers import TwoRouters, free_port, router, two_routers
-from bench.fleet.simulated import Rates, SimulatedDaemon
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
 from tactiled.client.over_zenoh import Caller, open_session, parse_address, spread
 from tactiled.errors import UnavailableError

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from routers import free_port
+from simulated_daemon import Rates, SimulatedDaemon
 from zenoh_threads import zenoh_threads
 
-from bench.fleet.routers import free_port
-from bench.fleet.simulated import Rates, SimulatedDaemon
 from tactiled.client import Commander, Message, Subscription
 from tactiled.client.over_zenoh import states
 from tactiled.errors import ConfigError, OperatorError

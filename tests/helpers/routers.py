@@ -30,7 +30,7 @@ def router(port: int, *connect: int) -> "zenoh.Session":
 
 
 class CuttableLine:
-    """TCP relay from a port of its own to another, which counts bytes and can be cut.
+    """TCP relay from a port of its own to another, which can be cut.
 
     Cut, it closes its connections and accepts none (``close``), or keeps them and carries nothing
     (``silence``), as a cable that was pulled.
@@ -38,8 +38,6 @@ class CuttableLine:
 
     def __init__(self, to_port: int) -> None:
         self.port = free_port()
-        self.n_bytes = 0
-        """Bytes carried so far, both directions together."""
         self._to_port = to_port
         self._loop = asyncio.new_event_loop()
         self._flows: asyncio.Event
@@ -123,7 +121,6 @@ class CuttableLine:
             await self._flows.wait()
             writer.write(data)
             await writer.drain()
-            self.n_bytes += len(data)
 
 
 @dataclass

@@ -1,10 +1,7 @@
 """Daemon with many boards and no sensing: the real sockets, store and requests, with made events."""
 
 import asyncio
-import json
 import math
-import signal
-import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -177,19 +174,3 @@ class _Turn:
     def count(self, rate_hz: float) -> int:
         """Return how often something at this rate is due."""
         return math.floor(self.now_s * rate_hz + self.phase) - math.floor(self.last_s * rate_hz + self.phase)
-
-
-def main(endpoint: str, n_boards: int, slips_hz: float, scans_hz: float) -> None:
-    """Publish until SIGTERM; from SIGUSR1 on without slips. Prints the number of slips of each board."""
-    ended = threading.Event()
-    boards = [f"S{number:05d}" for number in range(n_boards)]
-    with SimulatedDaemon(endpoint, boards, Rates(slips_hz, scans_hz)) as daemon:
-        signal.signal(signal.SIGTERM, lambda *_: ended.set())
-        signal.signal(signal.SIGUSR1, lambda *_: daemon.stop_slips())
-        print("ready", flush=True)
-        ended.wait()
-    print(json.dumps(daemon.slips), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), float(sys.argv[4]))

@@ -1,1 +1,0 @@
-"""Many boards in one process: cost, memory and latency by their number."""

@@ -1,1 +1,0 @@
-"""Cost and delays of the live page, measured in a browser."""
