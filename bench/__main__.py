@@ -16,21 +16,17 @@ BENCHES = {
     "faults": "bench.daemon.faults",
     "latency": "bench.latency.bench",
     "throughput": "bench.throughput.bench",
-    "soak": "bench.daemon.soak",
-    "paper": "bench.paper.bench",
-    "contact": "bench.contact.bench",
     "slip": "bench.slip.bench",
     "grip": "bench.grip.bench",
     "hands": "bench.grip.hands",
     "hold": "bench.hold.bench",
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
-    "sensors": "bench.sensors.bench",
     "recordings": "bench.recordings.bench",
 }
-WITH_PLOT = ("contact", "slip", "hold", "force", "texture")
+WITH_PLOT = ("slip", "hold", "force", "texture")
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
-WITH_JSON = ("force", "grip", "texture", "sensors", "recordings")
+WITH_JSON = ("force", "grip", "texture", "recordings")
 WITH_DATA = ("recordings",)
 
 
@@ -53,19 +49,15 @@ def bench(
 ) -> None:
     """Measure, and print tables of what was measured.
 
-    clock: errors of the instants of scans. paper: the published experiments, ours beside theirs.
-    contact: cost and errors of each contact model. latency: from a scan's last byte to a subscriber,
-    beside a C program. throughput: scans a second, files in times real time, processor and memory.
-    soak: days of board time, every frame accounted for. faults: faults of line and board, done to a daemon on a pty. slip:
-    slip events of every setting, on random worlds and on the emulator's families. grip: sliding,
-    margins and forecasts of the contact filter on worlds of a generator that it never saw. hands: false
-    alarms of hands that hold, over two hours. hold: drops and grip force of a controller that follows
-    the filter's margin,
-    beside fixed grips and slip events. force: errors of calibrated forces on rigs drawn at random,
-    beside ridge regression and the bound. texture: errors of groove estimates over the Cramer-Rao
-    bound, and windows that break the model. sensors: slides of six kinds of sensor in their own units,
-    beside the strongest line of a spectrum. recordings: public recordings of other groups, beside
-    simple rules and trees.
+    clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, beside a C
+    program. throughput: scans a second, files in times real time, processor and memory. faults: faults of
+    line and board, done to a daemon on a pty. slip: slip events of every setting, on random worlds and on
+    the emulator's families. grip: sliding, margins and forecasts of the contact filter on worlds of a
+    generator that it never saw. hands: false alarms of hands that hold, over two hours. hold: drops and
+    grip force of a controller that follows the filter's margin, beside fixed grips and slip events. force:
+    errors of calibrated forces on rigs drawn at random, beside ridge regression and the bound. texture:
+    errors of groove estimates over the Cramer-Rao bound, and windows that break the model. recordings:
+    public recordings of other groups, beside simple rules and trees.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -1,1 +1,1 @@
-"""Benches of the whole daemon: clock, faults, soak."""
+"""Benches of the whole daemon: clock, faults."""

@@ -8,19 +8,37 @@ each seed has a period and an angle of its own, one window of each length, with 
 Online the estimator follows the slip detector, and answers when its preset lets it.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bench.paper.bench import PUBLISHED
-from bench.paper.play import ScenePlay, play
+from bench.report import NONE
 from bench.texture.signal import RATE_HZ, Wave
 from bench.texture.trials import ARRAY, Trial, compare, joint_fit, online_answers
+from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, Preset
 from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.suite import DetectParams, Wang2019Params
+from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
-from tactiled.emulator.scene.description import Scene, paper_scenes
-from tactiled.events.types import SlipEvent
+from tactiled.emulator.scene.description import GroovedPlate, Scene, SlidePhase, paper_scenes
+from tactiled.emulator.scene.truth import Truth
+from tactiled.emulator.simulate import Simulation
+from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent
+from tactiled.pipeline import Pipeline, PipelineParams
+from tactiled.wire.layout import load_layout
 
 Plate = tuple[float, float]  # period (mm) and angle (degrees)
+# Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); "-" where not given or not legible.
+PUBLISHED: dict[tuple[float, float], dict[str, tuple[str, str, str]]] = {
+    (0.9, 0): {"simulation": ("1.11", "0.90", NONE), "experiment": ("1.06", "0.95", NONE)},
+    (1.2, 0): {"simulation": ("0.78", "1.12 1.14", "0.00"), "experiment": ("0.83", "1.20 1.25", "0.48")},
+    (1.5, 0): {"simulation": ("0.67", "1.50", NONE), "experiment": ("0.67", "1.50", NONE)},
+    (1.2, 15): {"simulation": (NONE, "1.31", "11.51"), "experiment": (NONE, "1.22", "13.59")},
+    (1.2, 30): {"simulation": (NONE, "1.16", "29.12"), "experiment": (NONE, "1.30", "29.90")},
+    (1.2, 45): {"simulation": (NONE, "1.14", "44.10"), "experiment": (NONE, "1.31", "45.47")},
+    (1.2, 60): {"simulation": (NONE, NONE, "62.53"), "experiment": (NONE, NONE, "61.50")},
+}
 PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
 PERIODS_MM = (0.8, 2.5)
 ANGLES_DEG = (-60.0, 60.0)
@@ -30,6 +48,46 @@ _SPEED_MM_S = 1.0  # of the protocol
 _SETTLE_S = 1.0  # as the procedure has it
 _LONGEST_S = 12.0  # after the onset, in which an answer must come
 _HOLD_S, _SLIDE_S = 5.0, 13.0  # as long as slip detection and the longest window need
+
+
+@dataclass(frozen=True)
+class ScenePlay:
+    """A scene played once: readings (n, channels), their instants (n,), events and truth."""
+
+    volts: FloatArray
+    time_s: FloatArray
+    events: list[Event]
+    truth: Truth
+
+    def slips(self, state: str) -> list[SlipEvent]:
+        """Slip events of one state: "onset" or "end"."""
+        return [e for e in self.events if isinstance(e, SlipEvent) and e.state == state]
+
+    def textures(self) -> list[TextureEvent]:
+        """Texture events of the full windows while sliding."""
+        return [e for e in self.events if isinstance(e, TextureEvent) and e.status != "no-slip"]
+
+
+def play(scene: Scene, seed: int) -> ScenePlay:
+    """Play a scene with noise and taxels of seed + 1, and a random offset of its plate along x."""
+    if isinstance(scene.surface, GroovedPlate):
+        offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
+        scene = scene.with_surface(**scene.surface.model_dump() | {"offset_mm": offset_mm})
+    slides = [phase for phase in scene.phases if isinstance(phase, SlidePhase)]
+    texture = TextureParams(speed_mm_s=slides[0].speed_mm_s)
+    detect = DetectParams(setting="wang2019", wang2019=Wang2019Params(texture=texture))
+    layout = load_layout("board-v1")
+    pipeline = Pipeline(layout, load_array(scene.array), PipelineParams(detect=detect))
+    simulation = Simulation(scene.with_changes(seed=seed + 1), layout)
+    volts, times, events = [], [], []
+    for arrival_s, data in simulation:
+        for output in pipeline.receive_data(data, arrival_s):
+            if isinstance(output, ScanEvent):
+                volts.append(output.volts)
+                times.append(output.time_s)
+            elif isinstance(output, Event):
+                events.append(output)
+    return ScenePlay(np.array(volts), np.array(times), events, simulation.truth)
 
 
 def paper_plate_trials(plate: Plate, seed: int) -> list[Trial]:

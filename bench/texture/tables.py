@@ -6,9 +6,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import special
 
-from bench.paper.bench import PUBLISHED
 from bench.report import NONE, counts_in_words, grouped, rms, spread, table
-from bench.texture.plates import Plate
+from bench.texture.plates import PUBLISHED, Plate
 from bench.texture.trials import (
     COLOURED_SNRS_DB,
     COLOURED_WINDOWS_S,

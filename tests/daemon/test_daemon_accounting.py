@@ -4,10 +4,9 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from scan_accounting import ScanAccounting
+from simulated_link import SimulatedLink, grasps
 
-from bench.daemon.accounting import ScanAccounting
-from bench.daemon.rig import SimulatedLink
-from bench.daemon.soak import grasps
 from tactiled.array import load_array
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.emulator.board.identity import EmulatedBoardParams

@@ -22,7 +22,7 @@ _MOST_TABLES = 60
 _INSTEAD = (
     "in simulated time periodic plays it (Simulation, bench), in real time a flat plate with contact lumped"
 )
-# Measured by `./run bench contact`; the faster models keep up with any scene.
+# Measured once (research/README.md, `contact`); the faster models keep up with any scene.
 _SLOW = (
     "compliance takes up to 1.1 s of processor for a second of nine sliding taxels, a held object several "
     "times as long: on a slower host the board misses scans (flag overrun) and the scene stands still"

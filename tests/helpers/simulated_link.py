@@ -10,6 +10,7 @@ from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.phases import HoldPhase, LiftPhase, PressPhase, RestPhase, SlidePhase
 from tactiled.events.types import Event, StatusEvent
 from tactiled.pipeline import Pipeline
 from tactiled.wire.codec import Encoder
@@ -139,3 +140,18 @@ class SimulatedLink:
         for command in commands:
             self.link.sending(command, self.now_s)
             self.port.receive(self._encoder.encode(command), self.now_s)
+
+
+def grasps(duration_s: float) -> Scene:
+    """Scene of a hand that each ten minutes takes something, holds it, lets it slide once, puts it back."""
+    cycle = [
+        RestPhase(kind="rest", duration_s=20.0),
+        PressPhase(kind="press", duration_s=2.0, force_n=20.0),
+        HoldPhase(kind="hold", duration_s=478.0),
+        SlidePhase(kind="slide", duration_s=20.0, speed_mm_s=1.0),
+        HoldPhase(kind="hold", duration_s=20.0),
+        LiftPhase(kind="lift", duration_s=2.0),
+        RestPhase(kind="rest", duration_s=58.0),
+    ]
+    n = max(1, round(duration_s / sum(phase.duration_s for phase in cycle)))
+    return Scene(name="grasps", phases=cycle * n)

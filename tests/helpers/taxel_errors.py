@@ -1,41 +1,35 @@
-"""Contact models of the emulator scored against the shipped finite-element runs of one taxel.
+"""Errors of contact models of the emulator against the shipped finite-element runs of one taxel.
 
 The runs are `config/contact/fem-*.json`, made once and readable without felupe. Each model is played through
 the loads and places of a run.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface
-from tactiled.emulator.mechanics.stepper import play
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
+from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.scene.contact import TAXEL_MODELS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
 from tools.fem.reference import ReferenceRun, load_reference
 
-MODELS = ("lumped", "periodic", "compliance")
 GROOVED = ("periodic", "compliance")  # those that can play grooves
 LOAD_N = 15.0 / 9  # of a taxel: that of the published slides, 15 N on nine taxels
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4: `readout.SIDES`
 AREA: Literal["half"] = "half"  # under the edge areas the right force is zero while sliding
 GROOVES = ("groove-0.9-0", "groove-1.2-0", "groove-1.5-0", "groove-1.2-30", "groove-1.2-60")
-NEEDS = {  # of scenes (`description.Need`), in words
-    "absolute-force": "load curve",
-    "left-right": "left, right",
-    "tangential-force": "friction force at the knee",
-    "gross-slip": "gross slip",
-    "incipient-slip": "slipping share",
-}
 _FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
 # Loads of a taxel at which the load curve is compared: from the dead zone to 27 N on the array.
 _SMALLEST_N, _LARGEST_N = 0.1, 3.0
+_SLIDE_MM = 9.0  # 7.5 waves of 1.2 mm: the curves of the paper have 7 to 8 peaks
+_STEP_MM = 0.02
+_RUN_IN_MM = 0.6
 _KNEE_MM = 0.42  # travel after which the whole contact slips
 
 
@@ -47,70 +41,15 @@ class Ripple:
     ----------
     wave_n : (2,) complex128
         Fundamental over the last wave of sliding.
-    correlation, sliding_correlation : (2,) float64
-        With the finite elements, over the whole run and over the last wave.
+    correlation : (2,) float64
+        With the finite elements, over the whole run.
     unsolved : int
         Steps in which the solver did not converge.
     """
 
     wave_n: NDArray[np.complex128]
     correlation: FloatArray
-    sliding_correlation: FloatArray
     unsolved: int = 0
-
-    def relative_to(self, reference: "Ripple", side: int) -> str:
-        """Amplitude in percent of the reference's, and phase in degrees against it."""
-        part = self.wave_n[side] / reference.wave_n[side]
-        return f"{100 * abs(part):.0f} %, {np.angle(part, deg=True):+.1f} deg"
-
-
-@dataclass(frozen=True)
-class ModelScore:
-    """Cost and errors of one contact model.
-
-    Attributes
-    ----------
-    cost_ms : float
-        Processor time of a simulated second, see `cost_ms`.
-    flat : dict
-        Need (`scene.Need`) to the largest error on flat plates, as a part of the quantity's own size.
-    grooved : dict
-        Groove plate to errors by need, the onset of sliding included.
-    ripples : dict
-        Groove plate to `Ripple`.
-    """
-
-    name: str
-    cost_ms: float
-    flat: dict[str, float]
-    grooved: dict[str, dict[str, float]]
-    ripples: dict[str, Ripple]
-
-
-def score_model(name: str, plates: Sequence[str]) -> ModelScore:
-    """Measure a model on flat plates, and on groove plates where it can play them."""
-    mine = plates if name in GROOVED else ()
-    ripples = {plate: model_ripple(name, plate) for plate in mine}
-    grooved = {plate: sliding_errors(name, [plate]) for plate in mine}
-    return ModelScore(name, cost_ms(name), flat_errors(name), grooved, ripples)
-
-
-def cost_ms(name: str) -> float:
-    """Milliseconds of processor time for a simulated second of nine taxels that slide at 1 mm/s.
-
-    Models that can play grooves slide over them; their tables are made before.
-    """
-    entry = TAXEL_MODELS[name]
-    surface = Surface(0.6, 1.2, 30.0, 0.1) if name in GROOVED else Surface(0.6)
-    steps = round(1 / entry.step_s)
-    place = np.random.default_rng(1).uniform(0, 7, (9, 2))
-    way = entry.step_s * np.arange(steps)[:, None, None] * np.array([1.0, 0.0])
-    load: FloatArray = np.full((steps, 9), LOAD_N)
-    model = entry.build(surface, AZIMUTH, 9, readout=AREA)
-    play(model, "force", load, place + way, entry.step_s)  # contact is made, tables too
-    began = time.process_time()
-    play(model, "force", load, place + way + way[-1], entry.step_s)
-    return 1e3 * (time.process_time() - began)
 
 
 def replay(name: str, reference: ReferenceRun, *, held: str = "force") -> dict[str, FloatArray]:
@@ -187,10 +126,10 @@ def model_ripple(name: str, plate: str) -> Ripple:
     reference = load_reference("coarse", plate)
     felt = replay(name, reference)
     unsolved = int(np.count_nonzero(felt["warnings"].astype(np.int64) & NOT_CONVERGED))
-    return _ripple(reference, felt["side_n"], unsolved=unsolved)
+    return _ripple(reference, felt["side_n"], unsolved)
 
 
-def _ripple(reference: ReferenceRun, side_n: FloatArray, **more: Any) -> Ripple:
+def _ripple(reference: ReferenceRun, side_n: FloatArray, unsolved: int = 0) -> Ripple:
     travel_mm = reference.columns["travel_x_mm"]
     wave_mm = reference.surface.period_mm / np.cos(np.deg2rad(reference.surface.angle_deg))
     last = (travel_mm > _KNEE_MM) & (travel_mm > travel_mm[-1] - wave_mm)
@@ -201,6 +140,32 @@ def _ripple(reference: ReferenceRun, side_n: FloatArray, **more: Any) -> Ripple:
     return Ripple(
         fit[1] - 1j * fit[2],
         np.array([np.corrcoef(own[:, k], true[:, k])[0, 1] for k in (0, 1)]),
-        np.array([np.corrcoef(own[last, k], true[last, k])[0, 1] for k in (0, 1)]),
-        **more,
+        unsolved,
     )
+
+
+def normal_ripple(period_mm: float, angle_deg: int) -> FloatArray:
+    """Normal force of one unit along a slide at the indentation that gives the load on average."""
+    surface = Surface(0.6, period_mm, angle_deg, 0.1)
+    wave_mm = period_mm / np.cos(np.deg2rad(angle_deg))
+    depth_mm = np.mean([felt.indentation_mm[0] for felt in _slide(surface, "force", LOAD_N, wave_mm)])
+    felt = _slide(surface, "displacement", float(depth_mm), _SLIDE_MM)
+    return np.array([one.normal_n[0] for one in felt])
+
+
+def side_ripple(period_mm: float, angle_deg: int) -> FloatArray:
+    """Normal force on the leading half of one unit along a slide under its load."""
+    felt = _slide(Surface(0.6, period_mm, angle_deg, 0.1), "force", LOAD_N, _SLIDE_MM)
+    return np.array([one.side_n[0, 0] for one in felt])
+
+
+def _slide(surface: Surface, held: HeldQuantity, value: float, length_mm: float) -> list[TaxelForces]:
+    """Forces along a slide, after the run-in."""
+    model = Compliance(surface, np.array([0.0]), 1, readout="half")
+    for part in np.linspace(0.1, 1.0, 10):
+        model.step(held, np.array([value * part]), np.zeros((1, 2)), 0.01)
+    felt = [
+        model.step(held, np.array([value]), np.array([[x_mm, 0.0]]), 0.01)
+        for x_mm in np.arange(_STEP_MM, _RUN_IN_MM + length_mm, _STEP_MM)
+    ]
+    return felt[round(_RUN_IN_MM / _STEP_MM) :]

@@ -1,1 +1,0 @@
-"""The contact models of the emulator against finite elements."""
