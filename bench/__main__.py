@@ -24,9 +24,8 @@ BENCHES = {
     "texture": "bench.texture.bench",
     "recordings": "bench.recordings.bench",
 }
-WITH_PLOT = ("slip", "hold", "force", "texture")
+WITH_PLOT = ("force",)
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
-WITH_JSON = ("force", "grip", "texture", "recordings")
 WITH_DATA = ("recordings",)
 
 
@@ -34,7 +33,7 @@ WITH_DATA = ("recordings",)
 @click.argument("names", type=click.Choice(list(BENCHES)), nargs=-1, required=True, metavar="NAME...")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
-@click.option("--json", "numbers", type=FILE, help=f"{', '.join(WITH_JSON)}: also write every number.")
+@click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine, tables and numbers.")
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
@@ -61,7 +60,7 @@ def bench(
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 
-    Example: ./run bench slip --quick --plot slip.png
+    Example: ./run bench slip --quick --json slip.json
     """
     options = BenchOptions(quick, plot, numbers, dask, data)
     for name in names:
@@ -74,7 +73,7 @@ def bench(
         measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
         with ProgressBar(f"bench {name}", None) as progress:
             report: BenchReport = measure(progress, options)
-        report.write(options)
+        report.write(name, options)
         heading = f"## `./run bench {name}`\n\n" if len(names) > 1 else ""
         click.echo(f"{heading}{report.text}\n" if heading else report.text)
 
@@ -83,7 +82,6 @@ def check_options(name: str, options: BenchOptions) -> None:
     """Refuse options that a bench does not have."""
     for option, is_given, benches in (
         ("--plot", options.plot is not None, WITH_PLOT),
-        ("--json", options.json is not None, WITH_JSON),
         ("--dask", options.dask is not None, WITH_JOBS),
         ("--data", options.data is not None, WITH_DATA),
     ):

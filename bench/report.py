@@ -26,25 +26,31 @@ aims
     of the bench: a dataclass that holds its records.
 numbers
     Anything made of dataclasses, named tuples, mappings, sequences and numpy values; `plain` turns it into
-    JSON without NaN or infinity. Only benches that have ``--json`` give it.
+    JSON without NaN or infinity.
 draw
     Function that writes the picture to a path. Only benches that have ``--plot`` give it. It imports the
     module that draws when it is called: matplotlib is an extra.
 
-`BenchReport.write` writes the files that the options ask for; `bench.__main__` prints `BenchReport.text`.
+`BenchReport.write` writes the files that the options ask for; `bench.__main__` prints `BenchReport.text`. The
+JSON of every bench says when, where and from which commit it was measured (`provenance`), and has the
+sections, tables as rows, beside the numbers.
 """
 
 import json
+import os
+import platform
+import subprocess
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactiled import plain_table
+from tactiled import compiled, plain_table
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -61,7 +67,7 @@ class BenchOptions:
     quick : bool
         Fewer seeds and cases.
     plot, json : Path, optional
-        Files to write. A bench may measure more for them.
+        Files to write.
     data : Path, optional
         Folder with data of others.
     dask : str, optional
@@ -88,12 +94,38 @@ class BenchReport:
         """Sections with an empty line between them."""
         return "\n\n".join(self.sections)
 
-    def write(self, options: BenchOptions) -> None:
-        """Write the picture and the numbers that the options ask for."""
+    def write(self, name: str, options: BenchOptions) -> None:
+        """Write the picture and the JSON that the options ask for."""
         if options.plot is not None and self.draw is not None:
             self.draw(options.plot)
         if options.json is not None:
-            options.json.write_text(json.dumps(plain(self.numbers), allow_nan=False))
+            sections = [part.rows if isinstance(part, Table) else part for part in self.sections]
+            document = provenance(name, options) | {"sections": sections, "numbers": plain(self.numbers)}
+            options.json.write_text(json.dumps(document, allow_nan=False))
+
+
+def provenance(name: str, options: BenchOptions) -> dict[str, object]:
+    """Name, commit, date and machine of a measurement."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=40", "--dirty"]
+    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    models = [
+        line.partition(":")[2].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if line.startswith("model name")
+    ]
+    return {
+        "bench": name,
+        "quick": options.quick,
+        "commit": commit,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "machine": {
+            "processor": models[0] if models else platform.machine(),
+            "processors": os.cpu_count(),
+            "load_average": os.getloadavg()[0],
+            "python": platform.python_version(),
+            "path_of_a_scan": compiled.path_words(),
+        },
+    }
 
 
 class Reading(NamedTuple):
@@ -147,7 +179,13 @@ def never(name: str, happened: Callable[[T], int | Sequence[bool]]) -> Aim[T]:
     return Aim(name, "none", measure)
 
 
-def aims_table(aims: Iterable[Aim[T]], measured: Mapping[str, T]) -> str:
+class Table(str):
+    """Markdown table that keeps its rows, which map headings to cells."""
+
+    rows: list[dict[str, str]]
+
+
+def aims_table(aims: Iterable[Aim[T]], measured: Mapping[str, T]) -> Table:
     """Table of aims with a column for each thing measured: the verdict, then what was measured."""
     return table(
         {"aim": aim.name, "limit": aim.limit}
@@ -156,10 +194,14 @@ def aims_table(aims: Iterable[Aim[T]], measured: Mapping[str, T]) -> str:
     )
 
 
-def table(rows: Iterable[Mapping[str, str]]) -> str:
-    """Markdown table; rows map headings to cells, and all have the same headings in the same order."""
-    known = list(rows)
-    return plain_table.table(list(known[0]), [list(row.values()) for row in known]) if known else "(no rows)"
+def table(rows: Iterable[Mapping[str, str]]) -> Table:
+    """Markdown table; all rows have the same headings in the same order."""
+    known = [dict(row) for row in rows]
+    made = Table(
+        plain_table.table(list(known[0]), [list(row.values()) for row in known]) if known else "(no rows)"
+    )
+    made.rows = known
+    return made
 
 
 def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:

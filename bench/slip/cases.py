@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.slip.resting import LOADS, loaded
-from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, Announcement, PlayedScene, play
+from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, PlayedScene, play
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
@@ -42,8 +42,6 @@ class Case:
         Beginning of the shear that leads to it; NaN where it is not known.
     is_falling : bool
         Friction falls at constant load.
-    announcements : tuple of Announcement
-        What a controller can announce; nothing in random worlds.
     """
 
     group: str
@@ -57,7 +55,6 @@ class Case:
     direction_deg: float
     shear_s: float = float("nan")
     is_falling: bool = False
-    announcements: tuple[Announcement, ...] = ()
 
     @property
     def slips(self) -> bool:
@@ -134,7 +131,6 @@ def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
         tenth_s=np.inf if slip is None else slip.incipient_s,
         direction_deg=np.nan if direction_deg is None else direction_deg,
         shear_s=np.nan if slip is None else slip.shear_s,
-        announcements=played.announcements,
     )
 
 

@@ -47,9 +47,10 @@ class GratingSlide:
 
 @dataclass(frozen=True)
 class GratingAnswer:
-    """Answers of the detectors to a slide over a grating."""
+    """Answers of the detectors to a slide over a grating that takes `slide_s`, in `periods` of the ripple."""
 
-    slide: GratingSlide
+    slide_s: float
+    periods: float
     told_s: float
     is_answered: bool
     is_wrong: bool
@@ -98,21 +99,21 @@ def read_grating(seed: int) -> GratingAnswer:
     ]
     is_right = [abs(period_mm / slide.period_mm - 1) < _RIGHT for period_mm in periods_mm]
     told_s = sum(event.time_s > slide.start_s for event in gross) / RATE_HZ
-    return GratingAnswer(slide, told_s, any(is_right), not all(is_right))
+    slide_s = LENGTH_S - slide.start_s
+    return GratingAnswer(slide_s, slide.ripple_hz * slide_s, told_s, any(is_right), not all(is_right))
 
 
 def rows(found: Sequence[GratingAnswer]) -> Iterator[dict[str, str]]:
     """Yield the rows of the table, by the number of periods in the slide."""
-    periods = [one.slide.ripple_hz * (LENGTH_S - one.slide.start_s) for one in found]
     for name, low, high in (
         (f"fewer than {_PERIODS} periods", 0, _PERIODS),
         (f"{_PERIODS} to {2 * _PERIODS}", _PERIODS, 2 * _PERIODS),
         (f"more than {2 * _PERIODS}", 2 * _PERIODS, math.inf),
         ("all", 0, math.inf),
     ):
-        some = [one for one, n in zip(found, periods, strict=True) if low <= n < high]
+        some = [one for one in found if low <= one.periods < high]
         if some:
-            whole_s = sum(LENGTH_S - one.slide.start_s for one in some)
+            whole_s = sum(one.slide_s for one in some)
             yield {
                 "slides": name,
                 "number": f"{len(some)}",

@@ -2,7 +2,6 @@
 
 import itertools
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,6 @@ from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene import families
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import Family, slipping
-from tactiled.emulator.scene.phases import LoadPhase, PressPhase
 from tactiled.emulator.scene.truth import Truth
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -27,17 +25,7 @@ CHANNEL_STEP_S = 200e-6  # multiplexer step of the emulated board
 HOLD_EXTRA_S = 3.0  # added to the first hold, so that the press is over and forgotten when something happens
 SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
 NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
-_MOTOR_STARTS_S = 0.5  # from rest to its speed
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps
-
-
-@dataclass(frozen=True)
-class Announcement:
-    """Motion of its own that a controller can announce."""
-
-    kind: Literal["inhibit", "load-change"]
-    start_s: float
-    duration_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +49,6 @@ class PlayedScene:
     volts: FloatArray
     press_end_s: float
     slip: FirstSlip | None
-    announcements: tuple[Announcement, ...]
     slipping_share: FloatArray
 
     @property
@@ -115,7 +102,6 @@ def play(name: str, family: Family, seed: int) -> PlayedScene:
         volts=np.concatenate(volts),
         press_end_s=scene.phases[0].duration_s,
         slip=first_gross_slip(truth, load),
-        announcements=announcements(scene),
         slipping_share=np.concatenate(shares),
     )
 
@@ -126,20 +112,6 @@ def _with_longer_hold(scene: Scene) -> Scene:
     for disturbance in document["disturbances"]:
         disturbance["start_s"] += HOLD_EXTRA_S
     return Scene.model_validate(document)
-
-
-def announcements(scene: Scene) -> tuple[Announcement, ...]:
-    """Motions of gripper and arm: changes of grip and load, starts and stops."""
-    announced, start_s = [], 0.0
-    for phase in scene.phases:
-        if isinstance(phase, PressPhase | LoadPhase):
-            announced.append(Announcement("load-change", start_s, phase.duration_s))
-        start_s += phase.duration_s
-    if scene.name.startswith("arm-acceleration"):
-        announced += [Announcement("inhibit", d.start_s, d.duration_s) for d in scene.disturbances]
-    if scene.name.startswith("motor-hum"):  # the gripper knows when its motor begins to run
-        announced.append(Announcement("inhibit", scene.disturbances[0].start_s, _MOTOR_STARTS_S))
-    return tuple(announced)
 
 
 def at_speed(speed_mm_s: float) -> Family:

@@ -101,15 +101,6 @@ def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
     return n / max(hours, 1e-9)
 
 
-def announced_soon(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each gross slip, True if an onset was reported at most `LEADS_TO_S` before it."""
-    return [
-        any(0.0 <= case.gross_s - e.detected_s <= LEADS_TO_S for e in events if e.state == "onset")
-        for case, events in reported
-        if case.slips
-    ]
-
-
 def onsets_that_lead(reported: Sequence[Reported]) -> list[bool]:
     """Return, for each onset of incipient slip before the first gross one, True if that follows soon."""
     return [

@@ -1,8 +1,11 @@
 """Tables, aims, files and JSON of a report, made by hand."""
 
 import json
+import os
+import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.__main__ import BENCHES, WITH_JSON, WITH_PLOT, bench
+from bench.__main__ import BENCHES, WITH_PLOT, bench
 from bench.report import (
     Aim,
     BenchOptions,
@@ -92,13 +95,24 @@ def test_files_that_are_asked_for_are_written(tmp_path: Path) -> None:
     def draw(path: Path) -> None:
         path.write_text("drawn")
 
-    report = BenchReport(["a", "b"], {"x": 1}, draw)
-    assert report.text == "a\n\nb"
-    report.write(BenchOptions())
+    report = BenchReport(["a", table([{"n": "1"}])], {"x": 1}, draw)
+    assert report.text == "a\n\n| n |\n|---|\n| 1 |"
+    report.write("clock", BenchOptions())
     assert list(tmp_path.iterdir()) == []
-    report.write(BenchOptions(plot=tmp_path / "plot", json=tmp_path / "json"))
+    report.write("clock", BenchOptions(plot=tmp_path / "plot", json=tmp_path / "json"))
     assert (tmp_path / "plot").read_text() == "drawn"
-    assert json.loads((tmp_path / "json").read_text()) == {"x": 1}
+    found = json.loads((tmp_path / "json").read_text())
+    assert (found["bench"], found["quick"]) == ("clock", False)
+    assert (found["sections"], found["numbers"]) == (["a", [{"n": "1"}]], {"x": 1})
+    assert datetime.fromisoformat(found["date"]).tzinfo is not None
+    assert found["machine"]["processors"] == os.cpu_count()
+    assert found["commit"].startswith(commit())
+
+
+def commit() -> str:
+    """Commit of this checkout; nothing where it is none."""
+    git = ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"]
+    return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def test_words_of_cells() -> None:
@@ -112,11 +126,8 @@ def test_words_of_cells() -> None:
     assert grouped([3, 1, 5, 2], lambda n: n % 2) == {1: [3, 1, 5], 0: [2]}
 
 
-@pytest.mark.parametrize(("option", "names"), [("--json", WITH_JSON), ("--plot", WITH_PLOT)])
-def test_files_are_written_only_by_benches_that_have_them(
-    option: str, names: tuple[str, ...], tmp_path: Path
-) -> None:
-    for name in set(BENCHES) - set(names):
-        refused = CliRunner().invoke(bench, [name, option, str(tmp_path / "out")])
+def test_pictures_are_drawn_only_by_benches_that_have_them(tmp_path: Path) -> None:
+    for name in set(BENCHES) - set(WITH_PLOT):
+        refused = CliRunner().invoke(bench, [name, "--plot", str(tmp_path / "out")])
         assert refused.exit_code == 2
-        assert f"{option} is for" in refused.output
+        assert "--plot is for" in refused.output

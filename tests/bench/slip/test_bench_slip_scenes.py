@@ -1,18 +1,16 @@
-"""Scenes of the slip bench: instants of a slip, announcements, faults."""
+"""Scenes of the slip bench: instants of a slip."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.slip.faults import FAULTS
-from bench.slip.scenes import Announcement, PlayedScene, announcements, at_speed, play
+from bench.slip.scenes import PlayedScene, at_speed, play
 from bench.slip.truth import GRID_S, LoadHistory
 from tactiled.emulator.scene.families import QUIET
 from tactiled.emulator.scene.phases import FlatPlate
 from tactiled.emulator.scene.physical import ContactStepper
 from tactiled.emulator.scene.truth import TrueSlip
-from tactiled.samples.block import Gap, ScanBlock
 
 
 @pytest.fixture(scope="module")
@@ -52,32 +50,3 @@ def test_growth_of_a_load_begins_at_the_end_of_its_rest(swells_for_s: float, pow
     before_n, grown_n = np.interp([begins_s - 0.1, begins_s], time_s, shear_n)
     assert grown_n - before_n <= 0.002 * 10.0 + 1e-9  # not yet growth
     assert begins_s >= 3.0 - GRID_S
-
-
-@pytest.mark.parametrize("name", sorted(FAULTS))
-def test_faults_leave_consecutive_blocks(name: str, slide: PlayedScene) -> None:
-    stream = FAULTS[name](slide.counts(1e-3, 1), np.random.default_rng(5))
-    assert [n for n, item in enumerate(stream) if isinstance(item, Gap)] == list(range(1, len(stream), 2))
-    ends = [item for item in stream if isinstance(item, ScanBlock)]
-    for before, gap, after in zip(stream[::2], stream[1::2], stream[2::2], strict=False):
-        assert isinstance(before, ScanBlock)
-        assert isinstance(gap, Gap)
-        assert isinstance(after, ScanBlock)
-        assert gap.index == after.index[0] == before.index[-1] + 1 + (gap.n_missing or 50)
-    assert sum(len(block) for block in ends) <= len(slide.volts)
-
-
-@pytest.mark.parametrize(
-    ("family", "kinds"),
-    [
-        ("arm-acceleration", {"inhibit", "load-change"}),
-        ("motor-hum", {"inhibit", "load-change"}),
-        ("taps", {"load-change"}),
-    ],
-)
-def test_only_motion_of_gripper_and_arm_is_announced(family: str, kinds: set[str]) -> None:
-    scene = QUIET[family](1)
-    announced = announcements(scene)
-    assert {one.kind for one in announced} == kinds
-    assert announced[0] == Announcement("load-change", 0.0, scene.phases[0].duration_s)  # the press
-    assert all(one.start_s < scene.duration_s for one in announced)

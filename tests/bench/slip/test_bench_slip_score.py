@@ -5,10 +5,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from bench.slip.announced import as_announced
 from bench.slip.cases import Case, from_world
-from bench.slip.replay import Reliability, run_case
-from bench.slip.scenes import Announcement
+from bench.slip.replay import run_case
 from bench.slip.score import (
     Reported,
     directions,
@@ -108,16 +106,6 @@ def test_events_at_the_wrong_time_count_against_the_detector() -> None:
     assert rests_called_gross([Reported(case(slips=False), TRUE)], 0.6) == []
 
 
-def test_reliability_counts_time() -> None:
-    found = Reliability()
-    for p, is_true in ((0.25, True), (0.25, False), (1.0, True)):
-        found.take(p, is_true, 0.1)
-    assert found.time_s[2] == pytest.approx(0.2)
-    assert found.seen_s[2] == pytest.approx(0.1)
-    both = found + found
-    assert both.said_s[9] == pytest.approx(0.2)
-
-
 def test_settings_on_one_posterior_are_the_detectors_of_these_settings(world: World) -> None:
     found = run_case(from_world(world)).by_name
     assert found["balanced"]
@@ -125,17 +113,3 @@ def test_settings_on_one_posterior_are_the_detectors_of_these_settings(world: Wo
         params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
         events = GripSlip(world.array, params).process(world.block)
         assert found[name] == [one for one in events if isinstance(one, SlipEvent)]
-
-
-def test_announcements_mark_the_slips_that_they_explain() -> None:
-    events = [event("incipient", 2.5), event("gross", 2.7, "end"), event("gross", 4.01)]
-    block, array = case().block, case().array
-
-    def valid(*announced: Announcement) -> list[bool]:
-        return [one.valid for one in as_announced(array, block, events, announced)]
-
-    assert valid() == [True, True, True]
-    assert valid(Announcement("inhibit", 2.0, 1.0)) == [False, False, True]
-    assert valid(Announcement("load-change", 2.0, 3.0)) == [False, False, True]  # gross slips stay
-    assert valid(Announcement("inhibit", 3.9, 1.0), Announcement("inhibit", 2.4, 0.2)) == [False] * 3
-    assert valid(Announcement("inhibit", 7.0, 5.0)) == [True, True, True]
