@@ -7,17 +7,20 @@ measured on others.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.hold.batch import HeldBatch
-from bench.hold.messages import DetectorMessages, Messages, TrueFriction, TrueMessages
-from bench.hold.oracle import UtilisationController
-from bench.hold.play import Controller, Episodes, FixedGrip, TightenOnSlip, least_at_rest_n, play
-from bench.hold.real import play_in_processes
-from bench.hold.result import GraspResult
+from bench.hold.play import (
+    Controller,
+    DetectorMessages,
+    FixedGrip,
+    GraspResult,
+    TightenOnSlip,
+    least_at_rest_n,
+    play,
+)
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -41,15 +44,16 @@ from tactiled.progress import ProgressBar
 
 TUNED_FROM = 500  # seeds on which the controller's numbers were set
 REPORTED_FROM = 10_000
-N_MARGIN, N_ORACLE, N_OTHERS, N_QUICK = 1000, 400, 120, 40
-N_REAL, N_REAL_QUICK = 10, 2
+N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
 _BATCH = 40  # grasps that are simulated at once, and by one process
 _FIXED = (1.5, 3.0, 6.0)  # times the least grip of each object, which no controller knows
 _FIXED_N = (8.0, 12.0, 16.0, 24.0)  # the same for all objects
 _TIGHTER = (1.2, 1.5, 2.0)
-_ORACLE = (0.65, 0.7, 0.75, 0.8)  # true utilisations
 _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are dropped
+
+
+MakeMessages = Callable[[HeldBatch], DetectorMessages]
 
 
 class Arm(NamedTuple):
@@ -58,8 +62,7 @@ class Arm(NamedTuple):
     Attributes
     ----------
     kind : str
-        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"``, ``"margin"``,
-        ``"margin, friction known"``, ``"margin, all known"`` or ``"oracle"``.
+        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"`` or ``"margin"``.
     """
 
     kind: str
@@ -69,20 +72,16 @@ class Arm(NamedTuple):
 
 def arms(quick: bool) -> list[Arm]:
     """List what is compared."""
-    n, n_margin, n_oracle = (N_QUICK,) * 3 if quick else (N_OTHERS, N_MARGIN, N_ORACLE)
-    target = TARGET
+    n, n_margin = (N_QUICK,) * 2 if quick else (N_OTHERS, N_MARGIN)
     return [
         *(Arm("times the least", number, n) for number in _FIXED),
         *(Arm("newtons", number, n) for number in _FIXED_N),
         *(Arm("slip events", number, n) for number in _TIGHTER),
         Arm("slip events, eased", 1.5, n),
         *(
-            Arm("margin", round(target * part, 2), n_margin if part == 1.0 else n)
+            Arm("margin", round(TARGET * part, 2), n_margin if part == 1.0 else n)
             for part in (0.7, 0.85, 1.0, 1.15)
         ),
-        Arm("margin, friction known", round(target, 2), n),
-        Arm("margin, all known", round(target, 2), n),
-        *(Arm("oracle", number, n_oracle) for number in _ORACLE),
     ]
 
 
@@ -91,51 +90,26 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     scenes = [hold(seed) for seed in seeds]
     array = load_array("wang2019-3x3")
 
-    def detected(batch: HeldBatch) -> Messages:
+    def detected(batch: HeldBatch) -> DetectorMessages:
         return DetectorMessages(batch, lambda: GripSlip(array), "grip")
 
-    def slips(batch: HeldBatch) -> Messages:
+    def slips(batch: HeldBatch) -> DetectorMessages:
         return DetectorMessages(batch, lambda: build_suite(array, DetectParams(), topics=("slip",)), "slip")
-
-    def friction_known(batch: HeldBatch) -> Messages:
-        return TrueFriction(batch, lambda: GripSlip(array))
 
     def margin(_: Scene) -> Controller:
         return GripController(arm.number)
 
-    makers: dict[str, tuple[Callable[[Scene], Controller], Callable[[HeldBatch], Messages] | None]] = {
+    makers: dict[
+        str, tuple[Callable[[Scene], Controller], Callable[[HeldBatch], DetectorMessages] | None]
+    ] = {
         "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None),
         "newtons": (lambda _: FixedGrip(arm.number), None),
         "slip events": (lambda _: TightenOnSlip(arm.number), slips),
         "slip events, eased": (lambda _: TightenOnSlip(arm.number, eases=True), slips),
         "margin": (margin, detected),
-        "margin, friction known": (margin, friction_known),
-        "margin, all known": (margin, TrueMessages),
-        "oracle": (lambda _: UtilisationController(arm.number), TrueMessages),
     }
     make, messages = makers[arm.kind]
-    return results(play(scenes, array, [make(scene) for scene in scenes], messages))
-
-
-def margin_episodes(seeds: Sequence[int]) -> Episodes:
-    """Play grasps of some seeds with the controller as it is shipped."""
-    scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
-    controllers = [GripController() for _ in scenes]
-    return play(scenes, array, controllers, lambda b: DetectorMessages(b, lambda: GripSlip(array), "grip"))
-
-
-def results(episodes: Episodes) -> list[GraspResult]:
-    """Return what is reported of each grasp."""
-    return [
-        GraspResult(
-            event=scene.description,
-            dropped=bool(episodes.dropped[e]),
-            over_least=float(episodes.over_least[e]),
-            slid_mm=float(episodes.place_mm[-1, e]),
-            reaction_s=float(episodes.reaction_s[e]),
-        )
-        for e, scene in enumerate(episodes.scenes)
-    ]
+    return play(scenes, array, [make(scene) for scene in scenes], messages).results()
 
 
 def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
@@ -149,54 +123,36 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         for arm in compared
         for start in range(REPORTED_FROM, REPORTED_FROM + arm.n, _BATCH)
     ]
-    n_real = N_REAL_QUICK if options.quick else N_REAL
-    progress.begin(len(jobs) + n_real)
+    progress.begin(len(jobs))
     found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
     with executor(BENCH_WORKERS, options.dask) as pool:
         for (arm, _), some in zip(jobs, pool.map(_measure, jobs), strict=True):
             found[arm] += some
             progress.advance("batch")
-    real = []
-    for seed in range(REPORTED_FROM, REPORTED_FROM + n_real):
-        real.append(play_in_processes(seed))
-        progress.advance("grasp in real time")
-    return report(found, real)
+    return report(found)
 
 
 def _measure(job: tuple[Arm, range]) -> list[GraspResult]:
     return measure(*job)
 
 
-def report(found: Mapping[Arm, Sequence[GraspResult]], real: Sequence[GraspResult]) -> BenchReport:
-    """Make the tables; `real` are grasps through real processes, the first seeds of the others."""
-    target = TARGET
-    chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(target, 2))
-
-    def draw(path: Path) -> None:
-        from bench.hold.picture import draw_hold  # matplotlib is an extra
-
-        draw_hold(path, found)
-
+def report(found: Mapping[Arm, Sequence[GraspResult]]) -> BenchReport:
+    """Make the tables."""
+    chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(TARGET, 2))
     return BenchReport(
         [
             f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
             "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
             "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
-            aims_table(AIMS, {f"margin, target {target:g}": found[chosen]}),
+            aims_table(AIMS, {f"margin, target {TARGET:g}": found[chosen]}),
             table(_row(arm, some) for arm, some in found.items()),
-            f"The margin with target {target:g}, by event.",
+            f"The margin with target {TARGET:g}, by event.",
             table(
                 {"event": event, **_numbers([r for r in found[chosen] if r.event == event])}
                 for event in EVENTS
             ),
-            "The same controller through real processes (emulator, daemon, examples/hold.py), and in "
-            "simulated time, on the same grasps.",
-            table(
-                _compared(REPORTED_FROM + k, in_processes, simulated)
-                for k, (in_processes, simulated) in enumerate(zip(real, found[chosen], strict=False))
-            ),
         ],
-        draw=draw,
+        {in_words(arm): some for arm, some in found.items()},
     )
 
 
@@ -231,16 +187,6 @@ def _row(arm: Arm, some: Sequence[GraspResult]) -> dict[str, str]:
     return {"grip": in_words(arm), **_numbers(some)}
 
 
-def _compared(seed: int, real: GraspResult, simulated: GraspResult) -> dict[str, str]:
-    row = {"grasp": f"{seed}", "event": real.event}
-    for name, one in (("real processes", real), ("simulated time", simulated)):
-        held = (
-            "dropped" if one.dropped else f"{one.over_least:.2f} times the least, slid {one.slid_mm:.1f} mm"
-        )
-        row[name] = held
-    return row
-
-
 def in_words(arm: Arm) -> str:
     """Return the name of a way of holding."""
     return {
@@ -249,9 +195,6 @@ def in_words(arm: Arm) -> str:
         "slip events": f"times {arm.number:g} at each slip event",
         "slip events, eased": f"the same, {arm.number:g}, eased between",
         "margin": f"margin, target {arm.number:g}",
-        "margin, friction known": f"margin, target {arm.number:g}, if friction were known",
-        "margin, all known": f"margin, target {arm.number:g}, if messages were true",
-        "oracle": f"oracle, true utilisation {arm.number:g}",
     }[arm.kind]
 
 

@@ -1,4 +1,4 @@
-"""Grasp controllers in simulated time: held objects, the detector, a controller for each, and the record."""
+"""Grasp controllers in simulated time: held objects, a detector and a controller for each, and the record."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,15 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
-from bench.hold.messages import Messages
 from tactiled.array import Array, FloatArray
+from tactiled.detect.base import Detector
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import LIFTED_S, START_N
 from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.events.codec import to_map
+from tactiled.samples.block import regular_block
 
 MOST_N = 40.0  # of a gripper
 _BEFORE_S = 0.1
 _TIGHTER = 1.05
+
+
+class DetectorMessages:
+    """Messages of a topic from a detector for each grasp.
+
+    Parameters
+    ----------
+    topic : str
+        Slip events are rare: between them, a message has the time alone.
+    """
+
+    def __init__(self, batch: HeldBatch, make_detector: Callable[[], Detector], topic: str) -> None:
+        self._detectors = [make_detector() for _ in batch.scenes]
+        self._topic = topic
+
+    def of(self, e: int, scan: int, volts: FloatArray) -> Sequence[Mapping[str, Any]]:
+        """Return the messages of a scan of grasp `e`, whose readings are `volts` (1, channels)."""
+        block = regular_block(volts, RATE_HZ, start_s=scan / RATE_HZ, index=scan)
+        events = self._detectors[e].process(block)
+        messages = [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == self._topic]
+        return messages or ([{"timestamp": scan / RATE_HZ}] if self._topic == "slip" else [])
 
 
 class Controller(Protocol):
@@ -80,6 +103,17 @@ def least_at_rest_n(scene: Scene) -> float:
     return float(least_n(scene, np.array([LIFTED_S + 0.4]))[0])
 
 
+@dataclass(frozen=True)
+class GraspResult:
+    """One grasp; `over_least` and `reaction_s` as in `Episodes`."""
+
+    event: str
+    dropped: bool
+    over_least: float
+    slid_mm: float
+    reaction_s: float
+
+
 @dataclass(frozen=True, eq=False)
 class Episodes:
     """Record of played grasps, (scans, e) or (e,).
@@ -129,12 +163,25 @@ class Episodes:
                 found[e] = (since + tighter[0] - begins[0]) / RATE_HZ if len(tighter) else np.inf
         return found
 
+    def results(self) -> list[GraspResult]:
+        """Return what is reported of each grasp."""
+        return [
+            GraspResult(
+                event=scene.description,
+                dropped=bool(self.dropped[e]),
+                over_least=float(self.over_least[e]),
+                slid_mm=float(self.place_mm[-1, e]),
+                reaction_s=float(self.reaction_s[e]),
+            )
+            for e, scene in enumerate(self.scenes)
+        ]
+
 
 def play(
     scenes: Sequence[Scene],
     array: Array,
     controllers: Sequence[Controller],
-    make_messages: Callable[[HeldBatch], Messages] | None = None,
+    make_messages: Callable[[HeldBatch], DetectorMessages] | None = None,
 ) -> Episodes:
     """Play grasps with a controller for each; without messages, each gets an empty one.
 
