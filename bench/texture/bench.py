@@ -1,25 +1,22 @@
 """``./run bench texture``: errors of the joint estimator over the Cramer-Rao bound, and what spoils answers.
 
 Gratings drawn in white and coloured noise (`trials`); table 2 of the paper and plates drawn at random on
-scenes that obey physics (`plates`); windows that break the model, two gratings in view among them
-(`spoiled`); error against time since slip began; cost (`cost`). The published procedure stands beside the
-joint estimator.
+scenes that obey physics, the published procedure beside the joint estimator (`plates`); windows that break
+the model, two gratings in view among them (`spoiled`); slides that are followed (`tracks`); cost (`cost`).
 """
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, seeds_in_words
+from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, grouped, seeds_in_words
 from bench.texture import spoiled, tables
 from bench.texture.aims import AIMS
-from bench.texture.cost import cost_table, online_table, run_cost
+from bench.texture.cost import cost_table
 from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
 from bench.texture.strays import STRAY_KINDS, STRAYED_S, STRAYED_SNR_DB, stray_trials
-from bench.texture.tables import TrialSet
 from bench.texture.tracks import (
     CHANGE_PERIODS_MM,
     CHANGE_SNR_DB,
@@ -32,17 +29,14 @@ from bench.texture.tracks import (
     track_trials,
 )
 from bench.texture.trials import (
-    CURVE_SNR_DB,
     MEMORIES,
     MISFIT_S,
     Trial,
     coloured_trials,
     grid_trials,
     misfit_trials,
-    slide_trials,
     two_wave_trials,
 )
-from tactiled.detect.grooves.estimator import PRESETS
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
@@ -60,7 +54,7 @@ class TextureSizes:
 
     Attributes
     ----------
-    trials, procedure_trials : int
+    trials : int
         Windows a cell of the grid.
     coloured : int
         Windows in noise of each colour.
@@ -77,13 +71,11 @@ class TextureSizes:
     """
 
     trials: int
-    procedure_trials: int
     coloured: int
     plates: Sequence[Plate]
     scenes: int
     drawn: int
     misfits: int
-    slides: int
     tracks: int
     arrays: int
     repeats: int
@@ -91,32 +83,13 @@ class TextureSizes:
 
 # A fine plate, and one that the procedure mostly refuses.
 QUICK = TextureSizes(
-    3,
-    5,
-    100,
-    ((0.9, 0), (1.2, 30)),
-    scenes=1,
-    drawn=2,
-    misfits=2,
-    slides=2,
-    tracks=2,
-    arrays=2,
+    trials=3, coloured=100, plates=((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, tracks=2, arrays=2,
     repeats=2,
-)
+)  # fmt: skip
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
 FULL = TextureSizes(
-    80,
-    50,
-    3400,
-    PLATES,
-    scenes=5,
-    drawn=40,
-    misfits=30,
-    slides=16,
-    tracks=40,
-    arrays=400,
-    repeats=10,
+    trials=80, coloured=3400, plates=PLATES, scenes=5, drawn=40, misfits=30, tracks=40, arrays=400, repeats=10
 )
 
 
@@ -132,9 +105,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     def known_and_not(names: Iterable[str], *fields: float) -> list[tuple[Any, ...]]:
         return [(name, *fields, is_known) for name in names for is_known in (True, False)]
 
-    def cells(*knowing: bool) -> list[tuple[Any, ...]]:
-        return [(cell,) for cell in itertools.product(WINDOWS_S, SNRS_DB, knowing)]
-
+    cells = [(cell,) for cell in itertools.product(WINDOWS_S, SNRS_DB, (True, False))]
     n, two_waves = sizes.misfits, known_and_not(spoiled.TWO_WAVES, _TWO_WAVES_S, spoiled.SNR_DB)
     two_waves += known_and_not(spoiled.TWO_WAVES_SHORT, _SHORT_S, _SHORT_SNR_DB)
     coloured = range(COLOURED_SEED, COLOURED_SEED + sizes.coloured)
@@ -143,14 +114,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     tracked = [range(first, min(first + _SLIDES, sizes.tracks)) for first in range(0, sizes.tracks, _SLIDES)]
     strayed = [range(first, min(first + _SLIDES, sizes.arrays)) for first in range(0, sizes.arrays, _SLIDES)]
     return {
-        "grid": BenchPart(
-            1.15 * sizes.trials, partial(grid_trials, "joint", sizes.trials), cells(True, False)
-        ),
-        "procedure": BenchPart(
-            0.08 * sizes.procedure_trials,
-            partial(grid_trials, "procedure", sizes.procedure_trials),
-            cells(True),
-        ),
+        "grid": BenchPart(1.15 * sizes.trials, partial(grid_trials, sizes.trials), cells),
         "coloured noise": BenchPart(
             0.028 * sizes.coloured, coloured_trials, list(itertools.product(MEMORIES, batches))
         ),
@@ -162,9 +126,6 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
             1.2 * n, partial(misfit_trials, n), known_and_not(spoiled.MISFITS | spoiled.GROOVELESS)
         ),
         "two waves": BenchPart(0.5 * n, partial(two_wave_trials, n), two_waves),
-        "slides": BenchPart(
-            3.1 * sizes.slides, slide_trials, list(itertools.product(PRESETS, range(sizes.slides)))
-        ),
         "tracks": BenchPart(
             8.0 * sizes.tracks, track_trials, list(itertools.product((*WHITE, *COLOURED, *STRAYS), tracked))
         ),
@@ -174,42 +135,34 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
 
 
 def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
-    """Error over bound, table 2, windows that break the model, error against time, and cost."""
+    """Error over bound, table 2, windows that break the model, slides, and cost."""
     sizes = QUICK if options.quick else FULL
-    parts, cost_s = _parts(sizes), 10 + 0.6 * sizes.repeats
+    parts, cost_s = _parts(sizes), 5 + 0.3 * sizes.repeats
     progress.begin(cost_s + sum(part.seconds for part in parts.values()))
     trials: dict[str, list[Trial]] = {}
     with executor(BENCH_WORKERS, options.dask) as pool:
-        costs, online = pool.submit(run_cost, sizes.repeats).result()  # nothing else at work, one thread
+        costs = pool.submit(cost_table, sizes.repeats).result()  # nothing else at work, one thread
         progress.advance("cost", cost_s)
         for name, part in parts.items():
             trials[name] = []
             for found in pool.map(part.work, *zip(*part.jobs, strict=True)):
                 trials[name] += found
                 progress.advance(name, part.seconds / len(part.jobs))
-
-    def draw(path: Path) -> None:
-        from bench.texture.picture import draw_texture  # matplotlib is an extra
-
-        draw_texture(path, trials)
-
     return BenchReport(
         [
             *_sections(trials, sizes),
-            "Cost of one fit (6.5 Hz, 20 dB); spectrum and trends are what running sums could spare:",
-            cost_table(costs),
-            "Cost online, over channels that stray; scans that come during the longest hop wait for it:",
-            online_table(online),
+            "Cost of one fit (6.5 Hz, 20 dB):",
+            costs,
             "Aims, worst case of what was measured; open: too few windows to tell.",
             aims_table(AIMS, {"measured": trials}),
         ],
-        {"sizes": sizes, "costs": costs, "online": online} | trials,
-        draw,
+        {"sizes": sizes} | trials,
     )
 
 
 def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[str]:
-    grid, procedure = trials["grid"], TrialSet(trials["procedure"])
+    grid, drawn = trials["grid"], trials["drawn plates"]
+    firsts = [t for part in ("plates", "drawn plates") for t in tables.first_answers(trials[part])]
     return [
         f"Error over the Cramer-Rao bound, angle / period (answered); {sizes.trials} windows a cell "
         f"({seeds_in_words(sizes.trials)}) of three periods or more. Gratings of 0.6 to 6 mm, -75 to 75 "
@@ -217,52 +170,37 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         tables.over_bound_table(grid, True),
         "Speed unknown:",
         tables.over_bound_table(grid, False),
-        f"The published procedure on such gratings ({seeds_in_words(sizes.procedure_trials)}), given the "
-        "speed:",
-        tables.over_bound_table(procedure.all, True),
-        "The joint estimator by what the grating was. within 95 %: intervals of 1.96 stated sigmas that hold "
-        "the truth. wrong: more than a quarter turn off somewhere on the array.",
-        tables.band_table(grid),
-        f"Refused: {TrialSet(grid).refused}.",
-        "How often an answer is wrong, and what coloured noise does to intervals (coloured: seeds "
-        f"{COLOURED_SEED} and on, on which nothing was tuned; white: the trials above):",
-        tables.noise_table(grid, trials["coloured noise"]),
-        f"The procedure: {procedure.n_wrong} of {len(procedure.ok)} answers are wrong (below "
-        f"{1e3 * procedure.most_wrong:.2f} in 1000 with {100 * tables.CONFIDENCE:.0f} % confidence: Clopper, "
-        "Pearson 1934).",
-        "Noise from which on nine of ten windows of three periods are answered:",
-        tables.threshold_table(grid),
-        "Table 2 of the paper, played by the contact model periodic, experiment protocol, "
-        f"{sizes.scenes} slides a plate ({seeds_in_words(sizes.scenes)}); mean ± standard deviation (windows "
-        "answered / full windows).",
-        tables.published_table(trials["plates"]),
-        "Errors of the same, root mean square of the windows answered:",
-        tables.plate_error_table(trials["plates"]),
-        "First answers online on these slides: time since the true onset (median, latest), errors (rms):",
-        tables.first_table(trials["plates"]),
+        "In all tables below: wrong: more than a quarter turn off somewhere on the array; then the largest "
+        "rate that is not excluded with 95 % confidence (Clopper, Pearson 1934); errors and errors over the "
+        "bound: root mean square of answers that are not wrong; within 95 %: intervals of 1.96 stated sigmas "
+        "that hold the truth.",
+        f"By noise; coloured: windows of 1 to 2 s at 10 to 20 dB, seeds {COLOURED_SEED} and on, on which "
+        "nothing was tuned:",
+        tables.answers_table("noise", tables.named([*grid, *trials["coloured noise"]])),
+        "Plates of the paper, played by the contact model periodic, experiment protocol, "
+        f"{sizes.scenes} slides a plate ({seeds_in_words(sizes.scenes)}):",
+        tables.answers_table("D, angle", tables.plate_groups(trials["plates"])),
         "Single plates drawn at random, 0.8 to 2.5 mm, -60 to 60 degrees, played by the contact model "
         f"periodic ({seeds_in_words(sizes.drawn)}), direction from the slip event:",
-        tables.drawn_table(trials["drawn plates"]),
+        tables.answers_table("window", tables.named(tables.windows_of(drawn), with_window=True)),
+        "First answers online, the speed given, since the true onset of slip: on the plates of the paper by "
+        "preset, then on those drawn at random:",
+        tables.after_table("preset", grouped(firsts, lambda t: t.name)),
         f"Windows of {MISFIT_S:g} s at {spoiled.SNR_DB:g} dB, one thing wrong in each "
-        f"({seeds_in_words(sizes.misfits)}). Errors: root mean square of answers that are not wrong by a "
-        "lobe. The last rows have no grating: any answer is wrong.",
-        tables.misfit_table(trials["misfits"]),
+        f"({seeds_in_words(sizes.misfits)}). The last have no grating: any answer is wrong.",
+        tables.answers_table("what is wrong", tables.named(trials["misfits"])),
         f"Two waves in view, windows of {_TWO_WAVES_S:g} s, the first at {spoiled.SNR_DB:g} dB "
         f"({_SHORT_S:g} s: {_SHORT_SNR_DB:g} dB), {spoiled.SPEED_MM_S:g} mm/s "
         f"({seeds_in_words(sizes.misfits)}). Either grating is a right answer; `several-gratings` is the "
         "right refusal.",
-        tables.two_wave_table(trials["two waves"], _SHORT_S),
-        "Error of the answer that stands at a time since the onset of slip, root mean square of "
-        f"{sizes.slides} slides ({seeds_in_words(sizes.slides)}) at {spoiled.SPEED_MM_S:g} mm/s, "
-        f"{CURVE_SNR_DB:g} dB; bound: of all scans since.",
-        tables.curve_table(trials["slides"]),
+        tables.answers_table("what is in view", tables.named(trials["two waves"], with_window=True)),
         f"Slides of {SLIDE_S:g} s that are followed ({seeds_in_words(sizes.tracks)} of each kind, the speed "
         "given to every other), gains 0.7 to 1.3: the answer of every hop is counted.",
-        tables.track_table(trials["tracks"]),
+        tables.answers_table("noise", tables.named(trials["tracks"], with_speed=False)),
         f"Channels whose phases stray, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB "
         f"({seeds_in_words(sizes.arrays)}):",
-        tables.stray_table(trials["strays"]),
+        tables.answers_table("strays", tables.named(trials["strays"])),
         f"Grooves that change under the skin, {CHANGE_PERIODS_MM[0]:g} to {CHANGE_PERIODS_MM[1]:g} mm "
         f"before, {CHANGE_SNR_DB:g} dB: time until the old answer is withdrawn or replaced.",
-        tables.change_table(trials["changes"]),
+        tables.after_table("change", grouped(trials["changes"], lambda t: t.name)),
     ]

@@ -8,7 +8,7 @@ each seed has a period and an angle of its own, one window of each length, with 
 Online the estimator follows the slip detector, and answers when its preset lets it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def drawn_plate_trials(seed: int) -> list[Trial]:
             fit = _fit(slide, _first_scan(slide), window_s, _SPEED_MM_S if is_known else 0.0)
             fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_known}
             trials.append(compare(fit, wave, name="drawn plate", **fields))
-    return [*trials, _first_answer(slide, wave, "balanced", seed)]
+    return [*trials, replace(_first_answer(slide, wave, "balanced", seed), name="drawn plates")]
 
 
 def _drawn_scene(wave: Wave) -> Scene:

@@ -15,24 +15,19 @@ from numpy.typing import NDArray
 from bench.texture.signal import RATE_HZ, Bound, FloatArray, Grating, Wave, bound, draw_grating, readings
 from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
 from tactiled.array import Array, load_array
-from tactiled.detect.grooves.estimator import JointParams, JointTexture, Preset
+from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
-from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.wang2019 import grooves
-from tactiled.detect.wang2019.grooves import GrooveParams, SlidingMotion
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import regular_block
 
 Quantity = Literal["period", "angle"]
-GratingAnswer = WaveFit | grooves.GrooveEstimate | TextureEvent
+GratingAnswer = WaveFit | TextureEvent
 QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
 ARRAY = load_array("wang2019-3x3")
 MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
 DIRECTION_SD_DEG = 1.5  # as the slip detector states it
 MISFIT_S = 5.0  # windows that break the model
-CURVE_TIMES_S = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0)  # since the onset of slip
-CURVE_SNR_DB = 20.0
 MEMORIES = (0.9, 0.97)  # of noise from scan to scan: 0.1 s and 0.33 s at 100 Hz
 COLOURED_WINDOWS_S = (1.0, 2.0)
 COLOURED_SNRS_DB = (10.0, 15.0, 20.0)
@@ -122,21 +117,6 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)]) / period_mm
 
 
-def procedure(grating: Grating, volts: FloatArray) -> GratingAnswer:
-    """Ask the published procedure on R1 of the first column; it must be given the speed."""
-    taxels = ARRAY.columns()[0]
-    channels = np.array([np.flatnonzero(ARRAY.channel_taxel == taxel)[0] for taxel in taxels])
-    return grooves.estimate(
-        volts[:, channels],
-        RATE_HZ,
-        Quantiser(ARRAY).volts_per_step,
-        ARRAY.y_mm[taxels],
-        grating.sensed.offset_s[channels],
-        SlidingMotion(grating.wave.speed_mm_s, 0.0, grating.wave.direction_deg, 0.0),
-        GrooveParams(max_angle_deg=75.0),
-    )
-
-
 def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> WaveFit:
     """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
     speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
@@ -152,28 +132,22 @@ def joint_fit(
     direction_sd_deg: float,
 ) -> WaveFit:
     """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
-    motion = joint_motion(speed_mm_s, direction_deg, direction_sd_deg)
+    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
     time_s = np.arange(len(volts)) / RATE_HZ
     return fit_wave(volts, time_s, offset_s, channel_layout(array), motion, WaveParams())
 
 
-def joint_motion(speed_mm_s: float, direction_deg: float, direction_sd_deg: float) -> WaveMotion:
-    """Motion as the joint fit is given it: the speed is exact, or 0 where it is unknown."""
-    return WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
-
-
-def grid_trials(estimator: str, n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:
+def grid_trials(n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:
     """Trials of one cell of the grid, seeds 0 to n_trials - 1."""
-    return [grid_trial(estimator, *cell, seed) for seed in range(n_trials)]
+    return [grid_trial(*cell, seed) for seed in range(n_trials)]
 
 
-def grid_trial(estimator: str, window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
-    """Ask "joint" or "procedure" for a drawn grating in white noise."""
+def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
+    """Ask the joint fit for a drawn grating in white noise."""
     rng = np.random.default_rng([seed, round(10 * window_s), round(snr_db) + 100, is_speed_known])
     periods = 0.0 if seed % _FREE_EVERY == _FREE_EVERY - 1 else MIN_PERIODS
     grating = draw_grating(ARRAY, rng, window_s, snr_db, periods)
-    volts = readings(grating, rng)
-    answer = joint(grating, volts, is_speed_known) if estimator == "joint" else procedure(grating, volts)
+    answer = joint(grating, readings(grating, rng), is_speed_known)
     least = None
     if answer.status == "ok":
         least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
@@ -181,7 +155,7 @@ def grid_trial(estimator: str, window_s: float, snr_db: float, is_speed_known: b
         answer,
         grating.wave,
         least,
-        name=estimator,
+        name="white noise",
         seed=seed,
         window_s=window_s,
         is_speed_known=is_speed_known,
@@ -271,40 +245,6 @@ def _full_window(
         given_mm_s=window.given_mm_s if is_speed_known else (),
     )
     return list(events)[-1]
-
-
-def slide_trials(preset: Preset, seed: int) -> list[Trial]:
-    """Slide over a grating of moderate period at 1.5 mm/s and 20 dB a channel, the motion given.
-
-    Returns
-    -------
-    list of Trial
-        The answer that stands at each of `CURVE_TIMES_S`, with the bound of the window that the estimator has
-        by then (from `settle_s` after the onset, of `max_window_s` at most); then the first answer.
-    """
-    rng = np.random.default_rng(seed)
-    window = model_window(ARRAY, rng, CURVE_TIMES_S[-1], CURVE_SNR_DB)
-    wave = window.wave
-    params = JointParams(preset=preset, direction_deg=wave.direction_deg)
-    slip = slip_at(0.0, wave.direction_deg)
-    events = online_answers(
-        params, window.volts(rng), window.sensed.offset_s, slip, given_mm_s=window.given_mm_s
-    )
-    answers = [event for event in events if event.status == "ok"]
-    # An answer comes with a scan, which is complete when the next one begins.
-    ready_s = [event.answered_s + 1 / RATE_HZ for event in answers]
-    fields = {"name": preset, "seed": seed, "is_speed_known": True}
-    trials = []
-    for time_s in CURVE_TIMES_S:
-        begin_s = max(params.settle_s, time_s - params.criteria.max_window_s)
-        used_s = window.time_s[(window.time_s >= begin_s - 1e-9) & (window.time_s < time_s - 1e-9)]
-        least = bound(wave, window.sensed, used_s, is_speed_known=True)
-        n_ready = int(np.searchsorted(ready_s, time_s + 1e-6, side="right"))
-        standing = answers[n_ready - 1] if n_ready else None
-        trials.append(compare(standing, wave, least, window_s=time_s, **fields))
-    after_s = ready_s[0] if answers else np.inf
-    first = compare(answers[0] if answers else None, wave, window_s=_NAN, after_s=after_s, **fields)
-    return [*trials, first]
 
 
 def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:

@@ -8,19 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.texture.plates import ANGLES_DEG, PERIODS_MM, drawn_plate
-from bench.texture.signal import Grating, Wave, bound, draw_grating, readings
+from bench.texture.signal import Grating, Wave, bound, draw_grating
 from bench.texture.spoiled import model_window
 from bench.texture.tables import TrialSet
 from bench.texture.trials import (
-    CURVE_TIMES_S,
     Trial,
     coloured_trials,
     compare,
     grid_trial,
     misfit_trial,
     online_answers,
-    procedure,
-    slide_trials,
     slip_at,
     turns_off,
     two_wave_trial,
@@ -96,23 +93,18 @@ def test_turns_off_knows_no_sense_of_the_normal(period_mm: float, angle_deg: flo
 
 
 def test_the_same_seed_is_the_same_trial() -> None:
-    first = grid_trial("joint", 1.0, 20.0, True, 3)
-    assert first == grid_trial("joint", 1.0, 20.0, True, 3)
-    assert first != grid_trial("joint", 1.0, 20.0, True, 4)
+    first = grid_trial(1.0, 20.0, True, 3)
+    assert first == grid_trial(1.0, 20.0, True, 3)
+    assert first != grid_trial(1.0, 20.0, True, 4)
 
 
 def test_clean_windows_are_answered_near_the_bound() -> None:
     cells = [(known, seed) for known in (True, False) for seed in range(4)]
-    found = TrialSet(grid_trial("joint", 2.0, 20.0, known, seed) for known, seed in cells)
+    found = TrialSet(grid_trial(2.0, 20.0, known, seed) for known, seed in cells)
     assert len(found.right) == len(found.all)
     # 16 errors of a sigma each: twice that is beyond any luck.
     assert found.over_bound("angle") < 2
     assert found.over_bound("period") < 2
-
-
-def test_the_procedure_answers_or_refuses_where_the_speed_is_given() -> None:
-    of = grating(1, 10.0)
-    assert procedure(of, readings(of, np.random.default_rng(0))).status != "no-slip"
 
 
 def test_coloured_windows_are_slow_ripples_of_three_periods() -> None:
@@ -152,15 +144,6 @@ def test_answers_do_not_depend_on_blocks() -> None:
     ]
     assert events[0] == events[1]
     assert events[0]
-
-
-def test_slides_are_answered_near_the_bound() -> None:
-    *standing, first = slide_trials("quick", 0)
-    assert [t.window_s for t in standing] == list(CURVE_TIMES_S)
-    assert np.isfinite(first.after_s)
-    last = standing[-1]
-    assert abs(last.period.error) < 5 * last.period.bound
-    assert abs(last.angle.error) < 5 * last.angle.bound
 
 
 def test_plates_are_drawn_anew_for_each_seed() -> None:
