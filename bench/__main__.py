@@ -12,8 +12,7 @@ from tactiled.progress import ProgressBar
 
 # Name of a bench to its module; each has a function `bench_NAME(progress, options) -> BenchReport`.
 BENCHES = {
-    "clock": "bench.daemon.clock",
-    "faults": "bench.daemon.faults",
+    "clock": "bench.clock",
     "latency": "bench.latency.bench",
     "throughput": "bench.throughput.bench",
     "slip": "bench.slip.bench",
@@ -49,8 +48,7 @@ def bench(
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, beside a C
-    program. throughput: scans a second, files in times real time, processor and memory. faults: faults of
-    line and board, done to a daemon on a pty. slip: slip events of every setting, on random worlds and on
+    program. throughput: scans a second, files in times real time, processor and memory. slip: slip events of every setting, on random worlds and on
     the emulator's families. grip: sliding, margins and forecasts of the contact filter on worlds of a
     generator that it never saw. hands: false alarms of hands that hold, over two hours. hold: drops and
     grip force of a controller that follows the filter's margin, beside fixed grips and slip events. force:

@@ -40,7 +40,7 @@ def cost_table(repeats: int) -> Table:
     channel, grid = TaxelChannel(name="N", kind="normal"), Grid(x_mm=places, y_mm=places)
     large = build(ArrayFile(name=f"pad {_LARGE}x{_LARGE}", grids=(grid,), taxel_channels=(channel,)))
     rows = []
-    for array, window_s in ((ARRAY, 2.0), (ARRAY, 10.0), (large, 2.0)):
+    for array, window_s in ((ARRAY, 1.0), (ARRAY, 2.0), (ARRAY, 20.0), (large, 2.0)):
         row = {"array": array.name, "channels": f"{array.n_channels}", "window": f"{window_s:g} s"}
         for words, stray_rad in (("channels alike", 0.0), (f"straying by {STRAY_RAD:g} rad", STRAY_RAD)):
             grating = grating_of(array, window_s, stray_rad)

@@ -15,8 +15,8 @@ import pytest
 import zmq
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from uart import received_at
 
-from bench.daemon.uart import received_at
 from tactiled.array import load_array
 from tactiled.cli import main
 from tactiled.config import Setup, load_config

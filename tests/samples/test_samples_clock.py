@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.daemon.clock import LineConditions, timing
+from bench.clock import LineConditions, timing
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.samples.clock import ClockFit, ClockParams
 from tactiled.samples.envelope import Band, lines_through

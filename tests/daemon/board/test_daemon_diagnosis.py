@@ -6,8 +6,8 @@ from collections import Counter
 import numpy as np
 import pytest
 from boards import LAYOUT, SimBoard
+from uart import received_at
 
-from bench.daemon.uart import received_at
 from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan

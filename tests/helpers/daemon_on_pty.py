@@ -14,6 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
+from patience import PATIENCE_S
+
 from tactiled.array import load_array
 from tactiled.client import Client, Message
 from tactiled.daemon.board.requirements import SessionParams
@@ -34,7 +36,6 @@ SERIAL = "TS0001"
 RATE_HZ = 90.0  # not the board's default of 100: it must be set again after each reboot
 STALL_S = 0.5  # as users of CDC adapters report
 UNPLUG_S = 0.8  # long enough for another board in between, also where ports are tried each 0.5 s only
-_PATIENCE_S = 10.0
 LAYOUT = load_layout("board-v1")
 
 Damage = Callable[[bytes], bytes]
@@ -58,19 +59,13 @@ class BoardInThread:
 
     Attributes
     ----------
-    taken_s : list of float
-        Instants at which scans began, missed ones included.
     plugged_s : list of float
         Instants at which the board was plugged in.
-    overruns_of_host : int
-        Scan instants missed because this host was too slow, not because of a fault.
     """
 
     def __init__(self, path: Path, serial: str) -> None:
         self.link = TamperedLink(path)
-        self.taken_s: list[float] = []
         self.plugged_s: list[float] = []
-        self.overruns_of_host = 0
         self._ready = threading.Event()
         self.emulator = Emulator(
             load_scene("rest"),
@@ -79,14 +74,13 @@ class BoardInThread:
             board=EmulatedBoardParams(board_serial=serial),
             faults=FaultParams(stall_s=STALL_S, unplug_s=UNPLUG_S),
             report=self._reported,
-            with_scans=True,
         )
         self._thread = threading.Thread(target=self.emulator.run, name=f"board {serial}")
 
     def __enter__(self) -> Self:
         """Power up and plug in."""
         self._thread.start()
-        self._ready.wait(_PATIENCE_S)
+        self._ready.wait(PATIENCE_S)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -94,12 +88,8 @@ class BoardInThread:
         self._thread.join()
 
     def _reported(self, what: dict[str, Any]) -> None:
-        if what["what"] == "scan":
-            self.taken_s.append(what["began_s"])
-        elif what["what"] == "plugged":
+        if what["what"] == "plugged":
             self.plugged_s.append(what["time_s"])
-        elif what["what"] == "end":
-            self.overruns_of_host = what["counts"]["overruns_of_host"]
         elif what["what"] == "ready":
             self._ready.set()
 
@@ -153,13 +143,13 @@ class DaemonOnPty:
     async def until(self, reached: Callable[[], bool], what: str) -> None:
         """Wait for something that the subscriber receives, or raise TactiledError with its name."""
         try:
-            async with asyncio.timeout(_PATIENCE_S):
+            async with asyncio.timeout(PATIENCE_S):
                 while not reached():
                     self._changed.clear()
                     await self._changed.wait()
         except TimeoutError:
             last = [status.data["state"] for status in self.statuses[-1:]]
-            raise TactiledError(f"not within {_PATIENCE_S:g} s: {what}; state {last}") from None
+            raise TactiledError(f"not within {PATIENCE_S:g} s: {what}; state {last}") from None
 
     async def until_status(self, state: str, reason: str = "") -> None:
         """Wait for a new status in this state with these words in its reason."""

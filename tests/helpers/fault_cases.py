@@ -6,9 +6,9 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 
 import numpy as np
+from daemon_on_pty import LAYOUT, RATE_HZ, STALL_S, BoardInThread, DaemonOnPty, Damage
+from uart import received_at
 
-from bench.daemon.pty import LAYOUT, RATE_HZ, STALL_S, BoardInThread, DaemonOnPty, Damage
-from bench.daemon.uart import received_at
 from tactiled.emulator.board.firmware import BOOT_S
 from tactiled.emulator.line.faults import FaultKind
 from tactiled.wire.codec import Decoder, Encoder
@@ -35,29 +35,22 @@ FaultPlay = Callable[[DaemonOnPty], Awaitable[FaultSpan]]
 
 @dataclass(frozen=True)
 class FaultCase:
-    """A fault, and the scans that it may cost.
+    """A fault, and what the daemon must count of it.
 
     Attributes
     ----------
-    scans_hit : int or None
-        Scans that it destroys; None: all that were taken during it, or were in transit.
     restarts : int
         Number of times that the board counts from 0 again.
     overruns : int
         Scans that the board misses itself and flags; the daemon must count exactly these as such.
-    is_countable : bool
-        Whether the daemon can count the lost scans: not over a boot, nor where another board came between.
     calm_s : float
         Time without fault before it.
     """
 
     name: str
     play: FaultPlay
-    scans_hit: int | None = None
     restarts: int = 0
     overruns: int = 0
-    is_countable: bool = True
-    times: int = 10
     calm_s: float = CALM_S
 
 
@@ -188,35 +181,31 @@ def _wrong_baud(data: bytes) -> bytes:
 
 
 CASES = (
-    FaultCase("a bit flips", _brief("flip"), 1),
-    FaultCase("a byte is lost", _brief("drop"), 1),
-    FaultCase("a frame is cut", _brief("cut"), 1),
-    FaultCase("a frame comes twice", _brief("duplicate"), 0),
-    FaultCase("burst of noise, 40 bytes", _brief("burst"), 1),
-    FaultCase("the board misses a scan", _brief("overrun"), 1, overruns=1),
+    FaultCase("a bit flips", _brief("flip")),
+    FaultCase("a byte is lost", _brief("drop")),
+    FaultCase("a frame is cut", _brief("cut")),
+    FaultCase("a frame comes twice", _brief("duplicate")),
+    FaultCase("burst of noise, 40 bytes", _brief("burst")),
+    FaultCase("the board misses a scan", _brief("overrun"), overruns=1),
     FaultCase(f"the board misses {_MISSED_SCANS} scans", _miss_scans, overruns=_MISSED_SCANS),
-    FaultCase(f"stall of {STALL_S:g} s", _stall, 0),
-    FaultCase("noise for 1.2 s", _garbled(_noise(), "no frame"), times=5),
-    FaultCase("wrong baud for 1.2 s", _garbled(_wrong_baud, "baud"), times=5),
-    FaultCase("the board reboots", _brief("reboot", BOOT_S), restarts=1, is_countable=False),
-    FaultCase("its sequence jumps", _counters_jump(sequence=_SEQUENCE_JUMP), 0, restarts=1),
-    FaultCase("its ticks jump", _counters_jump(ticks=_TICK_JUMP), 0, restarts=1),
-    FaultCase("unplugged while running", _unplug, times=5, calm_s=_SETTLED_S),
-    FaultCase("unplugged while stalled", _unplug_stalled, times=5, calm_s=_SETTLED_S),
-    FaultCase("unplugged while syncing", _unplug_syncing, times=5, calm_s=_SETTLED_S),
-    FaultCase("unplugged, back, unplugged", _unplug_at_once, times=5, calm_s=_SETTLED_S),
+    FaultCase(f"stall of {STALL_S:g} s", _stall),
+    FaultCase("noise for 1.2 s", _garbled(_noise(), "no frame")),
+    FaultCase("wrong baud for 1.2 s", _garbled(_wrong_baud, "baud")),
+    FaultCase("the board reboots", _brief("reboot", BOOT_S), restarts=1),
+    FaultCase("its sequence jumps", _counters_jump(sequence=_SEQUENCE_JUMP), restarts=1),
+    FaultCase("its ticks jump", _counters_jump(ticks=_TICK_JUMP), restarts=1),
+    FaultCase("unplugged while running", _unplug, calm_s=_SETTLED_S),
+    FaultCase("unplugged while stalled", _unplug_stalled, calm_s=_SETTLED_S),
+    FaultCase("unplugged while syncing", _unplug_syncing, calm_s=_SETTLED_S),
+    FaultCase("unplugged, back, unplugged", _unplug_at_once, calm_s=_SETTLED_S),
     FaultCase(
         "a wrong board, then the right one",
         _other_board(stays_open=False),
-        is_countable=False,
-        times=5,
         calm_s=_SETTLED_S,
     ),
     FaultCase(
         "the same, the wrong one still open",
         _other_board(stays_open=True),
-        is_countable=False,
-        times=5,
         calm_s=_SETTLED_S,
     ),
 )
