@@ -1,7 +1,8 @@
 """Choice of the cheapest contact model whose measured errors meet every need of a scene.
 
 Needs are names (`description.Need`). ``PROVIDES`` of a contact model has its error for each need, measured
-against finite elements (`tests/emulator/mechanics/test_mechanics_errors.py` compares). A need that is absent there is not modelled.
+against finite elements (`tests/emulator/mechanics/test_mechanics_errors.py` compares). A need that is absent
+there is not modelled.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
