@@ -7,7 +7,7 @@ import click
 
 from bench.report import BenchOptions, BenchReport
 from tactiled.cli import run_command
-from tactiled.cli.options import FILE, FILES, need_extra
+from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
 # Name of a bench to its module; each has a function `bench_NAME(progress, options) -> BenchReport`.
@@ -23,7 +23,6 @@ BENCHES = {
     "texture": "bench.texture.bench",
     "recordings": "bench.recordings.bench",
 }
-WITH_PLOT = ("force",)
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
 WITH_DATA = ("recordings",)
 
@@ -31,7 +30,6 @@ WITH_DATA = ("recordings",)
 @click.command()
 @click.argument("names", type=click.Choice(list(BENCHES)), nargs=-1, required=True, metavar="NAME...")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
-@click.option("--plot", type=FILE, help=f"{', '.join(WITH_PLOT)}: also write a picture.")
 @click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine, tables and numbers.")
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
@@ -40,7 +38,6 @@ WITH_DATA = ("recordings",)
 def bench(
     names: tuple[str, ...],
     quick: bool,
-    plot: Path | None,
     numbers: Path | None,
     dask: str | None,
     data: Path | None,
@@ -60,13 +57,11 @@ def bench(
 
     Example: ./run bench slip --quick --json slip.json
     """
-    options = BenchOptions(quick, plot, numbers, dask, data)
+    options = BenchOptions(quick, numbers, dask, data)
     for name in names:
         check_options(name, options)
-    if (plot is not None or numbers is not None) and len(names) > 1:
-        raise click.UsageError("--plot and --json write one file: give one bench")
-    if plot is not None:
-        need_extra("matplotlib", "plot", "bench --plot")
+    if numbers is not None and len(names) > 1:
+        raise click.UsageError("--json writes one file: give one bench")
     for name in names:
         measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
         with ProgressBar(f"bench {name}", None) as progress:
@@ -79,7 +74,6 @@ def bench(
 def check_options(name: str, options: BenchOptions) -> None:
     """Refuse options that a bench does not have."""
     for option, is_given, benches in (
-        ("--plot", options.plot is not None, WITH_PLOT),
         ("--dask", options.dask is not None, WITH_JOBS),
         ("--data", options.data is not None, WITH_DATA),
     ):

@@ -1,4 +1,4 @@
-"""Report of a bench: tables, aims, a picture and numbers, in one form for all benches.
+"""Report of a bench: tables, aims and numbers, in one form for all benches.
 
 A bench is a function ``bench_NAME(progress, options) -> BenchReport`` in the module that `bench.__main__`
 lists. It measures records (frozen dataclasses or named tuples, one for each row or case) and returns:
@@ -27,11 +27,8 @@ aims
 numbers
     Anything made of dataclasses, named tuples, mappings, sequences and numpy values; `plain` turns it into
     JSON without NaN or infinity.
-draw
-    Function that writes the picture to a path. Only benches that have ``--plot`` give it. It imports the
-    module that draws when it is called: matplotlib is an extra.
 
-`BenchReport.write` writes the files that the options ask for; `bench.__main__` prints `BenchReport.text`. The
+`BenchReport.write` writes the JSON that is asked for; `bench.__main__` prints `BenchReport.text`. The
 JSON of every bench says when, where and from which commit it was measured (`provenance`), and has the
 sections, tables as rows, beside the numbers.
 """
@@ -66,8 +63,8 @@ class BenchOptions:
     ----------
     quick : bool
         Fewer seeds and cases.
-    plot, json : Path, optional
-        Files to write.
+    json : Path, optional
+        File to write.
     data : Path, optional
         Folder with data of others.
     dask : str, optional
@@ -75,7 +72,6 @@ class BenchOptions:
     """
 
     quick: bool = False
-    plot: Path | None = None
     json: Path | None = None
     dask: str | None = None
     data: Path | None = None
@@ -83,11 +79,10 @@ class BenchOptions:
 
 @dataclass(frozen=True)
 class BenchReport:
-    """Text, numbers and picture of a bench."""
+    """Text and numbers of a bench."""
 
     sections: Sequence[str]
     numbers: object = None
-    draw: Callable[[Path], None] | None = None
 
     @property
     def text(self) -> str:
@@ -95,9 +90,7 @@ class BenchReport:
         return "\n\n".join(self.sections)
 
     def write(self, name: str, options: BenchOptions) -> None:
-        """Write the picture and the JSON that the options ask for."""
-        if options.plot is not None and self.draw is not None:
-            self.draw(options.plot)
+        """Write the JSON if the options ask for it."""
         if options.json is not None:
             sections = [part.rows if isinstance(part, Table) else part for part in self.sections]
             document = provenance(name, options) | {"sections": sections, "numbers": plain(self.numbers)}

@@ -1,4 +1,4 @@
-"""``./run bench force``: errors of calibrated forces over random rigs, beside baselines and the bound.
+"""``./run bench force``: errors of calibrated forces over random rigs, beside baselines.
 
 Constants of the model were set on seeds 0 to 11; what is printed is measured on seeds from `REPORTED_FROM`,
 on motions that no calibration saw.
@@ -7,7 +7,6 @@ on motions that no calibration saw.
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -98,14 +97,6 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
 
 def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
     """Put what was measured on `n` rigs into words."""
-    plain = [case for case in cases if case == Case(seconds=case.seconds)]
-    durations = sorted(plain, key=lambda case: case.seconds)
-
-    def draw(path: Path) -> None:
-        from bench.force.picture import draw_force  # matplotlib is an extra
-
-        draw_force(path, found.scores, durations)
-
     return BenchReport(
         [
             f"{n} rigs drawn at random ({seeds_in_words(n, REPORTED_FROM)}), 1 mV of noise, normal forces "
@@ -115,8 +106,7 @@ def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
             aims_table(AIMS, {"measured": found}),
             f"The cost is that of scans in a loop. Of scans that come every 10 ms, as live, it is "
             f"{found.live_cost_us:.0f} us: other programs have emptied the caches.",
-            "Normal force, by duration and kind of the calibration. Bound: Cramer-Rao, for white noise and a "
-            "model that is right; it includes the priors of the model.",
+            "Normal force, by duration and kind of the calibration.",
             table(_row(case, found, "normal") for case in cases),
             "Shear, likewise.",
             table(_row(case, found, "shear") for case in cases),
@@ -130,7 +120,6 @@ def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
             table(_magnet_row(one) for one in found.magnets),
         ],
         numbers=found,
-        draw=draw,
     )
 
 
@@ -169,17 +158,12 @@ def pooled(scores: Sequence[ForceScore], kind: str, method: str) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
 
 
-def _bound(scores: Sequence[ForceScore], kind: str) -> float:
-    values = [getattr(one, f"bound_{kind}") for one in scores]
-    return float(np.sqrt(np.nanmean(np.square(values)))) if values else float("nan")
-
-
 def _row(case: Case, found: ForceFound, kind: str) -> dict[str, str]:
     some = found.of(case)
     row = {"calibrated by": str(case)}
     row |= {method: f"{100 * pooled(some, kind, method):.2f} %" for method in METHODS}
     worst = max(getattr(one, kind)["tactiled"] for one in some)
-    return row | {"worst rig": f"{100 * worst:.2f} %", "bound": f"{100 * _bound(some, kind):.3f} %"}
+    return row | {"worst rig": f"{100 * worst:.2f} %"}
 
 
 def _intervals(case: Case, found: ForceFound) -> dict[str, str]:

@@ -6,7 +6,6 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog, ReferenceTable, bin_log
-from tactiled.calibrate.pairs import PHYSICS, PairsFitter
 from tactiled.calibrate.smooth import PLAIN, RICH, FeatureTerms, fit_smooth
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import LARGEST_N, Loads, Motion
@@ -57,8 +56,6 @@ class ForceScore:
     ----------
     normal, shear : dict of str to float
         Rms error of each method over the range.
-    bound_normal, bound_shear : float
-        Cramer-Rao bound of the model of tactiled, over the range.
     centre_mm : float
         Rms error of the centre of pressure above 1 N.
     inside : tuple of float
@@ -69,8 +66,6 @@ class ForceScore:
     case: Case
     normal: dict[str, float]
     shear: dict[str, float]
-    bound_normal: float
-    bound_shear: float
     centre_mm: float
     inside: tuple[float, float, float]
     late_error_s: float
@@ -158,7 +153,6 @@ def score(seed: int, case: Case) -> ForceScore:
         predicted, binned = _ridge(rig, run, tests, found, terms, case)
         averaged = [_binned(t, size) for t, size in zip(truth, binned, strict=True)]
         normal[name], shear[name] = _rms(predicted, averaged)
-    bound = _bound(rig, run, tests, found, case)
     force = np.concatenate([o[0] for o in ours])
     sd = np.concatenate([o[1] for o in ours])
     true = np.concatenate(truth)[:, :3]
@@ -169,7 +163,6 @@ def score(seed: int, case: Case) -> ForceScore:
         case,
         normal,
         shear,
-        *bound,
         _centre_error(rig.array, [o[2] for o in ours], tests),
         (float(inside[0]), float(inside[1]), float(inside[2])),
         abs(found.late_s - rig.reference.late_s),
@@ -235,60 +228,6 @@ def _ridge(
 def _binned(rows: FloatArray, size: int) -> FloatArray:
     n = len(rows) // size
     return np.asarray(rows[: n * size].reshape(n, size, -1).mean(axis=1))
-
-
-def _bound(
-    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, case: Case
-) -> tuple[float, float]:
-    """Cramer-Rao bound of the rms errors over the test runs: white noise alone, the model right, with priors.
-
-    The information of the physical parameters is that which remains when weights are eliminated; the error of
-    a force is that of the weights, and that of the physical parameters with the weights that follow them.
-    """
-    if found.pairs is None:
-        return float("nan"), float("nan")
-    fitter, fit = found.pairs
-    log, reference, late_s = _aligned(rig, run, found, case)
-    samples = max(log.step_s / reference.sample_s, 1.0)
-    readings = np.array([*found.file.uncertainty.n_per_unit, 0.0, 0.0, 0.0]) * float(np.median(log.noise))
-    readings[3:] = readings[2] * float(np.hypot(np.ptp(rig.array.x_mm), np.ptp(rig.array.y_mm))) / 4
-    sd = np.hypot(reference.noise / np.sqrt(samples), readings / np.sqrt(log.bin_scans))
-    test = [bin_log(t.loads.time_s, t.readings, rig.array) for t in tests]
-    seen = [
-        PairsFitter(rig.array, t, reference, late_s, np.zeros(len(t), dtype=np.bool_), like=fitter)
-        for t in test
-    ]
-
-    def at(physics: dict[str, float]) -> tuple[FloatArray, FloatArray]:
-        problem, _ = fitter.regression(physics)
-        linear = problem.solve(sd)
-        residual = problem.residuals(linear)[:, fitter.used] / sd[fitter.used]
-        forces = np.concatenate([s.features(physics) @ linear.weights.T for s in seen])
-        return np.concatenate([residual.ravel(), linear.prior_loss]), forces
-
-    base, forces = at(fit.physics)
-    slopes, moves, scales = [], [], []
-    for name, (_, spread) in PHYSICS.items():
-        step = 0.01 * spread
-        loss, moved = at({**fit.physics, name: fit.physics[name] + step})
-        slopes.append((loss - base) / step)
-        moves.append((moved - forces) / step)
-        scales.append(spread)
-    jacobian = np.array(slopes).T
-    information = jacobian.T @ jacobian + np.diag(1 / np.array(scales) ** 2)
-    covariance = np.linalg.inv(information)
-    linear = fit.regression.solve(sd, with_covariance=True)
-    features = np.concatenate([s.features(fit.physics) for s in seen])
-    variance = np.stack(
-        [
-            np.einsum("nf,fg,ng->n", features, linear.covariance[axis], features)
-            + np.einsum("pn,pq,qn->n", np.array(moves)[:, :, axis], covariance, np.array(moves)[:, :, axis])
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    fx, fy, fz = np.sqrt(variance.mean(axis=0))
-    return float(fz / LARGEST_N), float(np.hypot(fx, fy) / np.sqrt(2) / SHEAR_N)
 
 
 def score_magnets(seed: int) -> MagnetScore:

@@ -1,4 +1,4 @@
-"""Tables, aims, files and JSON of a report, made by hand."""
+"""Tables, aims and JSON of a report, made by hand."""
 
 import json
 import os
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.__main__ import BENCHES, WITH_PLOT, bench
+from bench.__main__ import bench
 from bench.report import (
     Aim,
     BenchOptions,
@@ -91,16 +91,12 @@ def test_json_has_no_nan_and_names_every_field() -> None:
     }
 
 
-def test_files_that_are_asked_for_are_written(tmp_path: Path) -> None:
-    def draw(path: Path) -> None:
-        path.write_text("drawn")
-
-    report = BenchReport(["a", table([{"n": "1"}])], {"x": 1}, draw)
+def test_json_that_is_asked_for_says_when_and_where(tmp_path: Path) -> None:
+    report = BenchReport(["a", table([{"n": "1"}])], {"x": 1})
     assert report.text == "a\n\n| n |\n|---|\n| 1 |"
     report.write("clock", BenchOptions())
     assert list(tmp_path.iterdir()) == []
-    report.write("clock", BenchOptions(plot=tmp_path / "plot", json=tmp_path / "json"))
-    assert (tmp_path / "plot").read_text() == "drawn"
+    report.write("clock", BenchOptions(json=tmp_path / "json"))
     found = json.loads((tmp_path / "json").read_text())
     assert (found["bench"], found["quick"]) == ("clock", False)
     assert (found["sections"], found["numbers"]) == (["a", [{"n": "1"}]], {"x": 1})
@@ -126,8 +122,7 @@ def test_words_of_cells() -> None:
     assert grouped([3, 1, 5, 2], lambda n: n % 2) == {1: [3, 1, 5], 0: [2]}
 
 
-def test_pictures_are_drawn_only_by_benches_that_have_them(tmp_path: Path) -> None:
-    for name in set(BENCHES) - set(WITH_PLOT):
-        refused = CliRunner().invoke(bench, [name, "--plot", str(tmp_path / "out")])
-        assert refused.exit_code == 2
-        assert "--plot is for" in refused.output
+def test_an_option_that_a_bench_does_not_have_is_refused() -> None:
+    refused = CliRunner().invoke(bench, ["clock", "--dask", "localhost:1"])
+    assert refused.exit_code == 2
+    assert "--dask is for" in refused.output

@@ -14,10 +14,8 @@ def scored() -> ForceScore:
     return score(20_000, SHORT)
 
 
-def test_a_score_has_every_method_and_a_bound_below_them(scored: ForceScore) -> None:
+def test_a_score_has_every_method(scored: ForceScore) -> None:
     assert set(scored.normal) == set(scored.shear) == set(METHODS)
-    assert 0 < scored.bound_normal < scored.normal["tactiled"]
-    assert 0 < scored.bound_shear < scored.shear["tactiled"]
     assert scored.normal["tactiled"] < scored.normal["linear map"] < scored.normal["published"]
     assert scored.late_error_s < 0.01
 

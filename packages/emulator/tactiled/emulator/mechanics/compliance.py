@@ -49,7 +49,8 @@ _TURNED_MM = 3e-4
 # grooves of 0.9 to 1.5 mm at 0 to 60 degrees. The error of incipient slip is that of the slipping share:
 # rings of nodes, a fifth of the contact, slip at once; the mean error is 0.03. Ripple and its phase are worst
 # at 60 degrees, where they are smallest: 0.24 and 0.04 up to 30 degrees. The mesh is not the reason: coarse
-# and medium finite elements agree within 2 % and 4 degrees. Transients were not compared and are not provided.
+# and medium finite elements agree within 2 % and 4 degrees. Transients were not compared, and are not
+# provided.
 PROVIDES: dict[str, float] = {
     "direction": 0.035,
     "gross-slip": 0.11,
