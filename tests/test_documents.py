@@ -15,7 +15,7 @@ from tactiled.cli.packages import DeferredCommand
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
     page
-    for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md")
+    for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md", "research/*.md")
     for page in ROOT.glob(pattern)
 )
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
