@@ -2,7 +2,7 @@
 
 The decoder gives a reason for each rejection (`Corrupt.reason`). Each cause has its own mixture of reasons,
 measured by sampling a board's bits at a wrong rate and by feeding other protocols and noise
-(bench/daemon/uart.py):
+(tests/helpers/uart.py):
 
 =================  =======================================================================================
 wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors

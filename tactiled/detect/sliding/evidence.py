@@ -29,8 +29,9 @@ _CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
 _FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
 _SMOOTH = np.ones(3) / 3  # choice
 _QUIET_PART = 0.25  # prior: of the bins, which show the noise
-# tuned: set on seeds 0 to 7 of `bench.sensors.worlds` (16 taxels, 35.6 Hz). Largest of some ten independent
-# groups of bins, in standard deviations of their logarithm, with a margin for noise that is not quite even.
+# tuned: set on seeds 0 to 7 of the worlds of `sensors` in research/README.md (16 taxels, 35.6 Hz). Largest of
+# some ten independent groups of bins, in standard deviations of their logarithm, with a margin for noise that
+# is not quite even.
 _AT_REST, _AT_REST_SDS = 0.4, 3.5
 _SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
 _LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms

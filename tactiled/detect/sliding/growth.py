@@ -35,8 +35,8 @@ _LEAST_HOLD_S = 1.0  # prior: after which a hold shows its own creep and tremor
 # prior: squared growth of a channel, over the noise of its hops, that a hold may have of which less is known:
 # a prior, ten standard deviations of each channel.
 _UNKNOWN_HOLD = 100.0
-# tuned: squared growth over the largest of the hold. Set on seeds 0 to 7 of `bench.sensors.worlds` ("hold"
-# and "tug", magnetic pads).
+# tuned: squared growth over the largest of the hold. Set on seeds 0 to 7 of the worlds of `sensors` in
+# research/README.md ("hold" and "tug", magnetic pads).
 GROWS = 9.0
 # tuned: a growth so many times the largest since is a press: creep is a tenth of one. Of 9, 30 and 100, the
 # last adds no slips in tremor that comes in bursts (the same worlds).
