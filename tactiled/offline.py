@@ -323,18 +323,17 @@ def _run_recording(
         for change in batch:
             if isinstance(change, Input):
                 _change(pipeline, change)
-        reads = [(read.data, read.arrival_s) for read in batch if isinstance(read, Read)]
-        for output in pipeline.receive_blocks(reads):
-            if isinstance(output, ScanBlock):
-                log.add_scans(output.time_s, output.volts)
-            elif isinstance(output, Event):
-                yield output
-            elif isinstance(output, Hello):
-                log.board = output.board_serial or log.board
-                if fault := check_hello(output, layout, log.array):
+        received = [pipeline.receive(read.data, read.arrival_s) for read in batch if isinstance(read, Read)]
+        for part in pipeline.process(received):
+            if isinstance(part.item, ScanBlock):
+                log.add_scans(part.item.time_s, part.item.volts)
+            elif isinstance(part.item, Hello):
+                log.board = part.item.board_serial or log.board
+                if fault := check_hello(part.item, layout, log.array):
                     # As in the live run, the pipeline ignores the scans of this board until the next hello.
                     foreign = f"{path}: {fault}"
                     logger.warning("%s; its scans are left out", foreign)
+            yield from part.events
     if not log.tally.n_scans and foreign:
         raise DataError(foreign)
     if not log.tally.n_scans:

@@ -1,11 +1,16 @@
-"""Pipeline from bytes to events: decoding, timing and detection, for live, replayed and offline data."""
+"""Pipeline from bytes to events, for live, replayed and offline data.
 
-from bisect import bisect_left
+It has two phases. `Pipeline.receive` turns the bytes of a read into scans: decoding, counting, timing.
+`Pipeline.detect` runs the detectors on what one or more reads gave. The value between them is `Received`; the
+daemon publishes its scans before the detectors run.
+"""
+
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from itertools import islice
+from typing import Any
 
 from pydantic import Field
 
@@ -16,19 +21,19 @@ from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
-from tactiled.events.types import ContactEvent, ContactState, Event, ScanEvent, SlipEvent, new_event
+from tactiled.events.types import ContactEvent, ContactState, Event, SlipEvent
 from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
-from tactiled.samples.assembler import Assembler, SampleParams, WaitingScan
+from tactiled.received import Detected, Output, Received, joined
+from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.samples.rate import RateMeter
+from tactiled.samples.scan_run import ScanRun
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
-Output = Event | Hello | Acknowledge
-BlockOutput = Output | ScanBlock
 RATES_HZ = (0.1, 20_000.0)  # below, a stall cannot be detected; above, no serial line can carry the scans
 
 
@@ -93,7 +98,7 @@ class Pipeline:
         Takes long computations; without one they are computed in place, with the same events.
     """
 
-    MOST_READS = 1000  # that `receive_reads` is given at once: ten seconds of the published board
+    MOST_READS = 1000  # that `detect` is given at once: ten seconds of the published board
 
     def __init__(
         self,
@@ -114,9 +119,6 @@ class Pipeline:
         )
         self._meter = RateMeter()
         force = build_force(array, params.calibration) if params.force else None
-        self.announce: Callable[[list[ScanEvent]], None] | None = None
-        """Takes the events of the scans of a read before the detectors run, where the read completes
-        consecutive scans and nothing else; they are among the outputs of `receive_data`, too."""
         self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker), force)
         self.reset()
 
@@ -126,10 +128,9 @@ class Pipeline:
         self._assembler.reset()
         self.tuning.reset()
         self.late_fits: list[int] = []
-        """Due scans of the groove fits that were not ready in the last `receive_data`."""
+        """Due scans of the groove fits that were not ready in the last `detect`."""
         self._tuned_for = ""
         self.hello: Hello | None = None
-        self._origins: list[_ScanOrigin] = []  # of the scans that the detectors have not seen yet
         self._frames = 0
         self._fits_late = 0
         self._corrupt: Counter[str] = Counter()
@@ -138,10 +139,14 @@ class Pipeline:
         self._slipping = False
         self._meter.reset()
         if (hello := self.layout.assumed_hello()) is not None:
-            self._accept(hello, 0.0)
+            self._meet(hello, 0.0)
 
     def receive_data(self, data: bytes, now_s: float) -> list[Output]:
-        """Process bytes, and return all outputs that they complete, in the order of the stream.
+        """Process the bytes of a read in both phases, and return all outputs that they complete, in order."""
+        return self.detect([self.receive(data, now_s)])[0]
+
+    def receive(self, data: bytes, now_s: float) -> Received:
+        """Turn the bytes of a read into scans, and hellos and answers of the board: the first phase.
 
         Parameters
         ----------
@@ -150,89 +155,77 @@ class Pipeline:
         now_s : float
             Time at which the bytes were handed over, host monotonic seconds.
         """
-        out: list[Output] = []
-        self._receive(data, now_s, out, as_blocks=False)
-        self._finish(as_blocks=False)
-        return out
-
-    def receive_reads(self, reads: Sequence[tuple[bytes, float]]) -> list[list[Output]]:
-        """Process reads at the speed of blocks, and return the outputs of each, as `receive_data` gives them.
-
-        Parameters
-        ----------
-        reads : sequence of (bytes, float)
-            Arguments of `receive_data`.
-        """
-        outputs: list[list[Output]] = [[] for _ in reads]
-        for (data, now_s), out in zip(reads, outputs, strict=True):
-            self._receive(data, now_s, out, as_blocks=False)
-        self._finish(as_blocks=False)
-        return outputs
-
-    def receive_blocks(self, reads: Sequence[tuple[bytes, float]]) -> list[BlockOutput]:
-        """Process reads as `receive_reads`, and return their outputs in order, with scans as blocks."""
-        out: list[BlockOutput] = []
-        for data, now_s in reads:
-            self._receive(data, now_s, out, as_blocks=True)
-        self._finish(as_blocks=True)
-        return out
-
-    def _finish(self, *, as_blocks: bool) -> None:
-        """Run the detectors on what was received, and count the fits that were late."""
-        self._flush(as_blocks=as_blocks)
-        self.late_fits = self.tuning.take_late_fits()
-        self._fits_late += len(self.late_fits)
-
-    def _receive(self, data: bytes, now_s: float, out: list[Any], *, as_blocks: bool) -> None:
-        """Process a read, up to the detectors; its outputs go to `out`, by now or with `_flush`."""
-        self._assembler.read(now_s, self._decoder.bytes_pending)
+        received = Received([], now_s)
+        items, assembler = received.items, self._assembler
+        assembler.read(now_s, self._decoder.bytes_pending)
         for frame in self._decoder.feed(data):
-            if isinstance(frame, Scan):
-                self._frames += 1
-                if self.hello is None and self.layout.measures_rate:
-                    self._measure(now_s, out)
-                elif self.hello is not None and self._assembler.scan(frame, now_s):
-                    self._origins.append(_ScanOrigin(out, now_s))
-                continue
-            self._frames += not isinstance(frame, Corrupt)
             if isinstance(frame, Corrupt):
                 self._corrupt[frame.reason] += 1
                 self._meter.reset()
-                self._assembler.corrupt()
+                assembler.corrupt()
+                continue
+            self._frames += 1
+            if isinstance(frame, Scan):
+                if self.hello is not None:
+                    assembler.scan(frame, now_s)
+                elif self.layout.measures_rate and (hello := self._measured(now_s)) is not None:
+                    self._meet(hello, now_s)
+                    items.append(hello)
             elif isinstance(frame, Hello):
-                self._assembler.other("hello")
-                self._flush(as_blocks=as_blocks)
-                out.append(frame)
-                if check_hello(frame, self.layout, self.array) is None:
-                    self._accept(frame, now_s)
-                else:
-                    self.hello = None
+                assembler.other("hello")
+                items += assembler.take()
+                self._meet(frame, now_s)
+                items.append(frame)
             elif isinstance(frame, Acknowledge):
-                self._assembler.answered(frame, now_s)
-                out.append(frame)
+                items += assembler.take()
+                assembler.answered(frame, now_s)
+                items.append(frame)
+        items += assembler.take()
+        return received
+
+    def detect(self, received: Sequence[Received]) -> list[list[Output]]:
+        """Run the detectors on what reads gave, and return the outputs of each read: the second phase.
+
+        The outputs of a read are the same however many reads are given at once; many are faster. Each event
+        is an output of the read that completed its evidence.
+        """
+        outputs: list[list[Output]] = [[] for _ in received]
+        scans = [iter(one.scan_events) for one in received]
+        for part in self.process(received):
+            if isinstance(part.item, ScanBlock):
+                for read, n_scans, events in part.by_read(part.item, self.tuning.zero_known_s):
+                    of_read = islice(scans[read], n_scans)
+                    outputs[read] += in_order(of_read, events) if events else of_read
+            else:
+                [(read, _)] = part.shares
+                outputs[read] += part.events if isinstance(part.item, Gap) else [part.item]
+        return outputs
+
+    def process(self, received: Sequence[Received]) -> Iterator[Detected]:
+        """Run the detectors as `detect` does, and yield what they are given with their events."""
+        for item, shares in joined(received):
+            given = item.block() if isinstance(item, ScanRun) else item
+            events: list[Event] = []
+            if isinstance(given, ScanBlock | Gap):
+                events = self._note(self.tuning.process(given))
+            elif isinstance(given, Hello) and check_hello(given, self.layout, self.array) is None:
+                self._tune_for(given)
+            yield Detected(given, events, shares)
+        self.late_fits = self.tuning.take_late_fits()
+        self._fits_late += len(self.late_fits)
 
     @property
     def is_measuring(self) -> bool:
         """True while scans arrive whose rate is not known yet, so that they are no output."""
         return self._meter.has_begun
 
-    def _measure(self, now_s: float, out: list[Any]) -> None:
-        """Measure the rate; once it is known, the board is known, as if it had said hello."""
-        rate_hz = self._meter.add(now_s)
-        hello = self.layout.assumed_hello(rate_hz) if rate_hz is not None else None
-        if hello is not None:
-            self._meter.reset()
-            hello = replace(hello, streaming=True)
-            out.append(hello)
-            if check_hello(hello, self.layout, self.array) is None:
-                self._accept(hello, now_s)
-
     def assume_rate(self, measured_hz: float) -> None:
         """Take a rate that was measured before the first read, of a board that does not state it."""
         if self.hello is None and self.layout.measures_rate:
             hello = self.layout.assumed_hello(measured_hz)
-            if hello is not None and check_hello(hello, self.layout, self.array) is None:
-                self._accept(replace(hello, streaming=True), 0.0)
+            if hello is not None:
+                self._meet(replace(hello, streaming=True), 0.0)
+                self._tune_for(hello)
 
     def disconnected(self) -> None:
         """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""
@@ -332,57 +325,28 @@ class Pipeline:
             raise ContractError(f"{name!r} is no command of the pipeline")
         return reason, self._note(events)
 
-    def _accept(self, hello: Hello, now_s: float) -> None:
+    def _measured(self, now_s: float) -> Hello | None:
+        """Measure the rate of a board that does not state it; once it is known, return a hello with it."""
+        rate_hz = self._meter.add(now_s)
+        hello = self.layout.assumed_hello(rate_hz) if rate_hz is not None else None
+        if hello is None:
+            return None
+        self._meter.reset()
+        return replace(hello, streaming=True)
+
+    def _meet(self, hello: Hello, now_s: float) -> None:
+        """Take a board that fits layout and array; scans of another one are ignored."""
+        if check_hello(hello, self.layout, self.array) is None:
+            self.hello = hello
+            self._assembler.board(hello, now_s)
+        else:
+            self.hello = None
+
+    def _tune_for(self, hello: Hello) -> None:
+        """Forget the zero of another board."""
         if hello.board_serial != self._tuned_for:
             self.tuning.forget_zero()
             self._tuned_for = hello.board_serial
-        self.hello = hello
-        self._assembler.board(hello, now_s)
-
-    def _flush(self, *, as_blocks: bool) -> None:
-        """Run the detectors on the scans received, and give the outputs to the reads that completed them."""
-        origins, self._origins = self._origins, []
-        n_done = 0
-        if self.announce is not None and origins and not origins[0].out:
-            waiting = self._assembler.waiting()
-            if waiting:
-                self._flush_announced(self.announce, waiting, origins[0])
-                return
-        for item in self._assembler.flush():
-            found = self._note(self.tuning.process(item))
-            if isinstance(item, Gap):  # the scan behind it is always there
-                origins[n_done].out.extend(found)
-                continue
-            part = origins[n_done : n_done + len(item)]
-            n_done += len(item)
-            if as_blocks:
-                part[-1].out.extend([item, *found])
-            elif found:
-                _deliver(item, found, part, self.tuning.zero_known_s)
-            else:
-                for origin, event in zip(part, scan_events(item, part), strict=True):
-                    origin.out.append(event)
-
-    def _flush_announced(
-        self, announce: Callable[[list[ScanEvent]], None], waiting: list[WaitingScan], origin: "_ScanOrigin"
-    ) -> None:
-        """Announce the scans of a read, run the detectors on them, and give both to the read."""
-        scans = [
-            new_event(
-                ScanEvent,
-                time_s=scan.time_s,
-                index=scan.index,
-                volts=scan.volts,
-                valid=scan.valid,
-                time_sd_s=scan.time_sd_s,
-                age_s=origin.now_s - scan.time_s,
-                late=scan.late,
-            )
-            for scan in waiting
-        ]
-        announce(scans)  # before the block is made, which takes as long as what was done for a scan by now
-        found = [event for block in self._assembler.flush() for event in self.tuning.process(block)]
-        origin.out.extend(in_order(scans, self._note(found)))
 
     def _note(self, events: list[Event]) -> list[Event]:
         """Keep the state of contact and slip for `health`; returns the events."""
@@ -392,51 +356,6 @@ class Pipeline:
             elif isinstance(event, SlipEvent):
                 self._slipping = event.state == "onset"
         return events
-
-
-class _ScanOrigin(NamedTuple):
-    """Outputs of the read that completed a scan, and the time of that read."""
-
-    out: list[Any]
-    now_s: float
-
-
-def _deliver(
-    block: ScanBlock, found: Sequence[Event], origins: Sequence[_ScanOrigin], known_s: float
-) -> None:
-    """Give scans and events to their reads; each event follows the scan that completed its evidence.
-
-    Events of scans that were held back until the zero was known follow the scan at `known_s`.
-    """
-    time_s: list[float] = block.time_s.tolist()
-    n_scans = 0
-    for event in in_order(scan_events(block, origins), found):
-        if isinstance(event, ScanEvent):
-            origins[n_scans].out.append(event)
-            n_scans += 1
-        else:
-            origins[min(bisect_left(time_s, max(event.evidence_s, known_s)), len(time_s) - 1)].out.append(
-                event
-            )
-
-
-def scan_events(block: ScanBlock, origins: Sequence[_ScanOrigin]) -> Iterator[ScanEvent]:
-    """Yield one event for each scan of a block."""
-    rows = zip(
-        block.index.tolist(), block.volts.tolist(), block.valid.tolist(),
-        block.time_s.tolist(), block.time_sd_s.tolist(), block.late.tolist(), origins, strict=True,
-    )  # fmt: skip
-    for index, volts, valid, time_s, sd_s, late, origin in rows:
-        yield new_event(
-            ScanEvent,
-            time_s=time_s,
-            index=index,
-            volts=tuple(volts),
-            valid=tuple(valid),
-            time_sd_s=sd_s,
-            age_s=origin.now_s - time_s,
-            late=late,
-        )
 
 
 def check_hello(hello: Hello, layout: Layout, array: Array) -> str | None:

@@ -21,7 +21,8 @@ from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import ContactEvent, Event, ForceEvent, ScanEvent, SlipEvent, TextureEvent
 from tactiled.force.calibration import load_calibration
-from tactiled.pipeline import Output, Pipeline, PipelineParams, check_hello
+from tactiled.pipeline import Pipeline, PipelineParams, check_hello
+from tactiled.received import Output
 from tactiled.samples.assembler import SampleParams
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import parse
@@ -318,16 +319,14 @@ def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) ->
     single, many, blocks = (Pipeline(LAYOUT, ARRAY) for _ in range(3))
     wanted = [single.receive_data(data, now_s) for data, now_s in reads]
     found: list[list[Output]] = []
-    events: list[Output] = []
+    events: list[Event] = []
     n_scans = 0
     for start in range(0, len(reads), size):
         part = reads[start : start + size]
-        found += many.receive_reads(part)
-        for output in blocks.receive_blocks(part):
-            if isinstance(output, ScanBlock):
-                n_scans += len(output)
-            else:
-                events.append(output)
+        found += many.detect([many.receive(data, now_s) for data, now_s in part])
+        for detected in blocks.process([blocks.receive(data, now_s) for data, now_s in part]):
+            n_scans += len(detected.item) if isinstance(detected.item, ScanBlock) else 0
+            events += detected.events
     assert found == wanted
     assert any(isinstance(output, SlipEvent) for outputs in wanted for output in outputs)
     everything = [output for outputs in wanted for output in outputs]
@@ -340,19 +339,16 @@ def test_many_reads_at_once_give_each_the_outputs_of_one_at_a_time(size: int) ->
 
 
 @pytest.mark.parametrize("size", [1, 3])
-def test_scans_that_come_alone_are_announced_and_the_outputs_are_the_same(size: int) -> None:
-    plain, announcing = Pipeline(LAYOUT, ARRAY), Pipeline(LAYOUT, ARRAY)
-    n_announced = 0
+def test_the_scans_of_a_read_are_known_before_the_detectors_run(size: int) -> None:
+    target = pipeline()
     reads = spoiled_reads()
-    joined = [reads[k : k + size] for k in range(0, len(reads), size)]
-    for data, now_s in [(b"".join(data for data, _ in some), some[-1][1]) for some in joined]:
-        announced: list[ScanEvent] = []
-        announcing.announce = announced.extend
-        outputs = announcing.receive_data(data, now_s)
-        assert outputs == plain.receive_data(data, now_s)
-        assert announced in ([], [output for output in outputs if isinstance(output, ScanEvent)])
-        n_announced += len(announced)
-    assert n_announced > 600
+    n_scans = 0
+    for k in range(0, len(reads), size):
+        received = target.receive(*joined(reads[k : k + size]))
+        scans = list(received.scan_events)
+        assert [out for out in target.detect([received])[0] if isinstance(out, ScanEvent)] == scans
+        n_scans += len(scans)
+    assert n_scans == target.health().scans > 600
 
 
 @pytest.mark.parametrize("size", [37, 1000])
@@ -364,7 +360,7 @@ def test_many_reads_at_once_equal_single_ones_while_the_first_scans_give_the_zer
     wanted = [single.receive_data(data, now_s) for data, now_s in reads]
     found: list[list[Output]] = []
     for start in range(0, len(reads), size):
-        found += many.receive_reads(reads[start : start + size])
+        found += many.detect([many.receive(data, now_s) for data, now_s in reads[start : start + size]])
     assert found == wanted
     assert max(sum(isinstance(out, ForceEvent) for out in outputs) for outputs in wanted) == 30
 

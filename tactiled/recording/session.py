@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tactiled.events.types import Event
-from tactiled.pipeline import Output
+from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name
 from tactiled.recording.retention import Retained, Retention

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from tactiled.errors import ContractError, DataError
 from tactiled.events.types import Event
-from tactiled.pipeline import Output, Pipeline
+from tactiled.pipeline import Pipeline
+from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent
 from tactiled.recording.extent import Extent
 from tactiled.recording.reader import Reached, batches, in_order, read_items
@@ -99,9 +100,9 @@ class Replay:
 
 def _run(pipeline: Pipeline, causes: Sequence[Read | Input], path: Path) -> Sequence[Sequence[Output]]:
     """Feed recorded reads, or one other input, to the pipeline; return the outputs of each."""
-    reads = [(cause.data, cause.arrival_s) for cause in causes if isinstance(cause, Read)]
-    if reads:
-        return pipeline.receive_reads(reads)
+    received = [pipeline.receive(read.data, read.arrival_s) for read in causes if isinstance(read, Read)]
+    if received:
+        return pipeline.detect(received)
     return [_run_input(pipeline, cause, path) for cause in causes if isinstance(cause, Input)]
 
 

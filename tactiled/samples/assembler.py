@@ -1,9 +1,9 @@
-"""Conversion of scan frames to scan blocks and gaps: counting, timing, scaling, validity."""
+"""Scan frames to runs of timed scans and gaps: counting and timing."""
 
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from pydantic import Field
 from tactiled.errors import ContractError
 from tactiled.samples.block import Gap, GapCause, ScanBlock
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
+from tactiled.samples.scan_run import Conversion, ScanRun, TimedScan
 from tactiled.samples.unwrap import ScanCounter
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
@@ -51,32 +52,11 @@ class SampleCounts:
     restarts: int = 0
 
 
-@dataclass(slots=True)
-class WaitingScan:
-    """Scan since the last flush, before its block is made; names as in `ScanBlock`."""
-
-    index: int
-    volts: tuple[float, ...]
-    valid: tuple[bool, ...]
-    time_s: float
-    time_sd_s: float
-    late: bool
-
-
-class _Row(NamedTuple):
-    """Frame of a scan with its instant, the standard deviation of that, and whether it is late."""
-
-    scan: Scan
-    time_s: float
-    time_sd_s: float
-    late: bool
-
-
 class Assembler:
-    """Assemble scan frames into blocks and gaps.
+    """Assemble scan frames into runs of scans and gaps.
 
     Call `read` for each read of the port, feed `scan`, `corrupt`, `answered` and `other` in the order of the
-    stream, then take complete items with `flush`. No method reads a clock: `now_s` is the time at which bytes
+    stream, and `take` what they completed. No method reads a clock: `now_s` is the time at which bytes
     were handed over (host monotonic seconds).
 
     Parameters
@@ -135,8 +115,8 @@ class Assembler:
         self._index = -1
         self._n_scans = 0
         self._counts = Counter[str]()  # all others of `SampleCounts`
-        self._rows: list[_Row] = []
-        self._out: list[ScanBlock | Gap] = []
+        self._scans: list[TimedScan] = []  # of a run that is not closed
+        self._out: list[ScanRun | Gap] = []
         self._n_corrupt = 0
         self._restart_seen = False
         self._pending_gap: GapCause | None = None
@@ -194,11 +174,16 @@ class Assembler:
                 self._count(restarts=1)
                 self._new_run("restart")
             return
-        offsets = hello.channel_offset_s or (0.0,) * self._layout.n_channels
+        self._close_run()  # its scans are those of the board as it was
         self._hello = hello
-        self._per_count = 1.0 if self._in_counts else hello.volts_per_count
-        self._full_count = 2**hello.adc_bits - 1
-        self._offset_s = np.array(offsets)
+        conversion = self._conversion = Conversion(
+            hello,
+            1.0 if self._in_counts else hello.volts_per_count,
+            2**hello.adc_bits - 1,
+            np.array(hello.channel_offset_s or (0.0,) * self._layout.n_channels),
+            self._fault_flag,
+            self._in_range,
+        )
         period_s = 1 / hello.rate_hz
         self._spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)
         if old is not None:
@@ -207,7 +192,7 @@ class Assembler:
             # A restart that scans have shown before this hello is counted already.
             self._count(restarts=same_board and not same_run and not restart_seen)
             self._new_run("rate" if same_run else "restart")
-        self._fit = ClockFit(self._clock, self._frame_s + float(self._offset_s.max()))
+        self._fit = ClockFit(self._clock, self._frame_s + float(conversion.channel_offset_s.max()))
         self.adapter(self._handover_s)
 
     def adapter(self, handover_s: float | None) -> None:
@@ -217,11 +202,11 @@ class Assembler:
             self._fit.handover_s = handover_s
 
     def interrupt(self, cause: GapCause) -> None:
-        """Close the block, and put a Gap before the next scan.
+        """Close the run, and put a Gap before the next scan.
 
         The counters of the board are followed across it, so that the gap has a count if the board ran on.
         """
-        self._close_block()
+        self._close_run()
         self._pending_gap = cause
         if cause == "disconnect":
             self._is_confirmed = False
@@ -342,37 +327,19 @@ class Assembler:
         counter.waited_s = max(age_s, 0.0)
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
-        self._rows.append(_Row(scan, time_s, sd_s, self._live and not fresh))
+        self._scans.append(TimedScan(scan, self._index, time_s, sd_s, self._live and not fresh))
         self._n_scans += 1
         return True
 
-    def waiting(self) -> list[WaitingScan]:
-        """Return the scans since the last flush; none where a gap came, too."""
-        rows = self._rows
-        if not rows or self._out:
-            return []
-        if len(rows) == 1 and self._in_range is None and not rows[0].scan.flags & self._fault_flag:
-            # As `_readings` has it, without the time of small arrays, which the subscriber would wait for.
-            [(scan, time_s, sd_s, late)] = rows
-            counts: list[int] = scan.counts.tolist()
-            per_count, full_count = self._per_count, self._full_count
-            volts = tuple([count * per_count for count in counts])
-            valid = tuple([count < full_count for count in counts])
-            return [WaitingScan(self._index, volts, valid, time_s, sd_s, late)]
-        of_all, are_valid = self._readings(rows)
-        numbered = enumerate(
-            zip(rows, of_all.tolist(), are_valid.tolist(), strict=True), self._index - len(rows) + 1
-        )
-        return [
-            WaitingScan(index, tuple(volts), tuple(valid), row.time_s, row.time_sd_s, row.late)
-            for index, (row, volts, valid) in numbered
-        ]
-
-    def flush(self) -> list[ScanBlock | Gap]:
-        """Return complete blocks and gaps, in order."""
-        self._close_block()
+    def take(self) -> list[ScanRun | Gap]:
+        """Return the runs and gaps since the last call, in order."""
+        self._close_run()
         out, self._out = self._out, []
         return out
+
+    def flush(self) -> list[ScanBlock | Gap]:
+        """Return what `take` does, with runs as blocks."""
+        return [item if isinstance(item, Gap) else item.block() for item in self.take()]
 
     def _place(self, n_scans: int, *, overrun: bool) -> None:
         """Number the scan, and put a gap before it if scans are missing.
@@ -387,7 +354,7 @@ class Assembler:
         cause = self._pending_gap or ("corrupt" if self._n_corrupt else "missing")
         is_unknown = self._n_corrupt > 0 and not self._layout.counts_scans
         if self._index >= 0 and (n_missing or self._pending_gap or is_unknown):
-            self._close_block()
+            self._close_run()
             self._out.append(Gap(n_missing, cause, self._index + n_scans))
         self._index += n_scans
         n_overrun = n_dropped = 0
@@ -401,39 +368,10 @@ class Assembler:
         self._pending_gap = None
         self._n_corrupt = 0
 
-    def _close_block(self) -> None:
-        if not self._rows or self._hello is None:
-            return
-        rows, self._rows = self._rows, []
-        n = len(rows)
-        volts, valid = self._readings(rows)
-        self._out.append(
-            ScanBlock(
-                volts=volts,
-                time_s=np.array([row.time_s for row in rows]),
-                time_sd_s=np.array([row.time_sd_s for row in rows]),
-                index=np.arange(self._index - n + 1, self._index + 1, dtype=np.int64),
-                valid=valid,
-                rate_hz=self._hello.rate_hz,
-                channel_offset_s=self._offset_s,
-                late=np.array([row.late for row in rows], dtype=np.bool_),
-            )
-        )
-
-    def _readings(self, rows: list[_Row]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Return the readings (rows, channels) of frames in the unit of the array, and which are valid."""
-        counts = np.array([row.scan.counts for row in rows])
-        # At full scale the true voltage may be higher; zero is a valid reading without contact.
-        if self._in_range is None:
-            valid = counts < self._full_count
-        else:
-            valid = self._in_range(counts)
-            counts = np.where(np.isfinite(counts), counts, 0.0)
-        if self._fault_flag:
-            sound = [not row.scan.flags & self._fault_flag for row in rows]
-            if not all(sound):
-                valid &= np.array(sound)[:, np.newaxis]
-        return np.asarray(counts * self._per_count, dtype=np.float64), valid
+    def _close_run(self) -> None:
+        if self._scans:
+            self._out.append(ScanRun(self._scans, self._conversion))
+            self._scans = []
 
     def _count(self, **more: int) -> None:
         self._counts.update(more)

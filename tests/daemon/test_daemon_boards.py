@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 import urllib.request
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
@@ -30,7 +30,8 @@ from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
-from tactiled.pipeline import Output, Pipeline
+from tactiled.pipeline import Pipeline
+from tactiled.received import Output, Received
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.replay import replay as replay_files
 from tactiled.recording.rotation import RecordParams
@@ -268,13 +269,13 @@ def test_an_exception_of_one_board_starts_that_board_again(
 ) -> None:
     boards = Boards(tmp_path)
 
-    def fail(_data: bytes, _now_s: float) -> list[Output]:
+    def fail(_received: Sequence[Received]) -> list[list[Output]]:
         raise ZeroDivisionError("a bug in a detector")
 
     async def story(_: Service) -> None:
         await boards.until_running()
         await boards.until_scans("TS0002", 15)
-        boards.pipelines["TS0002"][-1].receive_data = fail  # type: ignore[method-assign, assignment]
+        boards.pipelines["TS0002"][-1].detect = fail  # type: ignore[method-assign, assignment]
         await boards.until_state("TS0002", "no-device", "a fault of tactiled itself")
         await boards.until_running("TS0002")
         await boards.until_scans("TS0002", 15)

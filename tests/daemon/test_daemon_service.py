@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
@@ -36,6 +35,7 @@ from tactiled.daemon.served_board import ServiceParams
 from tactiled.daemon.service import Service, serve
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError
+from tactiled.received import Received
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
 from tactiled.wire.codec import Encoder
@@ -195,10 +195,10 @@ def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(
 ) -> None:
     daemon = Daemon(tmp_path)
 
-    def broken(_data: bytes, _now_s: float) -> list[Any]:
+    def broken(_data: bytes, _now_s: float) -> Received:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(daemon.pipeline, "receive_data", broken)
+    monkeypatch.setattr(daemon.pipeline, "receive", broken)
 
     async def main() -> None:
         service = Service([daemon.served()])
@@ -227,14 +227,14 @@ def test_the_watchdog_is_notified_only_while_the_data_path_runs(
                     return got
 
         hung: list[list[str]] = []
-        real = daemon.pipeline.receive_data
+        real = daemon.pipeline.receive
 
-        def hang(data: bytes, now_s: float) -> list[Any]:
+        def hang(data: bytes, now_s: float) -> Received:
             if not hung:
                 messages()
                 time.sleep(0.5)
                 hung.append(messages())
-            return list(real(data, now_s))
+            return real(data, now_s)
 
         async def pings(n: int) -> list[str]:
             got = messages()
@@ -246,7 +246,7 @@ def test_the_watchdog_is_notified_only_while_the_data_path_runs(
 
         async def story(_: Service) -> None:
             assert (await pings(3))[0] == "READY=1"  # no board at all: the daemon is well nevertheless
-            monkeypatch.setattr(daemon.pipeline, "receive_data", hang)
+            monkeypatch.setattr(daemon.pipeline, "receive", hang)
             with PtyBoard(daemon.link):
                 await daemon.until_state("running")
                 messages()

@@ -5,7 +5,8 @@ from pathlib import Path
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event
-from tactiled.pipeline import Output, Pipeline
+from tactiled.pipeline import Pipeline
+from tactiled.received import Output
 from tactiled.recording.contents import Header, Item, Read, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.writer import RecordingWriter

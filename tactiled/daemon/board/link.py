@@ -15,8 +15,9 @@ from tactiled.daemon.board.host_load import HostLoad, LoopTurns
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import Event, ScanEvent, StatusEvent
-from tactiled.pipeline import Output, Pipeline, check_hello
-from tactiled.wire.frames import Command, Hello
+from tactiled.pipeline import Pipeline, check_hello
+from tactiled.received import Output, Received
+from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
 
 # An open port that delivers no byte may be a dead descriptor, so it is closed and opened again. Each interval
@@ -85,13 +86,13 @@ class BoardLink:
         now_s : float
             Host monotonic seconds at which the bytes were read.
         publish : callable
-            Takes each event of the accepted board, in order, before this method returns. Scans of a read
-            that completes nothing else are published before the detectors run, so that they do not wait.
+            Takes each event of the accepted board before this method returns: the scans before the
+            detectors run, then what the detectors found.
         record : callable, optional
-            See `RecordRead`; called before any other event is published, and also when the pipeline raises,
-            because the bytes that made it fail are the ones to look at later.
+            See `RecordRead`; called before what the detectors found is published, and also when the pipeline
+            raises, because the bytes that made it fail are the ones to look at later.
         announced : callable, optional
-            Called after such scans were published, before the detectors run.
+            Called after scans were published, before the detectors run.
 
         Returns
         -------
@@ -99,44 +100,40 @@ class BoardLink:
             To be sent to the board.
         """
         session, outputs = self.session, list[Output]()
-        n_published = 0  # of the scans, which are the first outputs
-
-        def announce(scans: list[ScanEvent]) -> None:
-            nonlocal n_published
-            if session.accepted:
-                n_published += len(scans)
+        try:
+            received = self.pipeline.receive(data, now_s)
+            commands = self._greet(received, now_s)
+            # A read with scans of two boards is recorded only: what it gave has no single sender.
+            is_accepted = session.accepted and received.boards <= {session.board_serial}
+            scans = received.scan_events if is_accepted else []
+            if scans:
                 for scan in scans:
                     publish(scan)
                 announced()
-
-        self.pipeline.announce = announce
-        try:
-            outputs = self.pipeline.receive_data(data, now_s)
+            outputs = self.pipeline.detect([received])[0]
         finally:
-            self.pipeline.announce = None
             record(data, outputs, now_s)
-        commands: list[Command] = []
-        scanned = False
         self._patience_s = SILENT_S
         self._line.received(data, now_s)
-        for item in outputs:
-            if isinstance(item, Event):
-                if session.accepted:
-                    is_scan = isinstance(item, ScanEvent)
-                    scanned = scanned or is_scan
-                    if is_scan and n_published:
-                        n_published -= 1
-                    else:
-                        publish(item)
-            elif isinstance(item, Hello):
-                commands += session.greeted(item, now_s)
-            else:
-                commands += session.answered(item, now_s)
+        if is_accepted:
+            for output in outputs:
+                if isinstance(output, Event) and not isinstance(output, ScanEvent):
+                    publish(output)
         if self.pipeline.is_measuring:
             session.streams()
-        if scanned:
+        if scans:
             self._line.framed(now_s)
             commands += session.scanned(now_s)
+        return commands
+
+    def _greet(self, received: Received, now_s: float) -> list[Command]:
+        """Tell the session what the board says; return the commands to be sent."""
+        commands: list[Command] = []
+        for item in received.items:
+            if isinstance(item, Hello):
+                commands += self.session.greeted(item, now_s)
+            elif isinstance(item, Acknowledge):
+                commands += self.session.answered(item, now_s)
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:

@@ -9,7 +9,8 @@ from tactiled.daemon.operations.metrics import Metrics
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.events.types import Event, Sent
-from tactiled.pipeline import Output, Pipeline
+from tactiled.pipeline import Pipeline
+from tactiled.received import Output
 from tactiled.recording.contents import Read
 
 

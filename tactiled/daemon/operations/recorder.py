@@ -20,7 +20,7 @@ from typing import Any, Self
 from tactiled.daemon.operations.leftovers import Leftovers
 from tactiled.errors import DataError
 from tactiled.events.types import Event, RecordingEvent
-from tactiled.pipeline import Output
+from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams
 from tactiled.recording.session import RecordEntry, RecordingSession

@@ -30,8 +30,9 @@ from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.events.types import Event
+from tactiled.events.types import Event, ScanEvent
 from tactiled.pipeline import Pipeline
+from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.replay import replay
@@ -190,7 +191,7 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
     assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
 
 
-def test_scans_that_come_alone_are_published_once_and_before_the_detectors_see_them(
+def test_scans_are_published_once_and_before_the_detectors_see_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     sim, link, order = SimBoard(), bare_link(), list[str]()
@@ -218,14 +219,36 @@ def test_scans_that_come_alone_are_published_once_and_before_the_detectors_see_t
         return list(order)
 
     link.opened(100.0)
-    assert receive(encode(sim.hello()) + stream(sim, 1, 0), 100.5)[:2] == ["detectors", "scan"]
+    assert receive(encode(sim.hello()) + stream(sim, 1, 0), 100.5)[:3] == ["scan", "offer", "detectors"]
     assert receive(stream(sim, 1, 10_000), 100.51)[:3] == ["scan", "offer", "detectors"]
     assert receive(stream(sim, 2, 20_000), 100.53)[:4] == ["scan", "scan", "offer", "detectors"]
     behind_hello = receive(stream(sim, 2, 40_000) + encode(sim.hello()) + stream(sim, 1, 60_000), 100.56)
-    assert behind_hello[:4] == ["scan", "scan", "offer", "detectors"]
-    assert behind_hello.count("scan") == 3
+    assert behind_hello[:5] == ["scan", "scan", "scan", "offer", "detectors"]
     another = replace(sim.hello(), board_serial="TS0002")
-    assert receive(encode(another) + stream(sim, 1, 70_000), 100.57)[0] == "detectors"
+    assert receive(encode(another) + stream(sim, 1, 70_000), 100.57)[:3] == ["scan", "offer", "detectors"]
+
+
+def test_a_read_with_scans_of_two_boards_is_recorded_and_not_published() -> None:
+    sim, link, recorded = SimBoard(), bare_link(), list[Output]()
+    published: list[str] = []
+
+    def receive(data: bytes, now_s: float) -> int:
+        published.clear()
+        link.received(
+            data,
+            now_s,
+            lambda event: published.append(event.topic),
+            lambda _data, outputs, _now_s: recorded.extend(outputs),
+        )
+        return published.count("scan")
+
+    link.opened(100.0)
+    assert receive(Encoder(LAYOUT).encode(sim.hello()) + stream(sim, 2, 0), 100.5) == 2
+    other = Encoder(LAYOUT).encode(replace(sim.hello(), board_serial="TS0009"))
+    assert receive(stream(sim, 2, 20_000) + other + stream(sim, 1, 0), 100.53) == 0
+    assert not published
+    assert receive(stream(sim, 1, 10_000), 100.54) == 1
+    assert sum(isinstance(output, ScanEvent) for output in recorded) == 6
 
 
 def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
@@ -350,14 +373,14 @@ def test_pings_are_answered_recorded_and_replayed_bit_for_bit(
 ) -> None:
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
     header = Header(load_board("board-v1", "wang2019-3x3"))
-    receive, live, n_answers = daemon.pipeline.receive_data, Decoder(LAYOUT), 0
+    receive, live, n_answers = daemon.pipeline.receive, Decoder(LAYOUT), 0
 
     def counted(data: bytes, now_s: float) -> Any:
         nonlocal n_answers
         n_answers += sum(map(is_answered_ping, live.feed(data)))
         return receive(data, now_s)
 
-    monkeypatch.setattr(daemon.pipeline, "receive_data", counted)
+    monkeypatch.setattr(daemon.pipeline, "receive", counted)
 
     async def main() -> None:
         with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
