@@ -168,9 +168,10 @@ def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
 
 def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:
     """Print what an array can measure, and draw it where asked."""
+    from tactiled.detect.grooves.estimator import JointParams
     from tactiled.doctor.abilities import abilities
 
-    findings = abilities(array, rate_hz, speed_mm_s)
+    findings = abilities(array, JointParams(), rate_hz, speed_mm_s)
     lines = [
         f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else "") for each in findings
     ]

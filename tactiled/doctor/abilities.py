@@ -1,4 +1,4 @@
-"""Findings of check-config on an array alone: contact, slip, direction and grooves that it can measure."""
+"""Findings on an array alone: contact, slip, direction and grooves that it can measure."""
 
 from tactiled.array import Array
 from tactiled.detect.grooves.estimator import JointParams
@@ -8,9 +8,8 @@ from tactiled.doctor.groove_findings import check_waves
 _FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/evidence.py)
 
 
-def abilities(array: Array, rate_hz: float, speed_mm_s: float) -> list[Finding]:
+def abilities(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
     """Describe what an array can measure at a scan rate; a speed of 0 means unknown."""
-    params = JointParams()
     grooves, speeds = check_waves(array, params, rate_hz, speed_mm_s)
     if grooves.verdict == "warn" and not grooves.values:  # no angle
         how = (

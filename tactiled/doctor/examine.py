@@ -4,6 +4,7 @@ from pathlib import Path
 
 from tactiled import tomlfile
 from tactiled.config import Setup, default_config, load_config
+from tactiled.doctor.abilities import abilities
 from tactiled.doctor.board import check_board
 from tactiled.doctor.finding import Finding, as_json, as_text
 from tactiled.doctor.host import (
@@ -16,7 +17,6 @@ from tactiled.doctor.host import (
     running_daemon,
 )
 from tactiled.doctor.port import check_port
-from tactiled.doctor.resolving import check_array
 from tactiled.errors import ConfigError
 
 
@@ -46,7 +46,6 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
 
 def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list[Finding]:
     publish, detect = setup.config.publish, setup.config.detect
-    texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
     findings = check_port(setup.config.port.url)
     may_open = not any(finding.verdict == "fail" for finding in findings)
     rate_hz = setup.config.session.rate_hz or 0.0
@@ -58,7 +57,9 @@ def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list
         board, board_hz = check_board(setup)
         findings += board
         rate_hz = rate_hz or board_hz
-    findings += check_array(setup.array, texture, rate_hz or 100.0, speed_mm_s or texture.speed_mm_s)
+    if detect.setting != "wang2019":
+        speed_mm_s = speed_mm_s or detect.texture.speed_mm_s
+        findings += abilities(setup.array, detect.texture, rate_hz or 100.0, speed_mm_s)
     findings += check_endpoints(publish, is_running, is_configured=is_configured)
     findings += check_keys(publish)
     return [*findings, *check_disk(setup.config.record), check_compiled_path(), *check_installation()]

@@ -9,8 +9,8 @@ from tactiled.daemon.zmq.endpoints import RUNTIME
 from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding
+from tactiled.doctor.groove_findings import check_waves
 from tactiled.doctor.host import check_disk
-from tactiled.doctor.resolving import check_array
 from tactiled.errors import ConfigError
 
 _RATE_HZ = 100.0  # of the published board, where the configuration leaves the rate to the board
@@ -101,15 +101,12 @@ def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
 
 
 def resolved_in_words(setup: Setup) -> list[str]:
-    """Describe the grooves that are resolved, at the configured speed or, where it is not set, at any."""
-    detect = setup.config.detect
-    texture = detect.wang2019.texture if detect.setting == "wang2019" else detect.texture
-    rate_hz = setup.config.session.rate_hz or _RATE_HZ
-    return [
-        _line(finding)
-        for finding in check_array(setup.array, texture, rate_hz, texture.speed_mm_s)
-        if finding.check != "direction"
-    ]
+    """Describe the grooves that the estimator resolves, at the configured speed or, without one, at any."""
+    detect, rate_hz = setup.config.detect, setup.config.session.rate_hz or _RATE_HZ
+    if detect.setting == "wang2019":
+        return []
+    texture = detect.texture
+    return [_line(finding) for finding in check_waves(setup.array, texture, rate_hz, texture.speed_mm_s)]
 
 
 def _line(finding: Finding) -> str:

@@ -1,6 +1,5 @@
 """The doctor on a good set-up and on broken ones: every fault is named, with what to do."""
 
-import itertools
 import json
 import sys
 import termios
@@ -10,21 +9,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import zmq
-from hypothesis import assume, given
-from hypothesis import strategies as st
 from uart import received_at
 
-from tactiled.array import load_array
 from tactiled.cli import main
 from tactiled.config import Setup, load_config
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import open_port
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
-from tactiled.detect.wang2019.grooves import GrooveParams
 from tactiled.doctor import board as board_checks
 from tactiled.doctor.board import check_board
 from tactiled.doctor.examine import examine, run_doctor
@@ -38,7 +32,6 @@ from tactiled.doctor.host import (
     running_daemon,
 )
 from tactiled.doctor.port import check_port
-from tactiled.doctor.resolving import check_array, least_period_mm, lever_mm, widest_angle_deg
 from tactiled.doctor.unplugged import check_files
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
@@ -375,48 +368,3 @@ def test_installed_files_are_searched_in_the_directories_of_systemd_and_udev(tmp
 
 
 # ---- what an array resolves ----------------------------------------------------------------------------
-
-
-def confused(lever: float, period_mm: float, max_angle_deg: float) -> bool:
-    """Return True where, by brute force, two angles within the limits give equal phases."""
-    angles = np.radians(np.linspace(-max_angle_deg, max_angle_deg, 20001))
-    step = period_mm / (lever * np.cos(angles))
-    return bool(np.any(np.abs(np.tan(angles) + step) <= np.tan(np.radians(max_angle_deg))))
-
-
-@given(lever=st.floats(0.1, 10), angle=st.floats(2, 88))
-def test_the_finest_period_is_where_brute_force_finds_it(lever: float, angle: float) -> None:
-    least = least_period_mm(lever, angle)
-    assert confused(lever, 0.99 * least, angle)
-    assert not confused(lever, 1.01 * least, angle)
-
-
-@given(lever=st.floats(0.1, 10), period=st.floats(0.05, 20))
-def test_widest_angle_and_finest_period_are_inverse(lever: float, period: float) -> None:
-    widest = widest_angle_deg(lever, period)
-    assume(0.1 < widest < 89.9)
-    assert least_period_mm(lever, widest) == pytest.approx(period, rel=1e-6)
-
-
-def test_equal_gaps_give_a_warning_and_unequal_gaps_do_not() -> None:
-    params = GrooveParams()
-    paper, equal = load_array("wang2019-3x3"), load_array("normal-3x3")
-    lever, unequal = lever_mm(paper, paper.columns()[0])
-    assert (round(lever, 9), unequal) == (0.3, True)
-    assert lever_mm(equal, equal.columns()[0]) == (5.0, False)
-    good = by_check(check_array(paper, params, 100.0, 1.0))
-    assert {finding.verdict for finding in good.values()} == {"ok"}
-    assert "periods of 0.71 mm and more" in good["groove angle"].words
-    poor = by_check(check_array(equal, params, 100.0, 40.0))
-    assert {finding.verdict for finding in poor.values()} == {"warn"}
-    assert "periods of 11.83 mm and more" in poor["groove angle"].words
-    assert "finest period at 40 mm/s is 2.00 mm" in poor["groove period"].words
-
-
-def test_half_the_rate_limits_where_it_is_below_the_low_pass() -> None:
-    array, params = load_array("wang2019-3x3"), GrooveParams(low_pass_hz=20.0)
-    for rate_hz, speed in itertools.product((30.0, 100.0), (1.0, 9.0)):
-        words = by_check(check_array(array, params, rate_hz, speed))["groove period"].words
-        top = min(rate_hz / 2, 20.0)
-        assert f"up to {top:g} Hz" in words
-        assert f"finest period at {speed:g} mm/s is {speed / top:.2f} mm" in words

@@ -6,6 +6,7 @@ import pytest
 from commands import call
 
 from tactiled.array import load_array
+from tactiled.detect.grooves.estimator import JointParams
 from tactiled.doctor.abilities import abilities
 
 SHEAR_ONLY = """
@@ -41,7 +42,9 @@ kind = "shear_x"
 def test_abilities_follow_from_the_channels_and_places(
     name: str, slip: str, direction: str, grooves: str
 ) -> None:
-    found = {finding.check: finding.words for finding in abilities(load_array(name), 100.0, 0.0)}
+    found = {
+        finding.check: finding.words for finding in abilities(load_array(name), JointParams(), 100.0, 0.0)
+    }
     assert list(found) == ["contact", "slip", "direction", "grooves", "sliding speed"]
     assert slip in found["slip"]
     assert direction in found["direction"]
@@ -51,7 +54,9 @@ def test_abilities_follow_from_the_channels_and_places(
 def test_without_pressure_there_is_no_contact_and_slip_has_no_direction(tmp_path: Path) -> None:
     file = tmp_path / "field.toml"
     file.write_text(SHEAR_ONLY)
-    found = {finding.check: finding for finding in abilities(load_array(str(file)), 100.0, 5.0)}
+    found = {
+        finding.check: finding for finding in abilities(load_array(str(file)), JointParams(), 100.0, 5.0)
+    }
     assert [found[check].verdict for check in ("contact", "slip", "direction")] == ["warn"] * 3
     assert "5 mm/s over the frequency" in found["grooves"].words
 
@@ -64,7 +69,10 @@ def test_sides_in_microtesla_are_pressures_and_axes_are_fields(kind: str, says: 
     head = 'name = "skin"\nunit = "uT"\nrange = [-100, 100]\ntaxel_count = 2'
     file = tmp_path / "skin.toml"
     file.write_text("\n".join([head, *channels]))
-    found = {finding.check: finding.words for finding in abilities(load_array(str(file)), 100.0, 0.0)}
+    found = {
+        finding.check: finding.words
+        for finding in abilities(load_array(str(file)), JointParams(), 100.0, 0.0)
+    }
     assert says in found["slip"]
 
 
