@@ -1,6 +1,5 @@
 """``tactiled.toml``: the parameters of all packages in one schema; no package imports this module."""
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -94,12 +93,7 @@ class Setup:
     def recording_header(self) -> Header:
         """Header of recordings made with this configuration."""
         board = self.config.board
-        canonical = json.dumps(self.config.model_dump(mode="json"), sort_keys=True)
-        return Header(
-            source=load_board(board.protocol, board.array),
-            pipeline=self.pipeline,
-            config_sha256=hashlib.sha256(canonical.encode()).hexdigest(),
-        )
+        return Header(source=load_board(board.protocol, board.array), pipeline=self.pipeline)
 
 
 def load_config(path: Path, port_url: str | None = None) -> Setup:

@@ -133,20 +133,15 @@ def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
 
 @click.command()
 @RECORDINGS
-@click.option("--csv", "csv_out", type=FILE, help="Write a CSV file.")
-@click.option("--npz", "npz_out", type=FILE, help="Write a numpy file.")
-def export(files: tuple[Path, ...], csv_out: Path | None, npz_out: Path | None) -> None:
+@click.option("--csv", "out", type=FILE, required=True, help="CSV file to write.")
+def export(files: tuple[Path, ...], out: Path) -> None:
     """Write the scans of recordings as a table; `tactiled detect` reads it back.
 
     Example: tactiled export slide.mcap --csv slide.csv
     """
-    if csv_out is None and npz_out is None:
-        raise click.UsageError("give --csv OUT, --npz OUT or both")
     need_readable(*files)
-    from tactiled.recording.export import export_csv, export_npz
+    from tactiled.recording.export import export_csv
 
-    for out, write in ((csv_out, export_csv), (npz_out, export_npz)):
-        if out is not None:
-            with ProgressBar(f"export {out}") as progress:
-                n_scans = write(files, out, progress.reach)
-            click.echo(f"{out}: {n_scans} scans", err=True)
+    with ProgressBar(f"export {out}") as progress:
+        n_scans = export_csv(files, out, progress.reach)
+    click.echo(f"{out}: {n_scans} scans", err=True)

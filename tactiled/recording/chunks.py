@@ -30,7 +30,6 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
 _INDEX, _INDEX_ENTRY_BYTES = struct.Struct("<HI"), 16  # channel, bytes of the entries
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
-_CHUNK_INDEX = struct.Struct("<QQQ")  # first and last time, offset of the chunk; then more
 _DATA_END_BYTES = 4
 # Bytes that every tactiled chunk holds after two times, a size and a checksum: they locate a chunk whose
 # predecessor has a damaged length.
@@ -95,28 +94,6 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord] | Dama
             yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
     elif damaged_at >= 0:
         extent.torn_s = _span_s(stream, damaged_at)
-
-
-@dataclass(frozen=True)
-class Index:
-    """Channels of a finished file, and the offsets of its chunks in file order."""
-
-    channels: list[Channel]
-    chunks: list[int]
-
-
-def read_index(stream: BinaryIO) -> Index | None:
-    """Read the index of a finished file; None where it is absent or damaged."""
-    summary = _summary(stream, stream.seek(0, 2))
-    if summary is None:
-        return None
-    return Index([r for r in summary.records if isinstance(r, Channel)], sorted(summary.chunks))
-
-
-def read_chunk(stream: BinaryIO, at: int) -> list[McapRecord]:
-    """Read the records of the chunk at an offset; none where it is damaged."""
-    found = _record_at(stream, at, stream.seek(0, 2))
-    return [] if found is None or found[1] is None else found[1]
 
 
 class _Known:
@@ -265,11 +242,10 @@ def _next_chunk(stream: BinaryIO, at: int, before: int, newest_ns: int) -> int |
 
 @dataclass(frozen=True)
 class _Summary:
-    """Summary of a finished file: its offset, schemas, channels, chunks and time of the last message."""
+    """Summary of a finished file: its offset, schemas, channels and time of the last message."""
 
     start: int
     records: list[McapRecord]
-    chunks: list[int]
     end_ns: int
 
 
@@ -288,7 +264,6 @@ def _summary(stream: BinaryIO, size: int) -> _Summary | None:
     if zlib.crc32(footer[:-4], zlib.crc32(text)) != checksum:
         return None
     records: list[McapRecord] = []
-    chunks: list[int] = []
     end_ns = at = 0
     while at + _HEAD.size <= len(text):
         opcode, length = _HEAD.unpack_from(text, at)
@@ -300,10 +275,8 @@ def _summary(stream: BinaryIO, size: int) -> _Summary | None:
             records.append(Channel.read(record))
         elif opcode == Opcode.STATISTICS:
             end_ns = Statistics.read(record).message_end_time
-        elif opcode == Opcode.CHUNK_INDEX and at + _CHUNK_INDEX.size <= len(text):
-            chunks.append(_CHUNK_INDEX.unpack_from(text, at)[2])
         at += length
-    return _Summary(start, records, chunks, end_ns)
+    return _Summary(start, records, end_ns)
 
 
 def _span_s(stream: BinaryIO, at: int) -> tuple[float, float] | None:

@@ -71,8 +71,6 @@ class Header:
     ----------
     pipeline : PipelineParams
         Parameters with which the events in the file were computed.
-    config_sha256 : str
-        Hash of the whole configuration as sorted JSON, to compare the configurations of recordings.
     run : str
         Identifier shared by all parts of a rotated recording.
     part : int
@@ -90,7 +88,6 @@ class Header:
 
     source: RecordedBoard
     pipeline: PipelineParams = field(default_factory=PipelineParams)
-    config_sha256: str = ""
     run: str = ""
     part: int = 1
     fresh: bool = True
@@ -107,7 +104,6 @@ class Header:
             "array_id": self.source.array_file.name,
             "protocol": self.source.layout_file.name,
             "pipeline": self.pipeline.model_dump_json(),
-            "config_sha256": self.config_sha256,
             "run": self.run,
             "part": str(self.part),
             "fresh": str(self.fresh).lower(),
@@ -133,12 +129,11 @@ class Header:
         return cls(
             source=source,
             pipeline=PipelineParams.model_validate_json(metadata["pipeline"]),
-            config_sha256=metadata["config_sha256"],
             run=metadata["run"],
             part=int(metadata["part"]),
             fresh=metadata["fresh"] == "true",
             hello=bytes.fromhex(metadata["hello"]),
-            measured_hz=float(metadata.get("measured_hz", "0")),
+            measured_hz=float(metadata["measured_hz"]),
             sync_s=float(metadata["sync_s"]),
         )
 
@@ -198,7 +193,7 @@ Item = Read | Input | RecordedEvent
 
 RAW = Schema("RawBytes", fields_of(Read))
 INPUT = Schema("Input", fields_of(Input))
-TOPICS = "/tactile/"  # as ROS names begin; recordings of version 0.1 have no slash before them
+TOPICS = "/tactile/"
 RAW_TOPIC = f"{TOPICS}raw"
 INPUT_TOPIC = f"{TOPICS}input"
 

@@ -45,8 +45,6 @@ class Extent:
         Unreadable stretches before the end.
     orphans : int
         Number of messages whose channel description is lost.
-    other_forms : set of str
-        Topics whose events have the schema of another version; skipped, as raw bytes reproduce them.
     """
 
     good_bytes: int = 0
@@ -55,7 +53,6 @@ class Extent:
     torn_s: tuple[float, float] | None = None
     damages: list[Damage] = field(default_factory=list)
     orphans: int = 0
-    other_forms: set[str] = field(default_factory=set)
 
     @property
     def share_read(self) -> float:
@@ -71,15 +68,6 @@ class Extent:
     def is_damaged(self) -> bool:
         """Data before the end is missing."""
         return bool(self.damages or self.orphans)
-
-    def other_words(self) -> str:
-        """Describe the events of another version; empty where there are none."""
-        topics = ", ".join(sorted(self.other_forms))
-        return (
-            f"events of {topics} have the schema of another tactiled version and are left out"
-            if topics
-            else ""
-        )
 
     def words(self) -> str:
         """Describe what could not be read; empty where everything was read."""

@@ -12,14 +12,13 @@ import struct
 import termios
 import time
 import tty
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.recording.contents import Read
 from tactiled.recording.extent import Extent
-from tactiled.recording.pace import PlaybackPace
 from tactiled.recording.reader import Reached, in_order, read_items
 
 _POLL_S = 0.02
@@ -34,6 +33,29 @@ class PlaybackResult:
 
     n_bytes: int
     latest_s: float
+
+
+class PlaybackPace:
+    """Wait so that recorded times pass at `speed` times real time; 0 never waits."""
+
+    def __init__(
+        self,
+        speed: float,
+        sleep: Callable[[float], None] = time.sleep,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._speed, self._sleep, self._monotonic = speed, sleep, monotonic
+        self._origin_s: float | None = None
+
+    def wait(self, time_s: float) -> None:
+        """Sleep until the recorded time `time_s` is due."""
+        if not self._speed:
+            return
+        now_s = self._monotonic()
+        if self._origin_s is None:
+            self._origin_s = now_s - time_s / self._speed
+        if (rest_s := self._origin_s + time_s / self._speed - now_s) > 0:
+            self._sleep(rest_s)
 
 
 def play(

@@ -34,7 +34,6 @@ class _Channels:
     with_events: bool = True
     schemas: dict[int, str] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    other_forms: set[str] = field(default_factory=set)
     known: dict[int, Schema | None] = field(default_factory=dict)
     """Schema of our own that the messages of a channel have; None where they are left out."""
 
@@ -62,35 +61,26 @@ class _Channels:
                 return contents.decode_read(data)
             if schema is contents.INPUT:
                 return Input(**schema.decode(data))
-            topic = topic_of(channel).removeprefix(contents.TOPICS)
+            topic = channel.topic.removeprefix(contents.TOPICS)
             return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
 
     def _schema(self, channel: Channel, path: Path) -> Schema | None:
-        name = topic_of(channel)
-        topic = name.removeprefix(contents.TOPICS)
-        if name == contents.RAW_TOPIC:
+        topic = channel.topic.removeprefix(contents.TOPICS)
+        if channel.topic == contents.RAW_TOPIC:
             schema = contents.RAW
-        elif name == contents.INPUT_TOPIC:
+        elif channel.topic == contents.INPUT_TOPIC:
             schema = contents.INPUT
         elif topic in EVENT_TYPES:
             schema = contents.SCHEMAS[topic]
         else:
             return None
         if channel.message_encoding != "cdr" or self.schemas.get(channel.schema_id) != schema.text:
-            if schema not in (contents.RAW, contents.INPUT):
-                self.other_forms.add(topic)  # a replay of the raw bytes reproduces it
-                return None
             raise DataError(
                 f"{path}: {channel.topic} has the schema of another tactiled version; use that version"
             )
         return schema if self.with_events or schema in (contents.RAW, contents.INPUT) else None
-
-
-def topic_of(channel: Channel) -> str:
-    """Topic of a channel as ROS names it; earlier recordings have no slash before it."""
-    return f"/{channel.topic.removeprefix('/')}"
 
 
 def read_header(path: Path) -> Header:
@@ -165,13 +155,12 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
         It cannot be read.
     """
     extent = Extent() if extent is None else extent
-    return _read(path, extent, reached, _Channels(other_forms=extent.other_forms))
+    return _read(path, extent, reached, _Channels())
 
 
 def read_inputs(path: Path, reached: Reached | None = None) -> Iterator[Read | Input]:
     """Yield what `read_items` does, without the events, which take most of the time of reading."""
-    extent = Extent()
-    for item in _read(path, extent, reached, _Channels(with_events=False, other_forms=extent.other_forms)):
+    for item in _read(path, Extent(), reached, _Channels(with_events=False)):
         if isinstance(item, Read | Input):
             yield item
 
@@ -216,8 +205,6 @@ def _read(path: Path, extent: Extent, reached: Reached | None, known: _Channels)
                     yield item
     if not extent.is_whole:
         logger.warning("%s: %s", path, extent.words())
-    if extent.other_forms:
-        logger.warning("%s: %s", path, extent.other_words())
 
 
 def open_recording(path: Path) -> BinaryIO:

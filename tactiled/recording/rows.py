@@ -158,7 +158,7 @@ def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
 def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -> Iterator[Batch]:
     names = [name.removesuffix(".npy") for name in archive.namelist()]
     time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
-    others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
+    others = [name for name in names if name not in (*_time_names("s"), time_name)]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     if (time_name is None and options.rate_hz is None) or name is None:
         missing = [
@@ -169,32 +169,22 @@ def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -
             f"{path}: lacks the array {' and '.join(missing)}; it has {names}; an array time, t "
             "or timestamp needs --time-unit, and a log without times needs --rate"
         )
-    members = {
-        key: _member(path, archive, key)
-        for key in (time_name, name, "valid" if "valid" in names else None)
-        if key
-    }
-    readings = members[name]
-    time = members[time_name] if time_name else None
+    readings = _member(path, archive, name)
+    time = _member(path, archive, time_name) if time_name else None
     n_rows = readings.shape[0] if readings.shape else 0
     if len(readings.shape) < 2 or (time is not None and time.shape != (n_rows,)):
         raise DataError(
             f"{path}: {time_name} {time.shape if time else ''} and {name} {readings.shape} should be (n,) "
             "and (n, channels)"
         )
-    valid = members.get("valid")
-    if valid is not None and valid.shape != readings.shape:
-        raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
     n_channels = math.prod(readings.shape[1:])
     if n_channels > MOST_CHANNELS:
         raise DataError(f"{path}: {name} has {n_channels} channels; at most {MOST_CHANNELS} are read")
     most = _batch_rows(n_channels)
-    parts = [_parts(archive, member, most) for member in (time, readings, valid) if member is not None]
+    parts = [_parts(archive, member, most) for member in (time, readings) if member is not None]
     n_done = 0
     for batch in zip(*parts, strict=True):
-        rows = batch[0 if time is None else 1].astype(np.float64).reshape(-1, n_channels)
-        if valid is not None:  # written by tactiled export: invalid readings become NaN
-            rows = np.where(batch[-1].reshape(rows.shape), rows, np.nan)
+        rows = batch[-1].astype(np.float64).reshape(-1, n_channels)
         n_done += len(rows)
         yield _no_times(len(rows)) if time is None else batch[0].astype(np.float64), rows, n_done / n_rows
 

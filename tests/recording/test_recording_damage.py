@@ -1,6 +1,5 @@
 """One byte that flips costs the chunk it is in, and everyone who reads says what is missing."""
 
-import io
 import json
 import logging
 from pathlib import Path
@@ -13,14 +12,12 @@ from recordings import HEADER, items, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
-from tactiled.recording.chunks import read_chunk, read_index
-from tactiled.recording.comparison import ReplayComparison
 from tactiled.recording.contents import Input, Item, Read
 from tactiled.recording.export import export_csv
 from tactiled.recording.extent import Extent
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
-from tactiled.recording.replay import replay
+from tactiled.recording.replay import ReplayComparison, replay
 from tactiled.recording.writer import RecordingWriter
 
 CHUNKS = 6
@@ -218,19 +215,3 @@ def test_a_complete_file_is_read_without_a_log_line(
         verdict, _ = verify(long[0])
     assert verdict.is_good
     assert not caplog.text
-
-
-@pytest.mark.parametrize("of", [b"", b"no chunk", bytes(3000)])
-def test_a_place_without_a_chunk_has_no_records(of: bytes) -> None:
-    assert read_chunk(io.BytesIO(of), 0) == []
-
-
-def test_a_damaged_chunk_has_no_records(small: tuple[Path, bytes, list[Item], list[int]]) -> None:
-    path, data, _, _ = small
-    with path.open("rb") as stream:
-        index = read_index(stream)
-        assert index is not None
-        at = index.chunks[1]
-        assert read_chunk(stream, at)
-    damaged = data[: at + 60] + bytes([data[at + 60] ^ 0xFF]) + data[at + 61 :]
-    assert read_chunk(io.BytesIO(damaged), at) == []

@@ -12,7 +12,7 @@ from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.offline import detect_file
 from tactiled.recording.contents import RecordedEvent
-from tactiled.recording.export import export_csv, export_npz
+from tactiled.recording.export import export_csv
 from tactiled.recording.table import read_table
 from tactiled.recording.writer import RecordingWriter
 
@@ -35,45 +35,24 @@ def test_every_number_survives(tmp_path: Path, recording: Path) -> None:
     valid = np.array([scan.valid for scan in scans])
     volts = np.where(valid, np.array([scan.volts for scan in scans]), np.nan)
     assert export_csv([recording], tmp_path / "a.csv") == len(scans)
-    assert export_npz([recording], tmp_path / "a.npz") == len(scans)
-    for name in ("a.csv", "a.npz"):
-        got_s, got_volts = read_table(tmp_path / name)
-        assert np.array_equal(got_s, time_s)
-        assert np.array_equal(got_volts, volts, equal_nan=True)
-    with np.load(tmp_path / "a.npz", allow_pickle=False) as archive:
-        assert np.array_equal(archive["valid"], valid)
-        assert np.array_equal(archive["index"], [scan.index for scan in scans])
-        assert archive["channel_name"].shape == (36,)
-        assert np.all(archive["time_s"] + archive["unix_offset_s"] > 1.7e9)
+    got_s, got_volts = read_table(tmp_path / "a.csv")
+    assert np.array_equal(got_s, time_s)
+    assert np.array_equal(got_volts, volts, equal_nan=True)
 
 
-@pytest.mark.parametrize("name", ["a.csv", "a.npz"])
-def test_detect_finds_the_same_in_the_table(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_detect_finds_the_same_in_the_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     recording = tmp_path / "demo.mcap"
     record(recording, simulated_reads(7.5, "demo"))
-    {"a.csv": export_csv, "a.npz": export_npz}[name]([recording], tmp_path / name)
+    export_csv([recording], tmp_path / "a.csv")
     capsys.readouterr()
     detect_file(recording)
     ours = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    detect_file(tmp_path / name)
+    detect_file(tmp_path / "a.csv")
     table = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(e["topic"], e["state"]) for e in table] == [(e["topic"], e["state"]) for e in ours]
     # A table does not say when within a scan each channel was sampled: an onset may move by a scan, and an
     # event by one of the looks at the taxels' parts of the shear.
     assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=0.01 + LOOK_S)
-
-
-def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
-    volts = np.ones((3, 2))
-    valid = np.array([[True, False], [True, True], [False, True]])
-    np.savez(tmp_path / "v.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid)
-    _, got = read_table(tmp_path / "v.npz")
-    assert np.isnan(got).tolist() == (~valid).tolist()
-    np.savez(tmp_path / "w.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid[:, :1].repeat(5, axis=1))
-    with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) should have the shape of volts \(3, 2\)"):
-        read_table(tmp_path / "w.npz")
 
 
 def test_a_failed_export_gives_a_reason_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
@@ -87,4 +66,4 @@ def test_a_failed_export_gives_a_reason_and_leaves_no_file(tmp_path: Path, recor
         export_csv([recording], tmp_path / "mine.csv")
     assert (tmp_path / "mine.csv").read_text() == "mine"
     with pytest.raises(DataError, match="cannot be written: No such file"):
-        export_npz([recording], tmp_path / "none" / "a.npz")
+        export_csv([recording], tmp_path / "none" / "a.csv")

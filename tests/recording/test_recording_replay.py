@@ -20,7 +20,7 @@ from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
 from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.pace import PlaybackPace
+from tactiled.recording.playback import PlaybackPace
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
@@ -94,22 +94,16 @@ def test_lines_are_those_of_a_live_subscriber(tmp_path: Path, reads: list[Read])
     assert slips == [line for line in lines if '"topic": "slip"' in line]
 
 
-def test_events_with_the_schema_of_another_version_are_skipped_with_a_warning(
-    tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+def test_events_with_another_schema_are_refused(
+    tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    older = {"board": str, "unix_offset_s": float} | fields_of(SlipEvent)
-    del older["suppressed"]
-    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", reads[0].arrival_s)
+    other = {"board": str, "unix_offset_s": float} | fields_of(SlipEvent)
+    del other["suppressed"]
     with monkeypatch.context() as then:
-        then.setitem(contents.SCHEMAS, "slip", Schema("Slip", older))
-        live = hand_over(session, list(reads), Pipeline(SOURCE.layout, SOURCE.array))
-        session.end(reads[-1].arrival_s)
-    verdict = replay([tmp_path / "a.mcap"], lambda _: None)
-    assert verdict.is_good
-    assert verdict.compared == len([event for event in live if event.topic != "slip"]) < len(live)
-    left_out = "a.mcap: events of slip have the schema of another tactiled version and are left out"
-    assert left_out in verdict.words()
-    assert left_out in caplog.text
+        then.setitem(contents.SCHEMAS, "slip", Schema("Slip", other))
+        record(tmp_path / "a.mcap", reads)
+    with pytest.raises(DataError, match="/tactile/slip has the schema of another tactiled version"):
+        replay([tmp_path / "a.mcap"], lambda _: None)
 
 
 @pytest.mark.parametrize("chunk_bytes", [200, 5_000, 10_000_000])
