@@ -217,7 +217,7 @@ class Pipeline:
     @property
     def is_measuring(self) -> bool:
         """True while scans arrive whose rate is not known yet, so that they are no output."""
-        return self._meter.has_begun
+        return self.layout.measures_rate and self._meter.has_begun
 
     def assume_rate(self, measured_hz: float) -> None:
         """Take a rate that was measured before the first read, of a board that does not state it."""

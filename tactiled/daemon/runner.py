@@ -8,7 +8,7 @@ import asyncio
 import logging
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +26,6 @@ from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.zmq.commands import Commands, Done
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
-from tactiled.events.types import Event
 from tactiled.wire.codec import Encoder
 
 logger = logging.getLogger(__name__)
@@ -89,11 +88,11 @@ class BoardRunner:
         session = self._session = link.session
         self._connection = connection = Connection(params.port.url, self._baud)
         switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
-        self._commands = Commands(pipeline, session, self._tuned, switch)
         self.metrics = Metrics(pipeline.health, connection.errors, lambda: session.board_serial)
         self._distributor = Distributor(
             pipeline, session, shared.publisher, self.metrics, shared.clock, recorder
         )
+        self._commands = Commands(pipeline, session, self._distributor.tuned, switch)
         self._report = Report(
             session, link, connection, pipeline.layout, pipeline.array, self._distributor, self._announced
         )
@@ -232,9 +231,6 @@ class BoardRunner:
     def _failed(self, error: Exception) -> None:
         if not self._end.done():
             self._end.set_exception(error)
-
-    def _tuned(self, name: str, arguments: dict[str, Any], events: Sequence[Event], now_s: float) -> None:
-        self._distributor.tuned(name, arguments, events, now_s)
 
     @property
     def _baud(self) -> int:

@@ -6,16 +6,17 @@ real port and clock or with simulated ones.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
+from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
-from tactiled.daemon.board.health import status_event
 from tactiled.daemon.board.host_load import HostLoad, LoopTurns
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import Event, ScanEvent, StatusEvent
-from tactiled.pipeline import Pipeline, check_hello
+from tactiled.pipeline import Health, Pipeline, check_hello
 from tactiled.received import Output, Received
 from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
@@ -28,6 +29,10 @@ _SILENT_LONGEST_S = 60.0
 # `watch` is called ten times a second: after so long a pause this process slept, and not the port. What the
 # board sent meanwhile waits to be read, and would be lost with the port.
 _SLEPT_S = 2.0
+# Largest age of a fresh scan, in units of `Session.silence_s`: one for a stall that is not detected yet, and
+# one for bunching by the adapter. An older scan came out of a backlog.
+_STALE_FACTOR = 2.0
+_OF_HEALTH = {one.name for one in fields(Health)} & {one.name for one in fields(StatusEvent)}
 
 
 RecordRead = Callable[[bytes, Sequence[Output], float], None]
@@ -190,18 +195,40 @@ class BoardLink:
         return {cause: words for cause, words in found.items() if words}
 
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
-        """Make the status event; `warning` is the warning of the port."""
-        health = self.pipeline.health()
-        loop_lag_s = self._load.status(now_s, health.fits_late)
-        return status_event(
-            self.session,
-            health,
-            now_s=now_s,
-            started_s=started_s,
-            connects=connects,
-            inhibited_s=self.pipeline.tuning.inhibited_s(now_s),
-            loop_lag_s=loop_lag_s,
+        """Make the status event: `valid` requires a running board and a fresh newest scan.
+
+        Parameters
+        ----------
+        started_s : float
+            Start of the daemon.
+        connects : int
+            Number of times that the port was opened.
+        warning : str
+            That of the port.
+        """
+        session, health = self.session, self.pipeline.health()
+        # Before the first scan the age counts from the start of the daemon.
+        age_s = max(0.0, now_s - max(health.newest_scan_s, started_s))
+        fresh_s = _STALE_FACTOR * session.silence_s
+        reason = session.reason(now_s)
+        if session.state == "running" and age_s > fresh_s:
+            reason = (
+                f"scans come late: the newest was taken {age_s * 1000:.0f} ms ago, and {fresh_s * 1000:.0f} "
+                "ms is the most; is the host or the line overloaded?"
+            )
+        return StatusEvent(
+            time_s=now_s,
+            state=session.state,
+            valid=session.state == "running" and age_s <= fresh_s,
+            reason=reason,
+            loop_lag_s=self._load.status(now_s, health.fits_late),
             warning="; ".join(self.warnings(warning).values()),
+            age_s=age_s,
+            connects=connects,
+            uptime_s=now_s - started_s,
+            inhibited_s=self.pipeline.tuning.inhibited_s(now_s),
+            path="python" if compiled.reason_plain else "compiled",
+            **{name: getattr(health, name) for name in _OF_HEALTH},
         )
 
     def _count(self, now_s: float, framing_errors: int | None) -> None:

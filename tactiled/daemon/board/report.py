@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from tactiled.array import Array
-from tactiled.daemon.board.health import info_event
 from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.serial.connection import Connection
+from tactiled.events.types import InfoEvent
 from tactiled.limited_log import RateLimitedLog
+from tactiled.version import __version__
+from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout
 
 logger = logging.getLogger(__name__)
@@ -101,3 +103,24 @@ class Report:
     @property
     def _board(self) -> str:
         return f"board {self._session.board_serial}".rstrip()
+
+
+def info_event(hello: Hello, layout: Layout, array: Array, now_s: float) -> InfoEvent:
+    """Make the info event from the hello of the board and the configured layout and array."""
+    return InfoEvent(
+        time_s=now_s,
+        board_serial=hello.board_serial,
+        firmware_version=hello.firmware_version,
+        protocol=layout.name,
+        protocol_version=hello.protocol_version,
+        array_id=hello.array_id,
+        channels=layout.n_channels,
+        taxels=array.n_taxels,
+        x_mm=tuple(array.x_mm.tolist()),
+        y_mm=tuple(array.y_mm.tolist()),
+        channel_names=array.channel_name,
+        rate_hz=hello.rate_hz,
+        volts_per_count=hello.volts_per_count,
+        channel_offset_s=hello.channel_offset_s or (0.0,) * layout.n_channels,
+        tactiled_version=__version__,
+    )

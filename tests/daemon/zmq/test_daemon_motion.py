@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.zmq.motion import EVENT_PERIOD_S, MotionSenders
+from tactiled.daemon.zmq.motion import DRIFT, EVENT_PERIOD_S, WINDOW_S, MotionSenders, SenderClock
 from tactiled.daemon.zmq.requests import Motion
-from tactiled.daemon.zmq.sender_clock import DRIFT, WINDOW_S, SenderClock
 
 ROUNDING_S = 1e-6  # of clocks that count from 1970
 ME = ("", "session", "me")
