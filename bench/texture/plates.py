@@ -17,7 +17,7 @@ from bench.texture.signal import RATE_HZ, Wave
 from bench.texture.trials import ARRAY, Trial, compare, joint_fit, online_answers
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, Preset
-from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
@@ -148,7 +148,7 @@ def _first_scan(slide: ScenePlay) -> int:
 _OFFSET_S = EmulatedBoardParams().channel_step_s * np.arange(ARRAY.n_channels, dtype=np.float64)
 
 
-def _fit(slide: ScenePlay, first: int, window_s: float, speed_mm_s: float) -> WaveFit:
+def _fit(slide: ScenePlay, first: int, window_s: float, speed_mm_s: float) -> GrooveAnswer | Refusal:
     onset, volts = _true_onset(slide), slide.volts[first : first + round(window_s * RATE_HZ)]
     return joint_fit(ARRAY, volts, _OFFSET_S, speed_mm_s, onset.direction_deg, onset.direction_sd_deg)
 

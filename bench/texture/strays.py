@@ -9,6 +9,7 @@ from bench.texture.signal import draw_grating, readings
 from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, MIN_PERIODS, Trial, compare
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.window import FitWindow
 
 STRAYED_S, STRAYED_SNR_DB = 3.0, 20.0
 _GAINS = (0.7, 1.3)
@@ -53,7 +54,7 @@ def stray_trials(kind: Strays, seeds: Sequence[int]) -> list[Trial]:
         )
         volts = readings(replace(grating, sensed=sensed), rng)
         motion = WaveMotion(wave.speed_mm_s if is_known else 0.0, 0.0, wave.direction_deg, DIRECTION_SD_DEG)
-        fit = fit_wave(volts, grating.time_s, sensed.offset_s, layout, motion, WaveParams())
+        window = FitWindow(volts, grating.time_s, sensed.offset_s, layout, motion, WaveParams())
         fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
-        trials.append(compare(fit, wave, periods=grating.periods, **fields))
+        trials.append(compare(fit_wave(window), wave, periods=grating.periods, **fields))
     return trials

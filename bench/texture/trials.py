@@ -17,12 +17,14 @@ from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow,
 from tactiled.array import Array, load_array
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import regular_block
 
 Quantity = Literal["period", "angle"]
-GratingAnswer = WaveFit | TextureEvent
+GratingAnswer = GrooveAnswer | Refusal | TextureEvent
 QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
 ARRAY = load_array("wang2019-3x3")
 MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
@@ -92,7 +94,7 @@ def compare(answer: GratingAnswer | None, wave: Wave, least: Bound | None = None
     """Put an answer beside the truth and the bound; `fields` are the other ones of `Trial`."""
     bounds = (least.period_sd_mm, least.angle_sd_deg) if least is not None else (_NAN, _NAN)
     period, angle = Estimate(wave.period_mm, bound=bounds[0]), Estimate(wave.angle_deg, bound=bounds[1])
-    if answer is None or answer.status != "ok":
+    if answer is None or isinstance(answer, Refusal) or answer.status != "ok":
         return Trial(status=answer.status if answer else "none", period=period, angle=angle, **fields)
     angle_deg = (answer.angle_deg - wave.angle_deg + 90) % 180 - 90  # a groove normal has no sense
     is_wrong = turns_off(wave, answer.period_mm, answer.angle_deg) > _WRONG_TURNS
@@ -117,7 +119,7 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)]) / period_mm
 
 
-def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> WaveFit:
+def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> GrooveAnswer | Refusal:
     """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
     speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
     return joint_fit(ARRAY, volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg, 0.0)
@@ -130,11 +132,11 @@ def joint_fit(
     speed_mm_s: float,
     direction_deg: float,
     direction_sd_deg: float,
-) -> WaveFit:
+) -> GrooveAnswer | Refusal:
     """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
     motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
     time_s = np.arange(len(volts)) / RATE_HZ
-    return fit_wave(volts, time_s, offset_s, channel_layout(array), motion, WaveParams())
+    return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(array), motion, WaveParams()))
 
 
 def grid_trials(n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:

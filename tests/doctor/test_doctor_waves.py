@@ -12,7 +12,9 @@ from tactiled.cli import main
 from tactiled.config import load_config
 from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveFit, WaveMotion, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
+from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.doctor.ambiguous_waves import rivals
 from tactiled.doctor.finding import as_json
 from tactiled.doctor.groove_findings import check_waves
@@ -70,7 +72,9 @@ def test_the_example_pair_has_equal_phases_and_frequency() -> None:
                 assert k[0] == pytest.approx(other[0], rel=1e-3)
 
 
-def fitted(array: Array, params: JointParams, period_mm: float, angle_deg: float, seed: int) -> WaveFit:
+def fitted(
+    array: Array, params: JointParams, period_mm: float, angle_deg: float, seed: int
+) -> GrooveAnswer | Refusal:
     """Two seconds with eight ripples at 20 dB, with phase errors of 0.05 rad per channel; motion known."""
     rng = np.random.default_rng(seed)
     wave = Wave(period_mm, angle_deg, 4 * period_mm / float(np.cos(np.radians(angle_deg))))
@@ -80,7 +84,7 @@ def fitted(array: Array, params: JointParams, period_mm: float, angle_deg: float
     noise = sensed.noise_volts * rng.standard_normal(ripple.shape)
     motion = WaveMotion(wave.speed_mm_s, 0.0, 0.0, 0.0)
     volts = LEVEL_VOLTS + AMPLITUDE_VOLTS * ripple + noise
-    return fit_wave(volts, time_s, sensed.offset_s, channel_layout(array), motion, params)
+    return fit_wave(FitWindow(volts, time_s, sensed.offset_s, channel_layout(array), motion, params))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -92,7 +96,7 @@ def test_the_joint_fit_resolves_the_same_gratings(seed: int) -> None:
         assert not any(one.alike for one in ranges(array, params, 100.0, 0.0))
         period_mm, angle_deg = float(rng.uniform(least_mm, 10.0)), float(rng.uniform(-most_deg, most_deg))
         found = fitted(array, params, period_mm, angle_deg, seed)
-        assert found.status == "ok"
+        assert isinstance(found, GrooveAnswer)
         assert found.period_mm == pytest.approx(period_mm, rel=0.05)
         assert fitted(EQUAL, ALONG_X, period_mm, angle_deg, seed).status == "ambiguous"
 

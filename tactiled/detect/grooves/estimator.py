@@ -23,32 +23,31 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import ChannelLayout, WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, PeriodOnly, Refusal
 from tactiled.detect.grooves.track import track_wave
-from tactiled.detect.grooves.window import ScanWindow
+from tactiled.detect.grooves.window import FitWindow, ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
 from tactiled.detect.worker import InPlace, Job, Worker
-from tactiled.events.types import Event, TextureEvent
+from tactiled.events.types import UNKNOWN_SD_DEG, Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "joint"
-ANSWERS = ("ok", "period-only")
 # Of the period. Two gratings that differ by less could not be told apart at two standard deviations.
 _LARGEST_SD_PART = 0.25
 # In the window: a line at the place of the newest one before it. Chance lines come at any place.
 _SAME_LINE_PERIODS = 0.5
-WindowFit = Callable[..., WaveFit]
+WindowFit = Callable[[FitWindow], Outcome]
 Preset = Literal["quick", "balanced", "fine"]
 
 
@@ -136,14 +135,13 @@ class _Window:
         self.n_pending = 0
         self.has_answer = False
         self.is_over = False
-        self.last = WaveFit("no-slip")
+        self.last: Outcome = Refusal("no-slip")
         self.line_hz = 0.0
         self.end: SlipEnd | None = None
 
     def span(self, end_s: float, rate_hz: float) -> _Span:
         """Describe the scans in the window."""
-        given_mm_s = float(np.abs(self.scans.speeds_mm_s).mean()) if self.scans.sign else 0.0
-        return _Span(end_s, len(self.scans) / rate_hz, given_mm_s)
+        return _Span(end_s, len(self.scans) / rate_hz, self.scans.speed_mm_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +158,7 @@ class _PendingFit:
         True where the window had its full length.
     """
 
-    job: Job[WaveFit]
+    job: Job[Outcome]
     due_index: int
     window: _Window
     span: _Span
@@ -336,21 +334,10 @@ class JointTexture:
         """Hand a copy of the window to the worker, to track the wave of the last answer or to fit anew."""
         scans, time_s = window.scans, float(newest.time_s[-1])
         last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None
-        if last is None or last.wave is None:
-            window.n_next_fit = window.n_scans + len(scans)
-        work = partial(
-            _track_or_fit,
-            self._fit,
-            last,
-            scans.volts.copy(),
-            scans.time_s.copy(),
-            newest.channel_offset_s,
-            self._layout,
-            self._motion(scans),
-            self._params,
-            scans.good.copy(),
-            np.abs(scans.speeds_mm_s),
-        )
+        if not isinstance(last, GrooveAnswer) or last.wave is None:
+            last, window.n_next_fit = None, window.n_scans + len(scans)
+        given = scans.for_fit(newest.channel_offset_s, self._layout, self._motion(scans), self._params)
+        work = partial(_track_or_fit, self._fit, last, given)
         is_full = window.n_scans >= scans.size
         n_hops_full = -(-scans.size // n_hop)
         window.n_pending += 1
@@ -385,27 +372,27 @@ class JointTexture:
             if fit is None or pending.due_index in self._told_late:
                 self._told_late.discard(pending.due_index)
                 self._late.append(pending.due_index)
-                fit = WaveFit("stale")
-            if fit.status == "ok" and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
-                fit = WaveFit("too-few-periods")
+                fit = _stale()
+            if isinstance(fit, GrooveAnswer) and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
+                fit = Refusal("too-few-periods")
             if self._is_reported(pending, fit):
-                window.has_answer = fit.status in ANSWERS
+                window.has_answer = not isinstance(fit, Refusal)
                 events.append(_event(pending.span, fit, answered_s, self._params))
             window.last = fit
             if fit.status == "too-few-periods" and pending.is_full:
                 window.scans.widen()
-            if fit.is_new_pattern:
+            if isinstance(fit, NewPattern):
                 window.is_over, window.n_pending = True, 0
                 self._pending = deque(other for other in self._pending if other.window is not window)
             events += self._refusal(window, answered_s)
         return events
 
-    def _is_reported(self, pending: _PendingFit, fit: WaveFit) -> bool:
+    def _is_reported(self, pending: _PendingFit, fit: Outcome) -> bool:
         """Return True for an answer that is good enough, and for a refusal that is due."""
-        if fit.status == "period-only":
+        if isinstance(fit, PeriodOnly):
             before_hz, pending.window.line_hz = pending.window.line_hz, fit.frequency_hz
             return abs(fit.frequency_hz - before_hz) * pending.span.window_s < _SAME_LINE_PERIODS
-        if fit.status != "ok":
+        if isinstance(fit, Refusal):
             return pending.window.has_answer or pending.is_refusal_due
         criteria = self._params.criteria
         is_good = (
@@ -421,8 +408,8 @@ class JointTexture:
         if end is None or window.n_pending or window.has_answer:
             return []
         last = window.last
-        if last.status == "period-only":  # of one window alone
-            last = WaveFit("too-few-periods")
+        if isinstance(last, PeriodOnly):  # of one window alone
+            last = Refusal("too-few-periods")
         return [_event(window.span(end.time_s, end.rate_hz), last, answered_s, self._params)]
 
     def _motion(self, scans: ScanWindow) -> WaveMotion:
@@ -436,52 +423,53 @@ class JointTexture:
             forward = 1.0
         if scans.sign * forward < 0:
             direction_deg += 180.0
-        speed_mm_s = float(np.abs(scans.speeds_mm_s).mean())
-        return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
+        return WaveMotion(scans.speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
 
-def _track_or_fit(
-    fit: WindowFit,
-    last: WaveFit | None,
-    volts: FloatArray,
-    time_s: FloatArray,
-    channel_offset_s: FloatArray,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    good: NDArray[np.bool_],
-    speeds_mm_s: FloatArray,
-) -> WaveFit:
+def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow) -> Outcome:
     """Track the wave of an answer; fit the window where there is none or where it is lost."""
-    window = volts, time_s, channel_offset_s, layout, motion, params, good, speeds_mm_s
-    tracked = None if last is None else track_wave(last, *window)
-    return fit(*window) if tracked is None else tracked
+    tracked = None if last is None else track_wave(last, window)
+    return fit(window) if tracked is None else tracked
 
 
-def _stale() -> WaveFit:
-    return WaveFit("stale")
+def _stale() -> Outcome:
+    return Refusal("stale")
 
 
-def _event(span: _Span, fit: WaveFit, answered_s: float, params: JointParams) -> TextureEvent:
-    is_given = span.given_speed_mm_s > 0 and (fit.uses_given_speed or fit.speed_mm_s == 0)
-    speed_mm_s = span.given_speed_mm_s if is_given else fit.speed_mm_s
-    return TextureEvent(
+def _event(span: _Span, fit: Outcome, answered_s: float, params: JointParams) -> TextureEvent:
+    event = TextureEvent(
         time_s=span.end_s,
         answered_s=answered_s,
         status=fit.status,
-        period_mm=fit.period_mm,
-        period_sd_mm=fit.period_sd_mm,
-        period_min_mm=fit.period_range_mm[0],
-        period_max_mm=fit.period_range_mm[1],
-        angle_deg=fit.angle_deg,
-        angle_sd_deg=fit.angle_sd_deg,
-        speed_mm_s=speed_mm_s,
-        speed_sd_mm_s=params.speed_sd_mm_s if is_given else fit.speed_sd_mm_s,
-        speed_source="given" if is_given else "estimated" if speed_mm_s > 0 else "none",
         frequency_hz=fit.frequency_hz,
         window_s=span.window_s,
         snr_db=fit.snr_db,
-        stray_rad=fit.stray_rad,
-        candidates=fit.candidates,
         estimator=ESTIMATOR,
     )
+    if span.given_speed_mm_s > 0:
+        event = replace(
+            event,
+            speed_mm_s=span.given_speed_mm_s,
+            speed_sd_mm_s=params.speed_sd_mm_s,
+            speed_source="given",
+        )
+    if isinstance(fit, Refusal):
+        return replace(event, candidates=fit.candidates, stray_rad=fit.stray_rad)
+    event = replace(event, period_mm=fit.period_mm, period_sd_mm=fit.period_sd_mm)
+    if isinstance(fit, PeriodOnly):
+        shortest_mm, longest_mm = fit.period_range_mm
+        return replace(
+            event,
+            period_min_mm=shortest_mm,
+            period_max_mm=longest_mm,
+            angle_sd_deg=UNKNOWN_SD_DEG,
+            candidates=fit.candidates,
+        )
+    if fit.speed_mm_s > 0 and not fit.uses_given_speed:
+        event = replace(
+            event,
+            speed_mm_s=fit.speed_mm_s,
+            speed_sd_mm_s=fit.speed_sd_mm_s,
+            speed_source="estimated",
+        )
+    return replace(event, angle_deg=fit.angle_deg, angle_sd_deg=fit.angle_sd_deg, stray_rad=fit.stray_rad)

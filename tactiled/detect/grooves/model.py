@@ -1,4 +1,4 @@
-"""Plane-wave model of a grooved surface, and the types of the joint estimator's inputs and results.
+"""Plane-wave model of a grooved surface: its limits, the motion over it and the channels that sense it.
 
 Grooves of period D with normal (cos a, sin a) are a plane wave with the wave vector
 ``k = (2 pi / D) (cos a, sin a)``. A channel at (x, y) that is sampled `offset_s` after its scan began sees
@@ -15,7 +15,7 @@ With motion of speed v along the direction theta, ``omega = |k| cos(theta - a)``
 unknown speed follows from both.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.events.types import UNKNOWN_SD_DEG, Candidate, TextureStatus
+from tactiled.events.types import UNKNOWN_SD_DEG
 from tactiled.tomlfile import Params
 
 # Fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan rate.
@@ -32,6 +32,8 @@ ALIASED = 0.45
 SAME_WAVE_RAD = 0.3
 # Candidates in an event.
 MAX_CANDIDATES = 8
+# Root mean square of half the square of a variable with unit variance.
+_SECOND_ORDER = np.sqrt(3) / 2
 
 
 class WaveParams(Params):
@@ -102,6 +104,25 @@ class WaveMotion:
         theta = np.radians(self.direction_deg)
         return np.array([np.cos(theta), np.sin(theta)])
 
+    @property
+    def across(self) -> FloatArray:
+        """Unit vector across the motion, to its left: (2,)."""
+        heading = self.heading
+        return np.array([-heading[1], heading[0]])
+
+    def along_sd(self, k: FloatArray) -> FloatArray:
+        """Standard deviation of the component along the motion that frequency and speed give: (waves,).
+
+        Parameters
+        ----------
+        k : (waves, 2) float64
+        """
+        along, across, sd = k @ self.heading, k @ self.across, np.radians(self.direction_sd_deg)
+        by_speed = along * (self.speed_sd_mm_s / self.speed_mm_s)
+        # Error of cos(tilt + error) to first and second order: the first vanishes where normal and motion
+        # coincide.
+        return np.asarray(np.linalg.norm([by_speed, across * sd, along * _SECOND_ORDER * sd**2], axis=0))
+
 
 @dataclass(frozen=True, eq=False)
 class ChannelLayout:
@@ -122,6 +143,17 @@ class ChannelLayout:
     def is_kind(self) -> FloatArray:
         """Kind membership: (channels, kinds), 1 where the channel is of the kind, else 0."""
         return np.asarray((self.kind[:, np.newaxis] == distinct(self.kind)).astype(np.float64))
+
+    def centred(self, chosen: NDArray[np.int64]) -> "ChannelLayout":
+        """Return the layout of some channels about the middle of their places."""
+        x_mm, y_mm = self.x_mm[chosen], self.y_mm[chosen]
+        middle = (x_mm.min() + x_mm.max()) / 2, (y_mm.min() + y_mm.max()) / 2
+        return ChannelLayout(x_mm - middle[0], y_mm - middle[1], self.kind[chosen])
+
+    @cached_property
+    def xy_mm(self) -> FloatArray:
+        """Positions of the channels: (channels, 2)."""
+        return np.stack([self.x_mm, self.y_mm], axis=1)
 
     @cached_property
     def places_mm(self) -> FloatArray:
@@ -164,86 +196,6 @@ def channel_layout(array: Array) -> ChannelLayout:
         array.y_mm[array.channel_taxel],
         np.array([numbers[name] for name in names], dtype=np.int64),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class TrackedWave:
-    """Parameters of a fitted wave with which `track` finds the same wave in a later window.
-
-    Nothing here depends on where the window begins or ends.
-
-    Attributes
-    ----------
-    k : (2,) float64
-        Wave vector, radians per millimetre.
-    frequency : float
-        Phase per unit of travel: radians per millimetre, or per second where no speed was given.
-    mismatch : (kinds, harmonics) float64
-        Variance of phases within a kind, radians^2, as `RefinedWave` has it.
-    scale : (3,) float64
-        Factors that the fit found for the standard deviations of period, angle and speed.
-    added : (3, 3) float64
-        Covariance that the fit added after that, because two models of mismatch gave different answers.
-    """
-
-    k: FloatArray
-    frequency: float
-    mismatch: FloatArray
-    scale: FloatArray
-    added: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class WaveFit:
-    """Result for one window; estimates are zero where `status` is neither "ok" nor "period-only".
-
-    Attributes
-    ----------
-    period_range_mm : tuple of float
-        Shortest and longest period, where `status` is "period-only".
-    covariance : (3, 3) float64
-        Of period (mm), angle (radians) and speed (mm/s).
-    uses_given_speed : bool
-        False where no speed was given, or where the phases contradict the given one.
-    error_probability : float
-        Probability that another reading of the phases is the true one.
-    wave : TrackedWave or None
-        Set where one wave is all that the window holds, so that it can be tracked.
-    is_new_pattern : bool
-        True where the newest scans show another pattern than those before (`track`).
-    stray_rad : float
-        Root-mean-square stray of the channels' phases from the wave, where it was estimated.
-    """
-
-    status: TextureStatus
-    frequency_hz: float = 0.0
-    snr_db: float = 0.0
-    period_mm: float = 0.0
-    period_range_mm: tuple[float, float] = (0.0, 0.0)
-    angle_deg: float = 0.0
-    speed_mm_s: float = 0.0
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    uses_given_speed: bool = False
-    error_probability: float = 1.0
-    candidates: tuple[Candidate, ...] = ()
-    wave: TrackedWave | None = None
-    is_new_pattern: bool = False
-    stray_rad: float = 0.0
-
-    @property
-    def period_sd_mm(self) -> float:
-        """Standard deviation of the period."""
-        return float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def angle_sd_deg(self) -> float:
-        """Standard deviation of the angle."""
-        return float(np.degrees(np.sqrt(self.covariance[1, 1])))
-
-    @property
-    def speed_sd_mm_s(self) -> float:
-        """Standard deviation of the speed."""
-        return float(np.sqrt(self.covariance[2, 2]))
 
 
 def period_and_angle(k: FloatArray) -> tuple[float, float]:

@@ -18,14 +18,13 @@ Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.lines import SpectralLine, spectral_lines, strongest_swing
-from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
-from tactiled.detect.grooves.window import MOST_BAD_PART, filled
-from tactiled.events.types import UNKNOWN_SD_DEG, Candidate
+from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, PeriodOnly, Refusal
+from tactiled.detect.grooves.window import FitWindow
+from tactiled.events.types import Candidate
 
 # Probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s: about
 # ten are independent, so that 1 slide in 1000 over a flat surface has an answer.
@@ -44,57 +43,35 @@ _MOST_IN_PHASE = 0.8
 _INTERVAL_SDS = 2.0  # standard deviations that widen the interval of the period at both ends
 
 
-def fit_wave_or_line(
-    volts: FloatArray,
-    time_s: FloatArray,
-    channel_offset_s: FloatArray,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    usable: NDArray[np.bool_],
-    speeds_mm_s: FloatArray,
-) -> WaveFit:
-    """Fit one window jointly, and where that has no answer, by its lines.
-
-    Parameters and result are those of `fit_wave`; the status of an answer from lines is "period-only".
-    """
-    window = (volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s)
-    fit = fit_wave(*window) if len(layout.places_mm) > 1 else WaveFit("ambiguous")
-    if fit.status == "ok" and _agrees(fit, motion, params):
+def fit_wave_or_line(window: FitWindow) -> Outcome:
+    """Fit one window jointly, and where that has no answer, by its lines."""
+    fit = fit_wave(window) if len(window.layout.places_mm) > 1 else Refusal("ambiguous")
+    if isinstance(fit, GrooveAnswer) and _agrees(fit, window):
         return fit
-    line = fit_line(*window)
-    has_line = line.status == "period-only" or line.frequency_hz > 0
-    return line if has_line or fit.status == "ok" else fit
+    line = fit_line(window)
+    return line if line.frequency_hz > 0 or fit.status == "ok" else fit
 
 
-def fit_line(
-    volts: FloatArray,
-    time_s: FloatArray,
-    _channel_offset_s: FloatArray,
-    _layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    usable: NDArray[np.bool_],
-    _speeds_mm_s: FloatArray,
-) -> WaveFit:
-    """Fit one window by its lines alone; parameters and result are those of `fit_wave`."""
-    chosen = usable.mean(axis=0) >= 1 - MOST_BAD_PART
-    if not chosen.any():
-        return WaveFit("saturated")
-    duration_s = float(time_s[-1] - time_s[0])
-    band_hz = _band_hz(motion, params, (len(time_s) - 1) / duration_s if duration_s > 0 else 0.0)
-    readings = filled(volts[:, chosen], usable[:, chosen])
-    lines = spectral_lines(readings, time_s, _FALSE_ALARMS, band_hz)
+def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
+    """Fit one window by its lines alone."""
+    readings, chosen = window.good_readings()
+    if not len(chosen):
+        return Refusal("saturated")
+    duration_s = window.duration_s
+    band_hz = _band_hz(window, (len(readings) - 1) / duration_s if duration_s > 0 else 0.0)
+    lines = spectral_lines(readings, window.time_s, _FALSE_ALARMS, band_hz)
     strongest = strongest_swing(readings, (band_hz[0] * duration_s, band_hz[1] * duration_s))
     if strongest.in_phase > _MOST_IN_PHASE:
-        return WaveFit("machine", frequency_hz=strongest.cycles / duration_s)
+        return Refusal("machine", strongest.cycles / duration_s)
     waves = [line for line in lines if line.in_phase <= _MOST_IN_PHASE]
     if not waves:
-        return WaveFit("too-few-periods" if strongest.is_slow else "low-snr")
+        return Refusal("too-few-periods" if strongest.is_slow else "low-snr")
     gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)
     if gratings[0].over_others < 1.0:
-        return WaveFit("too-few-periods")
-    answers = [_of_line(line, motion, params) for line in gratings]
+        return Refusal("too-few-periods")
+    if window.motion.speed_mm_s == 0:
+        return Refusal("ambiguous", gratings[0].frequency_hz, float(10 * np.log10(gratings[0].power)))
+    answers = [_of_line(line, window) for line in gratings]
     return replace(answers[0], candidates=_candidates(gratings, answers))
 
 
@@ -104,16 +81,18 @@ def period_range(frequency_hz: float, speed_mm_s: float, max_tilt_deg: float) ->
     return longest * float(np.cos(np.radians(max_tilt_deg))), longest
 
 
-def _agrees(fit: WaveFit, motion: WaveMotion, params: WaveParams) -> bool:
+def _agrees(fit: GrooveAnswer, window: FitWindow) -> bool:
     """Return True where a joint answer is possible with the given speed."""
-    if motion.speed_mm_s == 0:
+    speed_mm_s = window.motion.speed_mm_s
+    if speed_mm_s == 0:
         return True
-    shortest, longest = period_range(fit.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
+    shortest, longest = period_range(fit.frequency_hz, speed_mm_s, window.params.max_tilt_deg)
     return shortest / _SPEED_ERROR <= fit.period_mm <= longest * _SPEED_ERROR
 
 
-def _band_hz(motion: WaveMotion, params: WaveParams, rate_hz: float) -> tuple[float, float]:
+def _band_hz(window: FitWindow, rate_hz: float) -> tuple[float, float]:
     """Frequencies at which grooves within the limits can pass."""
+    motion, params = window.motion, window.params
     fastest = ALIASED * rate_hz
     if motion.speed_mm_s == 0:
         return 0.0, fastest
@@ -144,29 +123,26 @@ def _is_multiple(line: SpectralLine, fundamental: SpectralLine, apart_hz: float)
     return abs(line.frequency_hz - multiple * fundamental.frequency_hz) < apart_hz
 
 
-def _of_line(line: SpectralLine, motion: WaveMotion, params: WaveParams) -> WaveFit:
-    snr_db = float(10 * np.log10(line.power))
-    if motion.speed_mm_s == 0:
-        return WaveFit("ambiguous", frequency_hz=line.frequency_hz, snr_db=snr_db)
+def _of_line(line: SpectralLine, window: FitWindow) -> PeriodOnly:
+    motion, params = window.motion, window.params
     relative = line.frequency_sd_hz / line.frequency_hz
     shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
     sd_mm = float(np.hypot(longest * relative, motion.speed_sd_mm_s / line.frequency_hz))
     period_mm = min(longest, params.max_period_mm)  # shorter than `longest`: the grooves are tilted
     low_mm = max(shortest - _INTERVAL_SDS * sd_mm, min(params.min_period_mm, period_mm))
     high_mm = min(longest + _INTERVAL_SDS * sd_mm, params.max_period_mm)
-    return WaveFit(
-        "period-only",
+    return PeriodOnly(
         frequency_hz=line.frequency_hz,
-        snr_db=snr_db,
+        snr_db=float(10 * np.log10(line.power)),
         period_mm=period_mm,
+        period_sd_mm=sd_mm,
         period_range_mm=(low_mm, high_mm),
-        covariance=np.diag([sd_mm**2, np.radians(UNKNOWN_SD_DEG) ** 2, motion.speed_sd_mm_s**2]),
     )
 
 
-def _candidates(gratings: list[SpectralLine], answers: list[WaveFit]) -> tuple[Candidate, ...]:
+def _candidates(gratings: list[SpectralLine], answers: list[PeriodOnly]) -> tuple[Candidate, ...]:
     """All gratings in view, where there are several, weighted by their shares of the power."""
-    if len(gratings) < 2 or answers[0].status != "period-only":
+    if len(gratings) < 2:
         return ()
     total = sum(line.power for line in gratings)
     return tuple(

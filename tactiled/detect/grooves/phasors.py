@@ -39,10 +39,10 @@ class Phasors:
         Of noise in the real and in the imaginary part of each.
     """
 
-    def __init__(self, z: FloatArray, variance: FloatArray, layout: ChannelLayout) -> None:
+    def __init__(self, z: NDArray[np.complex128], variance: FloatArray, layout: ChannelLayout) -> None:
         self.z = z
         self.variance = variance + _LEAST_MISMATCH**2 * float((np.abs(z) ** 2).mean())
-        self.place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+        self.place = layout.xy_mm
         self.is_kind = layout.is_kind
         self._radius_mm = layout.radius_mm
 

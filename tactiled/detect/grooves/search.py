@@ -4,10 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.equations import DetrendedWindow
 from tactiled.detect.grooves.linear import PlaneWaves
-from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout, WaveMotion, WaveParams
+from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout
 from tactiled.detect.grooves.solve import WaveSolver
-from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
+from tactiled.detect.grooves.spectrum import Ripple
 
 # Phase at the edge of the array between neighbouring points of a search grid.
 GRID_STEP_RAD = 0.5
@@ -22,32 +23,22 @@ _SLACK_SIGMAS = 3.0
 _TINY = 1e-300
 
 
-def search_wave_vectors(
-    window: DetrendedWindow,
-    equations: NormalEquations,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    variance: FloatArray,
-    least: float,
-) -> PlaneWaves:
+def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
     """Local maxima of the likelihood over the wave vector, the best first; may be empty.
 
     Parameters
     ----------
-    equations : NormalEquations
-        At the line's frequency, fundamental only.
-    variance : (channels,) float64
-        Of each channel's noise, volts^2.
     least : float
         The best must explain more than this (`common_mode_power`).
     """
+    window, equations, variance = ripple.window, ripple.equations, ripple.variance
+    layout, motion = window.layout, window.motion
     heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
     slack = equations.phase_rate_sd(variance)
-    along, across = _grid(window, equations.phase_rate, slack, layout, motion, params)
+    along, across = _grid(window, equations.phase_rate, slack)
     if not len(along) or not len(across):
         return _none()
-    z = channel_phasors(window, equations, 1)
+    z = equations.phasors()
     scores = _scores(z, layout, heading, along, across, variance)
     if motion.has_speed and len(along) > 1:
         # The prior of a known motion counts too. Without it the ridges that one column of taxels makes have
@@ -57,7 +48,7 @@ def search_wave_vectors(
     # The grid point of a maximum just inside the limits may lie outside them.
     step = _step(layout)
     starts = np.argwhere(_is_peak(scores))
-    starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], motion, params, step)]
+    starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], window, step)]
     if not len(starts):
         return _none()
     high = scores[starts[:, 0], starts[:, 1]]
@@ -65,9 +56,9 @@ def search_wave_vectors(
     starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
     normal = np.array([-heading[1], heading[0]])
     k = along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal
-    solver = WaveSolver(window, layout, motion, variance)
+    solver = WaveSolver(window, variance)
     found = solver.solve(equations, k, solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS))
-    found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, motion, params, step / 2))]
+    found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, window, step / 2))]
     if not len(found.k):
         return _none()
     found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
@@ -80,9 +71,10 @@ def _step(layout: ChannelLayout) -> float:
 
 
 def _is_within(
-    along: FloatArray, across: FloatArray, motion: WaveMotion, params: WaveParams, margin: float
+    along: FloatArray, across: FloatArray, window: DetrendedWindow, margin: float
 ) -> NDArray[np.bool_]:
     """True for wave vectors inside the operator's limits, with a margin (radians per millimetre)."""
+    motion, params = window.motion, window.params
     size = np.hypot(along, across)
     within = size <= 2 * np.pi / params.min_period_mm + margin
     least = 2 * np.pi / params.max_period_mm
@@ -93,25 +85,18 @@ def _is_within(
     return np.asarray(within)
 
 
-def common_mode_power(
-    window: DetrendedWindow, equations: NormalEquations, layout: ChannelLayout, variance: FloatArray
-) -> float:
+def common_mode_power(ripple: Ripple) -> float:
     """Power that a vibration common to all channels would explain.
 
     Such a vibration may resemble a wave whose phases are nearly whole turns, but no wave then explains more
     power than this.
     """
-    return explained_power(channel_phasors(window, equations, 1), layout, np.zeros(2), variance)
+    return explained_power(ripple.equations.phasors(), ripple.window.layout, np.zeros(2), ripple.variance)
 
 
-def channel_phasors(window: DetrendedWindow, equations: NormalEquations, harmonic: int) -> FloatArray:
-    """Complex amplitude of one harmonic in each channel, corrected for scan skew: (channels,) complex128."""
-    parts = equations.phasors()
-    late = np.exp(-1j * harmonic * equations.phase_rate * window.skew)
-    return np.asarray((parts[:, 2 * harmonic - 2] - 1j * parts[:, 2 * harmonic - 1]) * late)
-
-
-def explained_power(z: FloatArray, layout: ChannelLayout, k: FloatArray, variance: FloatArray) -> float:
+def explained_power(
+    z: NDArray[np.complex128], layout: ChannelLayout, k: FloatArray, variance: FloatArray
+) -> float:
     """Power over noise variance that one wave vector explains of phasors, in squared amplitudes."""
     pull = np.abs(z) * z / variance
     late = np.exp(-1j * (layout.x_mm * k[0] + layout.y_mm * k[1]))
@@ -120,31 +105,18 @@ def explained_power(z: FloatArray, layout: ChannelLayout, k: FloatArray, varianc
 
 
 def most_explained_power(
-    z: FloatArray,
-    phase_rate: float,
-    window: DetrendedWindow,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    variance: FloatArray,
+    window: DetrendedWindow, z: NDArray[np.complex128], phase_rate: float, variance: FloatArray
 ) -> tuple[float, int]:
     """Largest `explained_power` over the grid of wave vectors, and how many were tried."""
-    along, across = _grid(window, phase_rate, 0.0, layout, motion, params)
-    scores = _scores(z, layout, motion.heading, along, across, variance)
+    along, across = _grid(window, phase_rate, 0.0)
+    scores = _scores(z, window.layout, window.motion.heading, along, across, variance)
     return float(scores.max(initial=0.0)), max(scores.size, 1)
 
 
-def _grid(
-    window: DetrendedWindow,
-    phase_rate: float,
-    phase_rate_sd: float,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-) -> tuple[FloatArray, FloatArray]:
+def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> tuple[FloatArray, FloatArray]:
     """Grid of wave-vector components along the motion and across it."""
-    step = _step(layout)
-    largest = 2 * np.pi / params.min_period_mm + step
+    motion, step = window.motion, _step(window.layout)
+    largest = 2 * np.pi / window.params.min_period_mm + step
     n_across = int(np.ceil(largest / step))
     across = np.arange(-n_across, n_across + 1) * step
     if not motion.has_speed:
@@ -161,7 +133,7 @@ def _grid(
 
 
 def _scores(
-    z: FloatArray,
+    z: NDArray[np.complex128],
     layout: ChannelLayout,
     heading: FloatArray,
     along: FloatArray,

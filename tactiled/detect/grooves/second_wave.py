@@ -16,7 +16,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout, WaveMotion, WaveParams
+from tactiled.detect.grooves.equations import DetrendedWindow
+from tactiled.detect.grooves.model import SAME_WAVE_RAD, WaveMotion, WaveParams
 from tactiled.detect.grooves.phasors import NEIGHBOURS, Phasors
 from tactiled.detect.grooves.search import GRID_STEP_RAD
 from tactiled.detect.worker import pause
@@ -48,11 +49,9 @@ _LEAST_SHARE = 0.05
 
 
 def has_second_wave(
-    z: FloatArray,
+    window: DetrendedWindow,
+    z: NDArray[np.complex128],
     variance: FloatArray,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
     k: FloatArray,
     are_alike: bool,
 ) -> bool:
@@ -69,6 +68,7 @@ def has_second_wave(
     are_alike : bool
         True where the phases of a kind show no mismatch.
     """
+    layout, motion, params = window.layout, window.motion, window.params
     phasors = Phasors(z, variance, layout)
     # Amplitudes of the kinds, the component across the motion, and where it is uncertain the direction.
     n_more = 2 * phasors.is_kind.shape[1] + 1 + int(motion.direction_sd_deg > 0)
@@ -110,7 +110,7 @@ def _likely_pairs(
     All pairs of a grid across each likely motion; the waves have the component of k along it. The second one
     may be common to all channels.
     """
-    normal = np.array([-motion.heading[1], motion.heading[0]])
+    normal = motion.across
     n_across = int(np.ceil(2 * np.pi / params.min_period_mm / step))
     across = np.arange(-n_across, n_across + 1) * step
     off = across - k @ normal

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.linear import (
     Linearisation,
     PhaseGeometry,
@@ -22,8 +23,6 @@ from tactiled.detect.grooves.linear import (
     linearise,
     total_information,
 )
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
-from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # Convergence is quadratic from a start within a quarter of a radian.
 _NEWTON_STEPS = 3
@@ -35,8 +34,6 @@ LARGEST_STEP_RAD = 0.5
 _FALSE_MISMATCH = 1e-3
 # Variance of a uniformly distributed phase, radians^2.
 _ANY_PHASE = np.pi**2 / 3
-# Root mean square of half the square of a variable with unit variance.
-_SECOND_ORDER = np.sqrt(3) / 2
 # Ridge that keeps the standard deviation of an undetermined quantity finite.
 _NO_INFORMATION = 1e-12
 
@@ -46,8 +43,6 @@ class WaveSolver:
 
     Parameters
     ----------
-    layout : ChannelLayout
-        Of the window's channels; positions are relative to their centre.
     variance : (channels,) float64
         Of each channel's noise, volts^2.
     mismatch : (kinds, harmonics) float64, optional
@@ -55,20 +50,16 @@ class WaveSolver:
     """
 
     def __init__(
-        self,
-        window: DetrendedWindow,
-        layout: ChannelLayout,
-        motion: WaveMotion,
-        variance: FloatArray,
-        mismatch: FloatArray | None = None,
+        self, window: DetrendedWindow, variance: FloatArray, mismatch: FloatArray | None = None
     ) -> None:
-        place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+        layout, motion = window.layout, window.motion
         # A known motion gives phase_rate = half_travel (k . heading), within the uncertainty of the motion.
         tie = window.half_travel * motion.heading * float(motion.has_speed)
-        self._geometry = PhaseGeometry(place, window.skew, layout.is_kind, 1.0 / variance, tie)
-        self._rim_mm = max(float(np.abs(place).max()), 1e-3)
+        self._geometry = PhaseGeometry(layout.xy_mm, window.skew, layout.is_kind, 1.0 / variance, tie)
+        self._rim_mm = max(float(np.abs(layout.xy_mm).max()), 1e-3)
         self._mismatch = None if mismatch is None or not mismatch.any() else (layout.is_kind @ mismatch).T
         self._motion = motion
+        self._half_travel = window.half_travel
 
     def _tied_phase_rate(self, k: FloatArray) -> FloatArray:
         """Phase rate that a known motion gives wave vectors (starts, 2)."""
@@ -85,13 +76,7 @@ class WaveSolver:
         """Standard deviation of the phase rate about the tie to the motion; 1 without a tie: (starts,)."""
         if not self._motion.has_speed:
             return np.ones(len(k))
-        across = self._geometry.tie[0] * k[:, 1] - self._geometry.tie[1] * k[:, 0]
-        along = self._tied_phase_rate(k)
-        by_speed = along * (self._motion.speed_sd_mm_s / self._motion.speed_mm_s)
-        # Error of cos(tilt + error) to first and second order: the first vanishes where normal and motion
-        # coincide.
-        sd = np.radians(self._motion.direction_sd_deg)
-        return np.asarray(np.linalg.norm([by_speed, across * sd, along * _SECOND_ORDER * sd**2], axis=0))
+        return self._half_travel * self._motion.along_sd(k)
 
     def solve(
         self,
@@ -217,7 +202,7 @@ class WaveSolver:
 
     def _first_phase(self, equations: NormalEquations, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
-        parts = equations.phasors()
+        parts = equations.parts
         z = parts[:, 0::2] - 1j * parts[:, 1::2]  # a cos(h t + p) has the phasor a exp(i p)
         psi = self._geometry.psi(k, phase_rate)
         times = np.arange(1, equations.n_harmonics + 1)

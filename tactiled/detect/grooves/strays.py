@@ -16,6 +16,7 @@ the residual where that is small and makes the likelihood that of von Mises wher
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
@@ -72,7 +73,7 @@ class StrayPosterior:
 
 
 def weigh_waves(
-    z: FloatArray,
+    z: NDArray[np.complex128],
     variance: FloatArray,
     layout: ChannelLayout,
     k: FloatArray,
@@ -100,7 +101,7 @@ def weigh_waves(
         Logarithms of the probabilities of the standard deviations.
     """
     noise = variance / np.maximum(np.abs(z) ** 2, _TINY)
-    place = np.stack([layout.x_mm, layout.y_mm], axis=1)
+    place = layout.xy_mm
     design = np.concatenate([layout.is_kind, place], axis=1)
     residual = _residuals(z, noise, layout, place, k)
     log, best = _evidence(residual, noise, design, layout, _tie(motion, k, along, along_sd, design.shape[1]))
@@ -168,7 +169,7 @@ def _evidence(
 
 
 def _residuals(
-    z: FloatArray,
+    z: NDArray[np.complex128],
     noise: FloatArray,
     layout: ChannelLayout,
     place: FloatArray,
@@ -188,12 +189,6 @@ def _tie(
     row = np.zeros((len(k), n))
     if not motion.has_speed:
         return row, np.zeros(len(k)), np.zeros(len(k))
-    here = k @ motion.heading
-    across = motion.heading[0] * k[:, 1] - motion.heading[1] * k[:, 0]
-    sd = np.radians(motion.direction_sd_deg)
-    by_speed = here * motion.speed_sd_mm_s / motion.speed_mm_s
-    # Error of cos(tilt + error) to first and second order, as `WaveSolver` has it.
-    slack = np.linalg.norm([across * sd, here * np.sqrt(3) / 2 * sd**2, by_speed], axis=0)
-    slack = np.hypot(slack, along_sd)
+    here, slack = k @ motion.heading, np.hypot(motion.along_sd(k), along_sd)
     row[:, -2:] = motion.heading / slack[:, np.newaxis]
     return row, (along - here) / slack, np.log(slack)

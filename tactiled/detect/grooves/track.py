@@ -11,18 +11,17 @@ Another pattern under the skin is noticed by its phasors: the window is divided 
 newest must be those of the blocks before, apart from a common factor, which an uneven speed changes too.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from tactiled.array import FloatArray
-from tactiled.detect.grooves.fit import prepare_window, with_wave
-from tactiled.detect.grooves.model import ALIASED, ChannelLayout, WaveFit, WaveMotion, WaveParams
+from tactiled.detect.grooves.equations import STRAIGHT, detrended, trend_basis
+from tactiled.detect.grooves.estimates import groove_answer
+from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_channels
 from tactiled.detect.grooves.spectrum import FEW_PERIODS
-from tactiled.detect.grooves.window import STRAIGHT, DetrendedWindow, trend_basis
+from tactiled.detect.grooves.window import FitWindow
 
 # Length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6 s.
 _BLOCK_S = 1.0
@@ -39,25 +38,13 @@ _FALSE_CHANGE = 1e-6
 _TINY = 1e-300
 
 
-def track_wave(
-    last: WaveFit,
-    volts: FloatArray,
-    time_s: FloatArray,
-    channel_offset_s: FloatArray,
-    layout: ChannelLayout,
-    motion: WaveMotion,
-    params: WaveParams,
-    usable: NDArray[np.bool_] | None = None,
-    speeds_mm_s: FloatArray | None = None,
-) -> WaveFit | None:
-    """The wave of `last` in another window, or None where it is not there or where it must be fitted.
+def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
+    """The wave of an answer in another window, or None where it is not there or where it must be fitted.
 
     Parameters
     ----------
-    last : WaveFit
-        Of an overlapping window, with `wave`; it has the error probability of the answer.
-    volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s
-        As for `fit_wave`.
+    last : GrooveAnswer
+        Of an overlapping window; its error probability remains.
 
     Examples
     --------
@@ -73,43 +60,33 @@ def track_wave(
     >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + layout.y_mm * np.sin(angle))
     >>> volts = 1 + 0.05 * np.cos(phase + layout.kind) + 0.005 * rng.standard_normal(phase.shape)
     >>> rest = np.zeros(36), layout, WaveMotion(2.0, 0.0, 0.0, 0.0), WaveParams()
-    >>> first = fit_wave(volts[:300], time_s[:300], *rest)
-    >>> later = track_wave(first, volts, time_s, *rest)
+    >>> first = fit_wave(FitWindow(volts[:300], time_s[:300], *rest))
+    >>> later = track_wave(first, FitWindow(volts, time_s, *rest))
     >>> print(f"{later.period_mm:.3f} mm, {later.angle_deg:.1f} degrees")
     1.200 mm, 20.0 degrees
     """
-    if last.wave is None:
+    window = detrended(scans)
+    if isinstance(window, Refusal) or last.wave is None:
         return None
-    is_long = last.frequency_hz * (time_s[-1] - time_s[0]) >= FEW_PERIODS
-    trend_order = params.trend_order if is_long else STRAIGHT
-    prepared = prepare_window(
-        volts, time_s, channel_offset_s, layout, motion, params, usable, speeds_mm_s, trend_order
-    )
-    if isinstance(prepared, WaveFit):
+    if last.frequency_hz * window.duration_s >= FEW_PERIODS:
+        window = window.curved
+    if not last.uses_given_speed:
+        window = window.without_speed
+    if window.layout.is_kind.shape[1] != len(last.wave.mismatch):
         return None
-    window, here = prepared
-    tied = motion if last.uses_given_speed else motion.without_speed
     phase_rate = last.wave.frequency * window.half_travel
-    is_new_kind = here.is_kind.shape[1] != len(last.wave.mismatch)
-    if is_new_kind:
-        return None
-    k = last.wave.k[np.newaxis]
-    best = refine_once(window, here, tied, k, np.array([phase_rate]), last.wave.mismatch)
-    found = float(best.waves.phase_rate[0])
-    highest = 2 * np.pi * ALIASED / window.largest_step
-    is_in_range = np.pi * params.min_periods <= found <= highest
-    if not is_in_range or not suits_channels(best, window, here, tied, phase_rate):
+    best = refine_once(window, last.wave.k[np.newaxis], np.array([phase_rate]), last.wave.mismatch)
+    least, most = np.pi * scans.params.min_periods, 2 * np.pi * ALIASED / window.largest_step
+    if not least <= best.phase_rate <= most or not suits_channels(best, phase_rate):
         return None
     rate_hz = (window.n - 1) / window.duration_s
-    n_block = round(max(_BLOCK_S, _BLOCK_PERIODS * np.pi * window.duration_s / found) * rate_hz)
-    if is_another_pattern(window, best, n_block):
-        return WaveFit("ambiguous", window.frequency_hz(found), best.snr_db, is_new_pattern=True)
-    wave = replace(last.wave, k=best.waves.k[0], frequency=found / window.half_travel, mismatch=best.mismatch)
-    fit = replace(last, frequency_hz=window.frequency_hz(found), snr_db=best.snr_db, wave=wave)
-    return with_wave(fit, best, window, tied)
+    n_block = round(max(_BLOCK_S, _BLOCK_PERIODS / best.frequency_hz) * rate_hz)
+    if is_another_pattern(best, n_block):
+        return NewPattern("ambiguous", best.frequency_hz, best.snr_db)
+    return groove_answer(best, last.wave.scale, last.wave.added, last.error_probability, last.stray_rad)
 
 
-def is_another_pattern(window: DetrendedWindow, best: RefinedWave, n_block: int) -> bool:
+def is_another_pattern(best: RefinedWave, n_block: int) -> bool:
     """True where the phasors of the newest block are not those of the blocks before, at least two.
 
     Parameters
@@ -119,10 +96,11 @@ def is_another_pattern(window: DetrendedWindow, best: RefinedWave, n_block: int)
     n_block : int
         Scans in a block. The oldest scans, less than a block, are not looked at.
     """
+    window = best.window
     n_channels, n_earlier = len(window.volts), window.n // n_block - 1
     if n_earlier < 2 or n_channels < 2:
         return False
-    z = _block_phasors(window, best, n_block) / np.sqrt(best.variance)[:, np.newaxis]
+    z = _block_phasors(best, n_block) / np.sqrt(best.variance)[:, np.newaxis]
     earlier = np.linalg.svd(z[:, :-1], full_matrices=False)[0][:, 0]
     power = (z.real**2 + z.imag**2).sum(axis=0)
     part = 1 - np.abs(earlier.conj() @ z) ** 2 / np.maximum(power, _TINY)
@@ -133,12 +111,13 @@ def is_another_pattern(window: DetrendedWindow, best: RefinedWave, n_block: int)
     return bool(part[-1] > max(_ANOTHER_PATTERN, white / max(power[-1], _TINY), _UNLIKE_EARLIER * usual))
 
 
-def _block_phasors(window: DetrendedWindow, best: RefinedWave, n_block: int) -> NDArray[np.complex128]:
+def _block_phasors(best: RefinedWave, n_block: int) -> NDArray[np.complex128]:
     """Phasors of the fundamental in each block, the newest last: (channels, blocks)."""
+    window = best.window
     n_blocks = window.n // n_block
     newest = slice(window.n - n_blocks * n_block, window.n)
     harmonics = np.arange(1, best.equations.n_harmonics + 1)[:, np.newaxis, np.newaxis]
-    angle = harmonics * float(best.waves.phase_rate[0]) * window.travel[:, newest]
+    angle = harmonics * best.phase_rate * window.travel[:, newest]
     waves = np.concatenate([np.cos(angle), np.sin(angle)]).swapaxes(0, 1)
     waves = waves.reshape(len(waves), -1, n_blocks, n_block).swapaxes(1, 2)
     slow = np.broadcast_to(trend_basis(n_block, STRAIGHT).T, (*waves.shape[:2], 2, n_block))

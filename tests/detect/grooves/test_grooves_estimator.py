@@ -12,7 +12,8 @@ from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
-from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -62,8 +63,11 @@ def test_any_chunking_gives_the_same_bits(speed_mm_s: float) -> None:
 @given(cuts=splits(1000))
 @settings(max_examples=10, deadline=None)
 def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[int]) -> None:
-    def fit(_volts: FloatArray, time_s: FloatArray, *_: object) -> WaveFit:
-        return WaveFit("ok", period_mm=1.0, frequency_hz=99.0, stray_rad=float(time_s[-1]))
+    def fit(window: FitWindow) -> Outcome:
+        return GrooveAnswer(
+            frequency_hz=99.0, snr_db=0.0, period_mm=1.0, angle_deg=0.0, speed_mm_s=0.0,
+            covariance=np.zeros((3, 3)), uses_given_speed=False, stray_rad=float(window.time_s[-1]),
+        )  # fmt: skip
 
     block = regular_block(np.zeros((1000, 36)), 100.0)
     slips = [slip_at(block, "onset", 100), slip_at(block, "end", 405), slip_at(block, "onset", 412)]

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from gratings import prepared
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.equations import NormalEquations
 from tactiled.detect.grooves.linear import (
     Linearisation,
     PhaseGeometry,
@@ -16,7 +18,7 @@ from tactiled.detect.grooves.linear import (
     linearise,
     sweep,
 )
-from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations, normal_equations, trend_basis
+from tactiled.detect.grooves.model import ChannelLayout
 
 N_CHANNELS, N = 6, 200
 
@@ -28,15 +30,15 @@ def case(seed: int) -> tuple[PhaseGeometry, NormalEquations, PlaneWaves]:
     place = rng.uniform(-3, 3, (N_CHANNELS, 2))
     geometry = PhaseGeometry(place, np.zeros(N_CHANNELS), kinds, rng.uniform(1, 30, N_CHANNELS), np.zeros(2))
     k, phase = rng.uniform(-1, 1, (1, 2)), rng.uniform(-3, 3, (1, 2, 2))
-    travel, trend = np.linspace(-1.0, 1.0, N), trend_basis(N, 1)
+    travel = np.linspace(-1.0, 1.0, N)
     psi = 20.0 * travel + place @ k.T
     first, second = psi + kinds @ phase[0, :, :1], 2 * psi + kinds @ phase[0, :, 1:]
     volts = np.cos(first) + 0.3 * np.cos(second) + 0.2 * rng.standard_normal((N_CHANNELS, N))
-    volts -= (volts @ trend) @ trend.T
-    window = DetrendedWindow(volts, travel[np.newaxis], np.zeros(N_CHANNELS), 1.0, 2.0, trend)
+    layout = ChannelLayout(place[:, 0], place[:, 1], np.arange(N_CHANNELS) % 2)
+    window = prepared(volts.T, travel, layout)
     empty = np.zeros(1)
     waves = PlaneWaves(k + 0.05, np.array([20.01]), empty, empty, phase + 0.1)
-    return geometry, normal_equations(window, 20.0, 2), waves
+    return geometry, window.equations(20.0, 2), waves
 
 
 def near(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:

@@ -8,8 +8,9 @@ import pytest
 from tactiled.array import Array, FloatArray, build, load_array
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.lines import spectral_lines
-from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.grooves.outcome import Outcome, PeriodOnly
 from tactiled.detect.grooves.period_only import period_range
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import TextureEvent
@@ -258,9 +259,16 @@ def test_a_line_is_reported_once_a_second_window_has_it_too() -> None:
     params = JointParams(speed_mm_s=10.0, settle_s=0.0, answer_after_s=0.0)
     fits = iter([3.0, 9.0, 9.01, 20.0, 9.01])
 
-    def fit(*_: object) -> WaveFit:
+    def fit(_window: FitWindow) -> Outcome:
         at = next(fits, 9.01)
-        return WaveFit("period-only", frequency_hz=at, period_mm=10 / at)
+        period_mm = 10 / at
+        return PeriodOnly(
+            frequency_hz=at,
+            snr_db=0.0,
+            period_mm=period_mm,
+            period_sd_mm=0.0,
+            period_range_mm=(0.0, period_mm),
+        )
 
     texture = KnownSlidingTexture(JointTexture(unknown_places(16), params, fit=fit), KnownSliding())
     told = [event.frequency_hz for event in texture.process(block) if isinstance(event, TextureEvent)]

@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gratings import ARRAY
+from gratings import ARRAY, prepared
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.second_wave import has_second_wave
 
@@ -74,11 +74,12 @@ def test_two_waves_of_one_frequency_are_seen_and_uneven_gains_are_not() -> None:
     crossed = K * [1, -1]
     variance = np.full(len(PLACE), SD**2)
     motion = WaveMotion(direction_deg=0.0, direction_sd_deg=0.0)
+    window = prepared(np.zeros((99, 36)), np.arange(99) / 100, LAYOUT, motion)
     seen = {"two": 0, "one": 0}
     for seed in range(10):
         rng = np.random.default_rng(seed)
         gain = rng.uniform(0.7, 1.3, len(PLACE)) * np.exp(0.1j * rng.standard_normal(len(PLACE)))
         one, two = phasors_of(rng, [(K, 1.0)], gain), phasors_of(rng, [(K, 1.0), (crossed, 0.5)])
-        seen["one"] += has_second_wave(one, variance, LAYOUT, motion, WaveParams(), K, False)
-        seen["two"] += has_second_wave(two, variance, LAYOUT, motion, WaveParams(), K, False)
+        seen["one"] += has_second_wave(window, one, variance, K, False)
+        seen["two"] += has_second_wave(window, two, variance, K, False)
     assert seen == {"two": 10, "one": 0}

@@ -9,6 +9,7 @@ from gratings import (
     Grating,
     MotionOf,
     Slide,
+    answer,
     assert_refused,
     assert_right,
     fit,
@@ -19,14 +20,15 @@ from gratings import (
 )
 
 from tactiled.detect.grooves.model import WaveMotion, WaveParams
+from tactiled.detect.grooves.outcome import Refusal
 
 
 def test_an_uncertain_speed_widens_the_period() -> None:
     slide = Slide((Grating(angle_deg=0.0),))
-    sure, unsure = fit(slide, known(slide)), fit(slide, WaveMotion(2.0, 0.01, 0.0, 0.0))
+    sure, unsure = answer(fit(slide, known(slide))), answer(fit(slide, WaveMotion(2.0, 0.01, 0.0, 0.0)))
     # Not by all of it: delays alone determine the period too, and an uncertain speed has less weight.
     assert sure.period_sd_mm < 0.9 * unsure.period_sd_mm
-    assert unsure.period_sd_mm < 1.01 * fit(slide, unknown(slide)).period_sd_mm
+    assert unsure.period_sd_mm < 1.01 * answer(fit(slide, unknown(slide))).period_sd_mm
     assert_right(fit(slide, WaveMotion(2.02, 0.02, 0.0, 0.0)), slide.gratings[0])
 
 
@@ -42,7 +44,7 @@ def test_a_direction_off_by_its_sigma_is_allowed_for_in_windows_of_many_periods(
 ) -> None:
     """Also along the normal, where the frequency depends on the direction in second order only."""
     slide = Slide((Grating(1.0, tilt_deg),), speed_mm_s=9.0)
-    found = fit(slide, WaveMotion(9.0, 0.0, off_deg, 3.0))
+    found = answer(fit(slide, WaveMotion(9.0, 0.0, off_deg, 3.0)))
     assert_right(found, slide.gratings[0])
     assert found.uses_given_speed
 
@@ -63,6 +65,7 @@ def test_equal_gaps_leave_every_reading_that_they_cannot_tell_apart(motion_of: M
     few = WaveParams(min_period_mm=1.0, max_tilt_deg=45.0)
     found = fit(slide, motion_of(slide), grid([0.0, 3.5, 7.0], [0.0, 3.5, 7.0]), params=few)
     assert_refused(found, "ambiguous")
+    assert isinstance(found, Refusal)
     weights = [c.weight for c in found.candidates]
     # All equal, since phases differ by whole periods.
     assert weights == pytest.approx([weights[0]] * len(weights), rel=0.05)

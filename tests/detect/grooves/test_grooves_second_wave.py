@@ -17,12 +17,14 @@ from gratings import (
 )
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import WaveFit
+from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
 
 OFFSETS_S = np.linspace(0, 0.007, 36)
 
 
-def is_near(found: WaveFit, grating: Grating) -> bool:
+def is_near(found: Outcome, grating: Grating) -> bool:
+    if not isinstance(found, GrooveAnswer):
+        return False
     by_mm, by_deg = off(found, grating)
     return abs(by_mm) < 0.05 * grating.period_mm and abs(by_deg) < 5
 

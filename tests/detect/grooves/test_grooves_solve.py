@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from gratings import ARRAY, Grating, Slide
+from gratings import ARRAY, Grating, Slide, prepared
 from scipy import optimize
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.solve import WaveSolver
-from tactiled.detect.grooves.window import make_window, normal_equations
 
 LAYOUT = channel_layout(ARRAY)
 SLIDE = Slide((Grating(1.2, 20.0),), noise=0.01)
@@ -55,14 +54,14 @@ def test_answer_and_covariance_are_those_of_a_direct_least_squares_fit(seed: int
     volts, time_s = slide.volts(ARRAY), slide.times()
     true_k = 2 * np.pi / 1.2 * np.array([np.cos(np.radians(20.0)), np.sin(np.radians(20.0))])
     start = true_k * 1.01
-    window = make_window(volts, time_s, np.ones(len(time_s)), np.zeros(ARRAY.n_channels))
-    line = np.pi * HZ * window.duration_s
     motion = WaveMotion(direction_deg=0.0, direction_sd_deg=0.0)
-    solver = WaveSolver(window, LAYOUT, motion, np.full(ARRAY.n_channels, NOISE**2))
-    equations = normal_equations(window, line, 1)
+    window = prepared(volts, time_s, LAYOUT, motion)
+    line = np.pi * HZ * window.duration_s
+    solver = WaveSolver(window, np.full(ARRAY.n_channels, NOISE**2))
+    equations = window.equations(line)
     found = solver.solve(equations, start[np.newaxis], np.array([line]))
     for _ in range(2):  # the equations follow a change of frequency to first order only
-        equations = normal_equations(window, float(found.phase_rate[0]), 1)
+        equations = window.equations(float(found.phase_rate[0]))
         found = solver.solve(equations, found.k, found.phase_rate)
     direct, covariance = direct_fit(volts, time_s, start)
     sd = np.sqrt(np.diag(covariance))
@@ -75,24 +74,23 @@ def test_answer_and_covariance_are_those_of_a_direct_least_squares_fit(seed: int
 
 def test_a_known_speed_ties_frequency_and_wave_vector() -> None:
     volts, time_s = SLIDE.volts(ARRAY), SLIDE.times()
-    window = make_window(volts, time_s, np.full(len(time_s), 2.0), np.zeros(ARRAY.n_channels))
-    motion = WaveMotion(2.0, 0.0, 0.0, 0.0)
-    solver = WaveSolver(window, LAYOUT, motion, np.full(ARRAY.n_channels, NOISE**2))
+    window = prepared(volts, time_s, LAYOUT, WaveMotion(2.0, 0.0, 0.0, 0.0))
+    solver = WaveSolver(window, np.full(ARRAY.n_channels, NOISE**2))
     line = np.pi * HZ * window.duration_s
     start = 2 * np.pi / 1.2 * np.array([[np.cos(np.radians(20.0)), np.sin(np.radians(20.0))]])
-    found = solver.solve(normal_equations(window, line, 1), start, np.array([line]))
+    found = solver.solve(window.equations(line), start, np.array([line]))
     assert found.phase_rate[0] == pytest.approx(window.half_travel * found.k[0, 0], rel=1e-9)
-    free = WaveSolver(window, LAYOUT, motion.without_speed, np.full(ARRAY.n_channels, NOISE**2)).solve(
-        normal_equations(window, line, 1), start, np.array([line])
+    free = WaveSolver(window.without_speed, np.full(ARRAY.n_channels, NOISE**2)).solve(
+        window.equations(line), start, np.array([line])
     )
     assert found.covariance[0, 0, 0] < 0.7 * free.covariance[0, 0, 0]
 
 
 def test_channels_that_hold_no_ripple_give_finite_numbers() -> None:
     volts, time_s = np.ones((300, ARRAY.n_channels)), np.arange(300) / 100
-    window = make_window(volts, time_s, np.ones(300), np.zeros(ARRAY.n_channels))
-    solver = WaveSolver(window, LAYOUT, WaveMotion(), np.full(ARRAY.n_channels, 1e-6))
-    found = solver.solve(normal_equations(window, 30.0, 2), np.array([[1.0, 0.3]]), np.array([30.0]))
+    window = prepared(volts, time_s, LAYOUT)
+    solver = WaveSolver(window, np.full(ARRAY.n_channels, 1e-6))
+    found = solver.solve(window.equations(30.0, 2), np.array([[1.0, 0.3]]), np.array([30.0]))
     for value in (found.k, found.phase_rate, found.gain, found.covariance, found.phase):
         assert np.isfinite(value).all()
 
@@ -101,8 +99,8 @@ def test_channels_that_hold_no_ripple_give_finite_numbers() -> None:
 def test_a_direction_that_is_not_known_well_lets_the_phase_rate_leave_the_tie(angle_deg: float) -> None:
     """By the root mean square of what errors of the direction change, drawn at random."""
     volts, time_s = SLIDE.volts(ARRAY), SLIDE.times()
-    window = make_window(volts, time_s, np.full(len(time_s), 2.0), np.zeros(ARRAY.n_channels))
-    solver = WaveSolver(window, LAYOUT, WaveMotion(2.0, 0.0, 0.0, 10.0), np.full(ARRAY.n_channels, NOISE**2))
+    window = prepared(volts, time_s, LAYOUT, WaveMotion(2.0, 0.0, 0.0, 10.0))
+    solver = WaveSolver(window, np.full(ARRAY.n_channels, NOISE**2))
     angle, errors = np.radians(angle_deg), np.radians(10.0) * np.random.default_rng(0).standard_normal(20_000)
     k = 5.0 * np.array([[np.cos(angle), np.sin(angle)]])
     tied = window.half_travel * 5.0 * np.cos(angle)

@@ -4,7 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gratings import ARRAY, Grating, MotionOf, Slide, assert_right, fit, known, motions, off
+from gratings import (
+    ARRAY,
+    Grating,
+    MotionOf,
+    Slide,
+    answer,
+    assert_right,
+    fit,
+    known,
+    motions,
+    numbers,
+    off,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -13,8 +25,10 @@ from touches import textures
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.estimator import JointParams, JointTexture
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import TrackedWave, WaveFit, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, TrackedWave
 from tactiled.detect.grooves.track import track_wave
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
 
@@ -23,11 +37,17 @@ OFFSETS_S = np.linspace(0, 0.007, 36)
 LONG = Slide(duration_s=8.0, noise=0.02)
 
 
-def track(last: WaveFit, motion: WaveMotion, volts: FloatArray, time_s: FloatArray) -> WaveFit | None:
-    return track_wave(last, volts, time_s, OFFSETS_S, LAYOUT, motion, WaveParams())
+def window(motion: WaveMotion, volts: FloatArray, time_s: FloatArray) -> FitWindow:
+    return FitWindow(volts, time_s, OFFSETS_S, LAYOUT, motion, WaveParams())
 
 
-def in_sigmas(one: WaveFit, other: WaveFit) -> tuple[float, float]:
+def track(
+    last: GrooveAnswer, motion: WaveMotion, volts: FloatArray, time_s: FloatArray
+) -> GrooveAnswer | NewPattern | None:
+    return track_wave(last, window(motion, volts, time_s))
+
+
+def in_sigmas(one: GrooveAnswer, other: GrooveAnswer) -> tuple[float, float]:
     return (
         (one.period_mm - other.period_mm) / other.period_sd_mm,
         (one.angle_deg - other.angle_deg) / other.angle_sd_deg,
@@ -39,12 +59,10 @@ def in_sigmas(one: WaveFit, other: WaveFit) -> tuple[float, float]:
 def test_a_tracked_wave_is_that_of_a_fit_of_the_window(motion_of: MotionOf, angle_deg: float) -> None:
     slide = dataclasses.replace(LONG, gratings=(Grating(angle_deg=angle_deg),))
     volts, time_s, motion = slide.volts(ARRAY, OFFSETS_S), slide.times(), motion_of(slide)
-    found: WaveFit | None = fit_wave(volts[:250], time_s[:250], OFFSETS_S, LAYOUT, motion, WaveParams())
+    found = answer(fit_wave(window(motion, volts[:250], time_s[:250])))
     for end in (300, 500, 800):
-        assert found is not None
-        found = track(found, motion, volts[:end], time_s[:end])
-    assert found is not None
-    anew = fit(slide, motion, volts=volts)
+        found = answer(track(found, motion, volts[:end], time_s[:end]))
+    anew = answer(fit(slide, motion, volts=volts))
     assert in_sigmas(found, anew) == pytest.approx((0.0, 0.0), abs=0.02)
     assert found.period_sd_mm == pytest.approx(anew.period_sd_mm, rel=0.1)
     assert found.angle_sd_deg == pytest.approx(anew.angle_sd_deg, rel=0.1)
@@ -56,9 +74,8 @@ def test_intervals_of_95_percent_hold(motion_of: MotionOf) -> None:
     for seed in range(120):
         slide = Slide(duration_s=3.0, noise=0.035, seed=seed)
         volts, time_s, motion = slide.volts(ARRAY, OFFSETS_S), slide.times(), motion_of(slide)
-        first = fit_wave(volts[:200], time_s[:200], OFFSETS_S, LAYOUT, motion, WaveParams())
-        found = track(first, motion, volts[100:], time_s[100:])
-        assert found is not None
+        first = answer(fit_wave(window(motion, volts[:200], time_s[:200])))
+        found = answer(track(first, motion, volts[100:], time_s[100:]))
         by_mm, by_deg = off(found, slide.gratings[0])
         z.append((by_mm / found.period_sd_mm, by_deg / found.angle_sd_deg))
     held = (np.abs(z) < 1.96).mean(axis=0)
@@ -67,15 +84,13 @@ def test_intervals_of_95_percent_hold(motion_of: MotionOf) -> None:
 
 def test_lost_scans_with_true_times_and_a_channel_that_dies_leave_the_answer_right() -> None:
     volts, time_s, motion = LONG.volts(ARRAY, OFFSETS_S), LONG.times(), known(LONG)
-    first = fit(LONG, motion, volts=volts)
+    first = answer(fit(LONG, motion, volts=volts))
     kept = np.random.default_rng(1).random(len(time_s)) > 0.1
     lost = track(first, motion, volts[kept], time_s[kept])
-    assert lost is not None
     assert_right(lost, LONG.gratings[0])
     volts[400:, 7] = np.nan
     volts[:, 20] = 1.0  # without ripple and noise
     dead = track(first, motion, volts, time_s)
-    assert dead is not None
     assert_right(dead, LONG.gratings[0])
 
 
@@ -95,33 +110,35 @@ def test_anything_gives_finite_numbers_or_nothing(
     volts = size * rng.normal(size=(n, 36)).cumsum(axis=0)
     volts[rng.random(volts.shape) < bad] = np.nan
     wave = TrackedWave(rng.normal(size=2), frequency, np.zeros((4, 2)), np.ones(3), np.zeros((3, 3)))
-    last = WaveFit("ok", uses_given_speed=bool(rng.integers(2)), wave=wave)
+    last = GrooveAnswer(
+        frequency_hz=0.0, snr_db=0.0, period_mm=1.0, angle_deg=0.0, speed_mm_s=0.0, covariance=np.eye(3),
+        uses_given_speed=bool(rng.integers(2)), wave=wave,
+    )  # fmt: skip
     motion = WaveMotion(speed, 0.01 * speed, float(rng.uniform(-180, 180)), 5.0)
     found = track(last, motion, volts, np.arange(n) / 100)
     if found is not None:
-        numbers = [found.frequency_hz, found.snr_db, found.period_mm, found.angle_deg, found.speed_mm_s]
-        assert np.all(np.isfinite([*numbers, *found.covariance.ravel()]))
-        assert np.all(np.diag(found.covariance) >= 0)
+        assert np.isfinite(numbers(found)).all()
+        assert not isinstance(found, GrooveAnswer) or np.all(np.diag(found.covariance) >= 0)
 
 
 @motions
 @pytest.mark.parametrize("later", [Grating(1.32, 20.0), Grating(1.08, 20.0), Grating(1.2, 30.0)])
 def test_another_pattern_is_noticed(motion_of: MotionOf, later: Grating) -> None:
     volts = LONG.volts(ARRAY, OFFSETS_S)
-    last = fit(LONG, motion_of(LONG), volts=volts)
+    last = answer(fit(LONG, motion_of(LONG), volts=volts))
     changed = dataclasses.replace(LONG, gratings=(later,)).volts(ARRAY, OFFSETS_S)
     for scans, is_noticed in ((0, False), (60, True), (150, True)):
         both = np.concatenate([volts[: 800 - scans], changed[800 - scans :]])
         found = track(last, motion_of(LONG), both, LONG.times())
-        assert (found is not None and found.is_new_pattern) == is_noticed
+        assert isinstance(found, NewPattern) == is_noticed
 
 
 def test_an_uneven_speed_is_no_other_pattern() -> None:
     even = Slide(duration_s=8.0)
-    last = fit(even, known(even).without_speed)
+    last = answer(fit(even, known(even).without_speed))
     uneven = dataclasses.replace(even, acceleration_mm_s2=0.02, speed_mm_s=1.92)
     found = track(last, known(even).without_speed, uneven.volts(ARRAY, OFFSETS_S), even.times())
-    assert found is None or not found.is_new_pattern
+    assert not isinstance(found, NewPattern)
 
 
 def slip_along_x() -> SlipEvent:
@@ -146,9 +163,9 @@ def slip_along_x() -> SlipEvent:
 def test_an_answer_is_fitted_anew_when_its_window_has_doubled_or_is_all_new() -> None:
     ends: list[int] = []
 
-    def counted(volts: FloatArray, time_s: FloatArray, *rest: object) -> WaveFit:
-        ends.append(round(100 * float(time_s[-1])) + 1)
-        return fit_wave(volts, time_s, *rest)  # type: ignore[arg-type] # passed through
+    def counted(window: FitWindow) -> Outcome:
+        ends.append(round(100 * float(window.time_s[-1])) + 1)
+        return fit_wave(window)
 
     slide = Slide(duration_s=26.0)
     texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0), fit=counted)

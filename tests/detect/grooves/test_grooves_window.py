@@ -9,19 +9,22 @@ from gratings import (
     Grating,
     MotionOf,
     Slide,
+    answer,
     assert_refused,
     assert_right,
     fit,
     known,
     motions,
+    numbers,
+    prepared,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
-from tactiled.detect.grooves.window import make_window, normal_equations
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.window import FitWindow
 
 LSB = 3.0 / 4096
 OFFSETS_S = np.linspace(0, 0.007, 36)
@@ -46,8 +49,9 @@ def test_distance_travelled_compensates_acceleration() -> None:
     speeds = 1.0 + 1.5 * (times + 0.005)  # mean from each scan to the next
     motion = WaveMotion(float(speeds.mean()), 0.0, 0.0, 0.0)
     volts = slide.volts(ARRAY, offsets_s)
-    found = fit_wave(volts, times, offsets_s, channel_layout(ARRAY), motion, WaveParams(), speeds_mm_s=speeds)
-    assert_right(found, slide.gratings[0])
+    layout = channel_layout(ARRAY)
+    window = FitWindow(volts, times, offsets_s, layout, motion, WaveParams(), speeds_mm_s=speeds)
+    assert_right(fit_wave(window), slide.gratings[0])
 
 
 @motions
@@ -83,9 +87,9 @@ def test_nothing_usable_is_saturated(motion_of: MotionOf) -> None:
 
 def test_the_clock_may_read_anything() -> None:
     slide = Slide()
-    volts, times = slide.volts(ARRAY, OFFSETS_S), slide.times()
+    volts, times, layout = slide.volts(ARRAY, OFFSETS_S), slide.times(), channel_layout(ARRAY)
     early, late = (
-        fit_wave(volts, times + start_s, OFFSETS_S, channel_layout(ARRAY), known(slide), WaveParams())
+        answer(fit_wave(FitWindow(volts, times + start_s, OFFSETS_S, layout, known(slide), WaveParams())))
         for start_s in (0.0, 1e7)
     )
     assert_right(late, slide.gratings[0])
@@ -108,17 +112,18 @@ def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
     volts = size * DEGENERATE[what](n, np.random.default_rng(seed))
     motion = WaveMotion(speed, 0.0, 10.0, 0.0)
     params = WaveParams(trend_order=trend_order, max_harmonics=max_harmonics)
-    found = fit_wave(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, params)
-    assert np.all(np.isfinite([*found.covariance.ravel(), found.period_mm, found.error_probability]))
+    window = FitWindow(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, params)
+    assert np.isfinite(numbers(fit_wave(window))).all()
 
 
 @pytest.mark.parametrize("n_harmonics", [1, 2])
 def test_a_line_absorbed_by_the_trend_has_no_amplitude(n_harmonics: int) -> None:
     rng = np.random.default_rng(0)
     times = np.arange(40) / 100
-    window = make_window(rng.normal(size=(40, 3)), times, np.ones(40), np.zeros(3))
+    layout = ChannelLayout(np.arange(3.0), np.zeros(3), np.zeros(3, dtype=np.int64))
+    window = prepared(rng.normal(size=(40, 3)), times, layout)
     left = window.without_lines(5.0, [1.0])
-    assert normal_equations(left, 5.0, n_harmonics).phasors()[:, :2] == pytest.approx(0.0, abs=1e-6)
+    assert left.equations(5.0, n_harmonics).parts[:, :2] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("amplitude", [0.01, 0.3])
@@ -128,6 +133,6 @@ def test_the_bound_of_the_phase_rate_is_that_of_tones_in_white_noise(amplitude: 
     n, variance = 400, 4e-6
     phases = np.arange(36) ** 2
     volts = amplitude * np.cos(40 * np.linspace(-1, 1, n)[:, np.newaxis] + phases)
-    window = make_window(volts, np.arange(n) / 100, np.ones(n), np.zeros(36))
-    found = normal_equations(window, 40.0, 1).phase_rate_sd(np.full(36, variance))
+    window = prepared(volts, np.arange(n) / 100, channel_layout(ARRAY))
+    found = window.equations(40.0).phase_rate_sd(np.full(36, variance))
     assert found == pytest.approx(np.sqrt(6 * variance / (amplitude**2 * n * 36)), rel=0.02)

@@ -1,0 +1,131 @@
+"""What a fit makes of one window: an answer, a period without an angle, or a refusal."""
+
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.events.types import Candidate, TextureStatus
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedWave:
+    """Parameters of a fitted wave with which `track` finds the same wave in a later window.
+
+    Nothing here depends on where the window begins or ends.
+
+    Attributes
+    ----------
+    k : (2,) float64
+        Wave vector, radians per millimetre.
+    frequency : float
+        Phase per unit of travel: radians per millimetre, or per second where no speed was given.
+    mismatch : (kinds, harmonics) float64
+        Variance of phases within a kind, radians^2, as `RefinedWave` has it.
+    scale : (3,) float64
+        Factors that the fit found for the standard deviations of period, angle and speed.
+    added : (3, 3) float64
+        Covariance that the fit added after that, because two models of mismatch gave different answers.
+    """
+
+    k: FloatArray
+    frequency: float
+    mismatch: FloatArray
+    scale: FloatArray
+    added: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GrooveAnswer:
+    """Period and angle of the one grating in view, and the speed where none was given.
+
+    Attributes
+    ----------
+    speed_mm_s : float
+        The given one, or the estimate; 0 where the direction of the motion is not known.
+    covariance : (3, 3) float64
+        Of period (mm), angle (radians) and speed (mm/s).
+    uses_given_speed : bool
+        False where no speed was given, or where the phases contradict the given one.
+    error_probability : float
+        Probability that another reading of the phases is the true one.
+    stray_rad : float
+        Root-mean-square stray of the channels' phases from the wave.
+    wave : TrackedWave or None
+        None where stronger lines had to be removed: then the wave cannot be tracked.
+    """
+
+    status: ClassVar[Literal["ok"]] = "ok"
+    frequency_hz: float
+    snr_db: float
+    period_mm: float
+    angle_deg: float
+    speed_mm_s: float
+    covariance: FloatArray
+    uses_given_speed: bool
+    error_probability: float = 0.0
+    stray_rad: float = 0.0
+    wave: TrackedWave | None = None
+
+    @property
+    def period_sd_mm(self) -> float:
+        """Standard deviation of the period."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def angle_sd_deg(self) -> float:
+        """Standard deviation of the angle."""
+        return float(np.degrees(np.sqrt(self.covariance[1, 1])))
+
+    @property
+    def speed_sd_mm_s(self) -> float:
+        """Standard deviation of the speed."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeriodOnly:
+    """Period of grooves whose angle cannot be told.
+
+    Attributes
+    ----------
+    period_range_mm : tuple of float
+        Shortest and longest period.
+    candidates : tuple of Candidate
+        All gratings in view, where there are several.
+    """
+
+    status: ClassVar[Literal["period-only"]] = "period-only"
+    frequency_hz: float
+    snr_db: float
+    period_mm: float
+    period_sd_mm: float
+    period_range_mm: tuple[float, float]
+    candidates: tuple[Candidate, ...] = ()
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Reason why a window has no answer, with the line that was looked at, if any.
+
+    Attributes
+    ----------
+    candidates : tuple of Candidate
+        Gratings that the phases cannot tell apart.
+    stray_rad : float
+        As for `GrooveAnswer`, where it was estimated.
+    """
+
+    status: TextureStatus
+    frequency_hz: float = 0.0
+    snr_db: float = 0.0
+    candidates: tuple[Candidate, ...] = ()
+    stray_rad: float = 0.0
+
+
+class NewPattern(Refusal):
+    """Refusal because the newest scans show another pattern than those before (`track`)."""
+
+
+Outcome = GrooveAnswer | PeriodOnly | Refusal
