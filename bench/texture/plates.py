@@ -16,8 +16,8 @@ from bench.report import NONE
 from bench.texture.signal import RATE_HZ, Wave
 from bench.texture.trials import ARRAY, Trial, compare, joint_fit, online_answers
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.grooves.estimator import PRESETS, JointParams, Preset
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
+from tactiled.detect.grooves.params import PRESETS, JointParams, Preset
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams

@@ -8,7 +8,8 @@ import numpy as np
 from bench.texture.signal import draw_grating, readings
 from bench.texture.trials import ARRAY, DIRECTION_SD_DEG, MIN_PERIODS, Trial, compare
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 
 STRAYED_S, STRAYED_SNR_DB = 3.0, 20.0

@@ -32,7 +32,7 @@ from bench.texture.trials import (
     slip_at,
     turns_off,
 )
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.events.types import TextureEvent
 
 SLIDE_S = 12.6

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from bench.texture.signal import RATE_HZ, Bound, FloatArray, Grating, Wave, bound, draw_grating, readings
 from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
 from tactiled.array import Array, load_array
-from tactiled.detect.grooves.estimator import JointParams, JointTexture
+from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
+from tactiled.detect.grooves.params import JointParams, WaveParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import regular_block

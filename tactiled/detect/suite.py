@@ -13,8 +13,9 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
-from tactiled.detect.grooves.estimator import JointParams, JointTexture, WindowFit
+from tactiled.detect.grooves.estimator import JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture

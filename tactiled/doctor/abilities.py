@@ -1,7 +1,7 @@
 """Findings on an array alone: contact, slip, direction and grooves that it can measure."""
 
 from tactiled.array import Array
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.groove_findings import check_waves
 

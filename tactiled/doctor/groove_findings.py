@@ -6,8 +6,8 @@ from itertools import groupby
 
 from tactiled.array import Array
 from tactiled.detect.grooves.ambiguity import has_baseline
-from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.model import ALIASED, WaveMotion, channel_layout
+from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.ranges import TILTS_DEG, Range, has_direction, ranges
 from tactiled.events.types import UNKNOWN_SD_DEG

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.ambiguous_waves import Rivals, rivals
 
 Limit = Literal["set", "aliased", "ambiguous", "too-few-periods"]

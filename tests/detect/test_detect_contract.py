@@ -13,7 +13,7 @@ from touches import Touch, pieces, run, splits
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.suite import (
     REGISTRY,

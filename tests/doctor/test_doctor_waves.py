@@ -10,10 +10,10 @@ from bench.texture.signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, Wave, sensed_by, 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.cli import main
 from tactiled.config import load_config
-from tactiled.detect.grooves.estimator import JointParams
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.doctor.ambiguous_waves import rivals
 from tactiled.doctor.finding import as_json

@@ -9,8 +9,9 @@ import pytest
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
 from tactiled.detect.grooves.equations import DetrendedWindow, detrended
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, Refusal
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 
 ARRAY = load_array("wang2019-3x3")

@@ -8,6 +8,7 @@ from scipy import special
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import (
+    FALSE_ALARM,
     MAX_CANDIDATES,
     ChannelLayout,
     WaveMotion,
@@ -16,17 +17,15 @@ from tactiled.detect.grooves.model import (
 )
 from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.refine import RefinedWave, refine
+from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.search import search_wave_vectors
 from tactiled.detect.grooves.solve import WaveSolver
-from tactiled.detect.grooves.spectrum import Ripple
 from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
 from tactiled.events.types import Candidate
 
 # Likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are few, and
 # fitted instead of integrated out.
 _TEMPERATURE = 2.0
-# Probability that phases contradict a true motion.
-_FALSE_CONFLICT = 1e-6
 # Spread of the channels' positions. With less there are no delays to measure.
 _LEAST_SPREAD_MM2 = 1e-6
 
@@ -72,7 +71,7 @@ def contradicts_motion(best: RefinedWave, found: PlaneWaves) -> bool:
     if not len(others.k):
         return False
     shared = len(layout.x_mm) / len(layout.places_mm)
-    least = shared * special.chdtri(1, _FALSE_CONFLICT)
+    least = shared * special.chdtri(1, FALSE_ALARM)
     # Allowing for mismatch improves both fits: a free motion gains more without mismatch than with it.
     likeliest = found[int(found.gain.argmax())]
     plain = WaveSolver(window, best.variance).solve(equations, likeliest.k, likeliest.phase_rate, 2)

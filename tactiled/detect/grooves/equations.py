@@ -16,13 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.grooves.outcome import Refusal
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.worker import pause
 
-# Phase rate. Lines that are less than this apart cannot be resolved in one window: 0.75 of its periods.
-_NEXT_RAD = 0.75 * np.pi
+# Periods in the window. Lines that are less than this apart cannot be resolved, and removing a line or a
+# trend has removed the noise that is nearer, too.
+CLEAR_CYCLES = 0.75
 # Order of the trend that is always removed: level and slope.
 STRAIGHT = 1
 # Ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the trend absorbs
@@ -92,7 +94,7 @@ class DetrendedWindow:
 
     def is_removed(self, phase_rate: float) -> bool:
         """Return True next to a removed line, where the window holds no information."""
-        return any(abs(phase_rate - other) < _NEXT_RAD for other in self.removed)
+        return any(abs(phase_rate - other) < np.pi * CLEAR_CYCLES for other in self.removed)
 
     def clear_harmonics(self, phase_rate: float, most: int) -> int:
         """Number of harmonics, `most` at most, below the first that is next to a removed line."""
@@ -107,6 +109,15 @@ class DetrendedWindow:
         trend = np.linalg.qr(np.concatenate([self.trend, functions], axis=1))[0]
         volts = self.volts - (self.volts @ trend) @ trend.T
         return replace(self, volts=volts, trend=np.asarray(trend))
+
+    @cached_property
+    def tie(self) -> FloatArray:
+        """Phase rate per unit of the wave vector, where the motion is known; else zeros: (2,)."""
+        return self.half_travel * self.motion.heading * float(self.motion.has_speed)
+
+    def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
+        """Phase of waves (waves, 2) of some phase rates (waves,) at each channel: (waves, channels)."""
+        return np.asarray(k @ self.layout.xy_mm.T + phase_rate[:, np.newaxis] * self.skew)
 
     def frequency_hz(self, phase_rate: float) -> float:
         """Mean frequency of a phase rate."""
@@ -186,7 +197,7 @@ class NormalEquations:
     product : (channels, 4 harmonics) float64
         Products of the functions with the readings.
     newest : list
-        Newest linearisation, kept by `solve.WaveSolver`.
+        Newest linearisation with weights and wave, kept by `solve.WaveSolver`.
     """
 
     phase_rate: float

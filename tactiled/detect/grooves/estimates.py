@@ -14,7 +14,8 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ChannelLayout, period_and_angle
+from tactiled.detect.grooves.equations import CLEAR_CYCLES
+from tactiled.detect.grooves.model import TINY, ChannelLayout, period_and_angle
 from tactiled.detect.grooves.outcome import GrooveAnswer, TrackedWave
 from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.solve import WaveSolver
@@ -23,8 +24,6 @@ from tactiled.detect.grooves.solve import WaveSolver
 _PLACES = 8
 # Periods of the window, less rounding. Closer to the line the fit has absorbed the noise.
 _NEAREST = 1.0 - 1e-9
-# Periods of the window. Below, the trend has absorbed the noise.
-_SLOWEST = 0.75
 # Probability that white noise passes as more than white. The covariance is then too wide by the factor found.
 _FALSE_INFLATION = 0.01
 # Tail probability at two standard deviations, at which intervals of few degrees of freedom are matched.
@@ -168,7 +167,7 @@ def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float,
     sums, sizes = np.bincount(layout.taxel, mismatches), np.bincount(layout.taxel)
     left = max(n_taxels - _SPENT_TAXELS, 1)
     left_channels = max(n_channels - layout.is_kind.shape[1] - 2, 1)
-    effect = (sums**2 / sizes).sum() / left / max((mismatches**2).sum() / left_channels, 1e-300)
+    effect = (sums**2 / sizes).sum() / left / max((mismatches**2).sum() / left_channels, TINY)
     effect = float(np.clip(effect, 1.0, n_channels / n_taxels))
     return effect, max(left_channels / effect, 1.0)
 
@@ -188,7 +187,7 @@ def _noise_beside(best: RefinedWave) -> FloatArray:
     multiple = np.round(there / cycles) * cycles
     clear = np.abs(there - multiple) >= np.minimum(_NEAREST, cycles / 2)
     clear |= multiple > n_harmonics * cycles + 0.5
-    fits = (np.abs(away) >= _NEAREST) & (there > _SLOWEST) & (there < 0.5 * window.n - 1) & clear
+    fits = (np.abs(away) >= _NEAREST) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
     away = away[fits][np.argsort(np.abs(away[fits]), kind="stable")][:_PLACES]
     travel = window.travel.mean(axis=0)
     rows = []

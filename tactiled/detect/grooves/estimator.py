@@ -23,147 +23,31 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, PeriodOnly, Refusal
+from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.grooves.slide import PendingFit, SlideWindow
+from tactiled.detect.grooves.texture import FitSpan, texture_event
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import FitWindow, ScanWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
-from tactiled.detect.worker import InPlace, Job, Worker
-from tactiled.events.types import UNKNOWN_SD_DEG, Event, TextureEvent
+from tactiled.detect.worker import InPlace, Worker
+from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
-ESTIMATOR = "joint"
 # Of the period. Two gratings that differ by less could not be told apart at two standard deviations.
 _LARGEST_SD_PART = 0.25
-# In the window: a line at the place of the newest one before it. Chance lines come at any place.
-_SAME_LINE_PERIODS = 0.5
 WindowFit = Callable[[FitWindow], Outcome]
-Preset = Literal["quick", "balanced", "fine"]
-
-
-class AnswerCriteria(NamedTuple):
-    """Precision and window that an answer must have."""
-
-    period_sd_mm: float
-    angle_sd_deg: float
-    max_window_s: float
-    answer_periods: float
-
-
-# At 20 dB and 1.5 mm/s the standard deviations are 1 um and 0.04 degrees as soon as there is an answer
-# (`./run bench texture`): the number of periods decides when it comes, the standard deviations where the
-# signal is weak. "quick" takes the minimum; from 1.25 periods on errors reach the bound; from 2.5 on drift
-# may be a curve.
-PRESETS: dict[Preset, AnswerCriteria] = {
-    "quick": AnswerCriteria(0.02, 1.0, 3.0, 0.8),
-    "balanced": AnswerCriteria(0.005, 0.25, 8.0, 1.25),
-    "fine": AnswerCriteria(0.001, 0.05, 20.0, 2.5),
-}
-
 # Grooves deflect friction, and with it the direction of the slip event: by up to 5 degrees on physical
 # scenes.
 _GROOVES_TURN_DEG = 3.0
-
-
-class JointParams(WaveParams):
-    """Parameters of the joint estimator."""
-
-    preset: Preset = Field(default="balanced", description="defaults of the next four")
-    period_sd_mm: float | None = Field(
-        default=None, gt=0, description="standard deviation of the period that an answer needs"
-    )
-    angle_sd_deg: float | None = Field(
-        default=None, gt=0, description="standard deviation of the angle that an answer needs"
-    )
-    max_window_s: float | None = Field(
-        default=None, gt=0, le=120, description="longest window; answer then in any case"
-    )
-    answer_periods: float | None = Field(
-        default=None, gt=0, le=50, description="ripple periods in the window that an earlier answer needs"
-    )
-    hop_s: float = Field(default=0.2, ge=0.02, le=10, description="interval between fits")
-    # Two hops. A fit of straying channels takes 0.05 to 0.07 s in place (`./run bench texture`) and longer
-    # beside the loop; on a busy host one may still wait for the fit before it.
-    answer_after_s: float = Field(
-        default=0.4,
-        ge=0,
-        le=10,
-        description="time from the end of a window to its answer; the fit is computed meanwhile",
-    )
-    settle_s: float = Field(default=0.3, ge=0, le=60, description="time from detected slip to the window")
-    speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: unknown, to be estimated")
-    speed_sd_mm_s: float = Field(default=0.0, ge=0, description="standard deviation of the speed")
-    direction_deg: float | None = Field(
-        default=None,
-        ge=-180,
-        le=180,
-        description="direction of the skin's motion, +x towards +y; left out: from the slip event",
-    )
-
-    @property
-    def criteria(self) -> AnswerCriteria:
-        """Criteria given explicitly, completed by those of the preset."""
-        given = {name: getattr(self, name) for name in AnswerCriteria._fields}
-        return PRESETS[self.preset]._replace(**{name: x for name, x in given.items() if x is not None})
-
-
-class _Span(NamedTuple):
-    """End and length of the scans that a fit used, and the mean of the speeds that were set (0: unknown)."""
-
-    end_s: float
-    window_s: float
-    given_speed_mm_s: float
-
-
-class _Window:
-    """Scans of one slip in one direction, and what was answered of them."""
-
-    def __init__(self, n_scans: int, n_channels: int, most: int) -> None:
-        self.scans = ScanWindow(n_scans, n_channels, most)
-        self.n_scans = 0
-        self.n_next_fit = 0
-        self.n_pending = 0
-        self.has_answer = False
-        self.is_over = False
-        self.last: Outcome = Refusal("no-slip")
-        self.line_hz = 0.0
-        self.end: SlipEnd | None = None
-
-    def span(self, end_s: float, rate_hz: float) -> _Span:
-        """Describe the scans in the window."""
-        return _Span(end_s, len(self.scans) / rate_hz, self.scans.speed_mm_s)
-
-
-@dataclass(frozen=True, eq=False)
-class _PendingFit:
-    """A fit that was handed over.
-
-    Attributes
-    ----------
-    due_index : int
-        Scan at which the answer is reported.
-    is_refusal_due : bool
-        True where a refusal is reported also without an answer before it.
-    is_full : bool
-        True where the window had its full length.
-    """
-
-    job: Job[Outcome]
-    due_index: int
-    window: _Window
-    span: _Span
-    is_full: bool
-    is_refusal_due: bool
 
 
 class JointTexture:
@@ -227,14 +111,14 @@ class JointTexture:
     def reset(self) -> None:
         """Discard all scans and the speeds set since construction; keep the parameters."""
         self._gate = SlipGate(self._params.settle_s, self._params.speed_mm_s, self._looks_back_s)
-        self._pending: deque[_PendingFit] = deque()
+        self._pending: deque[PendingFit] = deque()
         self._told_late: set[int] = set()
         self._late: list[int] = []
         self._end_slip()
 
     def _end_slip(self) -> None:
         self._slip_speed_sign = 0.0
-        self._window: _Window | None = None
+        self._window: SlideWindow | None = None
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Set the speed from a scan on, or from the next scan if that one is past.
@@ -280,7 +164,7 @@ class JointTexture:
                 events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or _Window(0, 0, 0)
+                window = self._window or SlideWindow(0, 0, 0)
                 window.end = piece
                 events += self._refusal(window, piece.time_s)
             self._end_slip()
@@ -301,9 +185,7 @@ class JointTexture:
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
-            good = part.valid & (np.abs(part.volts) <= self._full_scale_volts)
-            window.scans.append(part, good, speeds[done : done + n])
-            window.n_scans += n
+            window.append(part, speeds[done : done + n], self._full_scale_volts)
             done += n
             if window.n_scans % n_hop == 0:
                 events += self._answer(part)
@@ -314,8 +196,8 @@ class JointTexture:
                     self._window = None
         return events
 
-    def _begin_window(self, n_scans: int, sign: float) -> _Window:
-        self._window = _Window(n_scans, len(self._layout.kind), self._widest * n_scans)
+    def _begin_window(self, n_scans: int, sign: float) -> SlideWindow:
+        self._window = SlideWindow(n_scans, len(self._layout.kind), self._widest * n_scans)
         self._slip_speed_sign = self._slip_speed_sign or sign
         return self._window
 
@@ -323,14 +205,12 @@ class JointTexture:
         """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
         n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
         window = self._window or self._begin_window(n_window, float(np.sign(speeds[0])))
-        good = block.valid & (np.abs(block.volts) <= self._full_scale_volts)
-        window.scans.append(block, good, speeds)
-        window.n_scans += len(block)
+        window.append(block, speeds, self._full_scale_volts)
 
     def _n_scans(self, duration_s: float, rate_hz: float) -> int:
         return max(1, round(duration_s * rate_hz))
 
-    def _hand_over(self, window: _Window, newest: ScanBlock, n_hop: int) -> None:
+    def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
         """Hand a copy of the window to the worker, to track the wave of the last answer or to fit anew."""
         scans, time_s = window.scans, float(newest.time_s[-1])
         last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None
@@ -342,7 +222,7 @@ class JointTexture:
         n_hops_full = -(-scans.size // n_hop)
         window.n_pending += 1
         self._pending.append(
-            _PendingFit(
+            PendingFit(
                 job=InPlace().submit(_stale) if newest.late[-1] else self._worker.submit(work),
                 due_index=int(newest.index[-1]) + round(self._params.answer_after_s * newest.rate_hz),
                 window=window,
@@ -375,9 +255,9 @@ class JointTexture:
                 fit = _stale()
             if isinstance(fit, GrooveAnswer) and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
                 fit = Refusal("too-few-periods")
-            if self._is_reported(pending, fit):
+            if pending.is_reported(fit, self._params.criteria):
                 window.has_answer = not isinstance(fit, Refusal)
-                events.append(_event(pending.span, fit, answered_s, self._params))
+                events.append(self._event(pending.span, fit, answered_s))
             window.last = fit
             if fit.status == "too-few-periods" and pending.is_full:
                 window.scans.widen()
@@ -387,22 +267,7 @@ class JointTexture:
             events += self._refusal(window, answered_s)
         return events
 
-    def _is_reported(self, pending: _PendingFit, fit: Outcome) -> bool:
-        """Return True for an answer that is good enough, and for a refusal that is due."""
-        if isinstance(fit, PeriodOnly):
-            before_hz, pending.window.line_hz = pending.window.line_hz, fit.frequency_hz
-            return abs(fit.frequency_hz - before_hz) * pending.span.window_s < _SAME_LINE_PERIODS
-        if isinstance(fit, Refusal):
-            return pending.window.has_answer or pending.is_refusal_due
-        criteria = self._params.criteria
-        is_good = (
-            fit.period_sd_mm <= criteria.period_sd_mm
-            and fit.angle_sd_deg <= criteria.angle_sd_deg
-            and fit.frequency_hz * pending.span.window_s >= criteria.answer_periods
-        )
-        return is_good or pending.is_full or pending.window.has_answer
-
-    def _refusal(self, window: _Window, answered_s: float) -> list[Event]:
+    def _refusal(self, window: SlideWindow, answered_s: float) -> list[Event]:
         """Report why a slip that has ended, and whose fits are all in, had no answer."""
         end = window.end
         if end is None or window.n_pending or window.has_answer:
@@ -410,7 +275,10 @@ class JointTexture:
         last = window.last
         if isinstance(last, PeriodOnly):  # of one window alone
             last = Refusal("too-few-periods")
-        return [_event(window.span(end.time_s, end.rate_hz), last, answered_s, self._params)]
+        return [self._event(window.span(end.time_s, end.rate_hz), last, answered_s)]
+
+    def _event(self, span: FitSpan, fit: Outcome, answered_s: float) -> TextureEvent:
+        return texture_event(span, fit, answered_s, self._params.speed_sd_mm_s)
 
     def _motion(self, scans: ScanWindow) -> WaveMotion:
         slip = self._gate.slip
@@ -434,42 +302,3 @@ def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow) 
 
 def _stale() -> Outcome:
     return Refusal("stale")
-
-
-def _event(span: _Span, fit: Outcome, answered_s: float, params: JointParams) -> TextureEvent:
-    event = TextureEvent(
-        time_s=span.end_s,
-        answered_s=answered_s,
-        status=fit.status,
-        frequency_hz=fit.frequency_hz,
-        window_s=span.window_s,
-        snr_db=fit.snr_db,
-        estimator=ESTIMATOR,
-    )
-    if span.given_speed_mm_s > 0:
-        event = replace(
-            event,
-            speed_mm_s=span.given_speed_mm_s,
-            speed_sd_mm_s=params.speed_sd_mm_s,
-            speed_source="given",
-        )
-    if isinstance(fit, Refusal):
-        return replace(event, candidates=fit.candidates, stray_rad=fit.stray_rad)
-    event = replace(event, period_mm=fit.period_mm, period_sd_mm=fit.period_sd_mm)
-    if isinstance(fit, PeriodOnly):
-        shortest_mm, longest_mm = fit.period_range_mm
-        return replace(
-            event,
-            period_min_mm=shortest_mm,
-            period_max_mm=longest_mm,
-            angle_sd_deg=UNKNOWN_SD_DEG,
-            candidates=fit.candidates,
-        )
-    if fit.speed_mm_s > 0 and not fit.uses_given_speed:
-        event = replace(
-            event,
-            speed_mm_s=fit.speed_mm_s,
-            speed_sd_mm_s=fit.speed_sd_mm_s,
-            speed_source="estimated",
-        )
-    return replace(event, angle_deg=fit.angle_deg, angle_sd_deg=fit.angle_sd_deg, stray_rad=fit.stray_rad)

@@ -28,9 +28,9 @@ from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, ChannelLayout, wave_vector
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, refine
+from tactiled.detect.grooves.ripple import Ripple, strongest_line
 from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
 from tactiled.detect.grooves.second_wave import has_second_wave
-from tactiled.detect.grooves.spectrum import Ripple, strongest_line
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import TextureStatus
 
@@ -42,7 +42,6 @@ _BROAD_LINE = 0.25 * np.pi
 _SAME_LINE = 0.25 * np.pi
 # Lines tried: hum and the like may be stronger than the grooves.
 _MOST_LINES = 3
-_WAVES = ("ok", "ambiguous", "uneven-channels")
 # Harmonics of one grating, none of which is a second grating.
 _MOST_OWN_HARMONICS = 8
 # Part of a grating's power. A weaker second one may be what the model does not describe of the first.
@@ -50,7 +49,10 @@ _LEAST_SECOND_PART = 0.01
 
 
 class _Found(NamedTuple):
-    """What a line gives, and which lines are explained by it: a phase rate and multiples of that."""
+    """What a line gives, and which lines a wave explains: its phase rate and multiples of that.
+
+    Without multiples there is no wave, or no second one is asked for.
+    """
 
     outcome: GrooveAnswer | Refusal
     phase_rate: float = 0.0
@@ -70,7 +72,8 @@ def fit_wave(window: FitWindow) -> GrooveAnswer | Refusal:
 
     >>> import numpy as np
     >>> from tactiled.array import load_array
-    >>> from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+    >>> from tactiled.detect.grooves.model import WaveMotion, channel_layout
+    >>> from tactiled.detect.grooves.params import WaveParams
     >>> layout = channel_layout(load_array("wang2019-3x3"))
     >>> rng, time_s, angle = np.random.default_rng(0), np.arange(200) / 100, np.radians(20)
     >>> x_mm = layout.x_mm + 2 * time_s[:, np.newaxis]
@@ -89,7 +92,7 @@ def _only_wave(window: DetrendedWindow) -> GrooveAnswer | Refusal:
     """Fit the strongest wave; refuse where what it leaves holds another one."""
     found = _strongest_wave(window)
     first = found.outcome
-    if not found.harmonics or first.status not in _WAVES:
+    if not found.harmonics:
         return first
     if isinstance(first, GrooveAnswer) and not first.uses_given_speed:
         # Evidence against the given speed from the first wave holds for the second one, too.
@@ -147,12 +150,12 @@ def _wave(ripple: Ripple) -> _Found | None:
     window = ripple.window
     motion = window.motion
     if not has_baseline(window.layout, motion):
-        return _Found(Refusal("ambiguous", ripple.frequency_hz), ripple.phase_rate, [1])
+        return _Found(Refusal("ambiguous", ripple.frequency_hz))
     best, found = _best_reading(ripple)
     if ripple.is_line and (best is None or (motion.has_speed and best.mismatch.any())):
         image = _mirror_image(ripple, -np.inf if best is None else found.gain[0])
         if image is not None:
-            return _Found(image, ripple.phase_rate, [1])
+            return _Found(image)
     if best is not None:
         return _judged(ripple, best, found)
     if motion.has_speed and has_baseline(window.layout, window.without_speed.motion):
@@ -193,18 +196,17 @@ def _mirror_image(ripple: Ripple, least_gain: float) -> Refusal | None:
 
 def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
     """The answer that a wave gives, or the refusal where another reading or a second wave is likely."""
-    window, harmonics = best.window, _own_harmonics(best)
+    window = best.window
 
-    def refused(status: TextureStatus, *more: Any) -> _Found:
-        refusal = Refusal(status, best.frequency_hz, best.snr_db, *more)
-        return _Found(refusal, best.phase_rate, harmonics)
+    def refused(status: TextureStatus, *more: Any) -> Refusal:
+        return Refusal(status, best.frequency_hz, best.snr_db, *more)
 
     if best.phase_rate * window.largest_step > 2 * np.pi * ALIASED:
-        return refused("aliased")
+        return _Found(refused("aliased"))
     scale, noise_inflation = inflation(best)
     variance, is_mismatched = 2 * best.variance * noise_inflation / window.n, bool(best.mismatch.any())
     if has_second_wave(window, best.equations.phasors(), variance, best.k, not is_mismatched):
-        return refused("several-gratings")
+        return _Found(refused("several-gratings"))
     contradicts = contradicts_motion(best, found)
     if contradicts:
         loose = _wave(replace(ripple, window=window.without_speed))
@@ -216,10 +218,12 @@ def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
     most = window.params.error_probability
     if contradicts or posterior.weights.argmax() or error > most:
         status: TextureStatus = "uneven-channels" if posterior.error_if_alike <= most else "ambiguous"
-        return refused(status, likely_gratings(found, posterior.weights), stray_rad)
+        candidates = likely_gratings(found, posterior.weights)
+        return _Found(refused(status, candidates, stray_rad), best.phase_rate, _own_harmonics(best))
     added = disagreement(best, posterior.k) if is_mismatched else np.zeros((3, 3))
     answer = groove_answer(best, scale, added, error, stray_rad)
-    return _Found(replace(answer, wave=None) if window.removed else answer, best.phase_rate, harmonics)
+    answer = replace(answer, wave=None) if window.removed else answer
+    return _Found(answer, best.phase_rate, _own_harmonics(best))
 
 
 def _own_harmonics(best: RefinedWave) -> list[int]:

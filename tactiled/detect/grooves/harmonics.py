@@ -6,12 +6,9 @@ from scipy import special
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.linear import PlaneWaves
-from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM
 from tactiled.detect.grooves.search import explained_power, most_explained_power
-from tactiled.detect.grooves.spectrum import FALSE_LINE
 
-# Probability that phase mismatch of a wave's own harmonic passes as another wave.
-_FALSE_FOREIGN = 1e-6
 # Part of a line's power. Less is not worth a search for another wave.
 _LEAST_FOREIGN_PART = 0.05
 # Part of a line's power, as the channels' own fits explain it. A wave that leaves more does not explain the
@@ -27,7 +24,7 @@ def visible_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
         return 1
     equations = window.equations(phase_rate, highest)
     information = np.linalg.inv(equations.gram[:, : 2 * highest, : 2 * highest])
-    level = special.chdtri(2 * len(equations.parts), FALSE_LINE)
+    level = special.chdtri(2 * len(equations.parts), FALSE_ALARM)
     for h in range(highest, 1, -1):
         pair = slice(2 * h - 2, 2 * h)
         parts = equations.parts[:, pair]
@@ -62,7 +59,7 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
     window = equations.window
     power = window.n / 2  # power of a line of amplitude 1
     n_channels = len(variance)
-    level = special.chdtri(n_channels, FALSE_LINE)
+    level = special.chdtri(n_channels, FALSE_ALARM)
     n_free = max(n_channels - window.layout.is_kind.shape[1] - 2, 1)
     foreign = []
     for h in range(1, equations.n_harmonics + 1):
@@ -74,7 +71,7 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
         if untied < MOST_UNEXPLAINED_PART * free:
             other, n_tried = most_explained_power(window, z, h * equations.phase_rate, variance)
             ratio = untied / max(free - power * other, n_channels)
-            if n_free * np.log(ratio) < 2 * np.log(n_tried / _FALSE_FOREIGN):
+            if n_free * np.log(ratio) < 2 * np.log(n_tried / FALSE_ALARM):
                 continue
         foreign.append(h)
     return foreign

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import NormalEquations
+from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
 
@@ -87,38 +87,6 @@ class Linearisation:
         return Linearisation(self.gain - left[-1, -1], left[n:-1, -1], left[n:-1, n:-1])
 
 
-@dataclass(frozen=True, eq=False)
-class PhaseGeometry:
-    """Dependence of each channel's phase on the unknowns.
-
-    Attributes
-    ----------
-    place : (channels, 2) float64
-    skew : (channels,) float64
-    is_kind : (channels, kinds) float64
-        1 where the channel is of the kind.
-    weight : (channels,) float64
-        Inverse variance of the noise.
-    tie : (2,) float64
-        Phase rate per unit of the wave vector, where the motion is known; else zeros.
-    """
-
-    place: FloatArray
-    skew: FloatArray
-    is_kind: FloatArray
-    weight: FloatArray
-    tie: FloatArray
-
-    def alike(self, other: "PhaseGeometry") -> bool:
-        """True where `linearise`, which does not use the tie, gives the same for both."""
-        pairs = ((self.place, other.place), (self.skew, other.skew), (self.is_kind, other.is_kind))
-        return all(map(np.array_equal, *zip(*pairs, (self.weight, other.weight), strict=True)))
-
-    def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
-        """Phase of waves at each channel: (starts, channels)."""
-        return np.asarray(k @ self.place.T + phase_rate[:, np.newaxis] * self.skew)
-
-
 def sweep(square: FloatArray, n: int) -> FloatArray:
     """Eliminate the first n unknowns of symmetric matrices (sweep operator: Goodnight 1979).
 
@@ -141,7 +109,7 @@ def sweep(square: FloatArray, n: int) -> FloatArray:
     return square
 
 
-def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+def _directions(equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
     """Unit harmonics in terms of the functions, and their derivatives by phase and by phase rate.
 
     Returns
@@ -149,8 +117,8 @@ def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: Plan
     (3 harmonics, functions, starts, channels) float64
     """
     n_harmonics = equations.n_harmonics
-    psi = geometry.psi(waves.k, waves.phase_rate)
-    own = waves.phase.transpose(2, 0, 1) @ geometry.is_kind.T
+    psi = equations.window.psi(waves.k, waves.phase_rate)
+    own = waves.phase.transpose(2, 0, 1) @ equations.window.layout.is_kind.T
     ahead = waves.phase_rate - equations.phase_rate
     # Axes: value or derivative, its harmonic, plain or times travel, harmonic, cosine or sine, starts,
     # channels.
@@ -169,27 +137,29 @@ def _directions(geometry: PhaseGeometry, equations: NormalEquations, waves: Plan
 
 
 def linearise(
-    geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves, product: FloatArray
+    equations: NormalEquations, weight: FloatArray, waves: PlaneWaves, product: FloatArray
 ) -> Linearisation:
     """Linearise the model near waves.
 
     Parameters
     ----------
+    weight : (channels,) float64
+        Inverse variance of the noise.
     product : (samples, channels, functions) float64
         Used instead of the product of `equations`. Samples and waves are equal in number, or one of either.
     """
     m = equations.n_harmonics
-    on = _directions(geometry, equations, waves)
+    on = _directions(equations, waves)
     square = np.einsum("ifsc,jfsc->ijsc", on, equations.times_gram(on))
     seen = np.einsum("ifsc,scf->isc", on, product)
     left = sweep(square, m)
     amplitude = np.maximum(np.einsum("ijsc,jsc->isc", left[:m, :m], seen[:m]), 0.0)
     explained = np.einsum("ijsc,jsc->isc", square[:, :m], amplitude)
-    gain = (amplitude * (2 * seen[:m] - explained[:m])).sum(axis=0) * geometry.weight
+    gain = (amplitude * (2 * seen[:m] - explained[:m])).sum(axis=0) * weight
     by = (seen - explained)[m:].reshape(2, m, *amplitude.shape[1:]) * amplitude
-    gradient = np.concatenate([by[0], by[1].sum(axis=0, keepdims=True)]) * geometry.weight
+    gradient = np.concatenate([by[0], by[1].sum(axis=0, keepdims=True)]) * weight
     rest = left[m:, m:].reshape(2, m, 2, m, *left.shape[2:])
-    rest = rest * amplitude[:, np.newaxis, np.newaxis] * amplitude * geometry.weight
+    rest = rest * amplitude[:, np.newaxis, np.newaxis] * amplitude * weight
     information = np.empty((m + 1, m + 1, *amplitude.shape[1:]))
     information[:m, :m] = rest[0, :, 0]
     information[:m, m] = information[m, :m] = rest[0, :, 1].sum(axis=1)
@@ -197,10 +167,10 @@ def linearise(
     return Linearisation(gain, gradient, information)
 
 
-def expected_products(geometry: PhaseGeometry, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
+def expected_products(equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
     """Products that waves without noise would have: (starts, channels, functions)."""
     m = equations.n_harmonics
-    on = _directions(geometry, equations, waves)[:m]
+    on = _directions(equations, waves)[:m]
     seen = equations.times_gram(on)
     inner = np.einsum("ifsc,jfsc->ijsc", on, seen)
     own = np.einsum("ifsc,cf->isc", on, equations.product)
@@ -209,13 +179,13 @@ def expected_products(geometry: PhaseGeometry, equations: NormalEquations, waves
 
 
 def total_information(
-    geometry: PhaseGeometry, near: Linearisation, slack: FloatArray
+    window: DetrendedWindow, near: Linearisation, slack: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Information (starts, unknowns, unknowns) and gradient (starts, unknowns) of all channels together.
 
     Unknowns: kx, ky, the phase rate in units of its slack, then the phases of the harmonics, kind by kind.
     """
-    n_harmonics, is_kind = len(near.gradient) - 1, geometry.is_kind
+    n_harmonics, is_kind, tie = len(near.gradient) - 1, window.layout.is_kind, window.tie
     n_starts, n_phases = near.gradient.shape[1], n_harmonics * is_kind.shape[1]
     times = np.arange(1.0, n_harmonics + 1)
     # From phases, and the phase rate through the travel, to psi and the latter.
@@ -227,9 +197,9 @@ def total_information(
     # Derivative of psi, and of the phase rate through the travel, by wave vector and slack: (3, 2, starts,
     # channels).
     by = np.zeros((3, 2, n_starts, len(is_kind)))
-    by[:2, 0] = (geometry.place + geometry.skew[:, np.newaxis] * geometry.tie).T[:, np.newaxis]
-    by[:2, 1] = geometry.tie[:, np.newaxis, np.newaxis]
-    by[2, 0] = slack[:, np.newaxis] * geometry.skew
+    by[:2, 0] = (window.layout.xy_mm + window.skew[:, np.newaxis] * tie).T[:, np.newaxis]
+    by[:2, 1] = tie[:, np.newaxis, np.newaxis]
+    by[2, 0] = slack[:, np.newaxis] * window.skew
     by[2, 1] = slack[:, np.newaxis]
     normal = np.zeros((n_starts, 3 + n_phases, 3 + n_phases))
     normal[:, :3, :3] = np.einsum("iasc,jasc->sij", by, np.einsum("jbsc,absc->jasc", by, among))

@@ -1,4 +1,4 @@
-"""Plane-wave model of a grooved surface: its limits, the motion over it and the channels that sense it.
+"""Plane-wave model of a grooved surface, the motion over it and the channels that sense it.
 
 Grooves of period D with normal (cos a, sin a) are a plane wave with the wave vector
 ``k = (2 pi / D) (cos a, sin a)``. A channel at (x, y) that is sampled `offset_s` after its scan began sees
@@ -20,11 +20,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_DEG
-from tactiled.tomlfile import Params
 
 # Fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan rate.
 ALIASED = 0.45
@@ -32,43 +30,12 @@ ALIASED = 0.45
 SAME_WAVE_RAD = 0.3
 # Candidates in an event.
 MAX_CANDIDATES = 8
+# Probability that noise passes for what is looked for: a line, a harmonic, another wave, a motion, a pattern.
+FALSE_ALARM = 1e-6
+# Divisor in place of zero, for channels without any ripple.
+TINY = 1e-300
 # Root mean square of half the square of a variable with unit variance.
 _SECOND_ORDER = np.sqrt(3) / 2
-
-
-class WaveParams(Params):
-    """Limits of the joint fit and the error probability it must meet.
-
-    The limits are the operator's knowledge of the surface. They exclude readings that the phases alone cannot
-    exclude; grooves outside the limits may be mistaken for others inside them.
-    """
-
-    min_period_mm: float = Field(default=0.5, ge=0.05, description="shortest groove period considered")
-    max_period_mm: float = Field(default=20.0, gt=0.05, description="longest groove period considered")
-    max_tilt_deg: float = Field(
-        default=88.0,
-        gt=0,
-        lt=90,
-        description="largest angle from groove normal to motion; beyond, the skin slides along grooves",
-    )
-    max_harmonics: int = Field(
-        default=3, ge=1, le=6, description="harmonics of the ripple that are fitted, where they are visible"
-    )
-    trend_order: int = Field(
-        default=3,
-        ge=1,
-        le=8,
-        description="order of the polynomial for drift and creep; a straight line for few ripples",
-    )
-    min_periods: float = Field(
-        default=0.8, ge=0.7, le=50, description="ripple periods that a window must hold"
-    )
-    error_probability: float = Field(
-        default=1e-2,
-        gt=0,
-        lt=0.5,
-        description="largest probability that an answer is wrong; the mean over answers is a tenth of it",
-    )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.lines import SpectralLine, spectral_lines, strongest_swing
+from tactiled.detect.grooves.lines import SpectralLine, spectral_lines, strongest_swing, swing_spectrum
 from tactiled.detect.grooves.model import ALIASED
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, PeriodOnly, Refusal
 from tactiled.detect.grooves.window import FitWindow
@@ -59,8 +59,9 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
         return Refusal("saturated")
     duration_s = window.duration_s
     band_hz = _band_hz(window, (len(readings) - 1) / duration_s if duration_s > 0 else 0.0)
-    lines = spectral_lines(readings, window.time_s, _FALSE_ALARMS, band_hz)
-    strongest = strongest_swing(readings, (band_hz[0] * duration_s, band_hz[1] * duration_s))
+    spectrum = swing_spectrum(readings)
+    lines = spectral_lines(spectrum, window.time_s, _FALSE_ALARMS, band_hz)
+    strongest = strongest_swing(spectrum, (band_hz[0] * duration_s, band_hz[1] * duration_s))
     if strongest.in_phase > _MOST_IN_PHASE:
         return Refusal("machine", strongest.cycles / duration_s)
     waves = [line for line in lines if line.in_phase <= _MOST_IN_PHASE]

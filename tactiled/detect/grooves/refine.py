@@ -14,8 +14,8 @@ from tactiled.detect.grooves.harmonics import (
     visible_harmonics,
 )
 from tactiled.detect.grooves.linear import PlaneWaves
+from tactiled.detect.grooves.model import FALSE_ALARM
 from tactiled.detect.grooves.solve import WaveSolver
-from tactiled.detect.grooves.spectrum import FALSE_LINE
 
 # Iterations at most; noise and mismatch of each are those of the one before.
 _REFINEMENTS = 4
@@ -137,7 +137,7 @@ def suits_channels(best: RefinedWave, phase_rate: float) -> bool:
     if float(best.mismatch[:, 0].mean()) / equations.n_harmonics >= _MOST_MISMATCH:
         return False
     free = float((equations.explained / best.variance).sum())
-    noise = float(special.chdtri(len(best.variance) * equations.n_harmonics, FALSE_LINE))
+    noise = float(special.chdtri(len(best.variance) * equations.n_harmonics, FALSE_ALARM))
     plain = WaveSolver(best.window, best.variance)
     # Where this wave is right, it also passes at the maximum without mismatch.
     most = max(MOST_UNEXPLAINED_PART * free, noise)

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.equations import DetrendedWindow
 from tactiled.detect.grooves.linear import PlaneWaves
-from tactiled.detect.grooves.model import SAME_WAVE_RAD, ChannelLayout
+from tactiled.detect.grooves.model import SAME_WAVE_RAD, TINY, ChannelLayout
+from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.solve import WaveSolver
-from tactiled.detect.grooves.spectrum import Ripple
 
 # Phase at the edge of the array between neighbouring points of a search grid.
 GRID_STEP_RAD = 0.5
@@ -19,8 +19,6 @@ _MOST_STARTS = 24
 _LEAST_PART = 0.5
 _LEAST_GAP = 100.0
 _SLACK_SIGMAS = 3.0
-# Divisor in place of zero, for channels without any ripple.
-_TINY = 1e-300
 
 
 def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
@@ -31,38 +29,51 @@ def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
     least : float
         The best must explain more than this (`common_mode_power`).
     """
-    window, equations, variance = ripple.window, ripple.equations, ripple.variance
-    layout, motion = window.layout, window.motion
-    heading = motion.heading if motion.has_direction else np.array([1.0, 0.0])
-    slack = equations.phase_rate_sd(variance)
-    along, across = _grid(window, equations.phase_rate, slack)
+    window, equations = ripple.window, ripple.equations
+    k = _starts(ripple)
+    if len(k):
+        solver = WaveSolver(window, ripple.variance)
+        rate = solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS)
+        found = solver.solve(equations, k, rate)
+        heading, normal = _axes(window)
+        margin = _step(window.layout) / 2
+        found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, window, margin))]
+        found = _distinct(found[np.argsort(-found.gain, kind="stable")], window.layout)
+        z = equations.phasors()
+        if len(found.k) and explained_power(z, window.layout, found.k[0], ripple.variance) > least:
+            return found
+    empty = np.zeros(0)
+    return PlaneWaves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
+
+
+def _axes(window: DetrendedWindow) -> tuple[FloatArray, FloatArray]:
+    """Directions of the search grid: along the motion, where that is known, and across it."""
+    motion = window.motion
+    return (motion.heading, motion.across) if motion.has_direction else (np.eye(2)[0], np.eye(2)[1])
+
+
+def _starts(ripple: Ripple) -> FloatArray:
+    """Wave vectors (starts, 2) of the highest peaks of a grid, from each channel's own amplitude."""
+    window, equations, motion = ripple.window, ripple.equations, ripple.window.motion
+    heading, normal = _axes(window)
+    along, across = _grid(window, equations.phase_rate, equations.phase_rate_sd(ripple.variance))
     if not len(along) or not len(across):
-        return _none()
-    z = equations.phasors()
-    scores = _scores(z, layout, heading, along, across, variance)
+        return np.zeros((0, 2))
+    scores = _scores(equations.phasors(), window.layout, heading, along, across, ripple.variance)
     if motion.has_speed and len(along) > 1:
         # The prior of a known motion counts too. Without it the ridges that one column of taxels makes have
         # no peak.
         sigmas = (along - equations.phase_rate / window.half_travel) / (np.ptp(along) / 2 / _SLACK_SIGMAS)
         scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
-    # The grid point of a maximum just inside the limits may lie outside them.
-    step = _step(layout)
     starts = np.argwhere(_is_peak(scores))
-    starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], window, step)]
-    if not len(starts):
-        return _none()
+    # The grid point of a maximum just inside the limits may lie outside them.
+    margin = _step(window.layout)
+    starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], window, margin)]
     high = scores[starts[:, 0], starts[:, 1]]
-    near = high >= min(_LEAST_PART * high.max(), high.max() - _LEAST_GAP)
+    highest = high.max(initial=0.0)
+    near = high >= min(_LEAST_PART * highest, highest - _LEAST_GAP)
     starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
-    normal = np.array([-heading[1], heading[0]])
-    k = along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal
-    solver = WaveSolver(window, variance)
-    found = solver.solve(equations, k, solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS))
-    found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, window, step / 2))]
-    if not len(found.k):
-        return _none()
-    found = _distinct(found[np.argsort(-found.gain, kind="stable")], layout)
-    return found if explained_power(z, layout, found.k[0], variance) > least else _none()
+    return np.asarray(along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal)
 
 
 def _step(layout: ChannelLayout) -> float:
@@ -101,7 +112,7 @@ def explained_power(
     pull = np.abs(z) * z / variance
     late = np.exp(-1j * (layout.x_mm * k[0] + layout.y_mm * k[1]))
     seen, total = (pull * late) @ layout.is_kind, np.abs(pull) @ layout.is_kind
-    return float((np.abs(seen) ** 2 / np.maximum(total, _TINY)).sum())
+    return float((np.abs(seen) ** 2 / np.maximum(total, TINY)).sum())
 
 
 def most_explained_power(
@@ -148,7 +159,7 @@ def _scores(
     scores = np.zeros((len(along), len(across)))
     for each in pull:
         seen = (by_along * each) @ by_across
-        scores += (seen.real**2 + seen.imag**2) / max(float(np.abs(each).sum()), _TINY)
+        scores += (seen.real**2 + seen.imag**2) / max(float(np.abs(each).sum()), TINY)
     return scores
 
 
@@ -172,10 +183,4 @@ def _distinct(waves: PlaneWaves, layout: ChannelLayout) -> PlaneWaves:
         gaps = np.abs(waves.k[kept] - waves.k[i]).max(axis=1) if kept else np.array([np.inf])
         if gaps.min() * layout.radius_mm > SAME_WAVE_RAD:
             kept.append(i)
-    return waves[np.array(kept)]
-
-
-def _none() -> PlaneWaves:
-    """An empty result."""
-    empty = np.zeros(0)
-    return PlaneWaves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
+    return waves[np.array(kept, dtype=np.int64)]

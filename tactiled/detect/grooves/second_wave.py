@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.equations import DetrendedWindow
-from tactiled.detect.grooves.model import SAME_WAVE_RAD, WaveMotion, WaveParams
+from tactiled.detect.grooves.model import SAME_WAVE_RAD, WaveMotion
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.phasors import NEIGHBOURS, Phasors
 from tactiled.detect.grooves.search import GRID_STEP_RAD
 from tactiled.detect.worker import pause

@@ -17,7 +17,6 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.linear import (
     Linearisation,
-    PhaseGeometry,
     PlaneWaves,
     expected_products,
     linearise,
@@ -52,18 +51,14 @@ class WaveSolver:
     def __init__(
         self, window: DetrendedWindow, variance: FloatArray, mismatch: FloatArray | None = None
     ) -> None:
-        layout, motion = window.layout, window.motion
-        # A known motion gives phase_rate = half_travel (k . heading), within the uncertainty of the motion.
-        tie = window.half_travel * motion.heading * float(motion.has_speed)
-        self._geometry = PhaseGeometry(layout.xy_mm, window.skew, layout.is_kind, 1.0 / variance, tie)
-        self._rim_mm = max(float(np.abs(layout.xy_mm).max()), 1e-3)
-        self._mismatch = None if mismatch is None or not mismatch.any() else (layout.is_kind @ mismatch).T
-        self._motion = motion
-        self._half_travel = window.half_travel
+        is_kind = window.layout.is_kind
+        self._window, self._motion, self._weight = window, window.motion, 1.0 / variance
+        self._rim_mm = max(float(np.abs(window.layout.xy_mm).max()), 1e-3)
+        self._mismatch = None if mismatch is None or not mismatch.any() else (is_kind @ mismatch).T
 
     def _tied_phase_rate(self, k: FloatArray) -> FloatArray:
         """Phase rate that a known motion gives wave vectors (starts, 2)."""
-        return np.asarray(k @ self._geometry.tie)
+        return np.asarray(k @ self._window.tie)
 
     def likely_phase_rate(self, k: FloatArray, line: float, sigmas: float) -> FloatArray:
         """Phase rate nearest to a line's among those that the motion allows: (starts,)."""
@@ -76,7 +71,7 @@ class WaveSolver:
         """Standard deviation of the phase rate about the tie to the motion; 1 without a tie: (starts,)."""
         if not self._motion.has_speed:
             return np.ones(len(k))
-        return self._half_travel * self._motion.along_sd(k)
+        return self._window.half_travel * self._motion.along_sd(k)
 
     def solve(
         self,
@@ -142,7 +137,7 @@ class WaveSolver:
         """Matrix from (kx, ky, phase rate in units of slack) to (kx, ky, phase rate): (starts, 3, 3)."""
         to_phase_rate = np.zeros((len(slack), 3, 3))
         to_phase_rate[:, 0, 0] = to_phase_rate[:, 1, 1] = 1.0
-        to_phase_rate[:, 2, :2] = self._geometry.tie
+        to_phase_rate[:, 2, :2] = self._window.tie
         to_phase_rate[:, 2, 2] = slack
         return to_phase_rate
 
@@ -157,8 +152,8 @@ class WaveSolver:
             Added to the products of the equations.
         """
         slack = self._slack(waves.k)
-        noisy = expected_products(self._geometry, equations, waves) + noise
-        near = self._with_mismatch(linearise(self._geometry, equations, waves, noisy))
+        noisy = expected_products(equations, waves) + noise
+        near = self._with_mismatch(linearise(equations, self._weight, waves, noisy))
         normal, gradient = self._normal(near, slack)
         return np.asarray(
             _solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_phase_rate(slack)[0].T
@@ -166,7 +161,7 @@ class WaveSolver:
 
     def residual_products(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
         """Part of the products that the wave does not explain: (channels, functions)."""
-        return np.asarray(equations.product - expected_products(self._geometry, equations, waves)[0])
+        return np.asarray(equations.product - expected_products(equations, waves)[0])
 
     def mismatch_variance(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
         """Variance of phases within each kind that exceeds the noise: (kinds, harmonics), radians^2.
@@ -174,17 +169,18 @@ class WaveSolver:
         The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any mismatch.
         """
         near = self._plain(equations, waves)
+        is_kind = self._window.layout.is_kind
         known = np.einsum("hhsc->ch", near.information[:-1, :-1])
         excess = np.where(known > 0, near.gradient[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
         seen = (known > 0).astype(np.float64)
         # Each kind uses one degree of freedom for each harmonic's phase; all kinds together two for the wave
         # vector.
-        spent = 1.0 + 2.0 / max(equations.n_harmonics * self._geometry.is_kind.shape[1], 1)
-        dof = np.maximum(self._geometry.is_kind.T @ seen - spent, 0.0)
-        q, total = self._geometry.is_kind.T @ excess, self._geometry.is_kind.T @ known
+        spent = 1.0 + 2.0 / max(equations.n_harmonics * is_kind.shape[1], 1)
+        dof = np.maximum(is_kind.T @ seen - spent, 0.0)
+        q, total = is_kind.T @ excess, is_kind.T @ known
         if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_MISMATCH):
             return np.zeros_like(q)
-        share = dof / np.maximum(self._geometry.is_kind.T @ seen, 1.0)
+        share = dof / np.maximum(is_kind.T @ seen, 1.0)
         found = (q > dof) & (dof > 0)
         own = np.where(found, (q - dof) / np.where(found, np.maximum(total * share, 1e-200), 1.0), 0.0)
         # A kind has few channels: the pooled estimate of all kinds counts as one more channel.
@@ -204,12 +200,10 @@ class WaveSolver:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
         parts = equations.parts
         z = parts[:, 0::2] - 1j * parts[:, 1::2]  # a cos(h t + p) has the phasor a exp(i p)
-        psi = self._geometry.psi(k, phase_rate)
+        psi = self._window.psi(k, phase_rate)
         times = np.arange(1, equations.n_harmonics + 1)
-        turned = (
-            np.abs(z) * z * np.exp(-1j * psi[..., np.newaxis] * times) * self._geometry.weight[:, np.newaxis]
-        )
-        return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._geometry.is_kind)))
+        turned = np.abs(z) * z * np.exp(-1j * psi[..., np.newaxis] * times) * self._weight[:, np.newaxis]
+        return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._window.layout.is_kind)))
 
     def _near(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
         """Linearise near waves and integrate out the mismatch."""
@@ -221,17 +215,17 @@ class WaveSolver:
     def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
         """Linearise near waves without mismatch; the solvers of a wave look at the same point repeatedly."""
         at = (waves.k, waves.phase_rate, waves.phase)
-        for known_at, geometry, near in equations.newest:
-            if all(map(operator.is_, at, known_at)) and self._geometry.alike(geometry):
+        for known_at, weight, near in equations.newest:
+            if all(map(operator.is_, at, known_at)) and np.array_equal(weight, self._weight):
                 known: Linearisation = near
                 return known
-        near = linearise(self._geometry, equations, waves, equations.product[np.newaxis])
-        equations.newest[:] = [(at, self._geometry, near)]
+        near = linearise(equations, self._weight, waves, equations.product[np.newaxis])
+        equations.newest[:] = [(at, self._weight, near)]
         return near
 
     def _normal(self, near: Linearisation, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Information and gradient, with the prior of a known motion: unit information on the slack."""
-        normal, gradient = total_information(self._geometry, near, slack)
+        normal, gradient = total_information(self._window, near, slack)
         normal[:, 2, 2] += float(self._motion.has_speed)
         return normal, gradient
 

@@ -1,119 +1,32 @@
-"""Lines in the spectrum of a window: detection, the fundamental among harmonics, and the noise around them.
-
-A slow polynomial and a ripple of few periods are hard to tell apart. The trend is therefore a straight line
-where the ripple has few periods, and a curve only where it has more. Where a window allows both
-interpretations (creep under a ripple, or a slow ripple with its harmonics), the one with the smaller
-residual comes first.
-"""
+"""Pooled spectrum of a window, with the threshold for lines, and the noise around them."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import LEAST_VARIANCE, DetrendedWindow, NormalEquations
+from tactiled.detect.grooves.equations import (
+    CLEAR_CYCLES,
+    LEAST_VARIANCE,
+    DetrendedWindow,
+)
+from tactiled.detect.grooves.model import FALSE_ALARM
 
 # Bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.
 _PADDING = 4
 # Bins to either side over which the noise density is taken as constant.
 _NEIGHBOURS = 40
 # Periods in the window. Anything slower is a straight trend.
-_LEAST_CYCLES = 0.5
+LEAST_CYCLES = 0.5
 # Periods in the window. Below this, a line and its image at the negative frequency are one hump under a Hann
 # window.
 _SLOW_CYCLES = 8
 # Frequencies beside a line, one period of the window apart, from which the noise there is read.
 _FLOOR_PLACES = 4
-# Periods of the window. Closer to a line or to the trend, removing that has removed the noise, too.
-_CLEAR = 0.75
 # Bins that belong to the line itself: the main lobe of a Hann window and a little more.
 _NEAR = 3
-# Probability that white noise passes as a line, for one window or for one more harmonic.
-FALSE_LINE = 1e-6
-# Periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound of a
-# straight trend.
-FEW_PERIODS = 2.5
-# Power of a fundamental as a part of its harmonics' power; less may be what the model does not describe.
-_LEAST_FUNDAMENTAL = 0.03
-
-
-@dataclass(frozen=True, eq=False)
-class Ripple:
-    """One interpretation of a line of a window.
-
-    Attributes
-    ----------
-    window : DetrendedWindow
-        With the trend of this interpretation.
-    phase_rate : float
-        Of the fundamental.
-    variance : (channels,) float64
-        Of the noise, volts^2.
-    is_line : bool
-        True for the line itself, False for a slower fundamental that the line may be a harmonic of.
-    """
-
-    window: DetrendedWindow
-    phase_rate: float
-    variance: FloatArray
-    is_line: bool = True
-
-    @cached_property
-    def equations(self) -> NormalEquations:
-        """Normal equations of the fundamental alone."""
-        return self.window.equations(self.phase_rate)
-
-    @property
-    def frequency_hz(self) -> float:
-        """Mean frequency."""
-        return self.window.frequency_hz(self.phase_rate)
-
-    @property
-    def periods(self) -> float:
-        """Periods of the ripple in the window."""
-        return self.phase_rate / np.pi
-
-    @property
-    def power(self) -> float:
-        """Power of the line, volts^2 summed over channels and scans."""
-        return float(self.equations.explained.sum())
-
-    def aic(self, variance: FloatArray) -> float:
-        """Information criterion of Akaike (1974): residual sum of squares plus two for each unknown."""
-        window, n_harmonics = self.window, _sampled_harmonics(self.window, self.phase_rate)
-        rest = window.power - window.equations(self.phase_rate, n_harmonics).explained
-        n_unknowns = len(rest) * (window.trend.shape[1] + 2 * n_harmonics)
-        return float((rest / variance).sum() + 2 * n_unknowns)
-
-
-def strongest_line(window: DetrendedWindow) -> list[Ripple]:
-    """Interpretations of a window's strongest line as slow ripple, fast ripple or both, the better first.
-
-    A line that may be the harmonic of a slower one appears twice: as that harmonic, then as a fundamental.
-    """
-    straight_lines, curved_lines = line_spectra(window, window.curved)
-    slow = _strongest(window, straight_lines, 0.0)
-    fast = _strongest(window.curved, curved_lines, FEW_PERIODS)
-    if not slow or slow[0].periods >= FEW_PERIODS:
-        return fast
-    if not fast:
-        return slow
-    return sorted((*slow, *fast), key=lambda ripple: ripple.aic(fast[0].variance))
-
-
-def _strongest(window: DetrendedWindow, spectrum: "LineSpectrum", least_periods: float) -> list[Ripple]:
-    """Interpretations of the strongest line that has enough periods."""
-    for peak in spectrum.peaks():
-        line = np.pi * float(spectrum.cycles[peak]) * (window.n - 1) / window.n
-        line = _centred(window, line, spectrum.variance)
-        phase_rate = _fundamental(window, line, least_periods)
-        if phase_rate >= np.pi * least_periods:
-            phase_rates = [phase_rate] if phase_rate == line else [phase_rate, line]
-            return [Ripple(window, each, spectrum.variance, each == line) for each in phase_rates]
-    return []
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +54,7 @@ class LineSpectrum:
         """Bins of the lines, the strongest first."""
         inner = self.power[1:-1]
         is_peak = (inner > self.power[:-2]) & (inner >= self.power[2:]) & (inner > self.needed[1:-1])
-        bins = np.flatnonzero(is_peak & (self.cycles[1:-1] >= _LEAST_CYCLES)) + 1
+        bins = np.flatnonzero(is_peak & (self.cycles[1:-1] >= LEAST_CYCLES)) + 1
         return [int(b) for b in bins[np.argsort(-self.power[bins], kind="stable")]]
 
 
@@ -198,9 +111,9 @@ def floor_beside(window: DetrendedWindow, phase_rate: float, variance: FloatArra
     """
     here, apart = phase_rate / np.pi, line / np.pi
     there = here + np.array([-2.0, -1.0, 1.0, 2.0, 3.0, 4.0])
-    clear = np.abs(there - np.maximum(np.round(there / apart), 1) * apart) >= min(_CLEAR, apart / 2)
+    clear = np.abs(there - np.maximum(np.round(there / apart), 1) * apart) >= min(CLEAR_CYCLES, apart / 2)
     clear &= np.array([not window.is_removed(np.pi * place) for place in there])
-    there = there[(there >= _CLEAR) & (there < window.n / 2 - 1) & clear][:_FLOOR_PLACES]
+    there = there[(there >= CLEAR_CYCLES) & (there < window.n / 2 - 1) & clear][:_FLOOR_PLACES]
     if not len(there):
         return np.inf
     rises = np.maximum(there / here, 1.0) ** 2
@@ -241,7 +154,7 @@ def _median(values: FloatArray) -> FloatArray:
 
 
 def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
-    """Threshold that noise exceeds once in `1 / FALSE_LINE` windows, from the scatter of nearby bins.
+    """Threshold that noise exceeds once in `1 / FALSE_ALARM` windows, from the scatter of nearby bins.
 
     The mean of the spectra of m independent channels is gamma distributed with shape m. Noise that channels
     share, such as a random texture under all taxels, has a smaller shape, down to 1; the scatter of the
@@ -260,45 +173,5 @@ def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:
     scatter = 1.4826 * _median(np.abs(around - level[:, np.newaxis]))
     shape = np.clip(1.0 / np.maximum(scatter, 1e-3) ** 2, 1.0, n_channels)
     mean = np.exp(level - special.digamma(shape)) * shape
-    needed = mean * special.gammainccinv(shape, FALSE_LINE / len(bins)) / shape
+    needed = mean * special.gammainccinv(shape, FALSE_ALARM / len(bins)) / shape
     return np.repeat(needed, _PADDING)[: len(pooled)]
-
-
-def _fundamental(window: DetrendedWindow, phase_rate: float, least_periods: float) -> float:
-    """Phase rate of a line, or of the slower fundamental of which the line is a harmonic."""
-    n_harmonics = _sampled_harmonics(window, phase_rate)
-    alone = window.equations(phase_rate, n_harmonics).explained
-    left = window.without_lines(phase_rate, range(1, n_harmonics + 1))
-    for part in range(window.params.max_harmonics, 1, -1):
-        slower = phase_rate / part
-        if slower < np.pi * max(least_periods, _LEAST_CYCLES) or window.is_removed(slower):
-            continue
-        # The same number of harmonics for both: what the line's own explain is no evidence of a slower one.
-        equations = window.equations(slower, max(part, n_harmonics))
-        variance = equations.variance
-        more = float(((equations.explained - alone) / variance).sum())
-        # Drift that no polynomial describes is strongest where a slower line would be.
-        floor = max(1.0, floor_beside(left, slower, variance, phase_rate))
-        level = floor * special.chdtri(2 * (part - 1) * len(variance), FALSE_LINE)
-        if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
-            return slower
-    return phase_rate
-
-
-def _sampled_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
-    """Number of harmonics below half the scan rate."""
-    return int(np.clip(np.pi / (phase_rate * window.largest_step), 1, window.params.max_harmonics))
-
-
-def _centred(window: DetrendedWindow, phase_rate: float, variance: FloatArray) -> float:
-    """Phase rate of the largest explained power near a bin."""
-    step = np.pi / 8
-    for _ in range(3):
-        powers = [
-            float((window.equations(phase_rate + d).explained / variance).sum()) for d in (-step, 0, step)
-        ]
-        bend = powers[0] - 2 * powers[1] + powers[2]
-        if bend < 0:
-            phase_rate += float(np.clip(0.5 * (powers[0] - powers[2]) / bend, -1, 1)) * step
-        step /= 4
-    return phase_rate

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
+from tactiled.detect.grooves.model import TINY, ChannelLayout, WaveMotion
 from tactiled.detect.worker import pause
 
 # Standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a taxel.
@@ -46,8 +46,6 @@ _TYPICAL_VARIANCE = 0.1**2
 # Standard deviation before a slide of phases (radians) and of corrections of k (radians per millimetre):
 # larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
-# Divisor in place of zero, for channels without any ripple.
-_TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +98,7 @@ def weigh_waves(
     log_prior : (sigmas_c, sigmas_t) float64
         Logarithms of the probabilities of the standard deviations.
     """
-    noise = variance / np.maximum(np.abs(z) ** 2, _TINY)
+    noise = variance / np.maximum(np.abs(z) ** 2, TINY)
     place = layout.xy_mm
     design = np.concatenate([layout.is_kind, place], axis=1)
     residual = _residuals(z, noise, layout, place, k)
@@ -149,7 +147,7 @@ def _evidence(
     products = products[:, np.newaxis] - shared_sums @ sums[:, np.newaxis]
     squares = squares[:, np.newaxis] - shared @ sums[..., n:] ** 2
     log_det = -np.log(weight).sum(axis=1)[:, np.newaxis] - np.log(
-        shared / np.maximum(SIGMAS_T[:, np.newaxis] ** 2, _TINY), where=shared > 0, out=np.zeros_like(shared)
+        shared / np.maximum(SIGMAS_T[:, np.newaxis] ** 2, TINY), where=shared > 0, out=np.zeros_like(shared)
     ).sum(axis=2)
     pause()
     gram, seen = products[..., :n] + _ANY_CORRECTION**-2 * np.eye(n), products[..., n:]

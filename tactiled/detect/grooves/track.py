@@ -17,25 +17,19 @@ from scipy import special
 
 from tactiled.detect.grooves.equations import STRAIGHT, detrended, trend_basis
 from tactiled.detect.grooves.estimates import groove_answer
-from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM, SAME_WAVE_RAD, TINY
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_channels
-from tactiled.detect.grooves.spectrum import FEW_PERIODS
+from tactiled.detect.grooves.ripple import FEW_PERIODS
 from tactiled.detect.grooves.window import FitWindow
 
 # Length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6 s.
 _BLOCK_S = 1.0
 # Periods in a block. With fewer, the slope of a block takes much of a ripple.
 _BLOCK_PERIODS = 1.5
-# Part of the power of a block's phasors that suits no common factor. Two patterns whose phases differ by
-# 0.3 radians rms over the array (`SAME_WAVE_RAD`) differ by this much.
-_ANOTHER_PATTERN = 0.3**2
-# Ratio of that part to its mean over earlier blocks: misplaced ridges and uneven pads change every block.
+# Ratio of the part of a block's power that suits no common factor to its mean over earlier blocks: misplaced
+# ridges and uneven pads change every block.
 _UNLIKE_EARLIER = 4.0
-# Probability that white noise passes for another pattern, for one window.
-_FALSE_CHANGE = 1e-6
-# Divisor in place of zero, for channels without any ripple.
-_TINY = 1e-300
 
 
 def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
@@ -53,7 +47,8 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
     >>> import numpy as np
     >>> from tactiled.array import load_array
     >>> from tactiled.detect.grooves.fit import fit_wave
-    >>> from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+    >>> from tactiled.detect.grooves.model import WaveMotion, channel_layout
+    >>> from tactiled.detect.grooves.params import WaveParams
     >>> layout = channel_layout(load_array("wang2019-3x3"))
     >>> rng, time_s, angle = np.random.default_rng(0), np.arange(400) / 100, np.radians(20)
     >>> x_mm = layout.x_mm + 2 * time_s[:, np.newaxis]
@@ -103,12 +98,12 @@ def is_another_pattern(best: RefinedWave, n_block: int) -> bool:
     z = _block_phasors(best, n_block) / np.sqrt(best.variance)[:, np.newaxis]
     earlier = np.linalg.svd(z[:, :-1], full_matrices=False)[0][:, 0]
     power = (z.real**2 + z.imag**2).sum(axis=0)
-    part = 1 - np.abs(earlier.conj() @ z) ** 2 / np.maximum(power, _TINY)
+    part = 1 - np.abs(earlier.conj() @ z) ** 2 / np.maximum(power, TINY)
     # In white noise, each part of a phasor has the variance 2 / n_block; `earlier` has its own.
-    white = 2 / n_block * (1 + 1 / n_earlier) * special.chdtri(2 * (n_channels - 1), _FALSE_CHANGE)
+    white = 2 / n_block * (1 + 1 / n_earlier) * special.chdtri(2 * (n_channels - 1), FALSE_ALARM)
     # Coloured noise makes the earlier blocks unlike, too. One of their degrees of freedom is in `earlier`.
     usual = float(part[:-1].sum()) / (n_earlier - 1)
-    return bool(part[-1] > max(_ANOTHER_PATTERN, white / max(power[-1], _TINY), _UNLIKE_EARLIER * usual))
+    return bool(part[-1] > max(SAME_WAVE_RAD**2, white / max(power[-1], TINY), _UNLIKE_EARLIER * usual))
 
 
 def _block_phasors(best: RefinedWave, n_block: int) -> NDArray[np.complex128]:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.samples.block import ScanBlock
 
 # Part of a channel's readings. A channel with more bad ones is left out of a fit.

@@ -23,7 +23,7 @@ from bench.texture.trials import (
     two_wave_trial,
 )
 from tactiled.array import load_array
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.events.types import TextureEvent
 
 ARRAY = load_array("wang2019-3x3")

@@ -6,8 +6,9 @@ from gratings import ARRAY, Grating, Slide, answer, assert_right, fit, grid, kno
 
 from tactiled.array import Array
 from tactiled.detect.grooves.ambiguity import has_baseline
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import Refusal
+from tactiled.detect.grooves.params import WaveParams
 
 ROW = grid([0.0, 3.5, 7.0], [0.0])
 COLUMN = grid([0.0], [0.0, 3.5, 7.0])

@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.detect.grooves.estimator import PRESETS, JointParams, JointTexture
+from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
+from tactiled.detect.grooves.params import PRESETS, JointParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, SlipEvent, TextureEvent

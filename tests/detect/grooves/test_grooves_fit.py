@@ -23,8 +23,9 @@ from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 
 OFFSETS_S = np.linspace(0, 0.007, 36)

@@ -19,8 +19,9 @@ from gratings import (
     unknown,
 )
 
-from tactiled.detect.grooves.model import WaveMotion, WaveParams
+from tactiled.detect.grooves.model import WaveMotion
 from tactiled.detect.grooves.outcome import Refusal
+from tactiled.detect.grooves.params import WaveParams
 
 
 def test_an_uncertain_speed_widens_the_period() -> None:

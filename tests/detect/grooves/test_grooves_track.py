@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from touches import textures
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.estimator import JointParams, JointTexture
+from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, TrackedWave
+from tactiled.detect.grooves.params import JointParams, WaveParams
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import SlipEvent

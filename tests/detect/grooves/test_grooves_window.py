@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, WaveParams, channel_layout
+from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
+from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 
 LSB = 3.0 / 4096

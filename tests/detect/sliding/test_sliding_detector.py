@@ -11,7 +11,7 @@ from touches import pieces, run, splits
 
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.sliding.ripple import travelling_line
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
