@@ -38,8 +38,6 @@ from tactiled.events.types import TextureStatus
 _MOST_ALIASED_MISMATCH = 0.2
 # Phase rate to either side of a line that is no wave, which is rarely a narrow line either.
 _BROAD_LINE = 0.25 * np.pi
-# Phase rate. Strong lines are known far better than to a quarter of a bin.
-_SAME_LINE = 0.25 * np.pi
 # Lines tried: hum and the like may be stronger than the grooves.
 _MOST_LINES = 3
 # Harmonics of one grating, none of which is a second grating.
@@ -116,7 +114,6 @@ def _are_alike(one: GrooveAnswer, other: GrooveAnswer, layout: ChannelLayout) ->
 
 def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
     """Fit the strongest line that is a wave and has some power; remove stronger lines that are no waves."""
-    removed: list[float] = []
     for _ in range(_MOST_LINES):
         # No line has more than the total power.
         ripples = strongest_line(window) if float(window.power.sum()) >= least else []
@@ -126,23 +123,13 @@ def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
             if ripple.periods < window.params.min_periods:
                 return _Found(Refusal("too-few-periods", ripple.frequency_hz))
             found = _wave(ripple)
-            if found is None:
-                continue
-            if isinstance(found.outcome, GrooveAnswer) and _is_multiple(ripple.phase_rate, removed):
-                return found._replace(outcome=Refusal("ambiguous", found.outcome.frequency_hz))
-            return found
+            if found is not None:
+                return found
         phase_rate = next(each.phase_rate for each in ripples if each.is_line)
-        removed.append(phase_rate)
         window = window.without_lines(
             phase_rate, [1 - _BROAD_LINE / phase_rate, 1 + _BROAD_LINE / phase_rate]
         )
     return _Found(Refusal("low-snr"))
-
-
-def _is_multiple(phase_rate: float, removed: list[float]) -> bool:
-    """True where a line may be a harmonic of a removed one."""
-    times = [max(round(phase_rate / other), 2) for other in removed]
-    return any(abs(phase_rate - n * other) < _SAME_LINE for n, other in zip(times, removed, strict=True))
 
 
 def _wave(ripple: Ripple) -> _Found | None:

@@ -24,9 +24,8 @@ _FALSE_SECOND_WAVE = 1e-2
 # Mismatch as a part of the ripple, all kinds together: no skin's channels are more alike. Where a kind has a
 # small response because its parts cancel, the mismatch does not cancel.
 _LEAST_MISMATCH = 0.03
-# Variances of mismatch that are tried; both grids are (gain mismatch * phase mismatch, 1, 1).
+# Variances of mismatch that are tried.
 _MISMATCHES = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
-_GAIN, _PHASE = (each.reshape(-1, 1, 1) for each in np.meshgrid(_MISMATCHES, _MISMATCHES))
 
 
 class Phasors:
@@ -122,23 +121,6 @@ class Phasors:
             by_kind = (log + part**2 / variance) @ self.is_kind  # (mismatches, pairs, kinds)
             total -= 0.5 * by_kind.min(axis=0).sum(axis=-1)
         return total
-
-    def by_wave_gain(self, k: FloatArray) -> FloatArray:
-        """Log-likelihood where each wave has its own gain in each channel: (pairs,), as `likelihood`."""
-        waves = self.fit(k)
-        left = self.z - waves.sum(axis=-1)
-        size = np.abs(waves) ** 2
-        square = waves**2
-        along = (size + square.real).sum(axis=-1) / 2  # variance of the real part; 2 x 2 covariance matrices
-        across = (size - square.real).sum(axis=-1) / 2
-        mixed = square.imag.sum(axis=-1) / 2
-        one = _GAIN * along + _PHASE * across + self.variance
-        other = _GAIN * across + _PHASE * along + self.variance
-        both = (_GAIN - _PHASE) * mixed
-        volume = np.maximum(one * other - both**2, self.variance**2)  # lower bound against rounding
-        square = other * left.real**2 + one * left.imag**2 - 2 * both * left.real * left.imag
-        by_kind = (np.log(volume) + square / volume) @ self.is_kind  # (mismatches, pairs, kinds)
-        return np.asarray(-0.5 * by_kind.min(axis=0).sum(axis=-1))
 
     def _by_taxel_factor(self, left: NDArray[np.complex128]) -> FloatArray:
         """Log-likelihood where one factor per taxel, its load, affects all its channels: (pairs,).

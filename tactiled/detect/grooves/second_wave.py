@@ -89,7 +89,7 @@ def has_second_wave(
             each = phasors.likelihood(near.reshape(-1, 2, 2)).reshape(len(pairs), -1)
             chosen = np.arange(len(pairs)), each.argmax(axis=1)
             pairs = near[chosen]
-    likelihood = np.maximum(phasors.likelihood(pairs), phasors.by_wave_gain(pairs))
+    likelihood = phasors.likelihood(pairs)
     power = (np.abs(phasors.fit(pairs)) ** 2).sum(axis=1)
     stronger = pairs[np.arange(len(pairs)), power.argmax(axis=1)]
     matters = power.min(axis=1) > _LEAST_SHARE * power.sum(axis=1)
