@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pages import robot
@@ -37,7 +38,7 @@ def opened(tmp_path: Path, page: Page) -> Iterator[Page]:
         yield page
 
 
-def model(page: Page, act: str) -> object:
+def model(page: Page, act: str) -> Any:
     """Run statements on a board that is touched, slips and is gripped at 10 s; return what they return."""
     return page.evaluate(MODEL.replace("ACT", act))
 
@@ -54,3 +55,26 @@ def test_forces_and_margins_that_come_no_more_are_not_shown(opened: Page) -> Non
     now = "return [board.grip, board.force].map((message) => board.current(message) !== null)"
     assert model(opened, f"scan(1, 10.2); {now}") == [True, True]
     assert model(opened, f"scan(1, 10.5); {now}") == [False, False]
+
+
+@pytest.mark.parametrize(
+    ("run", "index", "words"),
+    [
+        (1, 40, "no scans for 3.0 s"),
+        (1, 0, "the board started anew, no scans for 3.0 s"),
+        (2, 0, "new run of the daemon, no scans for 3.0 s"),
+    ],
+)
+def test_nothing_is_drawn_over_a_time_without_scans(opened: Page, run: int, index: int, words: str) -> None:
+    act = f"""
+    board.take("geometry", {{ unit: "V", zero: [0], zero_first_s: 0, names: ["t0.a"], has_shear: false,
+      pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
+    const reading = (run, index, at) => board.take("scan", {{ ...common(run, at), index, volts: [1], valid: [true] }});
+    for (let n = 1; n < 20; n += 1) reading(1, 10 + n, 10 + 0.1 * n);  // thinned, as in the history
+    for (let n = 0; n < 20; n += 1) reading({run}, {index} + n, 14.9 + 0.1 * n);
+    const p = board.points, broken = p.t.filter((_, i) => p.load[i] === null && p.shear[i] === null);
+    return [broken, board.gaps.map((gap) => gap.words), board.bands.map((band) => band.state)];"""
+    broken, gaps, bands = model(opened, act)
+    assert [11.9 < at < 14.9 for at in broken] == [True]
+    assert gaps == [words]
+    assert bands == ["none", "holding", "none"]  # what holds in a gap is not known

@@ -1,10 +1,14 @@
 // What is known of one board: newest messages, the last minute for the timeline, the last seconds of readings.
 
+import { ageWords } from "./words.js";
+
 export const SPAN_S = 60;        // of the timeline
 const RING_S = 11;               // readings for scope and spectrum
 const POINT_S = 0.05;            // interval of points on the timeline: 1200 of them
 const EVENTS = 400;
 const HEALTH_SCANS = 100;
+const GAP_S = 0.2;               // scans of the history are 0.1 s and a period apart: more is a time without scans
+const GAP_PERIODS = 2.5;         // slow boards
 const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
 const CURRENT_PERIODS = 3;       // slow boards
 
@@ -24,7 +28,7 @@ export class BoardModel {
     this.events = [];        // newest last: {at, topic, data}
     this.bands = [];         // contact states: {from, state}
     this.slips = [];         // {from, to, kind, sd, suppressed, direction}
-    this.gaps = [];          // {from, to}
+    this.gaps = [];          // {from, to, words}: times without scans, over which nothing is drawn
     this.seen = new Set();
     this.knownUntil = Infinity; // instant after which nothing is known, where the data are stale
     this.changed = 0;        // counts messages, so that views know when to draw
@@ -74,17 +78,21 @@ export class BoardModel {
   /** A message that comes with each scan; null where it is not of the newest ones: its detector has ended. */
   current(message) {
     if (message === null || this.newestScan === null) return null;
-    const period = this.status !== null && this.status.rate_hz > 0 ? 1 / this.status.rate_hz : 0;
-    return this.newestScan.timestamp - message.timestamp > Math.max(CURRENT_S, CURRENT_PERIODS * period) ? null : message;
+    return this.newestScan.timestamp - message.timestamp > Math.max(CURRENT_S, CURRENT_PERIODS * this._period()) ? null : message;
+  }
+
+  /** Seconds from one scan to the next, as measured or else as configured; 0 where unknown. */
+  _period() {
+    const rate = this.status?.rate_hz || this.info?.rate_hz || 0;
+    return rate > 0 ? 1 / rate : 0;
   }
 
   _scan(scan) {
     const before = this.newestScan;
     if (before !== null && before.run === scan.run && scan.timestamp <= before.timestamp) return;
-    if (before !== null && before.run === scan.run && this.status !== null && this.status.rate_hz > 0) {
-      const period = 1 / this.status.rate_hz;
-      const gap = scan.timestamp - before.timestamp;
-      if (gap > 2.5 * period && gap > 0.15 && scan.index - before.index < 1.5 * gap / period) this._gap(before.timestamp, scan.timestamp);
+    if (before !== null) {
+      const why = before.run !== scan.run ? "new run of the daemon" : scan.index <= before.index ? "the board started anew" : "";
+      if (why || scan.timestamp - before.timestamp > Math.max(GAP_S, GAP_PERIODS * this._period())) this._gap(before.timestamp, scan.timestamp, why);
     }
     this.newestScan = scan;
     this.scans.push(scan);
@@ -119,10 +127,18 @@ export class BoardModel {
 
   _grip(grip) { this.grip = grip; }
 
-  _gap(from, to) {
-    this.gaps.push({ from, to });
+  /** Break all curves and bands between two scans; `why` is set where the second one began anew. */
+  _gap(from, to, why) {
+    const words = [why, `no scans for ${ageWords(to - from)}`].filter(Boolean).join(", ");
+    this.gaps.push({ from, to, words });
     if (this.gaps.length > 100) this.gaps.shift();
-    this._list(to, "gap", { words: `gap: no scans for ${(1000 * (to - from)).toFixed(0)} ms` });
+    const p = this.points, last = p.t[p.t.length - 1];
+    if (last !== undefined && to > last) {
+      p.t.push((last + to) / 2);
+      for (const key of Object.keys(p)) if (key !== "t") p[key].push(null);
+    }
+    this._band(from, "none");
+    this._list(to, "gap", { words });
   }
 
   _event(topic, data) {

@@ -60,16 +60,19 @@ export class Timeline extends Plot {
   }
 }
 
-/** Gaps, behind the curves. */
+/** Times without scans, behind the curves, and why where there is room for it. */
 function lanesBehind(u, board) {
   if (board === null) return;
   const c = u.ctx, { left, top, width, height } = u.bbox;
   const x = (t) => Math.max(left, Math.min(left + width, u.valToPos(t, "x", true)));
+  const r = u.pxRatio ?? window.devicePixelRatio ?? 1;
   c.save();
+  c.font = `${10 * r}px system-ui, sans-serif`; c.textBaseline = "middle"; c.textAlign = "center";
   for (const gap of board.gaps) {
     const from = x(gap.from), to = Math.max(from + 2, x(gap.to));
     if (from >= left + width || to <= left + 2) continue;
     c.fillStyle = colour("gap"); c.fillRect(from, top, to - from, height);
+    if (c.measureText(gap.words).width < to - from - 8 * r) { c.fillStyle = colour("muted"); c.fillText(gap.words, (from + to) / 2, top + 10 * r); }
   }
   c.restore();
 }
@@ -151,6 +154,10 @@ export class Scope extends Plot {
     const scans = board.scans.filter((s) => s.timestamp > now - SCOPE_S);
     const step = Math.max(1, Math.ceil(scans.length / 600));
     const shown = step === 1 ? scans : scans.filter((_, i) => i % step === 0);
+    for (const gap of board.gaps) { // a scan without readings breaks the curves
+      const after = shown.findIndex((s) => s.timestamp >= gap.to);
+      if (after > 0) shown.splice(after, 0, { timestamp: (shown[after - 1].timestamp + gap.to) / 2, volts: [], valid: [] });
+    }
     this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] : null)))]);
   }
 }
@@ -172,7 +179,8 @@ export class Spectrum extends Plot {
   draw(board) {
     const texture = board.texture;
     this.found.hz = texture !== null && texture.frequency_hz > 0 ? texture.frequency_hz : 0;
-    const scans = board.scans.slice(-FFT_N);
+    const from = board.gaps.at(-1)?.to ?? -Infinity;
+    const scans = board.scans.filter((s) => s.timestamp >= from).slice(-FFT_N);
     if (scans.length < FFT_N || !board.zero.length) return;
     const rate = (scans.length - 1) / (scans[scans.length - 1].timestamp - scans[0].timestamp);
     const channels = board.health.map((h, c) => (h ? -1 : c)).filter((c) => c >= 0);
