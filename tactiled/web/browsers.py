@@ -1,15 +1,21 @@
-"""Connected browsers, each with a bounded queue: a slow one loses frames and delays nobody."""
+"""Connected browsers, each with a bounded queue: a slow one loses frames and delays nobody.
+
+A browser answers each frame. Live frames are sent while fewer than `_IN_FLIGHT` wait for their answer: the
+buffers of the system would hold seconds of old frames for a slow link otherwise.
+"""
 
 import asyncio
 from collections import deque
 from contextlib import suppress
 
+import msgpack
 from aiohttp import web
 
 from tactiled.web.feed import Frames
 
 FRAMES_PER_S = 30.0
-_LIVE_FRAMES = 15  # half a second: what waits longer would be shown as stale
+_LIVE_FRAMES = 3  # 100 ms: what waits longer would be shown as late
+_IN_FLIGHT = 8  # frames of 270 ms, the way to a browser and back
 _KEPT_FRAMES = 1000  # events of minutes; a browser that is further behind connects again and gets the history
 _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must not stay for ever
 
@@ -25,8 +31,9 @@ class Browser:
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self._socket = socket
-        self._live: deque[str] = deque()
-        self._kept: deque[str] = deque()
+        self._live: deque[bytes] = deque()
+        self._kept: deque[bytes] = deque()
+        self._in_flight = 0
         self._filled = asyncio.Event()
         self._dropped = 0
 
@@ -41,17 +48,30 @@ class Browser:
                 self._dropped += 1
         self._filled.set()
 
+    def answered(self) -> None:
+        """Note that the browser has taken a frame."""
+        self._in_flight = max(0, self._in_flight - 1)
+        self._filled.set()
+
     async def send_all(self) -> None:
         """Send queued frames until the connection ends or the browser is hopelessly behind."""
         with suppress(ConnectionError, TimeoutError):
             while not self._socket.closed and len(self._kept) <= _KEPT_FRAMES:
                 await self._filled.wait()
                 self._filled.clear()
-                while (self._kept or self._live) and len(self._kept) <= _KEPT_FRAMES:
-                    text = self._kept.popleft() if self._kept else self._live.popleft()
+                while len(self._kept) <= _KEPT_FRAMES and (frame := self._next()) is not None:
+                    self._in_flight += 1
                     async with asyncio.timeout(_STUCK_S):
-                        await self._socket.send_str(text)
-                if self._dropped:
-                    async with asyncio.timeout(_STUCK_S):
-                        await self._socket.send_str(f'{{"dropped":{self._dropped}}}')
-                    self._dropped = 0
+                        await self._socket.send_bytes(frame)
+
+    def _next(self) -> bytes | None:
+        """Return the frame to be sent next: events first, then live frames for which there is room."""
+        if self._kept:
+            return self._kept.popleft()
+        if not self._live or self._in_flight >= _IN_FLIGHT:
+            return None
+        if self._dropped:
+            dropped: bytes = msgpack.packb({"dropped": self._dropped})
+            self._dropped = 0
+            return dropped
+        return self._live.popleft()

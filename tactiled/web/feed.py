@@ -1,17 +1,20 @@
 """Frames for browsers from items of a subscription; history for browsers that come later. No I/O.
 
-A frame is JSON text: ``{"now": epoch s, "mono": s, "m": [[source, topic, data, recovered], ...]}``. `now` and
-`mono` are the clocks of this host: with `mono` the page measures how long frames wait on their way, which no
-step of the wall clock disturbs. `source` is the number of the endpoint. Besides the topics of the daemon
-there are ``geometry`` (see `geometry`) and ``notice`` (lost messages, a restart of the daemon). Each message
-becomes JSON once, whatever the number of browsers.
+A frame is a MessagePack map: ``{"now": epoch s, "mono": s, "m": [[source, topic, data, recovered], ...]}``.
+`now` and `mono` are the clocks of this host: with `mono` the page measures how long frames wait on their way,
+which no step of the wall clock disturbs. `source` is the number of the endpoint. Besides the topics of the
+daemon there are ``geometry`` (see `geometry`) and ``notice`` (lost messages, a restart of the daemon). Each
+message is packed once, whatever the number of browsers. Readings are 32-bit floats; what no page shows is
+left out.
 """
 
-import json
+import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
+
+import msgpack
 
 from tactiled.array import Array
 from tactiled.board_geometry import geometry_of
@@ -24,23 +27,32 @@ _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points 
 _HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
 LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
+_FLOATS = 1
+"""MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
+_UNSEEN = {"scan": {"time_sd_s", "age_s"}, "force": {"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}}
+"""Fields of messages of each scan that no page shows."""
 _NEWEST = ("geometry", "info", "status", "recording", "contact")
 """Topics whose newest message a new browser needs."""
 
 
 class Entry(NamedTuple):
-    """Message as JSON, with what decides where it goes."""
+    """Packed message, with what decides where it goes."""
 
-    topic: str
+    key: tuple[int, str, str]
     timestamp: float
-    text: str
+    packed: bytes
+
+    @property
+    def topic(self) -> str:
+        """Topic of the message; `key` is its source, board and topic."""
+        return self.key[2]
 
 
 class Frames(NamedTuple):
     """Two frames of one instant: messages that every browser gets, and live ones; None for none."""
 
-    kept: str | None
-    live: str | None
+    kept: bytes | None
+    live: bytes | None
 
 
 class Feed:
@@ -84,16 +96,10 @@ class Feed:
 
     def add(self, source: int, topic: str, data: Mapping[str, Any], recovered: bool = False) -> None:
         """Add a message to the next frame and to the history."""
-        try:
-            text = json.dumps([source, topic, data, recovered], allow_nan=False, separators=(",", ":"))
-        except (ValueError, TypeError):
-            self.unreadable += 1
-            return
-        stamp = data.get("timestamp", 0.0)
-        entry = Entry(topic, float(stamp) if isinstance(stamp, int | float) else 0.0, text)
+        key = (source, str(data.get("board", "")), topic)
+        entry = Entry(key, float(data.get("timestamp", 0.0)), _packed(source, topic, data, recovered))
         self._pending.append(entry)
         self._newest_s[source] = max(self._newest_s.get(source, 0.0), entry.timestamp)
-        key = (source, str(data.get("board", "")), topic)
         if topic in _NEWEST:
             self._newest[key] = entry
         if topic in ("info", "status", "geometry", "recording"):
@@ -105,22 +111,27 @@ class Feed:
         self._history.append(entry)
 
     def frames(self, now_unix_s: float, now_s: float) -> Frames:
-        """Return what has come since the last call, as two frames."""
+        """Return what has come since the last call, as two frames; of live topics but scans, the newest."""
         self._forget(now_unix_s)
         pending, self._pending = self._pending, []
-        kept = [entry.text for entry in pending if entry.topic not in LIVE]
-        live = [entry.text for entry in pending if entry.topic in LIVE]
+        newest = {entry.key: entry for entry in pending}
+        kept = [entry.packed for entry in pending if entry.topic not in LIVE]
+        live = [
+            entry.packed
+            for entry in pending
+            if entry.topic == "scan" or (entry.topic in LIVE and newest[entry.key] is entry)
+        ]
         return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live))
 
-    def history(self, now_unix_s: float, now_s: float) -> str:
+    def history(self, now_unix_s: float, now_s: float) -> bytes:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans."""
         self._forget(now_unix_s)
         state = sorted(self._newest.values(), key=lambda entry: _NEWEST.index(entry.topic))
         listed = set(self._history)
-        texts = [entry.text for entry in state if entry.topic != "status" and entry not in listed]
-        texts += [entry.text for entry in self._history]
-        texts += [entry.text for entry in state if entry.topic == "status"]
-        return _text(now_unix_s, now_s, texts)
+        packed = [entry.packed for entry in state if entry.topic != "status" and entry not in listed]
+        packed += [entry.packed for entry in self._history]
+        packed += [entry.packed for entry in state if entry.topic == "status"]
+        return pack_frame(now_unix_s, now_s, packed)
 
     def _notice(self, source: int, board: str, kind: str, words: str) -> None:
         """Add a notice at the instant of the newest message of its endpoint."""
@@ -143,9 +154,27 @@ class Feed:
         self.add(source, message.topic, message.data, recovered)
 
 
-def _frame(now_unix_s: float, now_s: float, texts: Sequence[str]) -> str | None:
-    return _text(now_unix_s, now_s, texts) if texts else None
+def _packed(source: int, topic: str, data: Mapping[str, Any], recovered: bool) -> bytes:
+    if topic in _UNSEEN:
+        data = {name: value for name, value in data.items() if name not in _UNSEEN[topic]}
+    if topic == "scan":
+        volts = data["volts"]
+        data["volts"] = msgpack.ExtType(_FLOATS, struct.pack(f"<{len(volts)}f", *volts))
+    packed: bytes = msgpack.packb([source, topic, data, recovered])
+    return packed
 
 
-def _text(now_unix_s: float, now_s: float, texts: Sequence[str]) -> str:
-    return f'{{"now":{now_unix_s!r},"mono":{now_s!r},"m":[{",".join(texts)}]}}'
+def _frame(now_unix_s: float, now_s: float, packed: Sequence[bytes]) -> bytes | None:
+    return pack_frame(now_unix_s, now_s, packed) if packed else None
+
+
+def pack_frame(now_unix_s: float, now_s: float, packed: Sequence[bytes]) -> bytes:
+    """Return a frame of packed messages."""
+    packer = msgpack.Packer(autoreset=False)
+    packer.pack_map_header(3)
+    for name, value in (("now", now_unix_s), ("mono", now_s)):
+        packer.pack(name)
+        packer.pack(value)
+    packer.pack("m")
+    packer.pack_array_header(len(packed))
+    return bytes(packer.bytes()) + b"".join(packed)

@@ -23,7 +23,7 @@ from tactiled.web.browsers import FRAMES_PER_S, Browser
 from tactiled.web.commands import DaemonCommands, check_request, parse_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
-from tactiled.web.guard import Guard, is_loopback
+from tactiled.web.guard import Guard
 from tactiled.web.replay import ReplayFile
 from tactiled.web.static_files import read_static
 
@@ -223,20 +223,18 @@ class PageServer:
         if len(self._browsers) >= MOST_BROWSERS:
             reason = f"{MOST_BROWSERS} browsers are connected, which is the most"
             return web.json_response({"ok": False, "reason": reason}, status=503)
-        # Compression serves a slow network; on this host it would cost more than it saves.
-        is_remote = not is_loopback(request.remote or "")
-        socket = web.WebSocketResponse(heartbeat=10.0, compress=is_remote, max_msg_size=1024)
+        socket = web.WebSocketResponse(heartbeat=10.0, compress=True, max_msg_size=1024)
         socket.headers.update(_HEADERS)
         browser = Browser(socket)
         self._browsers.add(browser)  # before any wait, so that the limit holds
         self._sockets.add(socket)
         try:
             await socket.prepare(request)
-            await socket.send_str(self._feed.history(time.time(), time.monotonic()))
+            await socket.send_bytes(self._feed.history(time.time(), time.monotonic()))
             sending = asyncio.create_task(self._send(browser, socket))
             try:
-                async for _ in socket:  # the page sends nothing; this handles close and pong
-                    pass
+                async for _ in socket:  # an answer to each frame
+                    browser.answered()
             finally:
                 sending.cancel()
                 await asyncio.gather(sending, return_exceptions=True)

@@ -3,6 +3,8 @@
 import asyncio
 from typing import Any
 
+from frames import unpack
+
 from tactiled.web.browsers import Browser
 from tactiled.web.feed import Frames
 
@@ -16,18 +18,55 @@ class SlowSocket:
         self.browser: Browser | None = None
         self.sent = 0
 
-    async def send_str(self, text: str) -> None:  # noqa: ARG002  the signature of aiohttp
+    async def send_bytes(self, frame: bytes) -> None:  # noqa: ARG002  the signature of aiohttp
         self.sent += 1
         assert self.sent < 10_000, "never given up"
         assert self.browser is not None
         for _ in range(3):
-            self.browser.offer(Frames("event", "scan"))
+            self.browser.offer(Frames(b"event", b"scan"))
         await asyncio.sleep(0)
 
 
 def test_a_browser_that_reads_too_slowly_for_ever_is_given_up() -> None:
     socket: Any = SlowSocket()
     socket.browser = Browser(socket)
-    socket.browser.offer(Frames("event", None))
+    socket.browser.offer(Frames(b"event", None))
     asyncio.run(socket.browser.send_all())
     assert 400 < socket.sent < 600  # two more wait after each: 1000 of them after 500
+
+
+class Link:
+    """Socket of a browser that answers when it is told to."""
+
+    closed = False
+
+    def __init__(self) -> None:
+        self.sent: list[bytes] = []
+
+    async def send_bytes(self, frame: bytes) -> None:
+        self.sent.append(frame)
+
+
+def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
+    async def main() -> list[bytes]:
+        link: Any = Link()
+        browser = Browser(link)
+        sending = asyncio.create_task(browser.send_all())
+        for n in range(100):
+            browser.offer(Frames(b"event %d" % n if n % 10 == 0 else None, b"scan %d" % n))
+            await asyncio.sleep(0)
+        unanswered = [*link.sent]
+        for _ in range(20):
+            browser.answered()
+        await asyncio.sleep(0)
+        sending.cancel()
+        scans = [frame for frame in unanswered if frame.startswith(b"scan")]
+        assert scans == [b"scan %d" % n for n in range(7)]
+        assert [frame for frame in unanswered if frame not in scans] == [
+            b"event %d" % n for n in range(0, 100, 10)
+        ]
+        return link.sent[len(unanswered) :]
+
+    dropped, *scans = asyncio.run(main())
+    assert unpack(dropped) == {"dropped": 90}
+    assert scans == [b"scan 97", b"scan 98", b"scan 99"]

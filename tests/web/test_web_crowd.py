@@ -9,6 +9,7 @@ from typing import Any
 
 import aiohttp
 import pytest
+from frames import unpack
 from pages import Robot, robot
 from patience import PATIENCE_S
 
@@ -27,9 +28,11 @@ class Visitor:
         self.marks: list[str] = []
 
     async def watch(self, session: aiohttp.ClientSession, url: str) -> None:
-        async with session.ws_connect(url + "api/live", max_msg_size=0) as live:
-            async for message in live:
-                self.note(json.loads(message.data))
+        with contextlib.suppress(ConnectionError):  # closed between a frame and its answer
+            async with session.ws_connect(url + "api/live", max_msg_size=0) as live:
+                async for message in live:
+                    self.note(unpack(message.data))
+                    await live.send_bytes(b"")
 
     def note(self, frame: dict[str, Any]) -> None:
         for _, topic, data, _ in frame.get("m", ()):

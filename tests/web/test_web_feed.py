@@ -1,10 +1,10 @@
 """Frames and history of the page server."""
 
-import json
 import math
 from dataclasses import replace
 from typing import Any
 
+from frames import rows
 from messages import CONTACT, SLIP, STATUS
 
 from tactiled.array import load_array
@@ -31,10 +31,6 @@ def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message
     return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0, 0.0)
 
 
-def rows(text: str | None) -> list[list[Any]]:
-    return [] if text is None else list(json.loads(text)["m"])
-
-
 def test_events_and_live_messages_are_in_two_frames() -> None:
     feed = Feed()
     for item in (message("scan", 0), message("slip", 0), Recovered(message("slip", 1)), message("status", 0)):
@@ -43,6 +39,16 @@ def test_events_and_live_messages_are_in_two_frames() -> None:
     assert [(row[1], row[3]) for row in rows(frames.kept)] == [("slip", False), ("slip", True)]
     assert [row[1] for row in rows(frames.live)] == ["scan", "status"]
     assert feed.frames(NOW_S, 5.0) == (None, None)
+
+
+def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:
+    feed = Feed()
+    for n in range(3):
+        feed.take(0, message("scan", n, volts=[0.1], valid=[True]))
+        feed.take(0, message("status", n))
+    feed.take(1, message("status", 9))
+    found = [(row[0], row[1], row[2]["seq"]) for row in rows(feed.frames(NOW_S, 0.0).live)]
+    assert found == [(0, "scan", 0), (0, "scan", 1), (0, "scan", 2), (0, "status", 2), (1, "status", 9)]
 
 
 def test_losses_and_restarts_are_notices() -> None:
@@ -55,7 +61,7 @@ def test_losses_and_restarts_are_notices() -> None:
     ]
 
 
-def test_what_no_json_can_hold_costs_only_itself() -> None:
+def test_what_no_message_can_hold_costs_only_itself() -> None:
     feed = Feed()
     for item in (message("scan", 0, volts=[math.nan]), message("scan", 1, volts=[b"x"]), message("scan", 2)):
         feed.take(0, item)

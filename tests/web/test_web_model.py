@@ -4,9 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgpack
+import numpy as np
 import pytest
 from pages import robot
 from playwright.sync_api import Page
+
+from tactiled.web.feed import pack_frame
 
 pytestmark = pytest.mark.system
 
@@ -69,7 +73,8 @@ def test_nothing_is_drawn_over_a_time_without_scans(opened: Page, run: int, inde
     act = f"""
     board.take("geometry", {{ unit: "V", zero: [0], zero_first_s: 0, names: ["t0.a"], has_shear: false,
       pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
-    const reading = (run, index, at) => board.take("scan", {{ ...common(run, at), index, volts: [1], valid: [true] }});
+    const held = {{ volts: [1], valid: [true] }};
+    const reading = (run, index, at) => board.take("scan", {{ ...common(run, at), index, ...held }});
     for (let n = 1; n < 20; n += 1) reading(1, 10 + n, 10 + 0.1 * n);  // thinned, as in the history
     for (let n = 0; n < 20; n += 1) reading({run}, {index} + n, 14.9 + 0.1 * n);
     const p = board.points, broken = p.t.filter((_, i) => p.load[i] === null && p.shear[i] === null);
@@ -78,3 +83,20 @@ def test_nothing_is_drawn_over_a_time_without_scans(opened: Page, run: int, inde
     assert [11.9 < at < 14.9 for at in broken] == [True]
     assert gaps == [words]
     assert bands == ["none", "holding", "none"]  # what holds in a gap is not known
+
+
+def test_the_page_unpacks_what_the_server_packs(opened: Page) -> None:
+    whole = [0, 127, 128, 255, 256, 65_535, 65_536, 2**32, -1, -32, -33, -200, -40_000, -(2**40)]
+    texts = ["", "grün", "x" * 40, "x" * 300, "x" * 70_000]
+    values = [*whole, *texts, 0.1, True, False, [], [[1]] * 20, {}, {"k": {str(n): n for n in range(20)}}]
+    volts = msgpack.ExtType(1, np.arange(36, dtype="<f4").tobytes())
+    frame = pack_frame(1e9, 2.5, [msgpack.packb([values, volts])])
+    unpacked = opened.evaluate(
+        """async (octets) => {
+          const { unpack } = await import("/static/unpack.js");
+          const { now, mono, m: [[values, volts]] } = unpack(new Uint8Array(octets).buffer);
+          return [now, mono, values, Array.from(volts)];
+        }""",
+        list(frame),
+    )
+    assert unpacked == [1e9, 2.5, values, list(range(36))]

@@ -4,10 +4,12 @@ import json
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 from pages import Robot
 from playwright.sync_api import Page, expect
 
+from bench.web.link import link
 from tactiled.client import Message, Subscription
 
 pytestmark = pytest.mark.system
@@ -83,7 +85,7 @@ def test_numbers_on_the_page_equal_the_messages(live: Robot, page: Page) -> None
             elif isinstance(item, Message) and item.topic == "status":
                 statuses.append(item.data)
     (scan,) = [row for row in scans if row["index"] == int(table["index"])]
-    assert json.loads(table["values"]) == scan["volts"]
+    assert json.loads(table["values"]) == np.float32(scan["volts"]).tolist()
     assert len(cells) == len(scan["volts"])
     (status,) = [row for row in statuses if row["seq"] == sequence]
     shown = dict(strip)
@@ -104,3 +106,18 @@ def test_every_slip_message_is_on_the_page(live: Robot, page: Page) -> None:
         published = [row["seq"] for row in messages(subscription, "slip", time.monotonic() + 0.5)]
     assert set(shown) <= set(published)
     assert set(published[:1]) <= set(shown)
+
+
+def test_a_slow_link_shows_fresh_data(live: Robot, page: Page) -> None:
+    with link(live.serve(), bytes_s=50_000) as slow:
+        open_page(page, slow.url)
+        page.wait_for_timeout(3000)  # the history has come
+        received, began_s = slow.received, time.monotonic()
+        states = []
+        while time.monotonic() < began_s + 10.0:
+            page.wait_for_timeout(200)
+            states.append(page.locator(".lamp").get_attribute("data-state"))
+        kb_s = (slow.received - received) / (time.monotonic() - began_s) / 1e3
+        assert 1.0 < kb_s < 25.0
+        assert states.count("fresh") > 0.8 * len(states)  # this host may be loaded
+        page.goto("about:blank")

@@ -215,7 +215,7 @@ export class BoardPanel {
     }
     table.dataset.index = scan.index;
     table.dataset.run = scan.run;
-    table.dataset.values = JSON.stringify(scan.volts);
+    table.dataset.values = JSON.stringify(Array.from(scan.volts));
     g.names.forEach((_, c) => {
       const cells = body.rows[c].cells;
       put(cells[1], scan.volts[c].toFixed(4));

@@ -1,5 +1,7 @@
 // Connection to the server: frames as they come, a new attempt after each loss, and the server's clocks.
 
+import { unpack } from "./unpack.js";
+
 const RETRY_FIRST_MS = 250;
 const RETRY_LAST_MS = 2000;
 const RATES_DIFFER = 5e-4; // largest difference in rate of two hosts' clocks: five times that of a bad crystal
@@ -31,9 +33,11 @@ export function connect(clock, onFrame, onState) {
   let wait = RETRY_FIRST_MS;
   const open = () => {
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+    socket.binaryType = "arraybuffer";
     socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; onState(true); };
     socket.onmessage = (message) => {
-      const frame = JSON.parse(message.data);
+      socket.send(""); // ready for another one
+      const frame = unpack(message.data);
       if (frame.mono !== undefined) clock.observe(frame.now, frame.mono, perfSeconds());
       onFrame(frame);
     };
