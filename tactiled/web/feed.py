@@ -155,12 +155,11 @@ class Feed:
 
 
 def _packed(source: int, topic: str, data: Mapping[str, Any], recovered: bool) -> bytes:
-    if topic in _UNSEEN:
-        data = {name: value for name, value in data.items() if name not in _UNSEEN[topic]}
+    seen = {name: value for name, value in data.items() if name not in _UNSEEN.get(topic, ())}
     if topic == "scan":
         volts = data["volts"]
-        data["volts"] = msgpack.ExtType(_FLOATS, struct.pack(f"<{len(volts)}f", *volts))
-    packed: bytes = msgpack.packb([source, topic, data, recovered])
+        seen["volts"] = msgpack.ExtType(_FLOATS, struct.pack(f"<{len(volts)}f", *volts))
+    packed: bytes = msgpack.packb([source, topic, seen, recovered])
     return packed
 
 

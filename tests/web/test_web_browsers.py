@@ -1,7 +1,7 @@
 """Queues of slow browsers."""
 
 import asyncio
-from typing import Any
+from typing import Any, cast
 
 from frames import unpack
 
@@ -49,8 +49,8 @@ class Link:
 
 def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
     async def main() -> list[bytes]:
-        link: Any = Link()
-        browser = Browser(link)
+        link = Link()
+        browser = Browser(cast(Any, link))
         sending = asyncio.create_task(browser.send_all())
         for n in range(100):
             browser.offer(Frames(b"event %d" % n if n % 10 == 0 else None, b"scan %d" % n))
