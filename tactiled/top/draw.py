@@ -3,11 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
 from rich.text import Text
 
+from tactiled.events.types import ForceEvent
 from tactiled.top.boards import BoardView, Felt, Lamp, texture_in_words
 
 _ARROWS = "→↗↑↖←↙↓↘"
@@ -18,6 +20,12 @@ _LAMPS = {
     "NO BOARD": ("○", "bold reverse"),
 }
 _SLIP = "rgb(213,94,0)"  # vermillion and blue of Okabe and Ito: told apart by every kind of colour vision
+_MEANINGS = (
+    "A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; "
+    "· touched, ! slipping.",
+    "Directions are those of the skin over the surface. Forces need a calibration: tactiled calibrate.",
+)
+_ADVICE_LINES = 3
 _CELL = (9, 2)  # columns and lines of a taxel where there is room
 _ARRAY_LINES = 10
 
@@ -31,11 +39,12 @@ def draw(
     """
     lamp = board.lamp(now_unix_s)
     live = lamp.state in ("FRESH", "LATE")
+    style = "dim" if lamp.state == "FRESH" else "bold"
     left = _array(board, live, max(20, width // 2 - 4))
     right = _facts(board, live)
     lines = [
         _lamp_line(board, lamp, width),
-        Text(f" {lamp.words}", "bold" if lamp.state != "FRESH" else "dim"),
+        *(Text(f" {line}", style) for line in wrap(lamp.words, max(20, width - 2))[:_ADVICE_LINES]),
     ]
     for n in range(max(len(left), len(right))):
         line = Text(" ") + (left[n] if n < len(left) else Text())
@@ -53,6 +62,14 @@ def draw(
         line.plain = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line.plain)
         line.truncate(width)
     return lines
+
+
+def draw_help(width: int, height: int, keys: Mapping[str, str]) -> list[Text]:
+    """Return the lines of a screen that says what the keys do and what the picture means."""
+    rows = [Text(f"  {key}  ", "bold").append(words) for key, words in keys.items()]
+    rows += [Text()] + [Text(f" {line}") for words in _MEANINGS for line in wrap(words, max(20, width - 2))]
+    lines = [Text(" tactiled top", "bold"), Text(), *rows][: height - 1]
+    return [*lines, *(Text() for _ in range(height - 1 - len(lines))), Text(" any key: back", "reverse")]
 
 
 def age_in_words(age_s: float | None) -> str:
@@ -114,6 +131,9 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
         board.newest.get("texture"),
         board.newest.get("recording"),
     )
+    force = board.current("force")
+    if force is not None and live:
+        rows.append(("force", _force_in_words(force), ""))
     if grip is not None and grip["state"] != "none" and live:
         used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
         use = f"{used:.0f} % ({low:.0f} to {high:.0f})"
@@ -137,6 +157,18 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
     if recording is not None:
         rows.append(("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB", ""))
     return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]
+
+
+def _force_in_words(force: Mapping[str, Any]) -> str:
+    if force["calibration"] in ForceEvent.UNCALIBRATED:
+        return "not calibrated: tactiled calibrate"
+    if not force["valid"]:
+        return "not valid"
+    limit = ">= " if force["saturated"] else ""
+    return (
+        f"{limit}{force['fz_n']:.1f} +- {force['fz_sd_n']:.1f} N, shear "
+        f"{math.hypot(force['fx_n'], force['fy_n']):.1f} N"
+    )
 
 
 def _array(board: BoardView, live: bool, width: int) -> list[Text]:

@@ -22,7 +22,7 @@ from tactiled.array import Array
 from tactiled.client import Commander, Subscription
 from tactiled.errors import OperatorError
 from tactiled.top.boards import BoardView, BoardViews
-from tactiled.top.draw import draw
+from tactiled.top.draw import draw, draw_help
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
 _ONCE_S = 1.3  # the slowest message, info, comes once a second
@@ -32,7 +32,17 @@ _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "e": ("expect-load-change", {"duration_s": 0.5}),
     "m": ("mark", {"text": "mark from tactiled top"}),
 }
-_KEYS = " q quit   b next board   t tare   i inhibit 0.5 s   e load change 0.5 s   m mark   r record "
+_KEYS = {
+    "q": "quit",
+    "b": "next board",
+    "t": "tare: what the skin reads now is its zero",
+    "i": "inhibit slips for 0.5 s: the hand moves",
+    "e": "expect a load change for 0.5 s",
+    "m": "mark this instant in the recording",
+    "r": "record, or stop",
+    "?": "this help",
+}
+_FOOTER = " q quit  b board  t tare  i inhibit  e load change  m mark  r record  ? help "
 
 
 def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool, as_json: bool) -> int:
@@ -100,7 +110,7 @@ def _print_once(views: BoardViews, as_json: bool) -> int:
 
 
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
-    chosen, footer, footer_until_s = 0, _KEYS, 0.0
+    chosen, footer, footer_until_s, helps = 0, _FOOTER, 0.0, False
 
     def command(do: str, board: BoardView, **fields: Any) -> str:
         try:
@@ -124,19 +134,22 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             key = next_key()
             if key in ("q", "\x03"):
                 return
+            if helps and key:
+                helps, key = False, ""
+            elif key == "?":
+                helps = True
             if key == "b":
                 chosen += 1
             elif words := act(key, board):
                 footer, footer_until_s = words, time.monotonic() + 3.0
             if time.monotonic() > footer_until_s:
-                footer = _KEYS
+                footer = _FOOTER
             width, height = shutil.get_terminal_size((80, 24))
-            show(
-                [
-                    _painted(line, width)
-                    for line in draw(board, time.time(), width, height, footer, views.notice)
-                ]
-            )
+            if helps:
+                lines = draw_help(width, height, _KEYS)
+            else:
+                lines = draw(board, time.time(), width, height, footer, views.notice)
+            show([_painted(line, width) for line in lines])
 
 
 @contextmanager

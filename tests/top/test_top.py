@@ -27,7 +27,7 @@ from patience import PATIENCE_S
 from tactiled.array import load_array
 from tactiled.client import Lost, Malformed, Message, Recovered, Restarted
 from tactiled.events.codec import to_map
-from tactiled.events.types import EVENT_TYPES, Event, InfoEvent, ScanEvent, TextureEvent
+from tactiled.events.types import EVENT_TYPES, Event, ForceEvent, InfoEvent, ScanEvent, TextureEvent
 from tactiled.resources import shipped_names
 from tactiled.top.boards import BoardViews
 from tactiled.top.draw import draw
@@ -110,6 +110,32 @@ def test_stale_numbers_are_not_shown() -> None:
     assert load in fresh
     assert load not in stale
     assert "STALE" in stale
+
+
+def test_advice_is_wrapped_where_the_screen_is_narrow() -> None:
+    reason = "no such port; there are: " + ", ".join(f"/dev/ttyUSB{n}" for n in range(8))
+    status = replace(STATUS, state="no-device", valid=False, reason=reason, time_s=NOW_S)
+    views = views_of()
+    views.take(message(status))
+    lines = [line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, "keys")]
+    assert reason in " ".join(line.strip() for line in lines)
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"calibration": "nominal", "valid": True}, "not calibrated: tactiled calibrate"),
+        ({"calibration": "finger-7", "valid": False}, "not valid"),
+        ({"calibration": "finger-7", "valid": True}, "12.0 +- 0.5 N, shear 5.0 N"),
+        ({"calibration": "finger-7", "valid": True, "saturated": True}, ">= 12.0 +- 0.5 N, shear 5.0 N"),
+    ],
+)
+def test_newtons_are_those_of_a_calibration(fields: dict[str, Any], words: str) -> None:
+    views = views_of()
+    views.take(message(ForceEvent(time_s=NOW_S, fx_n=3.0, fy_n=4.0, fz_n=12.0, fz_sd_n=0.5, **fields)))
+    text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 100, 24, ""))
+    assert f"force  {words}" in text
 
 
 def of_run(run: int, event: Event, seq: int = 0) -> Message:
@@ -241,6 +267,9 @@ def test_on_a_terminal_of_80x24_with_keys(tmp_path: Path) -> None:
                 os.write(master, b"m")
                 until(b"mark: done")
                 until(b"mark by tactiled top")
+                os.write(master, b"?")
+                until(b"any key: back")
+                os.write(master, b" ")
                 os.write(master, b"q")
                 assert child.wait(PATIENCE_S) == 0
             finally:
