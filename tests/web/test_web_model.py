@@ -1,5 +1,6 @@
 """What the page keeps of a board, judged in the page's own modules."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ pytestmark = pytest.mark.system
 
 MODEL = """async () => {
   const { BoardModel } = await import("/static/board.js");
+  const { verdict } = await import("/static/verdict.js");
+  const { SteadyLamp } = await import("/static/freshness.js");
   const board = new BoardModel(0, "TS1");
   const common = (run, at) => ({ v: 1, board: "TS1", run, timestamp: at });
   const status = (run, at, contact) => board.take("status", { ...common(run, at), contact, rate_hz: 100 });
@@ -100,3 +103,70 @@ def test_the_page_unpacks_what_the_server_packs(opened: Page) -> None:
         list(frame),
     )
     assert unpacked == [1e9, 2.5, values, list(range(36))]
+
+
+GRIP: dict[str, Any] = {"utilisation": 0.4, "p_gross_100ms": 0.02, "p_sliding": 0.97, "valid": True}
+GRIP |= {"state": "sticking", "unit": "relative"}
+
+
+@pytest.mark.parametrize(
+    ("contact", "slip", "grip", "level", "sentence"),
+    [
+        ("none", {}, {"state": "none"}, "free", "Nothing touches the skin"),
+        ("holding", {}, {}, "good", "Holding"),
+        ("holding", {}, {"utilisation": 0.8}, "near", "Holding near the friction limit: tighten"),
+        ("holding", {}, {"utilisation": 0.8, "valid": False}, "good", "Holding"),
+        ("unknown", {}, {}, "near", "Touching, may hold or slip: lift once"),
+        ("shearing", {"kind": "incipient"}, {}, "partial",
+         "Beginning to slip towards −x since 0.4 s: tighten"),
+        ("sliding", {"kind": "gross"}, {}, "gross", "Slipping towards −x since 0.4 s: tighten"),
+        ("sliding", {"kind": "gross", "direction_sd_deg": 180}, {}, "gross",
+         "Slipping since 0.4 s: tighten"),
+        ("sliding", {"kind": "gross", "valid": False}, {}, "near",
+         "Slipping towards −x since 0.4 s: do not act on it"),
+        ("sliding", {"kind": "gross", "valid": False, "suppressed": "inhibit"}, {}, "good",
+         "Slipping towards −x since 0.4 s, as announced (inhibit)"),
+        ("sliding", {}, {}, "gross", "Slipping: tighten"),  # the page was opened later than its onset
+    ],
+)  # fmt: skip
+def test_one_sentence_says_what_the_contact_does(
+    opened: Page, contact: str, slip: dict[str, Any], grip: dict[str, Any], level: str, sentence: str
+) -> None:
+    onset = {"state": "onset", "valid": True, "suppressed": "", "direction_deg": 178, "direction_sd_deg": 2}
+    slip_taken = f"""board.take("slip", {{ ...common(1, 20), seq: 1, onset: 19.6, detected: 20,
+      ...{json.dumps({**onset, **slip})} }});"""
+    act = f"""
+      board.take("slip", {{ ...common(1, 11), seq: 5, state: "end", kind: "gross", valid: true }});
+      scan(1, 20);
+      board.take("contact", {{ ...common(1, 20), seq: 1, state: "{contact}", taxels: [0] }});
+      board.take("grip", {{ ...common(1, 20), seq: 1, ...{json.dumps({**GRIP, **grip})} }});
+      {slip_taken if slip else ""}
+      return verdict(board, 20);"""
+    found = model(opened, act)
+    assert (found["level"], found["sentence"]) == (level, sentence)
+
+
+def test_forces_and_readings_point_the_same_way(opened: Page) -> None:
+    act = """
+      board.take("geometry", { unit: "V", zero: [0, 0], zero_first_s: 0, names: ["a", "b"], has_shear: true,
+        pressure: [[[0, 1]]], shear_x: [[[1, 1]]], shear_y: [[]] });
+      const at = (index, calibration) => {
+        const force = { fx_n: -3, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1, calibration };
+        board.take("force", { ...common(1, 20), seq: index, ...force });
+        board.take("scan", { ...common(1, 20 + 0.01 * index), index, volts: [2, 0.5], valid: [true, true] });
+        const { unit, load, shear, deg } = board.loads();
+        return [unit, load, shear, deg];
+      };
+      return ["none", "nominal", "finger-7"].map((calibration, index) => at(index, calibration));"""
+    # The object pushes the skin to -x where the skin goes to +x.
+    assert model(opened, act) == [["V", 2, 0.5, 0], ["V", 2, 0.5, 0], ["N", 10, 3, 0]]
+
+
+def test_a_lamp_gets_worse_at_once_and_better_when_that_lasts(opened: Page) -> None:
+    act = """
+      const lamp = new SteadyLamp();
+      const at = [0, 0.1, 0.9, 1, 1.9, 2, 2.9, 3.1, 3.2, 4.2];
+      const states = ["fresh", "late", "fresh", "stale", "fresh", "none", "late", "late", "fresh", "fresh"];
+      return states.map((state, i) => lamp.follow({ state }, at[i]).state);"""
+    expected = ["fresh", "late", "late", "stale", "stale", "none", "none", "late", "late", "fresh"]
+    assert model(opened, act) == expected

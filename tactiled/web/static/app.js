@@ -2,7 +2,7 @@
 
 import { BoardModel } from "./board.js";
 import { authorization, showCommands, takeToken } from "./commands.js";
-import { announce, BoardPanel } from "./panel.js";
+import { announce, BoardPanel, el } from "./panel.js";
 import { Player } from "./replay.js";
 import { connect, perfSeconds, ServerClock } from "./stream.js";
 import { startTheme, switchTheme } from "./theme.js";
@@ -24,6 +24,7 @@ function panelFor(source, name) {
     boards.delete(`${source}/`);
     boards.set(key, unnamed);
     unnamed.board.name = name;
+    showBoards(null);
     return unnamed;
   }
   if (name === "") { // a daemon that waits for its board: the only panel of this endpoint is meant
@@ -35,8 +36,23 @@ function panelFor(source, name) {
   const panel = new BoardPanel(new BoardModel(source, name), main, session.endpoints.length > 1 ? session.endpoints[source] : "");
   if (session.commands) showCommands(panel, token);
   boards.set(key, panel);
-  main.dataset.count = boards.size;
+  showBoards(null);
   return panel;
+}
+
+/** Show one board, or all (null); offer the choice where there are several. */
+function showBoards(chosen) {
+  const panels = [...boards.values()], place = document.getElementById("chooser");
+  for (const panel of panels) panel.root.hidden = chosen !== null && panel !== chosen;
+  main.dataset.count = chosen === null ? panels.length : 1;
+  place.hidden = panels.length < 2;
+  place.replaceChildren(...[null, ...panels].map((panel) => {
+    const button = el("button", "", panel === null ? "All" : panel.board.name || "no board yet");
+    button.type = "button";
+    button.setAttribute("aria-pressed", panel === chosen);
+    button.onclick = () => showBoards(panel);
+    return button;
+  }));
 }
 
 function feed(messages) {
@@ -84,6 +100,8 @@ function keys() {
     if (event.ctrlKey || event.metaKey || event.altKey || ["INPUT", "SELECT", "TEXTAREA"].includes(event.target.tagName)) return;
     if (event.key.toLowerCase() === "d") switchTheme();
     if (event.key === "?") help.showModal();
+    if (event.key.toLowerCase() === "p") { const panels = [...boards.values()], held = panels[0]?.timeline.end === null; for (const panel of panels) panel.pause(held); }
+    if (/^[0-9]$/.test(event.key) && boards.size > 1) showBoards([...boards.values()][Number(event.key) - 1] ?? null);
   });
 }
 

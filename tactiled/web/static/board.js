@@ -1,10 +1,12 @@
 // What is known of one board: newest messages, the last minute for the timeline, the last seconds of readings.
 
-import { ageWords } from "./words.js";
+import { ageWords, UNKNOWN_SD } from "./words.js";
 
-export const SPAN_S = 60;        // of the timeline
+export const SPAN_S = 60;        // that a page which opens gets of the past
+const KEEP_S = 600;              // that it keeps
+const UNCALIBRATED = ["nominal", "none"]; // values of `calibration` with which no force is known in newtons
 const RING_S = 11;               // readings for scope and spectrum
-const POINT_S = 0.05;            // interval of points on the timeline: 1200 of them
+const POINT_S = 0.05;            // interval of points on the timeline: 12000 of them
 const EVENTS = 400;
 const HEALTH_SCANS = 100;
 const GAP_S = 0.2;               // scans of the history are 0.1 s and a period apart: more is a time without scans
@@ -19,6 +21,8 @@ export class BoardModel {
     this.info = this.geometry = this.status = this.recording = null;
     this.touch = null;       // newest contact message
     this.grip = this.force = null;
+    this.settings = null;    // of the daemon, where this page may give commands
+    this.unit = "";          // of the points
     this.slip = null;        // newest slip message of a slip that goes on
     this.lastSlip = null;
     this.texture = null;     // newest texture message of this slide
@@ -40,7 +44,7 @@ export class BoardModel {
 
   /** Forget what belongs to instants after `until` or before the window; used by a seek in a recording. */
   rewind() {
-    const kept = { info: this.info, geometry: this.geometry, zero: this.zero };
+    const kept = { info: this.info, geometry: this.geometry, zero: this.zero, settings: this.settings };
     Object.assign(this, new BoardModel(this.source, this.name), kept);
   }
 
@@ -52,8 +56,9 @@ export class BoardModel {
       case "geometry": this._geometry(data); return null;
       case "status": this._dropOtherRuns(data.run); this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
       case "recording": this.recording = data; return null;
+      case "settings": this.settings = data; return null;
       case "scan": if (!recovered) this._scan(data); return null;
-      case "grip": if (!recovered) this._grip(data); return null;
+      case "grip": if (!recovered) this.grip = data; return null;
       case "force": if (!recovered) this.force = data; return null;
       default: return this._event(topic, data);
     }
@@ -102,8 +107,30 @@ export class BoardModel {
     if (this.zeroFrom === null || scan.timestamp - this.zeroFrom < this.geometry.zero_first_s) this._learnZero(scan);
     const t = this.points.t;
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
-    const felt = this.felt(scan);
-    this._point(scan.timestamp, sum(felt.load), Math.hypot(sum(felt.x), sum(felt.y)));
+    const now = this.loads();
+    if (now.unit !== this.unit) { this.unit = now.unit; for (const key of Object.keys(this.points)) this.points[key] = []; }
+    this._point(scan.timestamp, now.load, now.shear);
+  }
+
+  /** The newest force message, where it states newtons of a calibration; else null. */
+  calibrated() {
+    const force = this.current(this.force);
+    return force === null || UNCALIBRATED.includes(force.calibration) ? null : force;
+  }
+
+  /**
+   * Load and shear now, in newtons where the array is calibrated, else as sums of readings.
+   * The shear points the way in which the skin is pushed: the object pushes it the other way.
+   */
+  loads() {
+    const force = this.calibrated();
+    if (force !== null) {
+      const known = force.fx_sd_n < UNKNOWN_SD && force.fy_sd_n < UNKNOWN_SD;
+      return { unit: "N", load: force.fz_n, loadSd: force.fz_sd_n, shear: known ? Math.hypot(force.fx_n, force.fy_n) : null,
+        shearSd: Math.max(force.fx_sd_n, force.fy_sd_n), deg: degrees(-force.fx_n, -force.fy_n), force };
+    }
+    const felt = this.felt(this.newestScan), x = sum(felt.x), y = sum(felt.y);
+    return { unit: this.geometry.unit, load: sum(felt.load), loadSd: 0, shear: this.geometry.has_shear ? Math.hypot(x, y) : null, shearSd: 0, deg: degrees(x, y), force: null };
   }
 
   _learnZero(scan) {
@@ -118,14 +145,12 @@ export class BoardModel {
     p.t.push(t); p.load.push(load); p.shear.push(shear);
     p.risk.push(fresh ? this.grip.p_gross_100ms : null);
     p.use.push(fresh ? this.grip.utilisation : null);
-    if (p.t[0] < t - SPAN_S - 5) {
+    if (p.t[0] < t - KEEP_S - 5) {
       let n = 0;
-      while (p.t[n] < t - SPAN_S) n += 1;
+      while (p.t[n] < t - KEEP_S) n += 1;
       for (const key of Object.keys(p)) p[key].splice(0, n);
     }
   }
-
-  _grip(grip) { this.grip = grip; }
 
   /** Break all curves and bands between two scans; `why` is set where the second one began anew. */
   _gap(from, to, why) {
@@ -137,7 +162,8 @@ export class BoardModel {
       p.t.push((last + to) / 2);
       for (const key of Object.keys(p)) if (key !== "t") p[key].push(null);
     }
-    this._band(from, "none");
+    const i = this.bands.findLastIndex((band) => band.from <= from); // the status of a new run comes before its scans
+    if (i >= 0 && this.bands[i].state !== "none") this.bands.splice(i + 1, 0, { from, state: "none" });
     this._list(to, "gap", { words });
   }
 
@@ -222,5 +248,7 @@ export class BoardModel {
     this.health = noise.map((s, c) => (!newest.valid[c] ? "dead" : median > 0 && s > 8 * median ? "noisy" : median > 0 && s === 0 ? "stuck" : ""));
   }
 }
+
+const degrees = (x, y) => Math.atan2(y, x) * 180 / Math.PI;
 
 export const sum = (values) => values.reduce((a, b) => a + b, 0);

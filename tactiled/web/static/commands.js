@@ -25,6 +25,20 @@ export function takeToken() {
 
 export const authorization = (token) => (token ? { Authorization: `Bearer ${token}` } : {});
 
+/** Show what is set in the daemon, except in a field that is being edited. */
+export function showSettings(root, board) {
+  const { settings, recording } = board, at = (selector) => root.querySelector(`.commands ${selector}`);
+  const records = recording !== null && recording.state !== "off", record = at('[data-do="record"]');
+  const words = records ? "Stop recording" : "Record";
+  if (record.textContent !== words) { record.textContent = words; record.setAttribute("aria-pressed", records); }
+  if (settings === null) return;
+  at('[data-do="tare"]').setAttribute("aria-pressed", settings.tared);
+  if (root.dataset.settings === JSON.stringify(settings)) return;
+  root.dataset.settings = JSON.stringify(settings);
+  if (document.activeElement !== at(".speed")) at(".speed").value = settings.speed_mm_s;
+  if (document.activeElement !== at(".setting")) at(".setting").value = `${settings.incipient_p} ${settings.gross_p}`;
+}
+
 /** Show the buttons of a panel; the reply of the daemon appears below them. */
 export function showCommands(panel, token) {
   const section = panel.root.querySelector(".commands"), reply = section.querySelector(".reply");
@@ -32,6 +46,7 @@ export function showCommands(panel, token) {
   for (const button of section.querySelectorAll("button[data-do]")) {
     button.addEventListener("click", async () => {
       const name = button.dataset.do;
+      const label = button.textContent;
       button.disabled = true;
       let answer;
       try {
@@ -43,7 +58,7 @@ export function showCommands(panel, token) {
       } catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
       button.disabled = false;
       reply.dataset.ok = answer.ok;
-      reply.textContent = answer.ok ? `✓ ${button.textContent}: done` : `✗ ${button.textContent}: refused: ${answer.reason}`;
+      reply.textContent = answer.ok ? `✓ ${label}: done` : `✗ ${label}: refused: ${answer.reason}`;
     });
   }
 }

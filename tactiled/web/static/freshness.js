@@ -4,6 +4,21 @@ const SILENT_S = 0.3;      // three statuses missing; protocols/events.md: after
 const LATE_S = 0.16;       // 100 ms (samples.late_after_s) + one frame of the server + one of the page
 const PERIODS = 3;         // slow boards: so many scan periods are not late
 
+const SETTLED_S = 1;       // so long without a worse state before a better one is shown
+const RANKS = { fresh: 0, late: 1, stale: 2, none: 2 };
+
+/** Shows a worse state at once and a better one when it has lasted: a lamp that flickers cannot be read. */
+export class SteadyLamp {
+  constructor() { this.shown = null; this.worseAt = -Infinity; }
+
+  /** The lamp to show at `perf` (monotonic seconds), given that of this instant. */
+  follow(lamp, perf) {
+    if (this.shown === null || RANKS[lamp.state] >= RANKS[this.shown.state]) { this.shown = lamp; this.worseAt = perf; }
+    else if (perf - this.worseAt > SETTLED_S) { this.shown = lamp; this.worseAt = perf; }
+    return { ...this.shown, age: lamp.age };
+  }
+}
+
 /**
  * State of a board at server instant `now` (epoch seconds; null before the first frame).
  * Returns {state, word, age (seconds or null), words}.
@@ -31,7 +46,7 @@ export function freshness(board, now, connected) {
   if (scanAge > late || (board.newestScan !== null && board.newestScan.late)) {
     return { state: "late", word: "LATE", age: scanAge, words: "Scans come later than a controller can use: look at the load of the host and the adapter." };
   }
-  return { state: "fresh", word: "FRESH", age: scanAge, words: sentence(status.warning) || "Board, line and clock are in order." };
+  return { state: "fresh", word: "FRESH", age: scanAge, words: sentence(status.warning) };
 }
 
 /** Text as a sentence: a capital first, a stop last. */

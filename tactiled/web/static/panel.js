@@ -1,17 +1,20 @@
-// The panel of one board: fills the template, and draws what has changed.
+// One board on the page: verdict, skin, numbers, timeline, events, channels, strip.
 
-import { drawCone } from "./cone.js";
-import { freshness } from "./freshness.js";
+import { drawBar } from "./bar.js";
+import { showSettings } from "./commands.js";
+import { freshness, SteadyLamp } from "./freshness.js";
 import { Scope, Spectrum, Timeline } from "./plots.js";
 import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
-import { sum } from "./board.js";
+import { percent, verdict, way } from "./verdict.js";
 
 const TEXT_S = 0.1;       // numbers change at 10 Hz: faster cannot be read
 const PLOT_S = 0.1;
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
+const LEAST = 0.03;       // of a full arrow, or newtons: a shear below has no direction
+const NONE = "–";
 
 export class BoardPanel {
   constructor(board, parent, endpoint) {
@@ -21,14 +24,18 @@ export class BoardPanel {
     this.root = root;
     parent.append(root);
     const find = (selector) => root.querySelector(selector);
-    this.at = { lamp: find(".lamp"), word: find(".lamp .word"), age: find(".lamp .age"), advice: find(".advice"), name: find(".who .name"), what: find(".who .what"),
-      units: find(".units"), state: find(".contact .state"), slip: find(".slip"), loads: find(".loads"), margin: find(".margin"), texture: find(".texture"),
-      list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), line: find(".spectrum .line"), cone: find(".cone"), readings: find(".readings"),
-      scope: find(".scope"), spectrum: find(".spectrum") };
+    this.at = { lamp: find(".lamp"), word: find(".lamp .word"), age: find(".lamp .age"), advice: find(".advice"), sure: find(".sure"), name: find(".who .name"), what: find(".who .what"),
+      range: find(".range"), loads: find(".loads"), calibration: find(".calibration"), used: find(".used"), bar: find(".bar"), margin: find(".margin"),
+      texture: find(".texture"), list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), line: find(".spectrum .line"), readings: find(".readings"),
+      scope: find(".scope"), spectrum: find(".spectrum"), readout: find(".readout") };
+    this.steady = new SteadyLamp();
     this.canvas = find("canvas.array");
     this.skin = new SkinPicture(this.canvas, find(".legend"));
     this.skin.onChoose = () => this._chooseChannels();
     this.timeline = new Timeline(find(".timeline .plot"));
+    this.timeline.onHover = (i) => { this.hovered = i; };
+    this.hovered = null;
+    historyButtons(find, this);
     this.scope = new Scope(find(".scope .plot"));
     this.spectrum = new Spectrum(find(".spectrum .plot"));
     this.due = { text: 0, plot: 0, slow: 0 };
@@ -44,7 +51,8 @@ export class BoardPanel {
   draw(now, connected, replay) {
     const board = this.board, perf = performance.now() / 1000;
     if (perf < this.retry) return;
-    const lamp = replay === null ? freshness(board, now, connected) : recorded(board, now, replay.words);
+    if (this.root.hidden) return;
+    const lamp = replay === null ? this.steady.follow(freshness(board, now, connected), perf) : recorded(board, now, replay.words);
     this.lamp = lamp;
     const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
@@ -56,7 +64,7 @@ export class BoardPanel {
     if (perf >= this.due.plot && now !== null) {
       this.due.plot = perf + PLOT_S;
       board.knownUntil = lamp.state === "stale" || lamp.state === "none" ? Math.max(board.newestScan?.timestamp ?? 0, board.points.t.at(-1) ?? 0) : now;
-      if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, replay === null ? 0 : replay.origin);
+      if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, this.skin.full, replay === null ? 0 : replay.origin);
     }
     if (perf >= this.due.slow && now !== null) { this.due.slow = perf + SLOW_S; this._slow(now); }
   }
@@ -70,7 +78,8 @@ export class BoardPanel {
     this.at.lamp.dataset.state = this.root.dataset.state = "stale";
     put(this.at.word, "STALE");
     put(this.at.age, ageWords(null));
-    put(this.at.advice, words);
+    put(this.at.advice, "This board cannot be shown");
+    put(this.at.sure, words);
   }
 
   _lampChanged(lamp) {
@@ -84,56 +93,65 @@ export class BoardPanel {
 
   _texts(lamp, now) {
     const { board, at } = this;
+    const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
+    const said = live && now !== null ? verdict(board, now) : { level: "free", sentence: lamp.words, sure: "" };
+    at.lamp.dataset.level = said.level;
     put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now)) : ageWords(lamp.age));
-    put(at.advice, lamp.words);
-    if (at.advice.title !== lamp.words) at.advice.title = lamp.words;
+    put(at.advice, said.sentence);
+    put(at.sure, live && lamp.words ? lamp.words : said.sure);
+    if (at.advice.title !== said.sentence) at.advice.title = said.sentence;
     put(at.name, board.name || "no board yet");
     put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
-    const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
-    const scan = board.newestScan;
-    put(at.state, !live ? "unknown" : board.touch !== null ? board.touch.state : board.status !== null ? board.status.contact : "–");
-    const slip = board.slip;
-    at.slip.dataset.slip = !live ? "none" : slip === null ? "none" : slip.suppressed || !slip.valid ? "suppressed" : slip.kind;
-    put(at.slip, !live ? "–" : slip === null ? "no slip" : `${slip.kind.toUpperCase()} SLIP` + (slip.direction_sd_deg < 90 ? ` ${arrow(slip.direction_deg)} ${slip.direction_deg.toFixed(0)}°` : "") + (slip.suppressed ? ` (${slip.suppressed})` : ""));
-    const rows = [];
-    if (live && scan !== null && board.geometry !== null && scan.volts.length === board.zero.length) {
-      const felt = board.felt(scan), unit = board.geometry.unit;
-      rows.push(["load", `${sig(sum(felt.load))} ${unit}`]);
-      if (board.geometry.has_shear) {
-        const x = sum(felt.x), y = sum(felt.y);
-        rows.push(["shear", `${sig(Math.hypot(x, y))} ${unit}, skin towards ${(Math.atan2(y, x) * 180 / Math.PI).toFixed(0)}°`]);
-      }
-    }
-    const f = board.current(board.force);
-    if (live && f !== null && f.fz_n !== undefined) {
-      const more = f.saturated ? " or more" : f.valid === false ? ", not valid" : "";
-      rows.push(["normal force", pm(f.fz_n, f.fz_sd_n, "N") + more]);
-      rows.push(["shear force on skin", pm(Math.hypot(f.fx_n, f.fy_n), Math.max(f.fx_sd_n, f.fy_sd_n), "N") + (f.fx_sd_n < 1e8 ? `, ${(Math.atan2(f.fy_n, f.fx_n) * 180 / Math.PI).toFixed(0)}°` : "")]);
-      if (f.x_mm !== undefined) rows.push(["centre", `${f.x_mm.toFixed(2)}, ${f.y_mm.toFixed(2)} mm`]);
-    }
-    facts(at.loads, rows);
-    this._margin(live);
-    drawCone(at.cone, live ? board.current(board.grip) : null, live);
+    const known = live && board.newestScan !== null && board.geometry !== null && board.newestScan.volts.length === board.zero.length;
+    this._loads(known ? board.loads() : null);
+    this._margin(live ? board.current(board.grip) : null);
     this._texture(live);
     this._strip();
+    this._hover();
+    showSettings(this.root, board);
     if (board.eventCount !== this.drawn.events) { this.drawn.events = board.eventCount; this._events(); }
     if (at.readings.open) this._readings();
   }
 
-  _margin(live) {
-    const grip = this.board.current(this.board.grip), at = this.at.margin;
-    if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
-    if (grip === null || grip.state === "none") {
-      const touches = this.board.touch !== null && this.board.touch.state !== "none";
-      fill(at, `none${touches}`, () => [el("p", "muted", touches ? "No grip messages: [detect.grip] publish is off, or this array has no shear or no load channels." : "Nothing is held.")]);
+  _loads(now) {
+    const force = now?.force ?? null, unit = now?.unit;
+    const centre = force === null ? NONE : `${force.x_mm.toFixed(1)}, ${force.y_mm.toFixed(1)} mm`;
+    const limit = force?.saturated ? "≥ " : "";
+    facts(this.at.loads, [
+      ["load", now === null ? NONE : limit + pm(now.load, now.loadSd, unit)],
+      ["shear", now === null || now.shear === null ? NONE : pm(now.shear, now.shearSd, unit)],
+      ["towards", now === null || !(now.shear > LEAST * (unit === "N" ? 1 : this.skin.full)) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
+      ["centre", centre],
+    ]);
+    put(this.at.calibration, now === null ? "" : force === null ? "No newtons: not calibrated: tactiled calibrate" : `${force.calibration}${force.valid ? "" : ", not valid"}`);
+  }
+
+  _margin(grip) {
+    const at = this.at, held = grip !== null && grip.state !== "none" ? grip : null;
+    put(at.used, held === null ? NONE : percent(held.utilisation));
+    drawBar(at.bar, held);
+    facts(at.margin, [
+      ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
+      ["slip in 0.1 s", held === null ? NONE : percent(held.p_gross_100ms)],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not calibrated"],
+    ]);
+  }
+
+  /** Values of the timeline under the pointer. */
+  _hover() {
+    const p = this.board.points, i = this.hovered, at = this.at.readout;
+    if (i === null || !(i < p.t.length)) {
+      put(at, `load and shear in ${this.board.unit || "the unit of the array"}; drag to zoom`);
       return;
     }
-    fill(at, `${grip.seq}`, () => [
-      el("p", "big number", `${(100 * grip.utilisation).toFixed(0)} %`),
-      el("p", "muted", `of the limit is in use, ${(100 * grip.utilisation_low).toFixed(0)} to ${(100 * grip.utilisation_high).toFixed(0)} %`),
-      el("p", grip.p_gross_100ms > 0.5 ? "risk high" : "risk", `gross slip within 0.1 s: ${(100 * grip.p_gross_100ms).toFixed(0)} %`),
-      el("p", "muted", `friction ${sig(grip.friction, 2)} (${sig(grip.friction_low, 2)} to ${sig(grip.friction_high, 2)})${grip.valid ? "" : ", not valid"}`),
-    ]);
+    const value = (v, unit) => (v === null ? NONE : `${sig(v, 3)} ${unit}`), share = (v) => (v === null ? NONE : percent(v));
+    put(at, `${clockWords(p.t[i])}: load ${value(p.load[i], this.board.unit)}, shear ${value(p.shear[i], this.board.unit)}, in use ${share(p.use[i])}, slip in 0.1 s ${share(p.risk[i])}`);
+  }
+
+  /** Hold the timeline at this instant, or follow the present again. */
+  pause(held) {
+    if (held) this.timeline.view(this.timeline.span, this.timeline.now);
+    else this.timeline.view(Number(this.root.querySelector(".span").value), null);
   }
 
   _texture(live) {
@@ -194,14 +212,14 @@ export class BoardPanel {
     const { board, at } = this;
     if (board.geometry !== null && this.scope.channels.length === 0) this._chooseChannels();
     board.judgeChannels();
-    if (this.visible.get(at.scope)) this.scope.draw(board, now);
+    if (board.geometry !== null) this.skin.offerRanges(board.geometry, at.range);
+    if (this.visible.get(at.scope)) this.scope.draw(board, now, this.skin.full);
     if (this.visible.get(at.spectrum)) {
-      this.spectrum.draw(board);
-      put(at.line, this.spectrum.found.hz > 0 ? `ripple at ${this.spectrum.found.hz.toFixed(3)} Hz` : "512 scans, mean of all channels");
+      this.spectrum.draw(board, this.skin.full);
+      put(at.line, this.spectrum.found.hz > 0 ? `ripple at ${this.spectrum.found.hz.toFixed(3)} Hz` : "mean of all channels");
     }
-    put(at.units, board.geometry === null ? "" : `${board.geometry.array}, in ${board.geometry.unit}`);
     const bad = board.health.filter(Boolean).length;
-    const label = `Tactile array ${board.name}: ${this.lamp.word}. Contact ${at.state.textContent}. ${at.slip.textContent}. ${[...at.loads.querySelectorAll("div")].map((d) => d.textContent).join(", ")}. ${bad} channels with faults.`;
+    const label = `Tactile array ${board.name}: ${this.lamp.word}. ${at.advice.textContent}. ${[...at.loads.querySelectorAll("div")].map((d) => d.textContent).join(", ")}. ${bad} channels with faults.`;
     if (this.canvas.getAttribute("aria-label") !== label) this.canvas.setAttribute("aria-label", label);
   }
 
@@ -257,4 +275,27 @@ function facts(list, rows) {
   rows.forEach(([name, text], i) => { put(list.children[i].firstElementChild, name); put(list.children[i].lastElementChild, text); });
 }
 
-function arrow(deg) { return "→↗↑↖←↙↓↘"[((Math.round(deg / 45) % 8) + 8) % 8]; }
+/** Length, pause and table of the timeline. */
+function historyButtons(find, panel) {
+  const { timeline } = panel, span = find(".span"), pause = find(".pause");
+  span.onchange = () => timeline.view(Number(span.value), null);
+  pause.onclick = () => panel.pause(timeline.end === null);
+  find(".save").onclick = () => save(panel.board);
+  timeline.onView = () => {
+    const paused = timeline.end !== null;
+    pause.setAttribute("aria-pressed", paused);
+    put(pause, paused ? "Go on" : "Pause");
+  };
+}
+
+/** Save the points of the timeline as a table. */
+function save(board) {
+  const p = board.points, cell = (v) => (v === null ? "" : +v.toPrecision(6));
+  const rows = p.t.map((t, i) => [t.toFixed(3), cell(p.load[i]), cell(p.shear[i]), cell(p.use[i]), cell(p.risk[i])].join(","));
+  const text = [`epoch_s,load_${board.unit},shear_${board.unit},utilisation,p_gross_100ms`, ...rows].join("\n");
+  const link = el("a");
+  link.href = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
+  link.download = `${board.name || "board"}.csv`;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}

@@ -1,7 +1,6 @@
 // Timeline, scope and spectrum with uPlot.
 
 import uPlot from "/static/uplot/uPlot.esm.js";
-import { SPAN_S } from "./board.js";
 import { colour, onTheme } from "./theme.js";
 import { clockWords, sig } from "./words.js";
 
@@ -24,17 +23,27 @@ class Plot {
 const LANE = 17;
 const LANES = ["contact", "slip", "found"];
 
+/** Steps of 1, 2 and 5 that hold a value. */
+function ladder(value) {
+  const step = 10 ** Math.floor(Math.log10(value));
+  return step * ([1, 2, 5, 10].find((n) => n * step >= value) ?? 10);
+}
+
 export class Timeline extends Plot {
-  constructor(place, height = 250) {
-    const draws = { board: null, now: 0, origin: 0 };
+  constructor(place, height = 236) {
+    const draws = { board: null, origin: 0, top: 1 };
     super(place, {
       data: [[], [], [], [], []],
       padding: [LANES.length * LANE + 8, 6, 0, 0],
-      scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: (u, min, max) => [Math.min(0, min ?? 0), Math.max(0.1, (max ?? 0) * 1.1)] }, p: { range: [0, 1.15] } },
+      scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: () => [0, draws.top] }, p: { range: [0, 1.15] } },
       axes: [
         axis({ space: 80, size: 28,
-          splits: (u, i, min, max) => { const found = []; for (let t = draws.origin + 10 * Math.ceil((min - draws.origin) / 10); t <= max; t += 10) found.push(t); return u.width < 520 ? found.filter((_, k) => k % 2) : found; },
-          values: (u, ticks) => ticks.map((t) => (draws.origin ? (t < draws.origin - 0.5 ? "" : `${Math.round(t - draws.origin)} s`) : clockWords(t).slice(0, 8))) }),
+          splits: (u, i, min, max) => {
+            const step = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120].find((s) => (max - min) / s < u.width / 90) ?? 300, found = [];
+            for (let n = Math.ceil((min - draws.origin) / step); draws.origin + n * step <= max; n += 1) found.push(draws.origin + n * step);
+            return found;
+          },
+          values: (u, ticks) => ticks.map((t) => (draws.origin ? (t < draws.origin - 0.5 ? "" : `${+(t - draws.origin).toFixed(1)} s`) : clockWords(t).slice(0, u.scales.x.max - u.scales.x.min < 10 ? 10 : 8))) }),
         axis({ size: 46, values: (u, ticks) => ticks.map((v) => sig(v, 2)) }),
         axis({ scale: "p", side: 1, size: 36, grid: { show: false }, values: (u, ticks) => ticks.map((v) => (v <= 1 ? `${Math.round(100 * v)}%` : "")) }),
       ],
@@ -43,19 +52,44 @@ export class Timeline extends Plot {
         { stroke: () => colour("series-2"), width: 1.5, points: { show: false } },
         { scale: "p", stroke: () => colour("slip"), width: 1.5, points: { show: false }, fill: () => colour("risk-fill") },
         { scale: "p", stroke: () => colour("muted"), width: 1, dash: [4, 3], points: { show: false } }],
-      hooks: { drawClear: [(u) => lanesBehind(u, draws.board)], draw: [(u) => lanes(u, draws.board)] },
+      cursor: { points: { size: 7 }, y: false, drag: { x: true, y: false, setScale: false } },
+      select: { show: true },
+      hooks: { setSelect: [(u) => this._zoom(u)], setCursor: [(u) => this.onHover(u.cursor.idx ?? null)], drawClear: [(u) => lanesBehind(u, draws.board)], draw: [(u) => lanes(u, draws.board)] },
     }, height);
     this.draws = draws;
+    this.span = 60;
+    this.end = null;         // newest instant shown; null: now
+    this.now = null;
+    this.onHover = () => {};
+    this.onView = () => {};
   }
 
-  /** Draw the minute before `now`; `origin` is the instant shown as 0 (a recording), or 0 for wall-clock labels. */
-  draw(board, now, origin = 0) {
+  /** Show `span` seconds up to `end` (null: up to now). */
+  view(span, end) { this.span = span; this.end = end; this.onView(); }
+
+  _zoom(u) {
+    const { left, width } = u.select;
+    if (width < 5) return;
+    const from = u.posToVal(left, "x"), to = u.posToVal(left + width, "x");
+    u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.view(Math.max(0.5, to - from), to);
+  }
+
+  /**
+   * Draw what is known up to `now`; `origin` is the instant shown as 0 (a recording), or 0 for wall-clock labels.
+   * The curves of readings reach the top where all discs of the skin are full, `full` each; newtons where they did.
+   */
+  draw(board, now, full, origin = 0) {
+    this.now = now;
     this.draws.board = board; this.draws.origin = origin;
-    const p = board.points;
+    const p = board.points, end = this.end ?? now;
+    if (board.unit !== this.unit) { this.unit = board.unit; this.draws.top = 10; }
+    if (board.unit !== "N") this.draws.top = full * board.geometry?.pressure.length || 1;
+    else for (const v of p.load.slice(-100)) if (v > this.draws.top) this.draws.top = ladder(v);
     this.plot.batch(() => {
       this.plot.setData([p.t, p.load, p.shear, p.risk, p.use], false);
-      this.plot.setScale("x", { min: now - SPAN_S, max: now });
-      this.plot.setScale("y", { min: null, max: null });
+      this.plot.setScale("x", { min: end - this.span, max: end });
+      this.plot.setScale("y", { min: 0, max: this.draws.top });
     });
   }
 }
@@ -136,7 +170,7 @@ export class Scope extends Plot {
   constructor(place, height = 170) {
     super(place, {
       data: [[]],
-      scales: { x: { time: false, range: [-SCOPE_S, 0] } },
+      scales: { x: { time: false, range: [-SCOPE_S, 0] }, y: { range: () => [-2 * (this.full ?? 1), 2 * (this.full ?? 1)] } },
       axes: [axis({ values: (u, ticks) => ticks.map((t) => `${t} s`), size: 26 }), axis({ size: 50, values: (u, ticks) => ticks.map((v) => sig(v, 3)) })],
       series: [{}],
     }, height);
@@ -150,7 +184,9 @@ export class Scope extends Plot {
     channels.forEach((_, i) => this.plot.addSeries({ stroke: () => colour(SERIES[i % SERIES.length]), width: 1.2, points: { show: false } }));
   }
 
-  draw(board, now) {
+  /** Draw readings less their zero, within twice that of a full disc. */
+  draw(board, now, full) {
+    this.full = full;
     const scans = board.scans.filter((s) => s.timestamp > now - SCOPE_S);
     const step = Math.max(1, Math.ceil(scans.length / 600));
     const shown = step === 1 ? scans : scans.filter((_, i) => i % step === 0);
@@ -158,7 +194,7 @@ export class Scope extends Plot {
       const after = shown.findIndex((s) => s.timestamp >= gap.to);
       if (after > 0) shown.splice(after, 0, { timestamp: (shown[after - 1].timestamp + gap.to) / 2, volts: [], valid: [] });
     }
-    this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] : null)))]);
+    this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] - board.zero[c] : null)))]);
   }
 }
 
@@ -167,7 +203,7 @@ export class Spectrum extends Plot {
     const found = { hz: 0 };
     super(place, {
       data: [[], []],
-      scales: { x: { time: false }, y: { range: (u, min, max) => [Math.max(min ?? -60, (max ?? 0) - 70), (max ?? 0) + 5] } },
+      scales: { x: { time: false }, y: { range: [-100, 0] } },
       axes: [axis({ values: (u, ticks) => ticks.map((t) => `${sig(t, 3)} Hz`), size: 26, space: 60 }), axis({ size: 50, values: (u, ticks) => ticks.map((v) => `${Math.round(v)} dB`) })],
       series: [{}, { stroke: () => colour("series-1"), width: 1.2, points: { show: false } }],
       hooks: { draw: [(u) => mark(u, found.hz)] },
@@ -175,8 +211,8 @@ export class Spectrum extends Plot {
     this.found = found;
   }
 
-  /** Mean power of all readable channels over the newest window; null where there are too few scans. */
-  draw(board) {
+  /** Draw the mean power of all readable channels over the newest window, against that of the reading `full`. */
+  draw(board, full) {
     const texture = board.texture;
     this.found.hz = texture !== null && texture.frequency_hz > 0 ? texture.frequency_hz : 0;
     const from = board.gaps.at(-1)?.to ?? -Infinity;
@@ -186,9 +222,10 @@ export class Spectrum extends Plot {
     const channels = board.health.map((h, c) => (h ? -1 : c)).filter((c) => c >= 0);
     const step = Math.max(1, Math.floor(channels.length / 36)); // 36 transforms are enough for a mean
     const power = new Float64Array(FFT_N / 2);
-    for (let k = 0; k < channels.length; k += step) addPower(scans, channels[k], power);
+    const used = channels.filter((_, k) => k % step === 0);
+    for (const channel of used) addPower(scans, channel, power);
     const hz = [], db = [];
-    for (let i = 2; i < FFT_N / 2; i += 1) { hz.push(i * rate / FFT_N); db.push(10 * Math.log10(power[i] + 1e-18)); }
+    for (let i = 2; i < FFT_N / 2; i += 1) { hz.push(i * rate / FFT_N); db.push(10 * Math.log10(power[i] / (used.length * full * full) + 1e-12)); }
     this.plot.setData([hz, db]);
   }
 }

@@ -3,14 +3,15 @@
 import { colour, fit } from "./theme.js";
 import { sig } from "./words.js";
 
-const FADE = 0.995;  // of the scale for each drawing: it follows a large load at once and returns within seconds
+const RANGES = [1, 2, 4, 8, 16, 32]; // parts of the range of the array that a full disc may stand for
+const USUAL = 4;
 
 export class SkinPicture {
   constructor(canvas, legend) {
     this.canvas = canvas;
     this.legend = legend;
-    this.scaleLoad = 0;
-    this.scaleShear = 0;
+    this.full = 0;           // reading of a full disc and of a full arrow, in the unit of the array
+    this.ranged = null;      // geometry for which it was chosen
     this.chosen = 0;
     this.places = [];
     this.phase = 0;
@@ -25,6 +26,22 @@ export class SkinPicture {
     if (geometry.has_places && geometry.x_mm.length) return geometry.x_mm.map((x, i) => ({ x, y: geometry.y_mm[i] }));
     const n = geometry.pressure.length, side = Math.ceil(Math.sqrt(n));
     return Array.from({ length: n }, (_, i) => ({ x: i % side, y: Math.floor(i / side) }));
+  }
+
+  /** Offer parts of the range of an array; the one that was chosen last, for this array, is kept. */
+  offerRanges(geometry, select) {
+    if (this.ranged === geometry) return;
+    this.ranged = geometry;
+    const whole = (geometry.high - geometry.low) / 2, key = `tactiled-range-${geometry.array}`;
+    select.replaceChildren(...RANGES.map((part) => new Option(`full disc ${sig(whole / part, 2)} ${geometry.unit}`, part)));
+    let kept = null;
+    try { kept = localStorage.getItem(key); } catch { /* private window: not kept */ }
+    select.value = RANGES.includes(Number(kept)) ? kept : USUAL;
+    this.full = whole / Number(select.value);
+    select.onchange = () => {
+      this.full = whole / Number(select.value);
+      try { localStorage.setItem(key, select.value); } catch { /* as above */ }
+    };
   }
 
   draw(board, state) {
@@ -56,12 +73,6 @@ export class SkinPicture {
     const felt = scan === null || scan.volts.length !== board.zero.length ? null : board.felt(scan);
     const inContact = new Set(board.touch !== null && board.touch.state !== "none" ? board.touch.taxels : []);
     const slipping = new Set(board.slip !== null ? board.slip.taxels : []);
-    if (felt !== null) {
-      const shear = felt.x.map((x, i) => Math.hypot(x, felt.y[i]));
-      const floor = 0.02 * (g.high - g.low) / 2;
-      this.scaleLoad = Math.max(FADE * this.scaleLoad, floor, ...felt.load.map(Math.abs));
-      this.scaleShear = Math.max(FADE * this.scaleShear, floor / 2, ...shear);
-    }
     this.places = places.map((p, i) => ({ i, x: px(p.x), y: py(p.y), r: rim }));
     for (const p of this.places) {
       const load = felt === null ? 0 : felt.load[p.i];
@@ -70,6 +81,7 @@ export class SkinPicture {
     if (felt !== null) for (const p of this.places) this._arrow(c, p, felt.x[p.i], felt.y[p.i], live);
     this._health(c, board);
     this._centre(c, board, felt, px, py, places, live);
+    if (live && board.slip !== null && board.slip.direction_sd_deg < 90) this._slip(c, board.slip, box);
     this._axes(c, box, scale, g);
     if (!live) this._veil(c, box, state);
     this._legendWords(g, state);
@@ -79,11 +91,12 @@ export class SkinPicture {
     c.beginPath(); c.arc(p.x, p.y, p.r, 0, 2 * Math.PI);
     c.strokeStyle = touching ? colour("contact") : colour("line"); c.lineWidth = touching ? 2 : 1;
     c.fillStyle = colour("taxel"); c.globalAlpha = 0.72; c.fill(); c.globalAlpha = 1; c.stroke();
-    const share = Math.min(1, Math.abs(load) / this.scaleLoad || 0);
+    const share = Math.min(1, Math.abs(load) / this.full || 0);
     if (share > 0.004) {
       c.beginPath(); c.arc(p.x, p.y, p.r * 0.94 * Math.sqrt(share), 0, 2 * Math.PI);
       c.fillStyle = live ? ramp(share) : colour("stale");
       c.globalAlpha = load < 0 ? 0.3 : 0.95; c.fill(); c.globalAlpha = 1;
+      if (share === 1) { c.strokeStyle = colour("broken"); c.lineWidth = 2; c.stroke(); } // beyond the range
       if (load < 0) { c.setLineDash([3, 3]); c.strokeStyle = colour("muted"); c.stroke(); c.setLineDash([]); }
     }
     if (slipping && live) {
@@ -97,21 +110,21 @@ export class SkinPicture {
   }
 
   _arrow(c, p, x, y, live) {
-    const size = Math.hypot(x, y) / this.scaleShear;
+    const size = Math.hypot(x, y) / this.full;
     if (!(size > 0.03)) return;
     const length = 1.05 * p.r * Math.min(1, size);
-    const ux = x / Math.hypot(x, y), uy = -y / Math.hypot(x, y); // the screen's y points down
-    const ex = p.x + ux * length, ey = p.y + uy * length;
+    const ex = p.x + length * x / Math.hypot(x, y), ey = p.y - length * y / Math.hypot(x, y); // the screen's y points down
     const head = Math.min(9, 0.5 * length);
-    const path = () => {
-      c.beginPath(); c.moveTo(p.x, p.y); c.lineTo(ex - ux * head * 0.7, ey - uy * head * 0.7); c.stroke();
-      c.beginPath(); c.moveTo(ex, ey);
-      c.lineTo(ex - ux * head - uy * head * 0.6, ey - uy * head + ux * head * 0.6);
-      c.lineTo(ex - ux * head + uy * head * 0.6, ey - uy * head - ux * head * 0.6); c.closePath();
-    };
-    c.lineCap = "round"; c.lineJoin = "round";
-    c.strokeStyle = c.fillStyle = colour("halo"); c.lineWidth = 6; path(); c.stroke(); c.fill();
-    c.strokeStyle = c.fillStyle = live ? colour("ink") : colour("stale-ink"); c.lineWidth = 2.5; path(); c.fill();
+    arrow(c, p.x, p.y, ex, ey, head, 2.5, live ? colour("ink") : colour("stale-ink"));
+  }
+
+  /** The way in which the skin slides, across the whole array. */
+  _slip(c, slip, box) {
+    const a = slip.direction_deg * Math.PI / 180, reach = 0.36 * Math.min(box.w, box.h);
+    const x = box.x + box.w / 2, y = box.y + box.h / 2, dx = reach * Math.cos(a), dy = -reach * Math.sin(a);
+    c.globalAlpha = 0.85;
+    arrow(c, x - dx, y - dy, x + dx, y + dy, 26, 8, colour("slip"));
+    c.globalAlpha = 1;
   }
 
   _grooves(c, board, live, box, scale) {
@@ -195,8 +208,8 @@ export class SkinPicture {
 
   _legendWords(g, state) {
     const words = state === "none" || state === "stale" ? "Last known picture, not live."
-      : `Full disc ${sig(this.scaleLoad, 2)} ${g.unit} of load` + (g.has_shear ? `, full arrow ${sig(this.scaleShear, 2)} ${g.unit} of shear` : ", no shear channels");
-    const text = g.words ? `${words}. ${g.words}.` : words;
+      : `A full disc is ${sig(this.full, 2)} ${g.unit} of load` + (g.has_shear ? ", a full arrow as much shear; arrows point the way the skin goes." : "; no shear channels.");
+    const text = g.words ? `${words} ${g.words}.` : words;
     if (this.legend.textContent !== text) this.legend.textContent = text;
   }
 
@@ -222,6 +235,20 @@ export class SkinPicture {
   }
 
   choose(taxel) { this.chosen = taxel; this.onChoose(taxel); }
+}
+
+/** An arrow with a halo, from one point to another. */
+function arrow(c, x0, y0, x1, y1, head, width, ink) {
+  const length = Math.hypot(x1 - x0, y1 - y0), ux = (x1 - x0) / length, uy = (y1 - y0) / length;
+  const path = () => {
+    c.beginPath(); c.moveTo(x0, y0); c.lineTo(x1 - ux * head * 0.7, y1 - uy * head * 0.7); c.stroke();
+    c.beginPath(); c.moveTo(x1, y1);
+    c.lineTo(x1 - ux * head - uy * head * 0.6, y1 - uy * head + ux * head * 0.6);
+    c.lineTo(x1 - ux * head + uy * head * 0.6, y1 - uy * head - ux * head * 0.6); c.closePath();
+  };
+  c.lineCap = "round"; c.lineJoin = "round";
+  c.strokeStyle = c.fillStyle = colour("halo"); c.lineWidth = width + 3.5; path(); c.stroke(); c.fill();
+  c.strokeStyle = c.fillStyle = ink; c.lineWidth = width; path(); c.fill();
 }
 
 function cross(c, x, y, r) {

@@ -1,6 +1,8 @@
 // Numbers and events in words.
 
-const UNKNOWN_SD = 1e8; // messages say 1e9 where a component is not known
+import { way } from "./verdict.js";
+
+export const UNKNOWN_SD = 1e8; // messages say 1e9 where a component is not known
 
 export function ageWords(seconds) {
   if (seconds === null || !Number.isFinite(seconds)) return "–";
@@ -51,11 +53,12 @@ export const REFUSALS = {
 /** One line for an event: {kind, text}; kind colours it. */
 export function eventWords(topic, data) {
   if (topic === "slip") {
-    const way = data.direction_sd_deg < 90 ? `, ${data.direction_deg.toFixed(0)}° ± ${data.direction_sd_deg.toFixed(0)}°` : "";
+    const towards = way(data.direction_deg, data.direction_sd_deg);
+    const there = towards && ` towards ${towards} (${data.direction_deg.toFixed(0)}° ± ${data.direction_sd_deg.toFixed(0)}°)`;
     const why = data.suppressed ? ` (suppressed: ${data.suppressed})` : data.valid ? "" : " (not valid)";
     const kind = data.suppressed || !data.valid ? "suppressed" : data.state === "end" ? "end" : data.kind;
     if (data.state === "end") return { kind, text: `${data.kind} slip ended${why}` };
-    return { kind, text: `${data.kind} slip${way}, ${(1000 * (data.detected - data.onset)).toFixed(0)} ms after its onset (± ${(1000 * data.onset_sd_s).toFixed(0)} ms)${why}` };
+    return { kind, text: `${data.kind} slip${there}, ${(1000 * (data.detected - data.onset)).toFixed(0)} ms after its onset (± ${(1000 * data.onset_sd_s).toFixed(0)} ms)${why}` };
   }
   if (topic === "contact") return { kind: "contact", text: `contact ${data.previous} → ${data.state}` };
   if (topic === "texture") {

@@ -1,0 +1,141 @@
+"""A publisher of events of a scene that are computed before: it needs little of a processor."""
+
+import functools
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import zmq
+from messages import STATUS
+from recordings import SOURCE, simulated_reads
+
+from tactiled.events.codec import encode
+from tactiled.events.types import Event, ForceEvent, InfoEvent, ScanEvent, StatusEvent
+from tactiled.pipeline import Pipeline
+
+PAUSE_S = 3.0  # between two plays, without a board
+FORCE = ForceEvent(
+    time_s=0.0, fx_n=-4.0, fz_n=15.0, fx_sd_n=0.3, fy_sd_n=0.3, fz_sd_n=0.4, x_mm=3.6, y_mm=3.6,
+    calibration="finger-7", valid=True,
+)  # fmt: skip
+_STATUS_S = 0.1
+
+
+@functools.lru_cache
+def events_of(scene: str, duration_s: float) -> tuple[tuple[float, Event], ...]:
+    """Events of a scene with the instants at which a daemon would publish them, seconds from its start."""
+    pipeline = Pipeline(SOURCE.layout, SOURCE.array)
+    reads = simulated_reads(duration_s, scene)
+    origin_s = reads[0].arrival_s
+    return tuple(
+        (read.arrival_s - origin_s, _at_origin(event, origin_s))
+        for read in reads
+        for event in pipeline.receive_data(read.data, read.arrival_s)
+        if isinstance(event, Event)
+    )
+
+
+def _at_origin(event: Event, origin_s: float) -> Event:
+    """Event with its instants from the start of the scene on."""
+    shifted = {
+        name: getattr(event, name) - origin_s
+        for name in ("time_s", "onset_s", "detected_s", "answered_s")
+        if hasattr(event, name)
+    }
+    return replace(event, **shifted)
+
+
+def info(array_id: str = "wang2019-3x3") -> InfoEvent:
+    array = SOURCE.array
+    return InfoEvent(
+        time_s=0.0, board_serial="", firmware_version="1", protocol="board-v1", protocol_version=1,
+        array_id=array_id, channels=array.n_channels, taxels=array.n_taxels, x_mm=tuple(array.x_mm.tolist()),
+        y_mm=tuple(array.y_mm.tolist()), channel_names=tuple(array.channel_name), rate_hz=100.0,
+        volts_per_count=1.0, channel_offset_s=(0.0,) * array.n_channels, tactiled_version="0",
+    )  # fmt: skip
+
+
+class Stage:
+    """Boards that play scenes again and again on one endpoint.
+
+    Parameters
+    ----------
+    endpoint : str
+    plays : sequence of (board, scene, duration_s)
+    forces : bool
+        State a force beside each scan, as a calibration of this array would.
+    """
+
+    def __init__(
+        self, endpoint: str, plays: Sequence[tuple[str, str, float]], *, forces: bool = False
+    ) -> None:
+        self._endpoint = endpoint
+        self._plays = [(board, events_of(scene, duration_s)) for board, scene, duration_s in plays]
+        self._forces = forces
+        self._seq: dict[tuple[str, str, int], int] = {}
+        self.ended = threading.Event()
+
+    def run(self) -> None:
+        boards = [self._board(board, events) for board, events in self._plays]
+        with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+            socket.linger = 0
+            socket.bind(self._endpoint)
+            while not self.ended.wait(0.01):
+                for board in boards:
+                    for message in next(board):
+                        socket.send_multipart(message)
+
+    def _board(
+        self, board: str, events: Sequence[tuple[float, Event]]
+    ) -> Iterator[list[tuple[bytes, bytes]]]:
+        """Yield what is due, each time it is asked."""
+        status_s = info_s = 0.0
+        run = 0
+        while True:
+            run += 1  # as a daemon that was restarted: what is open at the end of a play has no end
+            began_s, waiting = time.time(), iter(events)
+            following = next(waiting, None)
+            while (since_s := time.time() - began_s) < events[-1][0] + PAUSE_S:
+                due = []
+                while following is not None and following[0] <= since_s:
+                    event = following[1]
+                    if isinstance(event, ScanEvent) and self._forces:
+                        due.append(self._message(board, replace(FORCE, time_s=event.time_s), began_s, run))
+                    due.append(self._message(board, event, began_s, run))
+                    following = next(waiting, None)
+                if since_s - status_s > _STATUS_S or since_s < status_s:
+                    status_s = since_s
+                    due.append(
+                        self._message(board, self._status(since_s, following is not None), began_s, run)
+                    )
+                if since_s - info_s > 1.0 or since_s < info_s or info_s == 0.0:
+                    info_s = since_s
+                    due.append(self._message(board, replace(info(), board_serial=board), time.time(), run))
+                yield due
+
+    @staticmethod
+    def _status(since_s: float, plays: bool) -> StatusEvent:
+        gone = {} if plays else {"state": "no-device", "valid": False, "reason": "no such port"}
+        return replace(STATUS, time_s=since_s, contact="none", slipping=False, **gone)  # type: ignore[arg-type]
+
+    def _message(self, board: str, event: Event, origin_s: float, run: int) -> tuple[bytes, bytes]:
+        key = (board, event.topic, run)
+        self._seq[key] = seq = self._seq.get(key, -1) + 1
+        return encode(event, seq=seq, board=board, unix_offset_s=origin_s, run=run)
+
+
+@contextmanager
+def stage(folder: Path, *plays: tuple[str, str, float], forces: bool = False) -> Iterator[str]:
+    """Play scenes while the context lasts; gives the endpoint."""
+    endpoint = f"ipc://{folder}/stage.ipc"
+    made = Stage(endpoint, plays, forces=forces)
+    thread = threading.Thread(target=made.run)
+    thread.start()
+    try:
+        yield endpoint
+    finally:
+        made.ended.set()
+        thread.join()
