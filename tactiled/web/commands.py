@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tactiled.client import AsyncCommander, Reply
+from tactiled.client.commander import TIMEOUT_S
 from tactiled.errors import OperatorError
 
 FIELDS: dict[str, dict[str, type]] = {
@@ -22,6 +23,7 @@ FIELDS: dict[str, dict[str, type]] = {
 }
 """Commands that the page may give, with their fields (protocols/control.md). The daemon checks the values."""
 _WHO = "web page"
+_ASK_S = 0.5  # for a question: a daemon answers within milliseconds, and a command may wait behind it
 
 
 class DaemonCommands:
@@ -41,15 +43,30 @@ class DaemonCommands:
         self._commander: AsyncCommander | None = None
         self._one_at_a_time = asyncio.Lock()
 
-    async def send(self, do: str, fields: Mapping[str, Any]) -> Reply:
+    async def send(self, do: str, fields: Mapping[str, Any], timeout_s: float = TIMEOUT_S) -> Reply:
         """Send a command and return the reply; a daemon that does not answer is a refusal with the reason."""
         async with self._one_at_a_time:
             try:
                 if self._commander is None:
                     self._commander = AsyncCommander(self._endpoint, _WHO, keys=self._keys)
-                return await self._commander.send(do, **fields)
+                return await self._commander.send(do, timeout_s, **fields)
             except OperatorError as error:
                 return Reply(False, str(error), {})
+
+    async def settings(self, board: str) -> dict[str, Any] | None:
+        """Return what the buttons of a board show; None where the daemon does not say."""
+        reply = await self.send("state", {"board": board}, _ASK_S)
+        found = reply.data.get("settings")
+        if not isinstance(found, dict) or not found:
+            return None
+        grip = found.get("detect", {}).get("grip", {})
+        return {
+            "board": board,
+            "speed_mm_s": found.get("speed_mm_s", 0.0),
+            "tared": found.get("tared", False),
+            "incipient_p": grip.get("incipient_p", 0.0),
+            "gross_p": grip.get("gross_p", 0.0),
+        }
 
     def close(self) -> None:
         """Close the connection."""

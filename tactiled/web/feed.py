@@ -3,9 +3,9 @@
 A frame is a MessagePack map: ``{"now": epoch s, "mono": s, "m": [[source, topic, data, recovered], ...]}``.
 `now` and `mono` are the clocks of this host: with `mono` the page measures how long frames wait on their way,
 which no step of the wall clock disturbs. `source` is the number of the endpoint. Besides the topics of the
-daemon there are ``geometry`` (see `geometry`) and ``notice`` (lost messages, a restart of the daemon). Each
-message is packed once, whatever the number of browsers. Readings are 32-bit floats; what no page shows is
-left out.
+daemon there are ``geometry`` (see `board_geometry`), ``notice`` (lost messages, a restart of the daemon) and
+``settings`` (of a daemon that takes commands of this page, see `commands`). Each message is packed once,
+whatever the number of browsers. Readings are 32-bit floats; what no page shows is left out.
 """
 
 import struct
@@ -31,7 +31,7 @@ _FLOATS = 1
 """MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
 _UNSEEN = {"scan": {"time_sd_s", "age_s"}, "force": {"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}}
 """Fields of messages of each scan that no page shows."""
-_NEWEST = ("geometry", "info", "status", "recording", "contact")
+_NEWEST = ("geometry", "info", "settings", "status", "recording", "contact")
 """Topics whose newest message a new browser needs."""
 
 
@@ -102,13 +102,17 @@ class Feed:
         self._newest_s[source] = max(self._newest_s.get(source, 0.0), entry.timestamp)
         if topic in _NEWEST:
             self._newest[key] = entry
-        if topic in ("info", "status", "geometry", "recording"):
+        if topic in _NEWEST and topic != "contact":
             return
         if topic in LIVE:
             if entry.timestamp - self._thinned_s.get(key, -1.0) < _THIN_S:
                 return
             self._thinned_s[key] = entry.timestamp
         self._history.append(entry)
+
+    def boards(self) -> list[tuple[int, str]]:
+        """Return source and board of each status that has come."""
+        return [(source, board) for source, board, topic in self._newest if topic == "status" and board]
 
     def frames(self, now_unix_s: float, now_s: float) -> Frames:
         """Return what has come since the last call, as two frames; of live topics but scans, the newest."""

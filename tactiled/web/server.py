@@ -11,6 +11,7 @@ import time
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from aiohttp import WSCloseCode, web
 
@@ -34,6 +35,7 @@ MOST_BROWSERS = 64
 _MOST_ITEMS = 500  # of one endpoint in a frame, some 20 ms: more wait for the next frame
 _LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
 _LINGERING_S = 1.0  # for the rest of a request that was refused before its end
+_SETTINGS_S = 1.0  # interval at which a daemon is asked for its settings, which other clients change as well
 _LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
 _LOGGERS = ("aiohttp.server", "aiohttp.web", "asyncio")  # which write about connections and requests
 _HEADERS = {
@@ -91,6 +93,7 @@ class PageServer:
         self._static = read_static(STATIC)
         self._log = RateLimitedLog(logger)
         self._connections = Connections(self._crowded)
+        self._settings: dict[tuple[int, str], dict[str, Any]] = {}
 
     def application(self) -> web.Application:
         """Return the routes."""
@@ -146,9 +149,12 @@ class PageServer:
                     for endpoint in self._params.endpoints
                 ]
                 async with asyncio.TaskGroup() as tasks:
-                    flushing = tasks.create_task(self._flush(subscriptions))
+                    running = [tasks.create_task(self._flush(subscriptions))]
+                    if self._params.guard.allows_commands:
+                        running.append(tasks.create_task(self._follow_settings()))
                     await stop.wait()
-                    flushing.cancel()
+                    for task in running:
+                        task.cancel()
         finally:
             for socket in tuple(self._sockets):
                 with contextlib.suppress(TimeoutError):
@@ -177,6 +183,19 @@ class PageServer:
             for browser in self._browsers:
                 browser.offer(frames)
             self._log.write_counts(time.monotonic())
+
+    async def _follow_settings(self) -> None:
+        """Tell the browsers what is set in the daemons, so that buttons show it."""
+        while True:
+            await asyncio.sleep(_SETTINGS_S)
+            for source, board in self._feed.boards() if self._browsers else ():
+                await self._ask_settings(source, board)
+
+    async def _ask_settings(self, source: int, board: str) -> None:
+        found = await self._commands[source].settings(board)
+        if found is not None and found != self._settings.get((source, board)):
+            self._settings[source, board] = found
+            self._feed.add(source, "settings", found)
 
     def _crowded(self, address: str) -> None:
         reason = f"{address}: an idle connection was closed, because as many as are allowed are open"
@@ -266,6 +285,8 @@ class PageServer:
         except ValueError as error:
             return _answer(400, str(error))
         reply = await self._commands[source].send(do, fields)
+        if reply.ok and "board" in fields:
+            await self._ask_settings(source, fields["board"])
         return web.json_response({"ok": reply.ok, "reason": reply.reason, "do": do})
 
     async def _replay(self, request: web.Request) -> web.StreamResponse:

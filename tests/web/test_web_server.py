@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import re
 from collections.abc import AsyncIterator, Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from frames import rows
 from yarl import URL
 
+from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.errors import UnavailableError
 from tactiled.web import server
 from tactiled.web.connections import IDLE_S, MOST_CONNECTIONS
@@ -56,6 +58,14 @@ def test_every_answer_forbids_scripts_of_others(tmp_path: Path) -> None:
                 assert answer.status == (404 if path.startswith(("nothing", "static/..")) else 200)
 
     serve(tmp_path, act)
+
+
+def test_the_page_offers_the_settings_of_the_detectors() -> None:
+    html = (server.STATIC / "index.html").read_text()
+    offered = re.findall(r'<option value="([\d.]+) ([\d.]+)"[^>]*>(\w+)', html)
+    assert {name: (float(incipient), float(gross)) for incipient, gross, name in offered} == {
+        name: (at.incipient, at.gross) for name, at in SETTINGS.items()
+    }
 
 
 def test_another_host_name_or_origin_reads_nothing(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import Robot, robot
+from pages import CONFIG, Robot, robot
 from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
 
-from tactiled.client import Message, Subscription
+from tactiled.client import Commander, Message, Subscription
 
 pytestmark = pytest.mark.system
 TOKEN = "0123456789abcdef"
@@ -59,6 +59,37 @@ def test_buttons_show_the_acknowledgement_or_the_reason(live: Robot, page: Page)
         given = commands_of(subscription, PATIENCE_S, 2)
     assert [(row["command"], row["ok"]) for row in given] == [("mark", True), ("inhibit", True)]
     assert all(row["who"] == "web page" for row in given)
+
+
+def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_path: Path) -> None:
+    config = CONFIG.replace("[record]", '[record]\ndirectory = "{folder}/recordings"')
+    with robot(tmp_path, config) as live:
+        live.run()
+        live.plug()
+        page.goto(f"{commanding(live)}#token={TOKEN}")
+        expect(page.locator(".commands .setting")).to_have_value("0.9 0.5")
+        until_s = time.monotonic() + PATIENCE_S
+        while page.locator(".reply").inner_text() != "✓ Set zero: done":  # half a second of scans is needed
+            assert time.monotonic() < until_s
+            page.get_by_role("button", name="Set zero").click()
+            page.wait_for_timeout(500)
+        page.locator(".commands .speed").fill("2.5")
+        page.get_by_role("button", name="Speed").click()
+        expect(page.locator(".reply")).to_have_text("✓ Speed: done")
+        page.locator(".commands .setting").select_option("quiet")
+        page.locator("[data-do=thresholds]").click()
+        expect(page.locator(".reply")).to_have_text("✓ Set: done")
+        page.reload()
+        expect(page.locator(".commands .speed")).to_have_value("2.5")
+        expect(page.locator(".commands .setting")).to_have_value("0.98 0.65")
+        expect(page.get_by_role("button", name="Set zero")).to_have_attribute("aria-pressed", "true")
+        with Commander(live.endpoint, "another client") as daemon:
+            assert daemon.send("speed", speed_mm_s=7.0).ok
+            expect(page.locator(".commands .speed")).to_have_value("7")
+            assert daemon.send("record", on=True).ok
+            expect(page.get_by_role("button", name="Stop recording")).to_be_visible()
+        page.get_by_role("button", name="Stop recording").click()
+        expect(page.get_by_role("button", name="Record", exact=True)).to_be_visible()
 
 
 @pytest.mark.parametrize("fragment", ["", "#token=0123456789abcdeX"])
