@@ -168,7 +168,7 @@ def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
 
 def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:
     """Print what an array can measure, and draw it where asked."""
-    from tactiled.detect.grooves.estimator import JointParams
+    from tactiled.detect.grooves.params import JointParams
     from tactiled.doctor.abilities import abilities
 
     findings = abilities(array, JointParams(), rate_hz, speed_mm_s)

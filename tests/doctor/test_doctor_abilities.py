@@ -6,7 +6,7 @@ import pytest
 from commands import call
 
 from tactiled.array import load_array
-from tactiled.detect.grooves.estimator import JointParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.abilities import abilities
 
 SHEAR_ONLY = """

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from page_link import link
 from pages import Robot
 from playwright.sync_api import Page, expect
 
-from bench.web.link import link
 from tactiled.client import Message, Subscription
 
 pytestmark = pytest.mark.system
