@@ -23,10 +23,10 @@ from tactiled.detect.grooves.solve import WaveSolver
 from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
 from tactiled.events.types import Candidate
 
-# Likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are few, and
-# fitted instead of integrated out.
+# prior: likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are
+# few, and fitted instead of integrated out.
 _TEMPERATURE = 2.0
-# Spread of the channels' positions. With less there are no delays to measure.
+# derived: spread of the channels' positions. With less there are no delays to measure.
 _LEAST_SPREAD_MM2 = 1e-6
 
 

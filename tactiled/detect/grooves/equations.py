@@ -22,16 +22,16 @@ from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.worker import pause
 
-# Periods in the window. Lines that are less than this apart cannot be resolved, and removing a line or a
-# trend has removed the noise that is nearer, too.
+# derived: periods in the window. Lines that are less than this apart cannot be resolved, and removing a line
+# or a trend has removed the noise that is nearer, too.
 CLEAR_CYCLES = 0.75
-# Order of the trend that is always removed: level and slope.
+# derived: order of the trend that is always removed: level and slope.
 STRAIGHT = 1
-# Ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the trend absorbs
-# whole. The ridge changes amplitudes by less than a 30-bit converter can resolve.
+# derived: ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the
+# trend absorbs whole. The ridge changes amplitudes by less than a 30-bit converter can resolve.
 _RIDGE = 1e-9
-# Noise of a 22-bit converter on 3 V, volts^2: a lower bound that keeps the weights of a noiseless signal
-# finite.
+# derived: noise of a 22-bit converter on 3 V, volts^2: a lower bound that keeps the weights of a noiseless
+# signal finite.
 LEAST_VARIANCE = (1e-6) ** 2 / 12
 
 

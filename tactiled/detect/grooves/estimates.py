@@ -20,15 +20,18 @@ from tactiled.detect.grooves.outcome import GrooveAnswer, TrackedWave
 from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.solve import WaveSolver
 
-# Frequencies beside the line: fewer are a poor estimate, more are far from it.
+# choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8
-# Periods of the window, less rounding. Closer to the line the fit has absorbed the noise.
+# derived: periods of the window, less rounding. Closer to the line the fit has absorbed the noise.
 _NEAREST = 1.0 - 1e-9
-# Probability that white noise passes as more than white. The covariance is then too wide by the factor found.
+# choice: probability that white noise passes as more than white. The covariance is then too wide by the
+# factor found.
 _FALSE_INFLATION = 0.01
-# Tail probability at two standard deviations, at which intervals of few degrees of freedom are matched.
+# derived: tail probability at two standard deviations, at which intervals of few degrees of freedom are
+# matched.
 _TAIL = 0.025
-# Degrees of freedom that wave vector and phase take. The scatter of a few taxels is too small by that.
+# derived: degrees of freedom that wave vector and phase take. The scatter of a few taxels is too small by
+# that.
 _SPENT_TAXELS = 3
 
 

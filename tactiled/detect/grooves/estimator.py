@@ -42,11 +42,11 @@ from tactiled.detect.worker import InPlace, Worker
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
-# Of the period. Two gratings that differ by less could not be told apart at two standard deviations.
+# derived: of the period. Two gratings that differ by less could not be told apart at two standard deviations.
 _LARGEST_SD_PART = 0.25
 WindowFit = Callable[[FitWindow], Outcome]
-# Grooves deflect friction, and with it the direction of the slip event: by up to 5 degrees on physical
-# scenes.
+# physical: grooves deflect friction, and with it the direction of the slip event: by up to 5 degrees on
+# physical scenes.
 _GROOVES_TURN_DEG = 3.0
 
 

@@ -34,15 +34,15 @@ from tactiled.detect.grooves.second_wave import has_second_wave
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import TextureStatus
 
-# Variance, radians^2. With more, what suits no wave suits its mirror image no better.
+# prior: variance, radians^2. With more, what suits no wave suits its mirror image no better.
 _MOST_ALIASED_MISMATCH = 0.2
-# Phase rate to either side of a line that is no wave, which is rarely a narrow line either.
+# prior: phase rate to either side of a line that is no wave, which is rarely a narrow line either.
 _BROAD_LINE = 0.25 * np.pi
-# Lines tried: hum and the like may be stronger than the grooves.
+# prior: lines tried: hum and the like may be stronger than the grooves.
 _MOST_LINES = 3
-# Harmonics of one grating, none of which is a second grating.
+# prior: harmonics of one grating, none of which is a second grating.
 _MOST_OWN_HARMONICS = 8
-# Part of a grating's power. A weaker second one may be what the model does not describe of the first.
+# prior: part of a grating's power. A weaker second one may be what the model does not describe of the first.
 _LEAST_SECOND_PART = 0.01
 
 

@@ -9,10 +9,10 @@ from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM
 from tactiled.detect.grooves.search import explained_power, most_explained_power
 
-# Part of a line's power. Less is not worth a search for another wave.
+# prior: part of a line's power. Less is not worth a search for another wave.
 _LEAST_FOREIGN_PART = 0.05
-# Part of a line's power, as the channels' own fits explain it. A wave that leaves more does not explain the
-# line.
+# prior: part of a line's power, as the channels' own fits explain it. A wave that leaves more does not
+# explain the line.
 MOST_UNEXPLAINED_PART = 0.4
 
 

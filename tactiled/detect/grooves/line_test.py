@@ -18,14 +18,15 @@ from scipy import special
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import TINY
 
-_FLOOR_ORDER = 2
-_LEVEL_ORDER = 4
-LOBE = 2  # bins to either side that a Hann window spreads a line over
-# Bins to either side whose level a line must exceed, and the order of the polynomial through them: enough for
-# a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten bins.
+_FLOOR_ORDER = 2  # choice
+_LEVEL_ORDER = 4  # choice
+LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
+# prior: bins to either side whose level a line must exceed, and the order of the polynomial through them:
+# enough for a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten
+# bins.
 AROUND = 20
-_AROUND_ORDER = 2
-_MOST_LINES = 8  # of two gratings with their harmonics
+_AROUND_ORDER = 2  # choice
+_MOST_LINES = 8  # prior: of two gratings with their harmonics
 
 
 def pooled_power(spectra: NDArray[np.complex128], log_cycles: FloatArray) -> FloatArray:

@@ -26,22 +26,23 @@ from tactiled.detect.grooves.equations import trend_basis
 from tactiled.detect.grooves.line_test import AROUND, LOBE, noise_power, pooled_power, significant_bins
 from tactiled.detect.grooves.model import TINY
 
-_TREND_ORDER = 3
-# Periods in the window. A cubic trend leaves humps of fewer.
+_TREND_ORDER = 3  # choice
+# derived: periods in the window. A cubic trend leaves humps of fewer.
 LEAST_CYCLES = 3.0
-# A Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels share and
-# stamps that jitter by a tenth cost up to 1.4 more (research/README.md, `sensors`).
+# physical: a Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels
+# share and stamps that jitter by a tenth cost up to 1.4 more (research/README.md, `sensors`).
 _SD_OVER_BOUND = 2.0
-# Power of the strongest bin over any other, and least periods. Of 6000 windows of noise that all channels
-# share (178 scans, power over frequency with slopes of 0.5, 1 and 2), 9 have such a bin with 7 periods or
-# more, 36 with 6, 121 with 5; an answer needs it in two windows at one place.
+# tuned: power of the strongest bin over any other, and least periods. Of 6000 windows of noise that all
+# channels share (178 scans, power over frequency with slopes of 0.5, 1 and 2), 9 have such a bin with 7
+# periods or more, 36 with 6, 121 with 5; an answer needs it in two windows at one place. Set on
+# the recordings of FabricSlide and BioTac_slide_20_50.
 _STANDS_OUT = 5.0
-_LEAST_PHASES = 4  # channels: phases of fewer agree by chance
-_LEAST_DOMINANT_CYCLES = 7
-_TREND_CYCLES = 2  # slower bins are of the trend
-_LEAST_SD = 1e-12  # of the readings: less is the rounding of the trend
-# The level has 5 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines on 4 of
-# 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are 2.4 s at 35.6 Hz.
+_LEAST_PHASES = 4  # derived: channels: phases of fewer agree by chance
+_LEAST_DOMINANT_CYCLES = 7  # tuned: on the same recordings
+_TREND_CYCLES = 2  # derived: slower bins are of the trend
+_LEAST_SD = 1e-12  # derived: of the readings: less is the rounding of the trend
+# tuned: the level has 5 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines
+# on 4 of 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are 2.4 s at 35.6 Hz.
 _LEAST_BINS = 40
 
 

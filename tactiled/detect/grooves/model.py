@@ -24,17 +24,19 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-# Fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan rate.
+# derived: fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan
+# rate.
 ALIASED = 0.45
-# Phase at the edge of the array. Wave vectors that differ by less are the same wave.
+# prior: phase at the edge of the array. Wave vectors that differ by less are the same wave.
 SAME_WAVE_RAD = 0.3
-# Candidates in an event.
+# choice: candidates in an event.
 MAX_CANDIDATES = 8
-# Probability that noise passes for what is looked for: a line, a harmonic, another wave, a motion, a pattern.
+# choice: probability that noise passes for what is looked for: a line, a harmonic, another wave, a motion, a
+# pattern.
 FALSE_ALARM = 1e-6
-# Divisor in place of zero, for channels without any ripple.
+# derived: divisor in place of zero, for channels without any ripple.
 TINY = 1e-300
-# Root mean square of half the square of a variable with unit variance.
+# derived: root mean square of half the square of a variable with unit variance.
 _SECOND_ORDER = np.sqrt(3) / 2
 
 

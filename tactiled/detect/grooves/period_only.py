@@ -26,21 +26,22 @@ from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, PeriodOnly, R
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import Candidate
 
-# Probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s: about
-# ten are independent, so that 1 slide in 1000 over a flat surface has an answer.
+# choice: probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s:
+# about ten are independent, so that 1 slide in 1000 over a flat surface has an answer.
 _FALSE_ALARMS = 1e-4
-# Power of a fundamental over that of the strongest harmonic. Ridges that every second one is a little higher
-# than the other have less.
+# prior: power of a fundamental over that of the strongest harmonic. Ridges that every second one is a little
+# higher than the other have less.
 _LEAST_FUNDAMENTAL = 0.1
-_MOST_MULTIPLE = 3  # a higher harmonic is never the strongest line of a ridge
-_SAME_LINE_PERIODS = 1.5  # in the window: lines of a Hann window that are nearer are one
-# A joint answer may exceed the period of motion across the grooves by this: the given speed has an error.
+_MOST_MULTIPLE = 3  # prior: a higher harmonic is never the strongest line of a ridge
+_SAME_LINE_PERIODS = 1.5  # derived: in the window: lines of a Hann window that are nearer are one
+# prior: a joint answer may exceed the period of motion across the grooves by this: the given speed has an
+# error.
 _SPEED_ERROR = 1.1
-# Channels that swing at once may do so because the load as a whole does, with a motor or an arm. Over a
-# length L along the motion, grooves of period D give sin(2 pi L / D) / (2 pi L / D) of the power in phase:
-# 0.8 at D = 5.6 L.
+# tuned: channels that swing at once may do so because the load as a whole does, with a motor or an arm. Over
+# a length L along the motion, grooves of period D give sin(2 pi L / D) / (2 pi L / D) of the power in phase:
+# 0.8 at D = 5.6 L. Set on the recordings of FabricSlide and BioTac_slide_20_50.
 _MOST_IN_PHASE = 0.8
-_INTERVAL_SDS = 2.0  # standard deviations that widen the interval of the period at both ends
+_INTERVAL_SDS = 2.0  # choice: standard deviations that widen the interval of the period at both ends
 
 
 def fit_wave_or_line(window: FitWindow) -> Outcome:

@@ -13,18 +13,18 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout
 from tactiled.detect.worker import pause
 
-# Points of a square grid, two steps either way: (25, 2).
+# choice: points of a square grid, two steps either way: (25, 2).
 NEIGHBOURS = np.stack(np.meshgrid(*[np.arange(-2.0, 3.0)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
-# Grid steps in phase at the edge of the array.
+# choice: grid steps in phase at the edge of the array.
 _NEARBY_RAD = (0.2, 0.08, 0.03)
-# Steps of expectation and maximisation.
+# choice: steps of expectation and maximisation.
 _FACTOR_STEPS = 6
-# Probability that one wave on equal channels is tested for a second one.
+# choice: probability that one wave on equal channels is tested for a second one.
 _FALSE_SECOND_WAVE = 1e-2
-# Mismatch as a part of the ripple, all kinds together: no skin's channels are more alike. Where a kind has a
-# small response because its parts cancel, the mismatch does not cancel.
+# prior: mismatch as a part of the ripple, all kinds together: no skin's channels are more alike. Where a kind
+# has a small response because its parts cancel, the mismatch does not cancel.
 _LEAST_MISMATCH = 0.03
-# Variances of mismatch that are tried.
+# choice: variances of mismatch that are tried.
 _MISMATCHES = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
 
 

@@ -17,13 +17,14 @@ from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import FALSE_ALARM
 from tactiled.detect.grooves.solve import WaveSolver
 
-# Iterations at most; noise and mismatch of each are those of the one before.
+# choice: iterations at most; noise and mismatch of each are those of the one before.
 _REFINEMENTS = 4
-# Radians, and radians per millimetre.
+# choice: radians, and radians per millimetre.
 _CONVERGED_RAD = 1e-5
-# Change of the phase rate from the start. Normal equations do not describe more than a period of the window.
+# derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
+# window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
-# Variance, radians^2. Phases of real skins deviate by 0.3 radians; random phases by 1.8.
+# physical: variance, radians^2. Phases of real skins deviate by 0.3 radians; random phases by 1.8.
 _MOST_MISMATCH = 0.5
 
 

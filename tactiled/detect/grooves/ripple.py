@@ -17,10 +17,11 @@ from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.model import FALSE_ALARM
 from tactiled.detect.grooves.spectrum import LEAST_CYCLES, LineSpectrum, floor_beside, line_spectra
 
-# Periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound of a
-# straight trend.
+# derived: periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound
+# of a straight trend.
 FEW_PERIODS = 2.5
-# Power of a fundamental as a part of its harmonics' power; less may be what the model does not describe.
+# prior: power of a fundamental as a part of its harmonics' power; less may be what the model does not
+# describe.
 _LEAST_FUNDAMENTAL = 0.03
 
 

@@ -10,15 +10,15 @@ from tactiled.detect.grooves.model import SAME_WAVE_RAD, TINY, ChannelLayout
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.solve import WaveSolver
 
-# Phase at the edge of the array between neighbouring points of a search grid.
+# choice: phase at the edge of the array between neighbouring points of a search grid.
 GRID_STEP_RAD = 0.5
-# Peaks of the grid that are refined, the highest first.
+# choice: peaks of the grid that are refined, the highest first.
 _MOST_STARTS = 24
-# A start that explains less than this part of what the best one does, and less by _LEAST_GAP, cannot win by
-# refinement.
+# prior: a start that explains less than this part of what the best one does, and less by _LEAST_GAP, cannot
+# win by refinement.
 _LEAST_PART = 0.5
-_LEAST_GAP = 100.0
-_SLACK_SIGMAS = 3.0
+_LEAST_GAP = 100.0  # prior: of the score, whose noise is about one
+_SLACK_SIGMAS = 3.0  # choice
 
 
 def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:

@@ -23,29 +23,31 @@ from tactiled.detect.grooves.phasors import NEIGHBOURS, Phasors
 from tactiled.detect.grooves.search import GRID_STEP_RAD
 from tactiled.detect.worker import pause
 
-_BLOCK = 64  # waves whose overlaps with all later ones fit into the cache
-# Pairs that are refined, the ones that explain most.
+_BLOCK = 64  # choice: waves whose overlaps with all later ones fit into the cache
+# choice: pairs that are refined, the ones that explain most.
 _MOST_STARTS = 6
-# Grid steps of the refinement, in phase at the edge of the array.
+# choice: grid steps of the refinement, in phase at the edge of the array.
 _STEPS_RAD = (0.12, 0.04)
-# Squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
+# prior: squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
 _MOST_ALIKE = 0.9
-# Standard deviations by which the direction may deviate, and the largest deviation, where it is unknown.
+# choice: standard deviations by which the direction may deviate, and the largest deviation, where it is
+# unknown.
 _REACH = 2.5
-_LARGEST_HEADING_ERROR_DEG = 45.0
-# Directions tried to either side of the stated one. Each takes 2 ms with 36 channels.
+_LARGEST_HEADING_ERROR_DEG = 45.0  # choice
+# choice: directions tried to either side of the stated one. Each takes 2 ms with 36 channels.
 _MOST_HEADINGS = 3
-# Power that two waves leave of what one leaves. Of gains and phases that differ at random a second wave takes
-# a part, too: with strays of 0.1 to 0.3 rad two waves left 0.60 to 0.88, with two gratings mostly less than
-# 0.3 (windows of `bench texture`, on which this was set).
+# tuned: power that two waves leave of what one leaves. Of gains and phases that differ at random a second
+# wave takes a part, too: with strays of 0.1 to 0.3 rad two waves left 0.60 to 0.88, with two gratings mostly
+# less than 0.3 (windows of `bench texture`, on which this was set).
 _MOST_LEFT = 0.58
-# Log-odds of two waves over one: a probability of 0.1, since an answer over two waves is often a wrong one.
+# prior: log-odds of two waves over one: a probability of 0.1, since an answer over two waves is often a wrong
+# one.
 _LEAST_LOG_ODDS = float(np.log(0.1 / 0.9))
-# The same where the phases suit one wave: a probability of 0.99. Gains that differ by chance pass for two
-# waves, and two waves that turn no phases, because one is an alias of the other, are seen clearly.
+# prior: the same where the phases suit one wave: a probability of 0.99. Gains that differ by chance pass for
+# two waves, and two waves that turn no phases, because one is an alias of the other, are seen clearly.
 _LEAST_IF_ALIKE = float(np.log(0.99 / 0.01))
-# Share of the power of both waves. A weaker one hardly moves the answer, if the stronger one is the answer,
-# and uneven pads look like it.
+# prior: share of the power of both waves. A weaker one hardly moves the answer, if the stronger one is the
+# answer, and uneven pads look like it.
 _LEAST_SHARE = 0.05
 
 

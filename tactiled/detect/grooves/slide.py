@@ -13,7 +13,7 @@ from tactiled.detect.signal.slip_gate import SlipEnd
 from tactiled.detect.worker import Job
 from tactiled.samples.block import ScanBlock
 
-# In the window: a line at the place of the newest one before it. Chance lines come at any place.
+# derived: in the window: a line at the place of the newest one before it. Chance lines come at any place.
 _SAME_LINE_PERIODS = 0.5
 
 

@@ -23,17 +23,17 @@ from tactiled.detect.grooves.linear import (
     total_information,
 )
 
-# Convergence is quadratic from a start within a quarter of a radian.
+# derived: convergence is quadratic from a start within a quarter of a radian.
 _NEWTON_STEPS = 3
-# Size of the last step. One more step would be a third of it or less on every window that was tried.
+# choice: size of the last step. One more step would be a third of it or less on every window that was tried.
 _CONVERGED_SIGMAS = 0.03
-# Phase at the edge of the array. Beyond it the linear model of a phase does not hold.
+# derived: phase at the edge of the array. Beyond it the linear model of a phase does not hold.
 LARGEST_STEP_RAD = 0.5
-# Probability that noise alone passes as phase mismatch.
+# choice: probability that noise alone passes as phase mismatch.
 _FALSE_MISMATCH = 1e-3
-# Variance of a uniformly distributed phase, radians^2.
+# derived: variance of a uniformly distributed phase, radians^2.
 _ANY_PHASE = np.pi**2 / 3
-# Ridge that keeps the standard deviation of an undetermined quantity finite.
+# derived: ridge that keeps the standard deviation of an undetermined quantity finite.
 _NO_INFORMATION = 1e-12
 
 

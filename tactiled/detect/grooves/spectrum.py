@@ -14,18 +14,18 @@ from tactiled.detect.grooves.equations import (
 )
 from tactiled.detect.grooves.model import FALSE_ALARM
 
-# Bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.
+# derived: bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.
 _PADDING = 4
-# Bins to either side over which the noise density is taken as constant.
+# choice: bins to either side over which the noise density is taken as constant.
 _NEIGHBOURS = 40
-# Periods in the window. Anything slower is a straight trend.
+# derived: periods in the window. Anything slower is a straight trend.
 LEAST_CYCLES = 0.5
-# Periods in the window. Below this, a line and its image at the negative frequency are one hump under a Hann
-# window.
+# derived: periods in the window. Below this, a line and its image at the negative frequency are one hump
+# under a Hann window.
 _SLOW_CYCLES = 8
-# Frequencies beside a line, one period of the window apart, from which the noise there is read.
+# choice: frequencies beside a line, one period of the window apart, from which the noise there is read.
 _FLOOR_PLACES = 4
-# Bins that belong to the line itself: the main lobe of a Hann window and a little more.
+# derived: bins that belong to the line itself: the main lobe of a Hann window and a little more.
 _NEAR = 3
 
 

@@ -23,14 +23,14 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import TINY, ChannelLayout, WaveMotion
 from tactiled.detect.worker import pause
 
-# Standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a taxel.
-# The largest are where phases tell nothing; below the smallest no noise is as low.
+# choice: standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a
+# taxel. The largest are where phases tell nothing; below the smallest no noise is as low.
 SIGMAS_C = np.array([0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.13, 0.16, 0.2, 0.25, 0.32, 0.4, 0.5])
-SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])
-# Variances of channel and taxel together, (sigmas_c, sigmas_t), radians^2.
+SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])  # choice
+# derived: variances of channel and taxel together, (sigmas_c, sigmas_t), radians^2.
 _VARIANCES = SIGMAS_C[:, np.newaxis] ** 2 + SIGMAS_T**2
-# Prior: median and log-spread of sigma_c, mean of an exponential sigma_t. Skins with physics stray by 0.05 to
-# 0.2 radians, more between channels than between taxels.
+# physical: prior: median and log-spread of sigma_c, mean of an exponential sigma_t. Skins with physics stray
+# by 0.05 to 0.2 radians, more between channels than between taxels.
 _MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
 
 
@@ -41,10 +41,11 @@ def _log_prior() -> FloatArray:
 
 LOG_PRIOR = _log_prior()
 """Logarithms of the prior probabilities of the standard deviations, (sigmas_c, sigmas_t)."""
-# Residuals are weighted by the inverse of noise and this variance to find the phase of a kind, radians^2.
+# physical: residuals are weighted by the inverse of noise and this variance to find the phase of a kind,
+# radians^2.
 _TYPICAL_VARIANCE = 0.1**2
-# Standard deviation before a slide of phases (radians) and of corrections of k (radians per millimetre):
-# larger than any, and small enough for a direction in which an array has no extent.
+# choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
+# millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
 
 

@@ -23,12 +23,13 @@ from tactiled.detect.grooves.refine import RefinedWave, refine_once, suits_chann
 from tactiled.detect.grooves.ripple import FEW_PERIODS
 from tactiled.detect.grooves.window import FitWindow
 
-# Length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6 s.
+# choice: length of a block. Grooves that change by 10 % in period or by 10 degrees must be noticed within 1.6
+# s.
 _BLOCK_S = 1.0
-# Periods in a block. With fewer, the slope of a block takes much of a ripple.
+# prior: periods in a block. With fewer, the slope of a block takes much of a ripple.
 _BLOCK_PERIODS = 1.5
-# Ratio of the part of a block's power that suits no common factor to its mean over earlier blocks: misplaced
-# ridges and uneven pads change every block.
+# prior: ratio of the part of a block's power that suits no common factor to its mean over earlier blocks:
+# misplaced ridges and uneven pads change every block.
 _UNLIKE_EARLIER = 4.0
 
 

@@ -10,9 +10,9 @@ from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
 from tactiled.detect.grooves.params import WaveParams
 from tactiled.samples.block import ScanBlock
 
-# Part of a channel's readings. A channel with more bad ones is left out of a fit.
+# prior: part of a channel's readings. A channel with more bad ones is left out of a fit.
 _MOST_BAD_PART = 0.05
-# No converter reads more. Fourth powers of it, and of its noise, are finite numbers.
+# derived: no converter reads more. Fourth powers of it, and of its noise, are finite numbers.
 _MOST_VOLTS = 1e9
 
 
