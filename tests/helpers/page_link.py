@@ -55,11 +55,13 @@ def link(url: str, bytes_s: float = float("inf")) -> Iterator[Link]:
             tasks.add(task)
             task.add_done_callback(tasks.discard)
 
-    async def listen() -> None:
+    async def listen() -> asyncio.Server:
         listener = await asyncio.start_server(accept, "127.0.0.1", 0, limit=_BUFFER)
         counted.url = url.replace(f":{target.port}", f":{listener.sockets[0].getsockname()[1]}", 1)
+        return listener
 
-    async def end() -> None:
+    async def end(listener: asyncio.Server) -> None:
+        listener.close()
         for task in tuple(tasks):
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
@@ -67,10 +69,12 @@ def link(url: str, bytes_s: float = float("inf")) -> Iterator[Link]:
     thread = threading.Thread(target=loop.run_forever)
     thread.start()
     try:
-        asyncio.run_coroutine_threadsafe(listen(), loop).result()
-        yield counted
+        listener = asyncio.run_coroutine_threadsafe(listen(), loop).result()
+        try:
+            yield counted
+        finally:
+            asyncio.run_coroutine_threadsafe(end(listener), loop).result()
     finally:
-        asyncio.run_coroutine_threadsafe(end(), loop).result()
         loop.call_soon_threadsafe(loop.stop)
         thread.join()
         loop.close()

@@ -2,13 +2,15 @@
 
 import json
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from page_link import link
-from pages import Robot
+from pages import Robot, robot
 from playwright.sync_api import Page, expect
+from stage import stage
 
 from tactiled.client import Message, Subscription
 
@@ -107,8 +109,12 @@ def test_every_slip_message_is_on_the_page(live: Robot, page: Page) -> None:
     assert set(published[:1]) <= set(shown)
 
 
-def test_a_slow_link_shows_fresh_data(live: Robot, page: Page) -> None:
-    with link(live.serve(), bytes_s=50_000) as slow:
+def test_a_slow_link_shows_fresh_data(page: Page, tmp_path: Path) -> None:
+    with (
+        robot(tmp_path) as made,
+        stage(tmp_path, ("TS0001", "demo", 20.0)) as made.endpoint,
+        link(made.serve(), bytes_s=50_000) as slow,
+    ):
         open_page(page, slow.url)
         page.wait_for_timeout(3000)  # the history has come
         received, began_s = slow.received, time.monotonic()
