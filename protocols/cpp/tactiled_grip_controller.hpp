@@ -33,7 +33,7 @@ public:
     // Highest utilisation that is left as it is; grip before the object's weight is felt; limits of the grip.
     explicit GripController(double target = TARGET, double start_n = 6.0, double least_n = 1.0,
                             double most_n = 40.0)
-        : target_(target), least_n_(least_n), most_n_(most_n), command_n_(start_n)
+        : target_(target), least_n_(least_n), most_n_(most_n), command_n_(limited(start_n))
     {
         forget();
     }
@@ -44,6 +44,10 @@ public:
     // Return the force to command, from a message and the force exerted now.
     double take(const Grip &grip, double present_n)
     {
+        if (!is_usable(grip, present_n))
+            return command_n_;
+        if (grip.timestamp < contact_s_)
+            set_back(contact_s_ - grip.timestamp);
         if (grip.state == Grip::STATE_NONE) {
             if (grip.valid)
                 forget();
@@ -108,6 +112,28 @@ private:
     };
 
     double limited(double force_n) const { return std::min(std::max(force_n, least_n_), most_n_); }
+
+    // True where all numbers are finite; friction is of a contact alone.
+    static bool is_usable(const Grip &grip, double present_n)
+    {
+        for (double number : {grip.timestamp, grip.shear_x, grip.shear_y, grip.load, present_n})
+            if (!std::isfinite(number))
+                return false;
+        if (grip.state == Grip::STATE_NONE)
+            return true;
+        return std::isfinite(grip.friction_low) && std::isfinite(grip.friction) && grip.friction_low > 0;
+    }
+
+    // Follow a clock that was set back: what was measured before is as old as it was.
+    void set_back(double by_s)
+    {
+        past_.clear();
+        contact_s_ -= by_s;
+        touched_s_ -= by_s;
+        calm_from_s_ -= by_s;
+        dropped_s_ -= by_s;
+        steady_from_s_ -= by_s;
+    }
 
     // Begin with another object.
     void forget()

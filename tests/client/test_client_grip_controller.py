@@ -1,5 +1,6 @@
 """The controller of a grasp: laws of one message after another."""
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,30 @@ def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
     controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(50)])[-1]
     assert controller.take(grip(0.5, shear=50.0) | fault, 6.0) == before_n
+
+
+@given(
+    st.sampled_from(["timestamp", "shear_x", "shear_y", "load", "friction", "friction_low", "present"]),
+    st.sampled_from([math.nan, math.inf, -math.inf]),
+)
+def test_numbers_that_are_not_finite_change_nothing_then_or_later(name: str, number: float) -> None:
+    controller, undisturbed = pressed(), pressed()
+    before, after = [grip(k / 100) for k in range(50)], [grip(0.5 + k / 100) for k in range(300)]
+    kept_n = played(controller, before)[-1]
+    disturbed = grip(0.495) | ({} if name == "present" else {name: number})
+    assert controller.take(disturbed, number if name == "present" else 6.0) == kept_n
+    played(undisturbed, before)
+    assert played(controller, after) == played(undisturbed, after)
+
+
+@given(st.floats(0.001, 1e6))
+def test_a_clock_that_is_set_back_moves_the_grip_by_little(by_s: float) -> None:
+    controller = pressed()
+    held_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
+    after = played(controller, [grip(6.0 - by_s + k / 100) for k in range(600)])
+    assert after == pytest.approx([held_n] * 600, rel=0.01)
+    slipping = controller.take(grip(12.0 - by_s, state="gross"), 6.0)
+    assert slipping >= 1.3 * held_n  # and a slip is answered at once
 
 
 GAP = {"state": "none", "valid": False, "load": 0.0, "friction": 0.0, "friction_low": 0.0}  # as a gap is sent

@@ -18,7 +18,14 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCE = """
 #include <iomanip>
 #include <iostream>
+#include <string>
 #include "tactiled_grip_controller.hpp"
+
+static double number() {
+    std::string word;  // streams read no "nan"
+    std::cin >> word;
+    return std::stod(word);
+}
 
 int main() {
     double target = 0, start_n = 0, least_n = 0, most_n = 0;
@@ -32,8 +39,11 @@ int main() {
             std::cout << controller.blind() << "\\n";
             continue;
         }
-        std::cin >> grip.timestamp >> grip.load >> grip.shear_x >> grip.shear_y >> grip.friction_low
-                 >> grip.friction >> grip.valid >> grip.late >> present_n;
+        for (double *each : {&grip.timestamp, &grip.load, &grip.shear_x, &grip.shear_y, &grip.friction_low,
+                             &grip.friction})
+            *each = number();
+        std::cin >> grip.valid >> grip.late;
+        present_n = number();
         std::cout << controller.take(grip, present_n) << "\\n";
     }
 }
@@ -54,7 +64,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def messages(seed: int) -> Iterator[dict[str, Any]]:
-    """Draw a grasp: shear that grows, falls and drops, slips, gaps, another object, readings in vain.
+    """Draw a grasp: shear that grows, falls and drops, slips, gaps, other objects, bad numbers, clock steps.
 
     The load is over the force that the gripper exerts.
     """
@@ -64,8 +74,8 @@ def messages(seed: int) -> Iterator[dict[str, Any]]:
     friction = np.exp(rng.normal(-0.3, 0.2) + np.cumsum(rng.normal(0.0, 0.002, 800)))
     angle, at_s = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0, 1e9))
     for k in range(800):
-        at_s += float(rng.choice([0.01, 0.08, 0.5], p=[0.99, 0.008, 0.002]))
-        yield {
+        at_s += float(rng.choice([0.01, 0.08, 0.5, -30.0], p=[0.988, 0.008, 0.002, 0.002]))
+        message = {
             "timestamp": at_s,
             "load": float(rng.normal(0.7, 0.002)) if rng.random() > 0.005 else 0.0,
             "shear_x": float(shear[k]) * math.cos(angle),
@@ -76,6 +86,9 @@ def messages(seed: int) -> Iterator[dict[str, Any]]:
             "valid": bool(rng.random() > 0.01),
             "late": bool(rng.random() < 0.01),
         }
+        if rng.random() < 0.01:
+            message[str(rng.choice(NUMBERS[:-2]))] = float(rng.choice([math.nan, math.inf]))
+        yield message
 
 
 def test_both_have_the_same_numbers() -> None:

@@ -65,8 +65,20 @@ class _Seen(NamedTuple):
     force_n: float
 
 
+def _is_usable(grip: Mapping[str, Any], present_n: float) -> bool:
+    """Return True where all numbers are finite; friction is of a contact alone."""
+    numbers = grip["timestamp"], grip["shear_x"], grip["shear_y"], grip["load"], present_n
+    if not all(map(math.isfinite, numbers)):
+        return False
+    if grip["state"] == "none":
+        return True
+    return (
+        math.isfinite(grip["friction_low"]) and math.isfinite(grip["friction"]) and grip["friction_low"] > 0
+    )
+
+
 class GripController:
-    """Compute the force to grip with.
+    """Compute the force to grip with. Messages with numbers that are not finite are passed over.
 
     Parameters
     ----------
@@ -91,7 +103,7 @@ class GripController:
         self, target: float = TARGET, start_n: float = 6.0, least_n: float = 1.0, most_n: float = 40.0
     ) -> None:
         self._target, self._least_n, self._most_n = target, least_n, most_n
-        self.command_n = start_n
+        self.command_n = self._limited(start_n)
         self._forget()
 
     def _forget(self) -> None:
@@ -109,6 +121,10 @@ class GripController:
 
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N), from a `grip` message and the force exerted now."""
+        if not _is_usable(grip, present_n):
+            return self.command_n
+        if grip["timestamp"] < self._contact_s:
+            self._set_back(self._contact_s - grip["timestamp"])
         if grip["state"] == "none":
             # A gap in the scans ends a contact, too, and is not valid: the hand holds what it held.
             if grip["valid"]:
@@ -143,7 +159,7 @@ class GripController:
             self.command_n = wanted_n
         elif now.at_s > self._calm_from_s:
             self.command_n -= _EASE_PER_S * step_s * (self.command_n - wanted_n)
-        self.command_n = min(max(self.command_n, self._least_n), self._most_n)
+        self.command_n = self._limited(self.command_n)
         self._past.append(now)
         while self._past[0].at_s < now.at_s - _REST_S:
             self._past.popleft()
@@ -151,9 +167,21 @@ class GripController:
 
     def blind(self) -> float:
         """Return the force to command while tactile data are stale: tighter, and not eased."""
-        self.command_n = min(max(self.command_n, BLIND * self._wanted_n), self._most_n)
+        self.command_n = self._limited(max(self.command_n, BLIND * self._wanted_n))
         self._past.clear()
         return self.command_n
+
+    def _limited(self, force_n: float) -> float:
+        return min(max(force_n, self._least_n), self._most_n)
+
+    def _set_back(self, by_s: float) -> None:
+        """Follow a clock that was set back: what was measured before is as old as it was."""
+        self._past.clear()
+        self._contact_s -= by_s
+        self._touched_s -= by_s
+        self._calm_from_s -= by_s
+        self._dropped_s -= by_s
+        self._steady_from_s -= by_s
 
     def _bound_friction(self, grip: Mapping[str, Any], now: _Seen, slip_ratio: float, step_s: float) -> None:
         """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
