@@ -24,7 +24,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Pressure
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.detect.signal.rest_noise import GROUP_SCANS, RestNoise
+from tactiled.detect.signal.rest_noise import RestNoise
 from tactiled.events.types import ContactEvent, ContactState, Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -83,6 +83,8 @@ class PressureMeasurement:
         Slope of the pressure response, for each taxel in contact.
     loading_volts_s : (n,) float64
         Slope above which the load rises.
+    level_falls : (n,) bool
+        The noise became known: a contact that is seen from this scan on may have begun before.
     """
 
     taxel_touches: NDArray[np.bool_]
@@ -90,10 +92,11 @@ class PressureMeasurement:
     released: NDArray[np.bool_]
     slope_volts_s: FloatArray
     loading_volts_s: FloatArray
+    level_falls: NDArray[np.bool_]
 
-    def rows(self) -> Iterator[tuple[bool, bool, float, float]]:
+    def rows(self) -> Iterator[tuple[bool, bool, float, float, bool]]:
         """Iterate over the arguments of `ContactTracker.step`, scan by scan."""
-        columns = (self.touches, self.released, self.slope_volts_s, self.loading_volts_s)
+        columns = (self.touches, self.released, self.slope_volts_s, self.loading_volts_s, self.level_falls)
         return zip(*(column.tolist() for column in columns), strict=True)
 
 
@@ -112,22 +115,22 @@ class _Levels:
         self._contact = params.contact_volts or (own.above if own else None)
         self._release = params.release_volts or (own.below if own else None)
         self._loading = params.loading_volts_s or (own.loading_per_s if own else None)
+        early = (array.high - array.low) * _EARLY_OF_RANGE
         self._least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
+        if array.unit == "count":  # whole numbers: a rest of few scans may not show that
+            self._least_contact = max(self._least_contact, min(_CONTACT_SDS / math.sqrt(12.0), early))
         self.given: tuple[float, float, float] | None = None
         """Levels of contact, release and loading, where none is derived."""
         if self._contact is not None and self._release is not None and self._loading is not None:
             self.given = self._contact, self._release, self._loading
-        early_volts = (array.high - array.low) * _EARLY_OF_RANGE / _CONTACT_SDS
-        self._rest = RestNoise(array.n_channels, early_volts / volts_per_step)
-        self.first_scans = (0, self._rest.early_scan, GROUP_SCANS - 1) if self.given is None else (0,)
-        """Scans at which levels become known, or fall: a contact may have begun before."""
+        self._rest = RestNoise(array.n_channels, early / _CONTACT_SDS / volts_per_step)
 
     def interrupt(self) -> None:
         """Pass over missing scans."""
         self._rest.interrupt()
 
-    def noise(self, held: HeldReadings) -> FloatArray:
-        """Standard deviation (n, channels) of the noise in steps."""
+    def noise(self, held: HeldReadings) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Standard deviation (n, channels) of the noise in steps, and where it becomes known (n,)."""
         return self._rest.process(held)
 
     def contact(self, noise: FloatArray) -> FloatArray | float:
@@ -200,7 +203,6 @@ class ContactTracker:
             of_taxels = np.ones(array.n_taxels)
             self._given_levels = np.stack([self._all_readings, contact * of_taxels, release * of_taxels])
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
-        self._n_scans = 0  # until the levels are known
         self._begin()
 
     def _begin(self) -> None:
@@ -214,8 +216,6 @@ class ContactTracker:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         self._pressure.interrupt(math.exp(-n_missing / (_SET_S * self._rate_hz)))
         self._levels.interrupt()
-        if self._n_scans <= self._levels.first_scans[-1]:
-            self._n_scans = 0
         self._begin()
 
     def measure(
@@ -237,22 +237,27 @@ class ContactTracker:
             contact, release, loading = self._levels.given
             touch = self._touch(steps, readings, held.steps, contact, release)
             loading_volts_s = np.full(len(steps), loading)
+            level_falls = np.zeros(len(steps), dtype=np.bool_)
         else:
-            touch, loading_volts_s = self._touch_over_noise(steps, readings, held)
+            touch, loading_volts_s, level_falls = self._touch_over_noise(steps, readings, held)
         return PressureMeasurement(
             taxel_touches=touch.taxel_touches,
             touches=touch.touches,
             released=touch.released,
             slope_volts_s=touch.slope_volts_s,
             loading_volts_s=loading_volts_s,
+            level_falls=level_falls,
         )
 
     def _touch_over_noise(
         self, steps: FloatArray, readings: FloatArray, held: HeldReadings
-    ) -> tuple["_TouchingTaxels", FloatArray]:
-        """Compare the pressure with levels that follow from the noise; return that and the loading slope."""
+    ) -> tuple["_TouchingTaxels", FloatArray, NDArray[np.bool_]]:
+        """Compare the pressure with levels that follow from the noise.
+
+        Return that, the loading slope (n,), and where the levels fall (n,).
+        """
         levels = self._levels
-        noise = levels.noise(held)
+        noise, level_falls = levels.noise(held)
         taxel_noise = noise[:, self._own].max(axis=2) * self._grid.volts_per_step
         touch = self._touch(
             steps, readings, held.steps, levels.contact(taxel_noise), levels.release(taxel_noise)
@@ -262,7 +267,7 @@ class ContactTracker:
             load=np.where(touch.taxel_touches, touch.pressure, 0.0).sum(axis=1) / touch.n_touching,
             slope_sd=total_noise * self._slope_noise / touch.n_touching,
         )
-        return touch, loading
+        return touch, loading, level_falls
 
     def _touch(
         self,
@@ -290,13 +295,16 @@ class ContactTracker:
         )
 
     def step(
-        self, touches: bool, released: bool, slope_volts_s: float, loading_volts_s: float
+        self,
+        touches: bool,
+        released: bool,
+        slope_volts_s: float,
+        loading_volts_s: float,
+        level_falls: bool,
     ) -> ContactTransition | None:
         """Process one scan and return the change of state, if any."""
         self._follow_load(abs(slope_volts_s) <= loading_volts_s)
-        is_first = self._is_first or self._n_scans in self._levels.first_scans
-        self._is_first = False
-        self._n_scans += 1
+        is_first, self._is_first = self._is_first or level_falls, False
         if self.state == "none":
             if touches and is_first:
                 return self._go("unknown")

@@ -2,8 +2,8 @@
 
 Loads, creep and drift are straight lines over a few scans and leave second differences alone; contact and
 sliding only add to the noise. The quietest group so far is therefore the noise at rest, whatever came first.
-Before a channel has a whole group, its noise is taken to be that of the channels together: a press moves few
-of them at a time, or all of them in few scans, which the median does not see.
+Before a channel has a whole group, its noise is taken to be that of the channels together, or its own so far
+if that is more: a press moves few channels at a time, or all of them in few scans, which medians do not see.
 """
 
 import math
@@ -38,8 +38,8 @@ class RestNoise:
 
     Attributes
     ----------
-    early_scan : int
-        First scan at which the noise of the channels together is known.
+    n_known : int
+        Channels that have a group, -1 while nothing can be told, at the newest scan.
     """
 
     def __init__(self, n_channels: int, early: float) -> None:
@@ -48,16 +48,19 @@ class RestNoise:
         self._least_power = np.full((1, n_channels), _UNKNOWN**2)
         self._least_step = np.full((1, n_channels), np.inf)
         self._early = early
-        self.early_scan = 1 + math.ceil(_FEWEST / n_channels)
-        self._together = _UNKNOWN
+        self._early_noise = np.full((1, n_channels), _UNKNOWN)
         self._is_early = True
+        self.n_known = -1
 
     def interrupt(self) -> None:
         """Begin a group anew after missing scans."""
         self._steps, self._ok = self._steps[:0], self._ok[:0]
 
-    def process(self, held: HeldReadings) -> FloatArray:
-        """Return the standard deviation (n, channels) in steps, as known at each scan, for any chunking."""
+    def process(self, held: HeldReadings) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the standard deviation (n, channels) in steps, as known at each scan, for any chunking.
+
+        And the scans (n,) at which more became known: what is below a level before may be above it then.
+        """
         n_left = len(self._steps)
         steps = np.concatenate([self._steps, held.steps])
         ok = np.concatenate([self._ok, held.ok])
@@ -75,21 +78,28 @@ class RestNoise:
         rounding = np.where(np.isfinite(smallest), smallest, 0.0) ** 2 / _ROUNDING
         groups_known = (n_left + np.arange(1, len(held.steps) + 1)) // GROUP_SCANS
         noise: FloatArray = np.sqrt(np.maximum(powers, rounding))[groups_known]
-        together = np.full((len(noise), 1), self._together)
+        early = np.repeat(self._early_noise, len(noise), axis=0)
         if self._is_early:
-            first_group = slice(n_left, min(len(steps), GROUP_SCANS))
-            for scan in range(*first_group.indices(len(steps))):
-                together[scan - n_left :] = self._of_all(steps[: scan + 1], ok[: scan + 1])
-            self._together = float(together[-1, 0])
+            for scan in range(n_left, min(len(steps), GROUP_SCANS)):
+                early[scan - n_left :] = self._noise_of_few(steps[: scan + 1], ok[: scan + 1])
+            self._early_noise = early[-1:]
             self._is_early = n_groups == 0
-        return np.where(noise < _UNKNOWN, noise, together)
+        has_own = noise < _UNKNOWN
+        n_known = np.where((early < _UNKNOWN).any(axis=1), has_own.sum(axis=1), -1)
+        becomes_known = np.diff(n_known, prepend=self.n_known) > 0
+        self.n_known = int(n_known[-1])
+        return np.where(has_own, noise, early), becomes_known
 
-    def _of_all(self, steps: FloatArray, ok: NDArray[np.bool_]) -> float:
-        """Standard deviation in steps of the channels together, from the scans of an incomplete group."""
-        bend = np.abs(np.diff(steps, n=2, axis=0))[ok[2:] & ok[1:-1] & ok[:-2]]
-        if bend.size < _FEWEST:
-            return _UNKNOWN
-        return max(float(np.median(bend)) / _MEDIAN / math.sqrt(_SECOND_DIFFERENCE), self._early)
+    def _noise_of_few(self, steps: FloatArray, ok: NDArray[np.bool_]) -> FloatArray:
+        """Standard deviation (channels,) in steps, from the scans of an incomplete group."""
+        bend = np.abs(np.diff(steps, n=2, axis=0))
+        bend[~(ok[2:] & ok[1:-1] & ok[:-2])] = np.nan
+        if np.isfinite(bend).sum() < _FEWEST:
+            return np.full(steps.shape[1], _UNKNOWN)
+        is_seen = np.isfinite(bend).any(axis=0)
+        median = np.full(steps.shape[1], float(np.nanmedian(bend)))
+        median[is_seen] = np.maximum(median[is_seen], np.nanmedian(bend[:, is_seen], axis=0))
+        return np.maximum(median / (_MEDIAN * math.sqrt(_SECOND_DIFFERENCE)), self._early)
 
 
 def _running_least(before: FloatArray, values: FloatArray) -> FloatArray:

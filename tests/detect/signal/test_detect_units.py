@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from touches import Touch, contact_states
 
-from tactiled.array import Array, load_array
+from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.rest_noise import RestNoise
@@ -91,7 +91,9 @@ def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> No
     rng = np.random.default_rng(2)
     sd = np.where(np.arange(3000) < 1000, 10.0, 200.0)[:, np.newaxis]
     steps = np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis])
-    found = RestNoise(4, early=50.0).process(HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True))
+    held = HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True)
+    found, becomes_known = RestNoise(4, early=50.0).process(held)
+    assert np.flatnonzero(becomes_known).tolist() == [3, 15]
     assert (found[:3] == 2.0**23).all()  # unknown
     assert (found[3:15] == 50.0).all()  # no less than was said
     assert (found[15:] < 14.0).all()
@@ -109,6 +111,46 @@ def test_a_press_soon_after_the_start_is_told_at_once_and_hum_is_none(hum: float
     events = ContactGate(array).process(regular_block(np.rint(rest + pressed), 100.0))
     assert contact_states(events)[0] == "loading"
     assert events[0].evidence_s == pytest.approx(0.08)
+
+
+def pad_of_counts() -> Array:
+    """Nine taxels of one channel, without a level of contact."""
+    places = [0.0, 4.0, 8.0]
+    return build(
+        ArrayFile(
+            name="pad",
+            unit="count",
+            range=(0, 65535),
+            zero=0.0,
+            grids=(Grid(x_mm=places, y_mm=places),),
+            taxel_channels=(TaxelChannel(name="N", kind="normal"),),
+        )
+    )
+
+
+@pytest.mark.parametrize("sd", [650.0, 1300.0])
+def test_one_noisy_channel_is_no_contact_in_the_first_scans(sd: float) -> None:
+    array = pad_of_counts()
+    for seed in range(20):
+        noise = np.random.default_rng(seed).normal(size=(40, 9)) * np.where(np.arange(9) == 4, sd, 3.0)
+        assert contact_states(ContactGate(array).process(regular_block(np.rint(noise), 100.0))) == []
+
+
+@pytest.mark.parametrize("dead", [[], [0, 1], [3, 4, 5, 6, 7, 8]])
+@pytest.mark.parametrize("missing", [[], [1], [2, 7]])
+def test_a_press_from_the_first_scan_has_an_unknown_beginning(dead: list[int], missing: list[int]) -> None:
+    counts = np.rint(20_000.0 + 5.0 * np.random.default_rng(5).normal(size=(60, 9)))
+    counts[:, dead] = np.nan
+    counts[missing, 2] = np.nan
+    events = ContactGate(pad_of_counts()).process(regular_block(counts, 100.0))
+    assert contact_states(events)[0] == "unknown"
+
+
+def test_counts_that_flicker_by_one_are_no_contact() -> None:
+    array = wang_in("count", 0, 255, "0.0")
+    rng = np.random.default_rng(6)
+    flicker = (rng.random((500, 36)) < 0.02).astype(np.float64)
+    assert contact_states(ContactGate(array).process(regular_block(flicker, 100.0))) == []
 
 
 def test_a_tare_replaces_the_zero_of_the_array() -> None:
