@@ -227,7 +227,8 @@ def spacing_of(time_s: FloatArray, readings: FloatArray | None = None) -> Spacin
     median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL, method="higher"))
     periods = usual_s / median_s
     if rows > 1:
-        return Spacing(median_s, max(usual_s, LATE * median_s), rows)
+        longest_s = max(usual_s, LATE * median_s)
+        return Spacing(float(steps_s[steps_s <= longest_s].mean()), longest_s, rows)
     if periods < _UNEVEN or abs(periods - round(periods)) < _MULTIPLE * periods:
         return Spacing(median_s, median_s)
     return Spacing(float(steps_s[steps_s < _UNEVEN * usual_s].mean()), usual_s)
@@ -243,7 +244,7 @@ class BlockSplitter:
     Parameters
     ----------
     rate_hz : float or None
-        Rate of the rows; None to use their times.
+        Rate of the scans, or of the rows where these repeat them; None to use their times.
 
     Attributes
     ----------
@@ -252,7 +253,9 @@ class BlockSplitter:
     """
 
     def __init__(self, spacing: Spacing, rate_hz: float | None) -> None:
-        self._rate_hz = 1 / spacing.period_s if rate_hz is None else rate_hz / spacing.rows
+        self._rate_hz = 1 / spacing.period_s if rate_hz is None else rate_hz
+        if rate_hz is not None and (rate_hz * spacing.period_s) ** 2 > spacing.rows:  # nearer to that of rows
+            self._rate_hz = rate_hz / spacing.rows
         if not 0.1 < self._rate_hz * spacing.period_s < 10:
             raise DataError(
                 f"a rate of {rate_hz:g} Hz, but rows are {spacing.period_s / spacing.rows:g} s apart: "
@@ -340,7 +343,7 @@ def to_blocks(
         Strictly increasing.
     volts : (n, channels) float64
     rate_hz : float or None
-        Rate of the rows; None to use their times.
+        As of `BlockSplitter`.
     valid : (n, channels) bool
         False for readings that are missing or saturated.
     """

@@ -91,14 +91,16 @@ def test_all_formats_give_the_same_rows_in_any_batches(
     cuts=st.sets(st.integers(1, 79), max_size=10),
     jitter=st.floats(0, 0.4),
     n_rows=st.integers(1, 4),
+    missing=st.sampled_from([0.0, 0.1]),
 )
 def test_batches_change_no_scan_and_no_gap(
-    holes: set[int], cuts: set[int], jitter: float, n_rows: int
+    holes: set[int], cuts: set[int], jitter: float, n_rows: int, missing: float
 ) -> None:
     rng = np.random.default_rng(1)
     n = 100 * n_rows
     time_s = np.arange(n) + rng.uniform(-jitter, jitter, n) * 0.9
     volts = np.repeat(rng.normal(size=(100, 2)), n_rows, axis=0)
+    volts[rng.random(volts.shape) < missing] = np.nan
     is_there = np.repeat(~np.isin(np.arange(100), sorted(holes)), n_rows)
     time_s, volts = time_s[is_there], volts[is_there]
     valid = np.ones(volts.shape, dtype=np.bool_)
@@ -115,7 +117,7 @@ def test_batches_change_no_scan_and_no_gap(
             np.concatenate([getattr(i, name) for i in found if isinstance(i, ScanBlock)])
             for found in (items, whole)
         )
-        assert np.array_equal(ours, theirs)
+        assert np.array_equal(ours, theirs, equal_nan=name == "volts")
 
 
 def polled(seed: int, n: int, *, resting: slice) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
@@ -136,9 +138,20 @@ def test_rows_that_repeat_a_slow_sensor_are_no_scans(seed: int) -> None:
     assert isinstance(blocks[0], ScanBlock)
     assert np.array_equal(blocks[0].time_s, time_s[first_rows])
     assert blocks[0].rate_hz == pytest.approx(10.0, rel=0.05)
-    said = to_blocks(time_s, volts, 40.0, np.isfinite(volts))[0]
-    assert isinstance(said, ScanBlock)
-    assert said.rate_hz == 10.0
+    for rate_hz in (40.0, 10.0):  # of the rows, of the scans
+        said = to_blocks(time_s, volts, rate_hz, np.isfinite(volts))[0]
+        assert isinstance(said, ScanBlock)
+        assert said.rate_hz == 10.0
+
+
+@pytest.mark.parametrize("missing", [0.02, 0.2])
+def test_missing_readings_are_no_new_ones(missing: float) -> None:
+    time_s, volts, first_rows = polled(9, 1000, resting=slice(0, 0))
+    volts = np.hstack([volts, volts + 1.0])  # so that a scan shows by one channel or another
+    volts[np.random.default_rng(10).random(volts.shape) < missing] = np.nan
+    (block,) = to_blocks(time_s, volts, None, np.isfinite(volts))
+    assert isinstance(block, ScanBlock)
+    assert len(block) == pytest.approx(len(first_rows), abs=5)
 
 
 def test_a_slow_sensor_that_rests_goes_on_scanning() -> None:
@@ -148,6 +161,19 @@ def test_a_slow_sensor_that_rests_goes_on_scanning() -> None:
     assert sum(len(block) for block in blocks if isinstance(block, ScanBlock)) == pytest.approx(
         len(first_rows), abs=10
     )
+
+
+@pytest.mark.parametrize("step", [1, 5, 50])
+@pytest.mark.parametrize("shape", ["swing", "ramps", "creep"])
+def test_coarse_readings_without_noise_are_scans(step: int, shape: str) -> None:
+    time_s = np.arange(6000) / 100
+    smooth = {
+        "swing": 500 * np.sin(0.5 * time_s),
+        "ramps": 100 * np.abs((time_s % 20) - 10),
+        "creep": 300 * np.log1p(time_s),
+    }[shape]
+    volts = step * np.rint(smooth / step)[:, np.newaxis]
+    assert rows_of_a_reading(volts) == 1
 
 
 def test_coarse_readings_that_repeat_by_chance_are_scans() -> None:
