@@ -1,6 +1,7 @@
 """What a person sees of a page: it is still, in view and legible; from events that are computed before."""
 
 import os
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -80,9 +81,11 @@ def test_newtons_are_those_of_a_calibration(page: Page, tmp_path: Path, forces: 
         made.endpoint = endpoint
         page.goto(made.serve())
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
-        words = page.locator(".card.contact").inner_text()
-    assert ("not calibrated" in words) is not forces
-    assert (" N" in words.replace("No newtons", "")) is forces
+        card = page.locator(".card.contact")
+        expect(card).to_contain_text(re.compile(r"[0-9] N" if forces else "Not calibrated"))
+        words = card.inner_text()
+    assert ("Not calibrated" in words) is not forces
+    assert bool(re.search("[0-9] N", words)) is forces
 
 
 def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ export function takeToken() {
 
 export const authorization = (token) => (token ? { Authorization: `Bearer ${token}` } : {});
 
-/** Show what is set in the daemon, except in a field that is being edited. */
+/** Show what is set in the daemon. A field that was edited keeps its words until its own setting changes. */
 export function showSettings(root, board) {
   const { settings, recording } = board, at = (selector) => root.querySelector(`.commands ${selector}`);
   const records = recording !== null && recording.state !== "off", record = at('[data-do="record"]');
@@ -33,10 +33,13 @@ export function showSettings(root, board) {
   if (record.textContent !== words) { record.textContent = words; record.setAttribute("aria-pressed", records); }
   if (settings === null) return;
   at('[data-do="tare"]').setAttribute("aria-pressed", settings.tared);
-  if (root.dataset.settings === JSON.stringify(settings)) return;
-  root.dataset.settings = JSON.stringify(settings);
-  if (document.activeElement !== at(".speed")) at(".speed").value = settings.speed_mm_s;
-  if (document.activeElement !== at(".setting")) at(".setting").value = `${settings.incipient_p} ${settings.gross_p}`;
+  showSetting(at(".speed"), `${settings.speed_mm_s}`);
+  showSetting(at(".setting"), `${settings.incipient_p} ${settings.gross_p}`);
+}
+
+function showSetting(field, value) {
+  if (field.dataset.set === value || document.activeElement === field) return;
+  field.dataset.set = field.value = value;
 }
 
 /** Show the buttons of a panel; the reply of the daemon appears below them. */

@@ -123,7 +123,7 @@ export class BoardPanel {
       ["towards", now === null || !(now.shear > LEAST * (unit === "N" ? 1 : this.skin.full)) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
       ["centre", centre],
     ]);
-    put(this.at.calibration, now === null ? "" : force === null ? "No newtons: not calibrated: tactiled calibrate" : `${force.calibration}${force.valid ? "" : ", not valid"}`);
+    put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated: tactiled calibrate" : `${force.calibration}${force.valid ? "" : ", not valid"}`);
   }
 
   _margin(grip) {
