@@ -98,7 +98,8 @@ export class BoardPanel {
     at.lamp.dataset.level = said.level;
     put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now)) : ageWords(lamp.age));
     put(at.advice, said.sentence);
-    put(at.sure, live && lamp.words ? lamp.words : said.sure);
+    const slips = said.level === "gross" || said.level === "partial"; // a warning on the host can wait
+    put(at.sure, live && lamp.words && !slips ? lamp.words : said.sure);
     if (at.advice.title !== said.sentence) at.advice.title = said.sentence;
     put(at.name, board.name || "no board yet");
     put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
