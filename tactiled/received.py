@@ -19,7 +19,7 @@ Output = Event | Hello | Acknowledge
 
 @dataclass(frozen=True, eq=False)
 class Received:
-    """What one read of the port gave, in the order of the stream; a gap comes before the run behind it.
+    """Scans, gaps, hellos and answers of one read, in the order of the stream; a gap precedes its run.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Received:
 
 
 class Detected(NamedTuple):
-    """What the detectors were given, and the events that they made of it.
+    """Input of the detectors, and the events that they made of it.
 
     Attributes
     ----------

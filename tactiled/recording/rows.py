@@ -158,7 +158,7 @@ def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
 def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -> Iterator[Batch]:
     names = [name.removesuffix(".npy") for name in archive.namelist()]
     time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
-    others = [name for name in names if name not in (*_time_names("s"), time_name)]
+    others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     if (time_name is None and options.rate_hz is None) or name is None:
         missing = [
@@ -171,20 +171,25 @@ def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -
         )
     readings = _member(path, archive, name)
     time = _member(path, archive, time_name) if time_name else None
+    valid = _member(path, archive, "valid") if "valid" in names else None
     n_rows = readings.shape[0] if readings.shape else 0
     if len(readings.shape) < 2 or (time is not None and time.shape != (n_rows,)):
         raise DataError(
             f"{path}: {time_name} {time.shape if time else ''} and {name} {readings.shape} should be (n,) "
             "and (n, channels)"
         )
+    if valid is not None and valid.shape != readings.shape:
+        raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
     n_channels = math.prod(readings.shape[1:])
     if n_channels > MOST_CHANNELS:
         raise DataError(f"{path}: {name} has {n_channels} channels; at most {MOST_CHANNELS} are read")
     most = _batch_rows(n_channels)
-    parts = [_parts(archive, member, most) for member in (time, readings) if member is not None]
+    parts = [_parts(archive, member, most) for member in (time, readings, valid) if member is not None]
     n_done = 0
     for batch in zip(*parts, strict=True):
-        rows = batch[-1].astype(np.float64).reshape(-1, n_channels)
+        rows = batch[0 if time is None else 1].astype(np.float64).reshape(-1, n_channels)
+        if valid is not None:  # written by `calibrate --guide`: invalid readings become NaN
+            rows = np.where(batch[-1].reshape(rows.shape), rows, np.nan)
         n_done += len(rows)
         yield _no_times(len(rows)) if time is None else batch[0].astype(np.float64), rows, n_done / n_rows
 

@@ -51,7 +51,8 @@ def read_table(
         ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
         semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any
         reading a missing scan. Without a column of times, `rate_hz` spaces the rows.
-        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name.
+        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name;
+        optional ``valid`` of the shape of ``volts`` is True for valid readings.
         ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants
         is the time whatever its name.
     rate_hz : float, optional
@@ -195,7 +196,7 @@ def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
 
 
 class Spacing(NamedTuple):
-    """How the scans of a log are spaced.
+    """Spacing of the scans of a log.
 
     Attributes
     ----------

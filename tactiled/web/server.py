@@ -185,7 +185,7 @@ class PageServer:
             self._log.write_counts(time.monotonic())
 
     async def _follow_settings(self) -> None:
-        """Tell the browsers what is set in the daemons, so that buttons show it."""
+        """Ask the daemons for their settings, so that the buttons of the browsers show them."""
         while True:
             await asyncio.sleep(_SETTINGS_S)
             for source, board in self._feed.boards() if self._browsers else ():

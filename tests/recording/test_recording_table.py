@@ -133,6 +133,17 @@ def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
         read_table(tmp_path / "y.npz")
 
 
+def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
+    volts = np.ones((3, 2))
+    valid = np.array([[True, False], [True, True], [False, True]])
+    np.savez(tmp_path / "v.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid)
+    _, got = read_table(tmp_path / "v.npz")
+    assert np.isnan(got).tolist() == (~valid).tolist()
+    np.savez(tmp_path / "w.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid[:, :1].repeat(5, axis=1))
+    with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) should have the shape of volts \(3, 2\)"):
+        read_table(tmp_path / "w.npz")
+
+
 def test_missing_readings_are_invalid_numbers_not_zeros(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("time_s,a,b\n0,1,\n0.01,nan,2\n")

@@ -132,7 +132,7 @@ class BoardLink:
         return commands
 
     def _greet(self, received: Received, now_s: float) -> list[Command]:
-        """Tell the session what the board says; return the commands to be sent."""
+        """Pass hellos and answers of the board to the session; return the commands to be sent."""
         commands: list[Command] = []
         for item in received.items:
             if isinstance(item, Hello):

@@ -47,7 +47,7 @@ _LEAST_SECOND_PART = 0.01
 
 
 class _Found(NamedTuple):
-    """What a line gives, and which lines a wave explains: its phase rate and multiples of that.
+    """Outcome of one line, and the lines that its wave explains: its phase rate and multiples of that.
 
     Without multiples there is no wave, or no second one is asked for.
     """

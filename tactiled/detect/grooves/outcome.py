@@ -1,4 +1,4 @@
-"""What a fit makes of one window: an answer, a period without an angle, or a refusal."""
+"""Outcomes of the fit of one window: an answer, a period without an angle, or a refusal."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal

@@ -93,7 +93,7 @@ class ScanWindow:
 
 @dataclass(frozen=True, eq=False)
 class FitWindow:
-    """What a fit is given: the scans of one window, and what is known of array, motion and grooves.
+    """Input of a fit: the scans of one window, and what is known of array, motion and grooves.
 
     Attributes
     ----------
