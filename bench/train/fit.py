@@ -16,8 +16,6 @@ from tactiled.detect.contact.signs import NAMES
 
 FloatArray = NDArray[np.float64]
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
-# Prior friction of rubber on objects, as in `GripParams`.
-_FRICTION, _FRICTION_SD = 0.6, 0.6
 
 
 class Shape(NamedTuple):
@@ -143,15 +141,11 @@ def state_rows(worlds: Sequence[Looks], p: FloatArray, base_odds: float) -> Floa
 
 
 def _memory_rows(world: Looks, p: FloatArray, base_odds: float) -> FloatArray:
-    one = Memory(_FRICTION, _FRICTION_SD, base_odds)
-    if world.stated is not None:
-        one.expect(*world.stated)
+    one = Memory(base_odds)
     rows = np.empty((len(p), len(memory.NAMES)))
     ratio, load_change = world.ratio.tolist(), world.signs[:, LOAD_CHANGE].tolist()
     for k, (begins, odds) in enumerate(zip(world.begins.tolist(), p.tolist(), strict=True)):
         if begins:
-            if k:
-                one.end_contact()
             one.begin_contact()
         one.take(odds, ratio[k], world.look_s, load_change[k])
         rows[k] = one.row

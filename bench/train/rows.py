@@ -1,6 +1,5 @@
 """Looks of random worlds: signs from the program's own front end, beside the truth of the world."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +15,9 @@ from tactiled.detect.contact.signs import LOOK_S, NAMES
 FloatArray = NDArray[np.float64]
 _ACCELERATION = NAMES.index("acceleration")
 _RATIO = NAMES.index("ratio")
-# Parts of the worlds in which the hand announces its acceleration, somebody states friction, or the log
-# begins within a contact: each often enough to be learnt, and seldom enough not to be needed.
-_ANNOUNCES, _STATES, _CUT = 0.4, 0.35, 0.12
-_STATED_SD = (0.05, 0.1, 0.2)
+# Parts of the worlds in which the hand announces its acceleration, or the log begins within a contact: each
+# often enough to be learnt, and seldom enough not to be needed.
+_ANNOUNCES, _CUT = 0.4, 0.12
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +39,10 @@ class Looks:
     utilisation : (n,) float64
     ahead_s : (n,) float64
         Time to the next beginning of gross slip; infinite without one.
-    friction : (n,) float64
-    stated : tuple of float, optional
-        Friction that somebody states, and the sd of its logarithm.
     """
 
     world: str
     generator: str
-    hand: str
     look_s: float
     time_s: FloatArray
     signs: FloatArray
@@ -56,8 +50,6 @@ class Looks:
     slides: NDArray[np.bool_]
     utilisation: FloatArray
     ahead_s: FloatArray
-    friction: FloatArray
-    stated: tuple[float, float] | None
 
     @property
     def ratio(self) -> FloatArray:
@@ -86,10 +78,10 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
     Parameters
     ----------
     as_trained : bool
-        Announce, state and cut at random, from the seed; otherwise none of it.
+        Announce and cut at random, from the seed; otherwise none of it.
     """
     rng = np.random.default_rng([25, world.seed])
-    announces, states, cuts = rng.random(3) < (_ANNOUNCES, _STATES, _CUT) if as_trained else (False,) * 3
+    announces, cuts = rng.random(2) < (_ANNOUNCES, _CUT) if as_trained else (False,) * 2
     block, first = world.block, 0
     if cuts and world.touching.any():
         touching = np.flatnonzero(world.touching)
@@ -113,15 +105,10 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
         table[:, _ACCELERATION] = world.acceleration_m_s2[at]
     time_s = at / world.rate_hz
     begin_s = np.array([*world.gross_s, np.inf])
-    stated = None
-    if states:
-        sd = float(rng.choice(_STATED_SD))
-        stated = world.static_friction * math.exp(rng.normal(0.0, sd)) / world.array.shear_per_friction, sd
     n_look = max(1, round(LOOK_S * world.rate_hz))
     return Looks(
         world=f"{world.generator}-{world.seed}",
         generator=world.generator,
-        hand=world.hand,
         look_s=n_look / world.rate_hz,
         time_s=time_s,
         signs=table,
@@ -129,6 +116,4 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
         slides=world.gross[at],
         utilisation=np.where(world.gross[at], 1.0, np.minimum(world.utilisation[at], 1.0)),
         ahead_s=begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s,
-        friction=world.friction[at] / world.array.shear_per_friction,
-        stated=stated,
     )

@@ -67,10 +67,14 @@ public:
         const bool slides = dropped || ratio > 0;
         const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
         double wanted_n = wanted(grip.friction, now, ahead, slides);
-        if (slides)
-            wanted_n = std::max(wanted_n, std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_));
-        else
+        if (slides) {
+            double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_);
+            if (grip.state != Grip::STATE_GROSS)  // an object that sways and sticks is not gripped ever harder
+                again_n = std::min(again_n, newtons_ * now.shear / (DENIED * grip.friction_low));
+            wanted_n = std::max(wanted_n, again_n);
+        } else {
             held_n_ = command_n_;
+        }
         if (past_.empty())
             calm_from_s_ = now.at_s + CALM_AFTER_STALE_S;
         else if (slides)
@@ -103,7 +107,7 @@ private:
     static constexpr double LEAD_S = 0.08, LEAD_MOST = 0.5, GROWTH_S = 0.03, GROWS = 0.08, LEAST = 0.05;
     static constexpr double DROP = 0.03, FLAT = 0.012, DROP_S = 0.035, PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
-    static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7;
+    static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7, DENIED = 0.4;
     static constexpr double CALM_S = 0.1, CALM_AFTER_SLIP_S = 0.3, CALM_AFTER_STALE_S = 1.0, EASE_PER_S = 4.0;
     static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2;
 
@@ -238,7 +242,7 @@ private:
             const bool was_steady = least < INF && then.shear < PLATEAU * least;
             follows = was_steady && tightened < -CHANGED && grown < FOLLOWS * tightened;
         }
-        return follows ? then.shear / then.load : 0.0;
+        return follows ? std::max(then.shear / then.load, DENIED * grip.friction_low) : 0.0;
     }
 
     double target_, least_n_, most_n_, command_n_;

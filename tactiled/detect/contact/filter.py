@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory, Posterior, Signs
+from tactiled.detect.contact.friction import Friction
 from tactiled.detect.contact.gate import OFF, SlipHysteresis
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.posterior import LEAST_GROSS_USED, RIPPLE_P
@@ -99,7 +100,8 @@ class ContactFilter:
         self.n_look = max(1, round(LOOK_S * rate_hz))
         self.look_s = self.n_look / rate_hz
         self._learnt = learnt
-        self.memory = Memory(friction / shear_per_friction, log_sd, learnt.base_odds)
+        self.memory = Memory(learnt.base_odds)
+        self.friction_memory = Friction(friction / shear_per_friction, log_sd)
         self.posterior = Posterior([NAMES.index(name) for name in STATE_SIGNS], len(self.memory.row))
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
         # Each access to an array of a compiled class makes a view: a microsecond, and a look needs ten.
@@ -113,6 +115,7 @@ class ContactFilter:
         self.signs = Signs(self._x, self._y, self.look_s, self.per_friction, is_seen=is_seen)
         self._row = self.signs.row
         self.memory.begin_contact()
+        self.friction_memory.begin_contact()
         self.is_known = is_seen
         self.posterior.begin()
         self.slid_at = 0.0
@@ -125,7 +128,7 @@ class ContactFilter:
 
     def end(self) -> None:
         """End the contact."""
-        self.memory.end_contact()
+        self.friction_memory.end_contact()
 
     def look(
         self,
@@ -151,6 +154,8 @@ class ContactFilter:
         learnt.signs.evaluate(row)
         p = 1.0 / (1.0 + math.exp(-min(max(self._score[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
+        friction = self.friction_memory
+        friction.learn(self.p_sliding, signs.ratio, row[LOAD_CHANGE], self.look_s)
         memory.take(p, signs.ratio, self.look_s, row[LOAD_CHANGE])
         posterior.gather(row, self._memory_row)
         learnt.state.evaluate(self._state_row)
@@ -159,10 +164,8 @@ class ContactFilter:
             self._state_scores,
             self._soon_scores,
             signs.ratio,
-            memory.first_log,
-            memory.first_variance,
-            memory.log_friction,
-            memory.variance,
+            friction.contact_log_mean,
+            friction.contact_variance,
             ripple_travels,
         )
         self.gate.look(self.p_incipient, self.p_sliding, signs.ratio, self.ratio_sd)
@@ -192,13 +195,13 @@ class ContactFilter:
 
     def verdict(self) -> Verdict:
         """Return the posterior, as it is published."""
-        posterior, memory, gate = self.posterior, self.memory, self.gate
+        posterior, gate = self.posterior, self.gate
         posterior.publish(
             gate.is_gross,
             OFF * gate.gross_p,
             self.signs.ratio,
-            memory.log_friction,
-            memory.variance,
+            self.friction_memory.log_mean,
+            self.friction_memory.variance,
         )
         low, median, high = posterior.utilisation
         friction = self.friction

@@ -1,6 +1,5 @@
 """Grip events from scans: contact gate, zero, contact filter, one event for each scan in contact."""
 
-import itertools
 import math
 from collections.abc import Iterator
 from typing import Literal, NamedTuple
@@ -16,13 +15,19 @@ from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_SHARE, INC
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.travelling import TravellingRipple
-from tactiled.detect.signal.contact_gate import ContactParams
-from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.events.types import Event, GripEvent, GripState
+from tactiled.detect.signal.contact_gate import (
+    ContactParams,
+    ContactTracker,
+    ContactTransition,
+    PressureMeasurement,
+)
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.events.types import ContactState, Event, GripEvent, GripState
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# A contact begins where the mean load of the taxels exceeds both, and ends at half of it.
+# The filter looks at a contact where the mean load of the taxels exceeds both, until it is half of that: of
+# a lighter one, the ratio of shear and load is that of noise and drift.
 _CONTACT_NOISES = 10.0  # choice: standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # physical: of full scale: drift of a sensor at rest stays below it for minutes
 _FRICTION = 0.6  # physical: of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
@@ -102,7 +107,17 @@ class ContactScan(NamedTuple):
 class GripDetector:
     """Compute how close a contact is to slipping, for each scan.
 
-    An array that measures no shear over load cannot tell, and gets no events.
+    The contact is that of the contact gate: a message for each of its scans, of state unknown while the load
+    is too small to tell. An array that measures no shear over load cannot tell, and gets no events.
+
+    Attributes
+    ----------
+    tracker : ContactTracker or None
+        State of the contact; None before the first scan.
+    pressure : PressureMeasurement or None
+        Of the newest block.
+    change : ContactTransition or None
+        Of the contact by the pressure of the newest scan.
 
     Examples
     --------
@@ -146,8 +161,7 @@ class GripDetector:
 
     def _begin(self) -> None:
         """Forget everything seen."""
-        self.quantiser = Quantiser(self._array)
-        """Holds the readings of the blocks."""
+        self._quantiser = Quantiser(self._array)
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._n_baseline = 0
         self._rate_hz = 0.0
@@ -157,10 +171,12 @@ class GripDetector:
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
         self._last_s = 0.0
+        self._is_told = self._is_cut_off = False  # the newest message has a contact; a gap ended it
+        self.tracker: ContactTracker | None = None
+        self.pressure: PressureMeasurement | None = None
+        self.change: ContactTransition | None = None
         self.is_trusted = True
         """False where the newest scan came late or could not be read."""
-        self.may_slip = True
-        """False where others, who report the contact, see none: no slip is then open."""
         self.acceleration_m_s2 = math.nan
         """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
         where none is announced."""
@@ -205,7 +221,7 @@ class GripDetector:
 
     def _expect_friction(self) -> None:
         median, log_sd = self._prior()
-        self._filter.memory.expect(median / self._array.shear_per_friction, log_sd)
+        self._filter.friction_memory.expect(median / self._array.shear_per_friction, log_sd)
 
     def _prior(self) -> tuple[float, float]:
         if self._stated is not None:
@@ -222,8 +238,13 @@ class GripDetector:
         return events
 
     @property
+    def contact_state(self) -> ContactState:
+        """State of the contact after the last scan."""
+        return "none" if self.tracker is None else self.tracker.state
+
+    @property
     def contact(self) -> ContactScan | None:
-        """Newest scan of the present contact; None without one."""
+        """Newest scan of the present contact; None without one, or where its load is too small to tell."""
         return None if self._touch is None else self._touch.scan
 
     @property
@@ -231,31 +252,36 @@ class GripDetector:
         """True where so many taxels can be read that what is said of the contact is valid."""
         return self._readings is None or self._readings.keeps_enough
 
-    def scans(self, block: ScanBlock, held: HeldReadings | None = None) -> Iterator[GripEvent | None]:
+    def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
 
-        A block of another scan rate follows a `lose_contact`. `held` are its readings by `quantiser`.
+        A block of another scan rate follows a `lose_contact`.
         """
-        if not self.can_tell:
-            yield from itertools.repeat(None, len(block))
-            return
-        readings = self._readings
-        if readings is None:
-            readings = self._make(block.rate_hz)
-        readings.begin_block(held or self.quantiser.process(block), block.channel_offset_s)
-        for scan, (time_s, is_late) in enumerate(
-            zip(block.time_s.tolist(), block.late.tolist(), strict=True)
+        if self.tracker is None:
+            self._rate_hz = block.rate_hz
+            self.tracker = ContactTracker(self._array, self._params.contact, block.rate_hz)
+            self._readings = self._make(block.rate_hz) if self.can_tell else None
+        tracker, readings = self.tracker, self._readings
+        held = self._quantiser.process(block)
+        self.pressure = tracker.measure(block, held)
+        if readings is not None:
+            readings.begin_block(held, block.channel_offset_s)
+        for scan, (time_s, is_late, pressed) in enumerate(
+            zip(block.time_s.tolist(), block.late.tolist(), self.pressure.rows(), strict=True)
         ):
-            in_contact = self._touch is not None or self._before_gap is not None
+            self.change = tracker.step(*pressed)
+            if readings is None:
+                yield None
+                continue
+            in_contact = self.contact is not None or self._before_gap is not None
             is_pressed = self._touch is not None and self._touch.is_pressed
             readings.take(scan, in_contact, is_pressed)
             self.is_trusted = readings.is_read and not is_late
-            yield self._step(readings, time_s, is_late)
+            self._step(readings, time_s, touches=tracker.state != "none")
+            yield self._told(time_s, is_late, touches=tracker.state != "none")
 
     def _make(self, rate_hz: float) -> TaxelReadings:
         """Make all that depends on the scan rate."""
-        self._rate_hz = rate_hz
-        self._readings = TaxelReadings(self._array, rate_hz)
         self._ripple = TravellingRipple(self._array, rate_hz)
         x, y = self._places
         self._filter = ContactFilter(
@@ -268,7 +294,7 @@ class GripDetector:
             self._params.gross_p,
             self._learnt or learnt_from(shipped_trees()),
         )
-        return self._readings
+        return TaxelReadings(self._array, rate_hz)
 
     def pass_gap(self, gap: Gap) -> list[Event]:
         """Return the end of a contact that a gap interrupts, and predict over the gap.
@@ -276,34 +302,40 @@ class GripDetector:
         Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
         tells whether the contact went on.
         """
-        if gap.cause not in SCANNED or self._readings is None:
+        if gap.cause not in SCANNED or self.tracker is None:
             return self.lose_contact()
-        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
-        if self._touch is not None:
-            self._before_gap, self._touch = self._touch, None
+        self.tracker.interrupt(gap.n_missing)
+        if self._readings is None:
+            return []
+        events = self._cut_off()
+        self._is_cut_off = bool(events)
+        if self.contact is not None:
+            self._before_gap = self._touch
             self._loads_before_gap = self._readings.recent[-1, 0].copy()
+        self._touch = None
         self._is_after_gap = True
         self._readings.interrupt()
         return events
 
     def lose_contact(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
-        events: list[Event] = [] if self._touch is None else [_no_contact(self._last_s, valid=False)]
+        events = self._cut_off()
         self._begin()
         return events
 
-    def _step(
-        self,
-        readings: TaxelReadings,
-        time_s: float,
-        is_late: bool,
-    ) -> GripEvent | None:
-        """Take the newest scan of the readings."""
+    def _cut_off(self) -> list[Event]:
+        """Return the end of the messages of a contact."""
+        events: list[Event] = [_no_contact(self._last_s, valid=False)] if self._is_told else []
+        self._is_told = False
+        return events
+
+    def _step(self, readings: TaxelReadings, time_s: float, *, touches: bool) -> None:
+        """Take the newest scan of the readings; `touches` by the contact gate."""
         before_s, self._last_s = self._last_s, time_s
         self.acceleration_m_s2 = self._motion.at(time_s)
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
-            self._filter.memory.widen(_DROPPED_SD)
+            self._filter.friction_memory.widen(_DROPPED_SD)
         load = readings.load
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._before_gap is not None:
@@ -312,29 +344,43 @@ class GripDetector:
             self._before_gap = None
             if self._touch is None:
                 self._end_touch(readings)
-                if load <= least:  # the contact that was cut off is known to have ended
-                    return _no_contact(time_s, valid=self.is_trusted)
+        elif self._touch is not None:
+            is_over = load < least / 2 if self._touch.is_looked_at else load <= least and not touches
+            if is_over:
+                self._end_touch(readings)
         if self._touch is None:
-            if load <= least:
+            if load <= least and not touches:
                 self._n_baseline += 1
                 readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
-                return None
-            zero = PressZero(
-                self._array.n_taxels,
-                self._rate_hz,
-                self._array.shear_per_friction,
-                least,
-                is_seen=is_seen,
-                in_counts=self._array.unit == "count",
-            )
-            self._filter.begin(is_seen=is_seen)
-            self._ripple.reset()
-            self._touch = _Touch(self._filter, zero, self._ripple)
-        elif load < least / 2:
-            self._end_touch(readings)
-            return _no_contact(time_s, valid=self.is_trusted)
-        self._touch.take(readings, readings.recent[-1], self.acceleration_m_s2, may_slip=self.may_slip)
-        return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
+                return
+            self._touch = self._begin_touch(least, is_seen=is_seen)
+        if load > least or self._touch.is_looked_at:
+            self._touch.take(readings, readings.recent[-1], self.acceleration_m_s2, may_slip=touches)
+        else:
+            self._touch.weigh(readings.recent[-1], self._places)
+
+    def _told(self, time_s: float, is_late: bool, *, touches: bool) -> GripEvent | None:
+        """Return the message of the newest scan: of the contact, or that it ended."""
+        assert self._readings is not None
+        ends = self._is_told or self._is_cut_off
+        self._is_told, self._is_cut_off = touches, False
+        if touches:
+            assert self._touch is not None
+            return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
+        return _no_contact(time_s, valid=self.is_trusted) if ends else None
+
+    def _begin_touch(self, least: float, *, is_seen: bool) -> "_Touch":
+        zero = PressZero(
+            self._array.n_taxels,
+            self._rate_hz,
+            self._array.shear_per_friction,
+            least,
+            is_seen=is_seen,
+            in_counts=self._array.unit == "count",
+        )
+        self._filter.begin(is_seen=is_seen)
+        self._ripple.reset()
+        return _Touch(self._filter, zero, self._ripple)
 
     def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
         """Return the contact if it went on in a gap, by the loads (taxels,) after it; None if it ended."""
@@ -344,7 +390,7 @@ class GripDetector:
         if touches and 0.0 < gap_s <= _LONGEST_GAP_S and changed < most:
             touch.pass_gap(gap_s)
             return touch
-        self._filter.memory.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
+        self._filter.friction_memory.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
         return None
 
     def _end_touch(self, readings: TaxelReadings) -> None:
@@ -365,6 +411,13 @@ class _Touch:
         self._offset_sd = zero.whole_sd  # of shear over load
         self._shear = np.asarray(contact.signs.over_load).reshape(2, -1)  # a view, which each scan changes
         self.scan: ContactScan | None = None
+        self._verdict = contact.verdict()
+        self._total = 0.0, 0.0, 0.0, _TINY
+
+    @property
+    def is_looked_at(self) -> bool:
+        """True once the load was large enough to tell."""
+        return self.scan is not None
 
     @property
     def is_pressed(self) -> bool:
@@ -374,9 +427,15 @@ class _Touch:
     def pass_gap(self, gap_s: float) -> None:
         """Predict over a gap in which the contact went on."""
         self._zero.is_measured = True
-        self._filter.memory.walk(gap_s)
+        self._filter.friction_memory.walk(gap_s)
         self._filter.restart()
         self._ripple.reset()
+
+    def weigh(self, newest: FloatArray, places: FloatArray) -> None:
+        """Take loads and shears (3, taxels) that are too small to tell, at places (2, taxels)."""
+        x, y = newest[1].sum(), newest[2].sum()
+        moment = places[0] @ newest[2] - places[1] @ newest[1]
+        self._total = float(x), float(y), float(moment), max(float(newest[0].sum()), _TINY)
 
     def take(
         self, readings: TaxelReadings, newest: FloatArray, acceleration_m_s2: float, *, may_slip: bool
@@ -399,6 +458,7 @@ class _Touch:
         if is_look:
             self._verdict = contact.verdict()
         load = max(signs.total_load, _TINY)
+        self._total = signs.total_x, signs.total_y, signs.moment, load
         self.scan = ContactScan(
             filter=contact,
             verdict=self._verdict,
@@ -412,11 +472,12 @@ class _Touch:
         self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
     ) -> GripEvent:
         """Return the event of the scan that was taken."""
-        contact, verdict, signs = self._filter, self._verdict, self._filter.signs
+        contact, verdict = self._filter, self._verdict
         low, median, high = verdict.utilisation
-        x, y, moment, load = signs.total_x, signs.total_y, signs.moment, max(signs.total_load, _TINY)
+        x, y, moment, load = self._total
+        is_known = contact.is_known and self.is_looked_at
         state: GripState = "unknown"
-        if not contact.is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
+        if not is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
             low, median, high = _UNKNOWN_USED
             if contact.gate.is_open:
                 state, low = "partial", INCIPIENT_USED
@@ -425,7 +486,7 @@ class _Touch:
         elif contact.gate.is_open:
             state = "partial"
             median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
-        elif signs.growth < -_SURELY * contact.growth_sd:
+        elif contact.signs.growth < -_SURELY * contact.growth_sd:
             state = "unloading"
         else:
             state = "partial" if verdict.slipping_share > INCIPIENT_SHARE else "sticking"
@@ -452,7 +513,7 @@ class _Touch:
             shear_y=y,
             torsion=moment * radius_mm + 0.0,  # never -0.0
             unit=unit,
-            needed_load=needed_load if contact.is_known else max(needed_load, load),
+            needed_load=needed_load if is_known else max(needed_load, load),
             state=state,
             valid=is_trusted,
             late=is_late,

@@ -3,20 +3,17 @@
 cdef extern from "math.h":
     cpdef double log(double x)
     cpdef double exp(double x)
-    cpdef double sqrt(double x)
 
 cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _LEAST_RATIO, _ONSETS, _ENDS
-cdef double _FILTER_PART, _LOOK_S, _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
+cdef double _FILTER_PART, _LOOK_S, _MOST_UNLOADED
 
 
 cdef class Memory:
     cdef public double[::1] row, means, times_s
-    cdef public double first_log, first_variance, base_odds, log_friction, variance
+    cdef public double base_odds
     cdef public double largest, filtered, sliding_part, movement, slid_log, slid_s, borne, crossing_log
     cdef public double since_likely_s, before_log
     cdef public long n, is_likely
 
     cpdef take(self, double p, double ratio, double step_s, double log_load_change=*)
-    cpdef walk(self, double time_s)
-    cdef _learn_friction(self, double slides, double log_ratio, double kept, double step_s)
     cdef _fill(self, double odds, double log_ratio)

@@ -7,7 +7,7 @@ cdef extern from "math.h":
     cpdef double exp(double x)
     cpdef double sqrt(double x)
 
-cdef double RIPPLE_P, FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD
+cdef double RIPPLE_P, FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
 cdef double _PLAUSIBLE_SDS, _TINY
 
 
@@ -17,7 +17,7 @@ cdef class Posterior:
     cdef public double p_sliding, slipping_share
 
     cpdef gather(self, double[::1] signs, double[::1] memory)
-    cpdef take(self, double[::1] scores, double[::1] soon_scores, double ratio, double prior_log,
-               double prior_variance, double log_friction, double variance, int ripple_travels)
+    cpdef take(self, double[::1] scores, double[::1] soon_scores, double ratio,
+               double log_friction, double variance, int ripple_travels)
     cpdef publish(self, int is_gross, double least_sliding, double ratio, double log_friction, double variance)
     cdef _take_quantiles(self)

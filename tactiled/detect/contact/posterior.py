@@ -27,6 +27,12 @@ _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it 
 # in one contact by pressure, place and zero; over all contacts by gains of uncalibrated shear, too. Beyond so
 # many deviations of this and of friction, a state is implausible.
 _HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS = 0.15, 0.3, 2.0
+# prior: of friction in the worlds that the trees learnt from: see `GripParams`
+_LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
+# prior: part of the looks whose ratio says nothing of friction, by zero, crosstalk or shear that is left. In
+# these worlds the ratio over friction and utilisation is off by more than 0.45 in log in 7 to 13 % of looks;
+# half of the others are within 0.1.
+_UNTOLD = 0.1
 _TINY = 1e-12  # derived
 
 
@@ -91,16 +97,15 @@ class Posterior:
         scores: Sequence[float],
         soon_scores: Sequence[float],
         ratio: float,
-        prior_log: float,
-        prior_variance: float,
         log_friction: float,
         variance: float,
         ripple_travels: int,
     ) -> None:
         """Take the scores of a look.
 
-        Cells whose friction leaves the prior are made less likely: the trees have learnt from frictions of
-        the prior, and say nothing of others. So is a slide that bears far less than slides have borne.
+        The trees have learnt from friction of one prior (`_LEARNT_LOG`) and are not told what is known of it:
+        by Bayes, each cell is as much likelier as what is known makes its friction likelier than that prior.
+        Frictions that leave both are made less likely: the trees say nothing of them.
 
         Parameters
         ----------
@@ -108,10 +113,8 @@ class Posterior:
             Of the states, as logarithms but for a constant.
         soon_scores : (4,) float
             Of no gross slip within 300 ms, and of one within 300, 100 and 50 ms.
-        prior_log, prior_variance : float
-            Of the logarithm of friction, as a ratio, before any contact.
         log_friction, variance : float
-            The same, in the memory.
+            Of the logarithm of friction, as a ratio, when the contact began.
         ripple_travels : int
             1 where a ripple travels over the taxels: proof of sliding.
         """
@@ -120,14 +123,17 @@ class Posterior:
         for k in range(n):
             most = max(most, scores[k])
         log_ratio = log(max(ratio, _LEAST_RATIO))
-        sd = sqrt(prior_variance + _RATIO_SD * _RATIO_SD)
-        lacks = (log_friction - log_ratio) / sqrt(variance + _HERE_SD * _HERE_SD)
+        sd = sqrt(variance + _RATIO_SD * _RATIO_SD)
+        here = variance + _HERE_SD * _HERE_SD
+        learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
         total = 0.0
         for k in range(n):
             p = exp(scores[k] - most)
-            sds = abs(log_ratio - prior_log - log(self.middles[k])) / sd
-            if k == n - 1:
-                sds = max(sds, lacks)
+            friction = log_ratio - log(self.middles[k])
+            off, off_learnt = friction - log_friction, friction - _LEARNT_LOG
+            fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - off * off / here))
+            p *= _UNTOLD + (1.0 - _UNTOLD) * fits
+            sds = abs(off) / sd
             if sds > _PLAUSIBLE_SDS:
                 p *= exp(-0.5 * (sds * sds - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
             self.cells[k] = max(p, _TINY)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.grip_detector import SCANNED, GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.contact.slips_by_threshold import SlipThresholds
@@ -49,7 +49,6 @@ class GripSlip:
     """
 
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
-        self._array = array
         self._params = params or GripParams()
         self._grip = GripDetector(array, self._params, learnt)
         self.reset()
@@ -61,7 +60,6 @@ class GripSlip:
 
     def _begin(self) -> None:
         """Forget everything seen, beside what the contact filter has forgotten by itself."""
-        self._tracker: ContactTracker | None = None
         self._slips: PosteriorSlips | None = None
         self._signs: object = None  # of the contact whose slips these are
         self._rate_hz = 0.0
@@ -82,7 +80,7 @@ class GripSlip:
     @property
     def contact_state(self) -> ContactState:
         """State of the contact after the last scan."""
-        return "none" if self._tracker is None else self._tracker.state
+        return self._grip.contact_state
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes.
@@ -93,32 +91,26 @@ class GripSlip:
         if isinstance(item, Gap):
             return self._interrupt(item)
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
-        if self._tracker is None:
-            self._rate_hz = item.rate_hz
-            self._tracker = ContactTracker(self._array, self._params.contact, item.rate_hz)
-        tracker = self._tracker
-        held = self._grip.quantiser.process(item)
-        pressure = tracker.measure(item, held)
-        gate = pressure.rows()
-        scans = self._grip.scans(item, held)
-        for row in range(len(item)):
-            if change := tracker.step(*next(gate)):
-                events.append(contact_event(item, row, pressure, change))
-            self._grip.may_slip = tracker.state != "none"
-            grip = next(scans)
+        self._rate_hz = item.rate_hz
+        for row, message in enumerate(self._grip.scans(item)):
+            tracker, pressure = self._grip.tracker, self._grip.pressure
+            assert tracker is not None
+            assert pressure is not None
+            if self._grip.change:
+                events.append(contact_event(item, row, pressure, self._grip.change))
             is_valid = self._grip.keeps_enough and not bool(item.late[row])
             at = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), is_valid)
-            events += self._slip(at, touches=tracker.state != "none")
+            events += self._slip(at)
             if change := self._follow(tracker):
                 events.append(contact_event(item, row, pressure, change))
-            if grip is not None and self._params.publish:
-                events.append(grip)
+            if message is not None and self._params.publish:
+                events.append(message)
         self._last_s = float(item.time_s[-1])
         return events
 
-    def _slip(self, at: ScanInstant, *, touches: bool) -> list[SlipEvent]:
+    def _slip(self, at: ScanInstant) -> list[SlipEvent]:
         """Return the slip events of a scan."""
-        scan = self._grip.contact if touches else None
+        scan = None if self.contact_state == "none" else self._grip.contact
         slips = self._slips
         if scan is not None:
             if slips is None or scan.filter.signs is not self._signs:
@@ -144,10 +136,6 @@ class GripSlip:
     def _interrupt(self, gap: Gap) -> list[Event]:
         """Cut off slip and contact; the contact filter predicts over the gap."""
         events = self._cut_off()
-        if gap.cause not in SCANNED:
-            self._tracker = None
-        elif self._tracker is not None:
-            self._tracker.interrupt(gap.n_missing)
         lost = self._grip.pass_gap(gap)
         return events + (lost if self._params.publish else [])
 

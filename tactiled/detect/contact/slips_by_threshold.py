@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 from tactiled.array import Array
 from tactiled.detect.contact.gate import SlipHysteresis
-from tactiled.detect.contact.grip_detector import SCANNED, ContactScan, GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import ContactScan, GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.signal.contact_gate import ContactTracker
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -41,7 +40,6 @@ class SlipsByThreshold:
         thresholds: Iterable[SlipThresholds],
         learnt: Learnt | None = None,
     ) -> None:
-        self._array, self._params = array, params
         self._thresholds = tuple(thresholds)
         self._grip = GripDetector(array, params, learnt)
         self.reset()
@@ -52,7 +50,6 @@ class SlipsByThreshold:
         self._last = ScanInstant(0.0, 0.0, is_valid=False)
         self._rate_hz = 0.0
         self._grip.reset()
-        self._tracker: ContactTracker | None = None
         self._slips: dict[SlipThresholds, PosteriorSlips] = {}
         self._signs: object = None  # of the contact whose slips these are
 
@@ -60,29 +57,18 @@ class SlipsByThreshold:
         """Take the item; return nothing, since events of different thresholds are no stream."""
         if isinstance(item, Gap):
             self._end(self._last._replace(is_valid=False))
-            if item.cause not in SCANNED:
-                self._tracker = None
-            elif self._tracker is not None:
-                self._tracker.interrupt(item.n_missing)
             self._grip.pass_gap(item)
             for slips in self._slips.values():
                 slips.gate.close()
             return []
         if item.rate_hz != self._rate_hz:
             self._end(self._last._replace(is_valid=False))
-            self._tracker = None
             self._grip.lose_contact()
         self._rate_hz = item.rate_hz
-        tracker = self._tracker
-        if tracker is None:
-            tracker = self._tracker = ContactTracker(self._array, self._params.contact, item.rate_hz)
-        held = self._grip.quantiser.process(item)
-        gate = tracker.measure(item, held).rows()
-        for row, _ in enumerate(self._grip.scans(item, held)):
-            tracker.step(*next(gate))
+        for row, _ in enumerate(self._grip.scans(item)):
             is_valid = self._grip.keeps_enough and not bool(item.late[row])
             self._last = ScanInstant(float(item.time_s[row]), float(item.time_sd_s[row]), is_valid)
-            scan = self._grip.contact if tracker.state != "none" else None
+            scan = self._grip.contact if self._grip.contact_state != "none" else None
             if scan is None:
                 self._end(self._last)
             else:

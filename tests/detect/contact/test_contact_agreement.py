@@ -1,5 +1,6 @@
 """Slip events, grip messages and contact state say the same of a contact, on worlds of every generator."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -63,6 +64,26 @@ def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], se
                     assert event.state == "partial"
                     assert event.utilisation >= INCIPIENT_USED
     assert n_gross > 0
+
+
+@pytest.mark.parametrize("part", [1.0, 0.1, 0.02])
+def test_grip_messages_come_for_as_long_as_the_contact(worlds: list[World], part: float) -> None:
+    """Also where the load is so light that its ratio to shear tells nothing."""
+    n_told = 0
+    for world in worlds:
+        rest = np.median(world.block.volts[~world.touching], axis=0)
+        slip = GripSlip(world.array)
+        contact = grip = "none"
+        for k in range(len(world.block)):
+            scan = world.block[k : k + 1]
+            for event in slip.process(dataclasses.replace(scan, volts=rest + part * (scan.volts - rest))):
+                if isinstance(event, ContactEvent):
+                    contact = event.state
+                elif isinstance(event, GripEvent):
+                    grip = event.state
+                    n_told += grip != "none"
+            assert (contact == "none") == (grip == "none")
+    assert n_told > 0 or part < 1.0
 
 
 def test_a_contact_whose_beginning_nobody_saw_is_unknown_until_it_slid() -> None:

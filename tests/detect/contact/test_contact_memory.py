@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from bench.train.rows import silent
 from tactiled.detect.contact import memory
 from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.friction import Friction
 from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.memory import Memory
 from tactiled.detect.contact.posterior import N_STATES, RIPPLE_P, Posterior
@@ -22,47 +23,70 @@ LOOK_S = 0.02
 
 def told(p: float, ratio: float, seconds: float, one: Memory | None = None) -> Memory:
     """Memory after a time of the same odds and ratio."""
-    one = one or Memory(0.6, 0.6, -2.0)
+    one = one or Memory(-2.0)
     for _ in range(round(seconds / LOOK_S)):
         one.take(p, ratio, LOOK_S)
     return one
 
 
+def slid(p: float, ratio: float, seconds: float, one: Friction | None = None) -> Friction:
+    """Friction after a time of the same ratio, at a probability of sliding."""
+    one = one or Friction(0.6, 0.6)
+    for _ in range(round(seconds / LOOK_S)):
+        one.learn(p, ratio, 0.0, LOOK_S)
+    return one
+
+
 def test_a_slide_teaches_friction_and_the_next_contact_keeps_it() -> None:
-    one = told(0.95, 0.35, 1.5)
-    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.1)
+    one = slid(0.95, 0.35, 1.5)
+    assert math.exp(one.log_mean) == pytest.approx(0.35, rel=0.1)
     sd = math.sqrt(one.variance)
     assert sd < 0.15
+    assert (math.exp(one.contact_log_mean), math.sqrt(one.contact_variance)) == pytest.approx((0.6, 0.6))
     one.end_contact()
     one.begin_contact()
-    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.1)
-    assert sd < math.sqrt(one.variance) < 0.3
-    one.forget_object()
-    assert (math.exp(one.log_friction), math.sqrt(one.variance)) == pytest.approx((0.6, 0.6))
+    assert math.exp(one.contact_log_mean) == pytest.approx(0.35, rel=0.1)
+    assert sd < math.sqrt(one.contact_variance) < 0.3
+
+
+def test_a_doubtful_rest_of_minutes_teaches_no_friction() -> None:
+    one = slid(0.45, 0.3, 300.0)
+    assert math.exp(one.log_mean) == pytest.approx(0.6)
+    stated = Friction(0.6, 0.1)
+    slid(0.45, 0.3, 300.0, stated)
+    assert (math.exp(stated.log_mean), math.sqrt(stated.variance)) == pytest.approx((0.6, 0.1))
 
 
 def test_shear_that_is_borne_is_a_lower_bound_of_friction() -> None:
-    one = told(0.001, 0.9, 1.0)
-    assert math.exp(one.log_friction) >= 0.9
+    one = slid(0.001, 0.9, 1.0)
+    assert math.exp(one.log_mean) >= 0.9
     assert math.sqrt(one.variance) > 0.4
 
 
 @pytest.mark.parametrize("p", [0.95, 0.001])
 def test_a_lift_teaches_no_friction(p: float) -> None:
     """Shear that is left while the load goes makes a large ratio, which the next contact need not bear."""
-    one = told(0.95, 0.35, 1.5)
-    left_log = 0.0
+    one = slid(0.95, 0.35, 1.5)
     for look in range(24):
-        left_log = math.log(1 - look / 25)
-        one.take(p, 0.35 / (1 - look / 50), LOOK_S, left_log)
-    assert math.exp(one.log_friction) == pytest.approx(0.35, rel=0.15)
+        one.learn(p, 0.35 / (1 - look / 50), math.log(1 - look / 25), LOOK_S)
+    assert math.exp(one.log_mean) == pytest.approx(0.35, rel=0.15)
 
 
 def test_stated_friction_has_a_floor_of_what_one_number_can_say() -> None:
-    one = Memory(0.6, 0.6, -2.0)
+    one = Friction(0.6, 0.6)
     one.expect(0.5, 0.001)
-    assert math.exp(one.log_friction) == pytest.approx(0.5)
+    assert math.exp(one.log_mean) == pytest.approx(0.5)
     assert math.sqrt(one.variance) >= 0.05
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1e6), st.floats(-1e3, 1e3)), max_size=200))
+@settings(max_examples=30, deadline=None)
+def test_friction_is_finite_and_no_wider_than_before(looks: list[tuple[float, float, float]]) -> None:
+    one = Friction(0.6, 0.6)
+    for p, ratio, log_load_change in looks:
+        one.learn(p, ratio, log_load_change, LOOK_S)
+        assert math.isfinite(one.log_mean)
+        assert 0 < one.variance <= 0.36 + 1e-12
 
 
 def test_silence_refutes_what_was_said() -> None:
@@ -74,14 +98,11 @@ def test_silence_refutes_what_was_said() -> None:
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1e6)), max_size=200))
 @settings(max_examples=30, deadline=None)
-def test_memory_is_finite_and_friction_no_wider_than_before(
-    looks: list[tuple[float, float]],
-) -> None:
-    one = Memory(0.6, 0.6, -2.0)
+def test_memory_is_finite(looks: list[tuple[float, float]]) -> None:
+    one = Memory(-2.0)
     for p, ratio in looks:
         one.take(p, ratio, LOOK_S)
         assert all(math.isfinite(value) for value in one.row)
-        assert 0 < one.variance <= 0.36 + 1e-12
 
 
 def test_a_slip_opens_at_its_probability_and_closes_well_below_it() -> None:
@@ -135,7 +156,7 @@ def posterior(cells: Sequence[float]) -> Posterior:
     """Posterior after scores that are cells; a ratio that every friction of the prior may bear."""
     one = Posterior([], 0)
     scores = [math.log(max(p, 1e-9)) for p in cells]
-    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.2, math.log(0.6), 1e6, math.log(0.6), 1e6, 0)
+    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.16, math.log(0.6), 0.36, 0)
     return one
 
 
@@ -169,8 +190,7 @@ def test_the_posterior_is_a_distribution_for_any_ratio(
 ) -> None:
     one = Posterior([], 0)
     scores = [math.log(weight) for weight in weights]
-    known = math.log(0.6), 0.36, math.log(0.6), sd * sd
-    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, *known, ripple_travels)
+    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, math.log(0.6), sd * sd, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
     assert min(one.cells) > 0
     assert 0 < one.soon[0] < one.soon[1] < one.soon[2] < 1
@@ -181,14 +201,14 @@ def test_a_friction_that_nothing_has_is_not_believed() -> None:
     """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
     one = Posterior([], 0)
     alike = [0.0] * N_STATES
-    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, math.log(0.6), 0.36, 0)
+    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, 0)
     assert sum(one.cells[:3]) < 0.05
-    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, math.log(0.6), 0.36, 0)
+    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, 0)
     assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
 
 
 def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
-    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.36, math.log(0.6), 0.01)
+    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01)
     one = Posterior([], 0)
     one.take(alike, [0.0] * 4, 0.55, *known, 0)
     whole = one.cells[-1]

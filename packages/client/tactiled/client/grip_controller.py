@@ -43,6 +43,7 @@ _CHANGED = (
 )
 _WATCH_S, _PLATEAU_S, _PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
 _WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
+_DENIED = 0.4  # of the friction bound of a message: less is not believed of a slip that its state denies
 _RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, _GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 _CALM_S, _CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
@@ -145,7 +146,10 @@ class GripController:
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
         wanted_n = self._wanted(grip["friction"], now, ahead, slides)
         if slides:
-            wanted_n = max(wanted_n, min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n))
+            again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
+            if grip["state"] != "gross":  # an object that sways and sticks is not gripped ever harder
+                again_n = min(again_n, self._newtons * now.shear / (_DENIED * grip["friction_low"]))
+            wanted_n = max(wanted_n, again_n)
         else:
             self._held_n = self.command_n
         if not self._past:
@@ -251,4 +255,4 @@ class GripController:
             earlier = [seen.shear for seen in self._since(then.at_s - _PLATEAU_S) if seen.at_s < then.at_s]
             was_steady = then.shear < _PLATEAU * min(earlier, default=0.0)
             follows = was_steady and tightened < -_CHANGED and grown < _FOLLOWS * tightened
-        return then.shear / then.load if follows else 0.0
+        return max(then.shear / then.load, _DENIED * grip["friction_low"]) if follows else 0.0
