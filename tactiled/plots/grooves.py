@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.events.types import SlipEvent, TextureEvent
+from tactiled.events.words import with_sd
 from tactiled.plots.palette import GROOVES, NEUTRAL, SECOND_GRATING, SLIP
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +64,7 @@ def draw_answers(
             )  # fmt: skip
         axis.ticklabel_format(axis="y", useOffset=False)
         axis.set(xlabel="time (s)", ylabel=label)
-        axis.set_title(f"last: {in_words(value[-1], sd[-1])} {unit}", fontsize=10)
+        axis.set_title(f"last: {with_sd(value[-1], sd[-1])} {unit}", fontsize=10)
         axis.legend(frameon=False, fontsize=9, loc="upper right")
 
 
@@ -72,15 +73,13 @@ def answer_in_words(events: Sequence[TextureEvent], onsets: Sequence[SlipEvent])
     ok = [e for e in events if e.status == "ok"]
     if not ok and events and events[-1].status == "period-only" and events[-1].period_mm > 0:
         last = events[-1]
-        return (
-            f"grooves of {in_words(last.period_mm, last.period_sd_mm)} mm, angle unknown ({last.estimator})"
-        )
+        return f"grooves of {with_sd(last.period_mm, last.period_sd_mm)} mm, angle unknown ({last.estimator})"
     if not ok:
         return f"grooves: no answer ({refusals_in_words(events)})" if events else ""
     last = ok[-1]
     words = (
-        f"grooves of {in_words(last.period_mm, last.period_sd_mm)} mm at "
-        f"{in_words(last.angle_deg, last.angle_sd_deg)}° ({last.estimator}"
+        f"grooves of {with_sd(last.period_mm, last.period_sd_mm)} mm at "
+        f"{with_sd(last.angle_deg, last.angle_sd_deg)}° ({last.estimator}"
     )
     if last.speed_source != "none":
         words += f", {last.speed_mm_s:.3g} mm/s {last.speed_source}"
@@ -240,9 +239,3 @@ def folded_ripples(
         total, _ = np.histogram(phase, edges, weights=ripple[:, channel])
         rows.append(np.where(count > 0, total / np.maximum(count, 1), np.nan))
     return shown, (edges[:-1] + edges[1:]) / 2, np.array(rows)
-
-
-def in_words(value: float, sd: float) -> str:
-    """Format a number to the digits that its standard deviation allows, e.g. ``1.2000 ± 0.0001``."""
-    digits = int(np.clip(np.ceil(-np.log10(max(sd, 1e-9))), 0, 9))
-    return f"{value:.{digits}f} ± {sd:.{digits}f}"

@@ -14,6 +14,7 @@ from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
 from tactiled.errors import ContractError
 from tactiled.events.codec import evidence_key
 from tactiled.events.incoming import checked_map
+from tactiled.events.words import event_words, printable
 
 _EVENTS = 50
 _MOST_BOARDS = 1000
@@ -131,8 +132,10 @@ class BoardViews:
         """Number of unreadable messages, and the fault of the newest; empty where there is none."""
         if not self.unreadable:
             return ""
-        reason = "".join(c if c.isprintable() else "?" for c in self._unreadable_reason)
-        return f"{self.unreadable} messages are not as protocols/events.md says; the newest: {reason}"
+        return printable(
+            f"{self.unreadable} messages are not as protocols/events.md says; the newest: "
+            f"{self._unreadable_reason}"
+        )
 
     def take(self, item: Item) -> None:
         """Take an item of the subscription; a message that cannot be read is counted."""
@@ -198,44 +201,9 @@ class BoardViews:
                 ListedEvent(
                     float(message.data[evidence_key(message.topic)]),
                     message.topic,
-                    in_words(message.topic, message.data),
+                    event_words(message.topic, message.data),
                 )
             )
-
-
-def in_words(topic: str, data: Mapping[str, Any]) -> str:
-    """Describe an event in one line."""
-    if topic == "slip":
-        why = (
-            f" (suppressed: {data['suppressed']})"
-            if data["suppressed"]
-            else ""
-            if data["valid"]
-            else " (not valid)"
-        )
-        if data["state"] == "end":
-            return f"{data['kind']} slip ended{why}"
-        way = f", {data['direction_deg']:.0f} deg" if data["direction_sd_deg"] < 90 else ""
-        return (
-            f"{data['kind']} slip{way}, {1000 * (data['detected'] - data['onset']):.0f} ms after onset{why}"
-        )
-    if topic == "contact":
-        return f"contact {data['previous']} -> {data['state']}"
-    if topic == "texture":
-        return texture_in_words(data)
-    return f"{data['command']} by {data['who'] or '?'}" + (
-        "" if data["ok"] else f" refused: {data['reason']}"
-    )
-
-
-def texture_in_words(data: Mapping[str, Any]) -> str:
-    """Describe a groove estimate, or why there is none."""
-    period = f"{data['period_mm']:.3f} +- {data['period_sd_mm']:.3f} mm"
-    if data["status"] == "ok":
-        return f"grooves {period}, {data['angle_deg']:.1f} +- {data['angle_sd_deg']:.1f} deg"
-    if data["status"] == "period-only":
-        return f"ripple {period}, angle unknown"
-    return f"no groove estimate: {data['status']}"
 
 
 def _weighted(pairs: list[list[list[float]]], readings: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,15 +2,15 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from textwrap import wrap
 from typing import Any
 
 import numpy as np
 from rich.text import Text
 
-from tactiled.events.types import ForceEvent
-from tactiled.top.boards import BoardView, Felt, Lamp, texture_in_words
+from tactiled.client.listen import clock_words
+from tactiled.events.words import force_words, lost_words, printable, texture_words
+from tactiled.top.boards import BoardView, Felt, Lamp
 
 _ARROWS = "→↗↑↖←↙↓↘"
 _LAMPS = {
@@ -59,7 +59,7 @@ def draw(
         lines[-1] = Text(f" {notice}", "bold")
     lines.append(Text(footer, "reverse"))
     for line in lines:
-        line.plain = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line.plain)
+        line.plain = printable(line.plain)
         line.truncate(width)
     return lines
 
@@ -101,8 +101,7 @@ def _lamp_line(board: BoardView, lamp: Lamp, width: int) -> Text:
 
 def _event_line(at_s: float, topic: str, words: str) -> Text:
     style = _SLIP if topic == "slip" and "suppressed" not in words and "ended" not in words else ""
-    clock = datetime.fromtimestamp(at_s).astimezone().strftime("%H:%M:%S.%f")[:-3]
-    return Text(f" {clock}  ", "dim").append(words, style)
+    return Text(f" {clock_words(at_s)}  ", "dim").append(words, style)
 
 
 def _facts(board: BoardView, live: bool) -> list[Text]:
@@ -133,21 +132,21 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
     )
     force = board.current("force")
     if force is not None and live:
-        rows.append(("force", _force_in_words(force), ""))
+        rows.append(("force", force_words(force), ""))
     if grip is not None and grip["state"] != "none" and live:
         used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
         use = f"{used:.0f} % ({low:.0f} to {high:.0f})"
         rows.append(("friction used", use, ""))
     if texture is not None and live:
-        words = texture_in_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
+        words = texture_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
         rows.append(("grooves", words, ""))
     if status is not None:
-        rows.append(("rate", f"{status['rate_hz']:.1f} Hz, {_lost_in_words(status)}", ""))
+        rows.append(("rate", f"{status['rate_hz']:.1f} Hz, {lost_words(status)}", ""))
         sd_ms = 1000 * status["clock_sd_s"]
         rows.append(
             (
                 "clock",
-                f"+- {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm" if sd_ms < 1e6 else "not known",
+                f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm" if sd_ms < 1e6 else "not known",
                 "",
             )
         )
@@ -157,18 +156,6 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
     if recording is not None:
         rows.append(("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB", ""))
     return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]
-
-
-def _force_in_words(force: Mapping[str, Any]) -> str:
-    if force["calibration"] in ForceEvent.UNCALIBRATED:
-        return "not calibrated: tactiled calibrate"
-    if not force["valid"]:
-        return "not valid"
-    limit = ">= " if force["saturated"] else ""
-    return (
-        f"{limit}{force['fz_n']:.1f} +- {force['fz_sd_n']:.1f} N, shear "
-        f"{math.hypot(force['fx_n'], force['fy_n']):.1f} N"
-    )
 
 
 def _array(board: BoardView, live: bool, width: int) -> list[Text]:
@@ -249,10 +236,3 @@ def _taxel_arrow(felt: Felt | None, taxel: int) -> str:
 
 def _arrow(angle_deg: float) -> str:
     return _ARROWS[round(angle_deg / 45) % 8]
-
-
-def _lost_in_words(status: Mapping[str, Any]) -> str:
-    """Number of lost scans, or that it is not known: frames without a sequence number do not tell."""
-    if not status.get("loss_known", True):
-        return "lost scans not known"
-    return f"{status['scans_missing']} of {status['scans']} lost"

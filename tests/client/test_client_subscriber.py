@@ -5,6 +5,7 @@ import io
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from typing import Any
 import msgpack
 import pytest
 import zmq
+from messages import CONTACT, STATUS
 from patience import PATIENCE_S
 
 from tactiled.client import (
@@ -28,6 +30,7 @@ from tactiled.client import (
     Lost,
     Malformed,
     Message,
+    Recovered,
     Restarted,
     Stale,
     Subscription,
@@ -35,6 +38,7 @@ from tactiled.client import (
 )
 from tactiled.client.listen import listen
 from tactiled.errors import ConfigError
+from tactiled.events.codec import to_map
 
 
 class Publisher:
@@ -274,6 +278,33 @@ def test_listen_reports_values_that_json_cannot_represent(endpoint: str, publish
         while "contains a value that JSON cannot represent" not in err.getvalue():
             listen(endpoint, ("slip",), timeout_s=0.3, out=out, err=err)
             publisher.extra.extend([[b"tactile/x/slip", msgpack.packb(head)]] * 3)
+
+
+def test_listen_in_words_prints_a_line_for_an_event_and_none_for_scans(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def sent(topic: str, data: dict[str, Any]) -> Message:
+        return Message(topic, "TS1", 0, 0.0, data, 0.0, 0.0, 0.0)
+
+    contact = to_map(CONTACT, seq=0, board="TS1", unix_offset_s=0.0)
+    status = to_map(STATUS, seq=0, board="TS1", unix_offset_s=0.0)
+    items = iter([
+        Fresh(), sent("status", status), sent("contact", contact), Recovered(sent("contact", contact)),
+        sent("contact", {**contact, "state": 5}), Stale("\x1b[2J", 0.5), None,
+    ])  # fmt: skip
+    monkeypatch.setattr(Subscription, "next_item", lambda *_: next(items))
+    out, err = io.StringIO(), io.StringIO()
+    with limit():
+        assert listen(endpoint, timeout_s=1.0, as_json=False, out=out, err=err) == 0
+    said = [re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3}  (.*)", line) for line in out.getvalue().splitlines()]
+    assert [line and line[1] for line in said] == [
+        "contact none -> loading",
+        "contact none -> loading (recovered)",
+    ]
+    words = [line.split("  ")[-1] for line in err.getvalue().splitlines()]
+    assert words == [
+        "fresh: the board runs", "malformed: contact: state is 5", "stale: ?[2J", "3 messages in 1 s",
+    ]  # fmt: skip
 
 
 @pytest.mark.usefixtures("publisher")

@@ -127,13 +127,14 @@ def test_advice_is_wrapped_where_the_screen_is_narrow() -> None:
     [
         ({"calibration": "nominal", "valid": True}, "not calibrated: tactiled calibrate"),
         ({"calibration": "finger-7", "valid": False}, "not valid"),
-        ({"calibration": "finger-7", "valid": True}, "12.0 +- 0.5 N, shear 5.0 N"),
-        ({"calibration": "finger-7", "valid": True, "saturated": True}, ">= 12.0 +- 0.5 N, shear 5.0 N"),
+        ({"calibration": "finger-7", "valid": True}, "12.0 ± 0.5 N, shear 5.0 N"),
+        ({"calibration": "finger-7", "valid": True, "saturated": True}, ">= 12.0 ± 0.5 N, shear 5.0 N"),
     ],
 )
 def test_newtons_are_those_of_a_calibration(fields: dict[str, Any], words: str) -> None:
+    sds: dict[str, Any] = {"fx_sd_n": 0.1, "fy_sd_n": 0.1, "fz_sd_n": 0.5}
     views = views_of()
-    views.take(message(ForceEvent(time_s=NOW_S, fx_n=3.0, fy_n=4.0, fz_n=12.0, fz_sd_n=0.5, **fields)))
+    views.take(message(ForceEvent(time_s=NOW_S, fx_n=3.0, fy_n=4.0, fz_n=12.0, **sds, **fields)))
     text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 100, 24, ""))
     assert f"force  {words}" in text
 
@@ -166,7 +167,7 @@ def test_a_slip_is_listed_at_the_instant_that_its_words_count_from() -> None:
     views.take(message(replace(SLIP, time_s=NOW_S - 0.055, onset_s=NOW_S - 0.055, detected_s=NOW_S)))
     (listed,) = views.boards["TS1"].events
     assert listed.at_s == pytest.approx(NOW_S)
-    assert "55 ms after onset" in listed.words
+    assert "latency 55 ms" in listed.words
 
 
 TOPICS = st.sampled_from(list(EVENT_TYPES)) | st.text(max_size=8)

@@ -2,15 +2,20 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgpack
 import numpy as np
 import pytest
+from messages import CONTACT, SLIP
 from pages import robot
 from playwright.sync_api import Page
 
+from tactiled.events.codec import to_map
+from tactiled.events.types import CommandEvent, Event, TextureEvent, TextureStatus
+from tactiled.events.words import event_words
 from tactiled.web.feed import pack_frame
 
 pytestmark = pytest.mark.system
@@ -170,3 +175,32 @@ def test_a_lamp_gets_worse_at_once_and_better_when_that_lasts(opened: Page) -> N
       return states.map((state, i) => lamp.follow({ state }, at[i]).state);"""
     expected = ["fresh", "late", "late", "stale", "stale", "none", "none", "late", "late", "fresh"]
     assert model(opened, act) == expected
+
+
+STATUSES: tuple[TextureStatus, ...] = ("ok", "period-only", "low-snr")
+EVENTS: list[Event] = [
+    *(replace(SLIP, direction_deg=angle, onset_s=-0.04) for angle in (12.0, -135.0, 179.6)),
+    replace(SLIP, kind="incipient", direction_sd_deg=180.0),
+    replace(SLIP, direction_sd_deg=0.2, valid=False),
+    replace(SLIP, valid=False, suppressed="load-change"),
+    replace(SLIP, state="end", onset_s=-1.5),
+    CONTACT,
+    *(
+        TextureEvent(time_s=0.0, answered_s=0.0, status=status, period_mm=1.2001, period_sd_mm=sd,
+                     angle_deg=-30.03, angle_sd_deg=40 * sd)
+        for status in STATUSES for sd in (0.0041, 0.00013, 0.3)
+    ),
+    CommandEvent(time_s=0.0, request_id="1", command="tare", arguments="{}", who="", key="", uid=0, ok=True,
+                 reason="", scan_index=0),
+]  # fmt: skip
+
+
+def test_events_have_the_words_of_a_terminal(opened: Page) -> None:
+    """The page adds the standard deviation of a latency, and has its own minus and arrow."""
+    sent = [(e.topic, to_map(e, seq=0, board="TS1", unix_offset_s=0.0)) for e in EVENTS]
+    words = """async (sent) => {
+      const { eventWords } = await import("/static/words.js");
+      return sent.map(([topic, data]) => eventWords(topic, data).text);
+    }"""
+    said = [text.split(" (± ")[0].replace("−", "-") for text in opened.evaluate(words, sent)]
+    assert said == [event_words(topic, data).replace("->", "→") for topic, data in sent]

@@ -50,20 +50,23 @@ export const REFUSALS = {
   stale: "The answer was late, so it would be of the past: look at the load of the host.",
 };
 
-/** One line for an event: {kind, text}; kind colours it. */
+/** One line for an event: {kind, text}; kind colours it. The words are those of tactiled/events/words.py. */
 export function eventWords(topic, data) {
   if (topic === "slip") {
+    const why = data.suppressed ? `, suppressed: ${data.suppressed}` : data.valid ? "" : ", not valid";
+    const kind = why ? "suppressed" : data.state === "end" ? "end" : data.kind;
+    const lasted = data.detected - data.onset;
+    if (data.state === "end") return { kind, text: `${data.kind} slip ended after ${lasted.toFixed(2)} s${why}` };
     const towards = way(data.direction_deg, data.direction_sd_deg);
-    const there = towards && ` towards ${towards} (${data.direction_deg.toFixed(0)}° ± ${data.direction_sd_deg.toFixed(0)}°)`;
-    const why = data.suppressed ? ` (suppressed: ${data.suppressed})` : data.valid ? "" : " (not valid)";
-    const kind = data.suppressed || !data.valid ? "suppressed" : data.state === "end" ? "end" : data.kind;
-    if (data.state === "end") return { kind, text: `${data.kind} slip ended${why}` };
-    return { kind, text: `${data.kind} slip${there}, ${(1000 * (data.detected - data.onset)).toFixed(0)} ms after its onset (± ${(1000 * data.onset_sd_s).toFixed(0)} ms)${why}` };
+    const there = towards && ` towards ${towards} (${Math.round(data.direction_deg)} ± ${Math.max(1, Math.round(data.direction_sd_deg))}°)`;
+    const sure = why || `, p ${data.confidence.toFixed(2)}, latency ${Math.round(1000 * lasted)} ms (± ${Math.round(1000 * data.onset_sd_s)} ms)`;
+    return { kind, text: `${data.kind} slip${there}${sure}` };
   }
   if (topic === "contact") return { kind: "contact", text: `contact ${data.previous} → ${data.state}` };
   if (topic === "texture") {
-    if (data.status === "ok") return { kind: "texture", text: `grooves ${pm(data.period_mm, data.period_sd_mm, "mm")}, ${pm(data.angle_deg, data.angle_sd_deg, "°")}` };
-    if (data.status === "period-only") return { kind: "texture", text: `ripple ${pm(data.period_mm, data.period_sd_mm, "mm")}, angle unknown` };
+    const period = pm(data.period_mm, data.period_sd_mm, "mm");
+    if (data.status === "ok") return { kind: "texture", text: `grooves ${period} at ${pm(data.angle_deg, data.angle_sd_deg, "").trim()}°` };
+    if (data.status === "period-only") return { kind: "texture", text: `ripple ${period}, angle unknown` };
     return { kind: "refusal", text: `no groove estimate: ${data.status}` };
   }
   if (topic === "command") {

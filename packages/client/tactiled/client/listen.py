@@ -1,17 +1,22 @@
-"""`tactiled listen`: events as JSON lines on stdout, other items as text on stderr."""
+"""`tactiled listen`: messages on stdout, as JSON lines or in words; other items in words on stderr."""
 
 import json
 import os
 import sys
 import time
 from collections.abc import Sequence
+from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TextIO, cast
 
-from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
+from tactiled.client.items import Fresh, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
 from tactiled.client.typed import Topic
+from tactiled.errors import ContractError
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
+from tactiled.events.incoming import checked_map
+from tactiled.events.words import EventLines, printable
 
 # After the given time, what waits is printed as well, for so long. On a busy host messages may come faster
 # than they are printed, and there is always one more.
@@ -26,6 +31,7 @@ def listen(
     count: int | None = None,
     timeout_s: float | None = None,
     keys: Path | None = None,
+    as_json: bool = True,
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> int:
@@ -36,11 +42,13 @@ def listen(
     endpoint, topics, board, keys
         As for `Client`.
     count : int, optional
-        End after this number of messages.
+        End after this number of lines.
     timeout_s : float, optional
         End after this time in all.
+    as_json : bool
+        Print every message as a JSON line; else lines for people (`EventLines`).
     out, err : text streams
-        For JSON lines, and for text.
+        For messages, and for text.
 
     Returns
     -------
@@ -50,20 +58,32 @@ def listen(
     """
     out = sys.stdout if out is None else out
     err = sys.stderr if err is None else err
+    line_of = _json_line if as_json else partial(_line, EventLines(clock_words, topics))
     until_s = None if timeout_s is None else time.monotonic() + timeout_s
-    printed = 0
+    received = printed = 0
+
+    def say(words: str) -> None:
+        print(printable(words if as_json else f"{clock_words(time.time())}  {words}"), file=err, flush=True)
+
     try:
         # Any text is harmless: it matches no message.
         with Subscription(endpoint, cast(Sequence[Topic], topics), board, keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)
                 if item is None or (until_s is not None and time.monotonic() > until_s + _LATER_S):
-                    print(f"{printed} messages in {timeout_s:g} s", file=err)
-                    return 0 if printed and count is None else 1
-                line = _json_line(item)
-                if line is None:
-                    print(_words(item), file=err, flush=True)
-                else:
+                    print(f"{received} messages in {timeout_s:g} s", file=err)
+                    return 0 if received and count is None else 1
+                message = item.message if isinstance(item, Recovered) else item
+                if not isinstance(message, Message):
+                    say(_words(message))
+                    continue
+                try:
+                    line = line_of(message, isinstance(item, Recovered))
+                except ContractError as error:
+                    say(f"malformed: {error}")
+                    continue
+                received += 1
+                if line is not None:
                     print(line, file=out, flush=True)
                     printed += 1
     except KeyboardInterrupt:
@@ -74,19 +94,27 @@ def listen(
     return 0
 
 
-def _json_line(item: Item) -> str | None:
-    """JSON of a message with its topic and mark of recovery; None for other items and invalid values."""
-    mark = {"recovered": True} if isinstance(item, Recovered) else {}
-    message = item.message if isinstance(item, Recovered) else item
-    if not isinstance(message, Message):
-        return None
+def clock_words(unix_s: float) -> str:
+    """Return the local time of day of an instant, to the millisecond."""
+    return datetime.fromtimestamp(unix_s).astimezone().strftime("%H:%M:%S.%f")[:-3]
+
+
+def _json_line(message: Message, is_recovered: bool) -> str:
+    """JSON of a message with its topic and mark of recovery."""
+    mark = {"recovered": True} if is_recovered else {}
     try:
         return json.dumps({"topic": message.topic, **mark, **message.data}, allow_nan=False)
     except (TypeError, ValueError):  # bytes, ext or NaN, which tactiled never sends
-        return None
+        raise ContractError(f"{message.topic} contains a value that JSON cannot represent") from None
 
 
-def _words(item: Item) -> str:
+def _line(lines: EventLines, message: Message, is_recovered: bool) -> str | None:
+    """Line for people; None where none is due."""
+    data = checked_map(message.topic, message.data)
+    return lines.line(message.topic, data, " (recovered)" if is_recovered else "")
+
+
+def _words(item: Stale | Fresh | Lost | Restarted | Malformed) -> str:
     match item:
         case Stale(reason=reason):
             return f"stale: {reason}"
@@ -98,5 +126,3 @@ def _words(item: Item) -> str:
             return "tactiled was restarted"
         case Malformed(reason=reason):
             return f"malformed: {reason}"
-        case Message(topic=topic) | Recovered(message=Message(topic=topic)):
-            return f"malformed: {topic} contains a value that JSON cannot represent"

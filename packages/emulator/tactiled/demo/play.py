@@ -27,7 +27,9 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
+from tactiled.events.codec import evidence_key
 from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, TextureEvent
+from tactiled.events.words import event_words
 from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
 from tactiled.plots.log import KnownTruth, draw_log
@@ -186,25 +188,11 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
     if topic == "info":
         seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)
-    if isinstance(event, GripEvent):
+    if event is not None:
         seen.events.append(event)
-        return
-    t0_s = time_s if seen.t0_s is None else seen.t0_s
-    if topic == "contact":
-        _say(f"{time_s - t0_s:6.2f} s  found: contact", message["state"])
-    elif isinstance(event, SlipEvent):
-        seen.events.append(event)
-        words = f"slip {event.state}, {event.kind}, since {event.onset_s - t0_s:.2f} s"
-        _say(f"{event.detected_s - t0_s:6.2f} s  found: {words}", f"direction {event.direction_deg:.0f} deg")
-    elif isinstance(event, TextureEvent):
-        seen.events.append(event)
-        words = (
-            f"D = {event.period_mm:.4f} ± {event.period_sd_mm:.4f} mm, "
-            f"angle {event.angle_deg:.2f} ± {event.angle_sd_deg:.2f} deg"
-            if event.status == "ok"
-            else ""
-        )
-        _say(f"{event.answered_s - t0_s:6.2f} s  found: texture {event.status}", words)
+    if topic in ("contact", "slip", "texture"):
+        found_s = message[evidence_key(topic)] - unix_offset_s - (time_s if seen.t0_s is None else seen.t0_s)
+        _say(f"{found_s:6.2f} s  found:", event_words(topic, message))
 
 
 def _print_force(message: dict[str, Any], time_s: float, seen: DemoRecord) -> None:
