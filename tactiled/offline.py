@@ -21,6 +21,7 @@ from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.codec import to_map
 from tactiled.events.types import Event, ForceEvent, GripEvent
+from tactiled.events.words import EventLines
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.log_summary import LogTally
@@ -162,6 +163,7 @@ class Log:
     board: str
     tally: LogTally
     held: "HeldLog | None" = None
+    n_events: int = 0
     n_printed: int = 0
 
     def add_scans(self, time_s: FloatArray, volts: FloatArray) -> None:
@@ -202,16 +204,25 @@ def detect_file(
     choices: Choices | None = None,
     plot: Path | None = None,
     reached: Reached | None = None,
+    *,
+    as_json: bool = True,
 ) -> Log:
-    """Print the events of a file as JSON lines, and return the log with them; see `detect_messages`."""
+    """Print the events of a file, and return the log with them; see `detect_messages`.
+
+    Every event is a JSON line; without `as_json` there are lines for people (`EventLines`).
+    """
     choices = choices or Choices()
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     log, messages = detect_messages(path, array, rate_hz, choices, reached)
     held = log.held = HeldLog() if plot is not None else None
+    lines = EventLines("{:8.3f} s".format, choices.topics)
     for message in messages:
-        click.echo(json.dumps(message, allow_nan=False))
-        log.n_printed += 1
+        log.n_events += 1
+        line = json.dumps(message, allow_nan=False) if as_json else lines.line(message["topic"], message)
+        if line is not None:
+            click.echo(line)
+            log.n_printed += 1
     if plot is not None and held is not None:
         from tactiled.plots.log import draw_log
 

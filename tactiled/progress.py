@@ -1,6 +1,11 @@
-"""Progress of a command: a bar on standard error if that is a terminal, else one line at the start."""
+"""What a command shows people on standard error: a bar of its progress, and text.
 
+The bar is shown if that is a terminal; else there is one line at the start.
+"""
+
+import os
 import sys
+from textwrap import fill
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
@@ -96,3 +101,14 @@ class ProgressBar:
     def note(self, what: str) -> None:
         """Show `what` beside the title as the present work."""
         self.advance(what, 0.0)
+
+
+def tell(words: str) -> None:
+    """Print text for people; in a terminal, long lines are wrapped between words."""
+    if sys.stderr.isatty():
+        width = os.get_terminal_size(sys.stderr.fileno()).columns or 80  # 0 where nobody has set it
+        words = "\n".join(
+            fill(line, width, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
+            for line in words.split("\n")
+        )
+    print(words, file=sys.stderr, flush=True)

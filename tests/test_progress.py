@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.progress import ProgressBar
+from tactiled.progress import ProgressBar, tell
 
 
 class _Terminal(io.StringIO):
@@ -71,3 +71,20 @@ def test_a_verb_draws_its_bar_on_standard_error_and_its_lines_on_standard_output
     assert "detect log.csv" in shown
     assert "%" in shown
     assert b"\x1b" not in done.stdout
+
+
+def test_long_lines_are_wrapped_in_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = "a/path-that-is-long: " + "twelve words " * 9 + "\n\n  [table]\nshort = 1"
+    plain = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", plain)
+    tell(words)
+    assert plain.getvalue() == f"{words}\n"
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "w") as terminal:
+        monkeypatch.setattr(sys, "stderr", terminal)
+        tell(words)
+        shown = os.read(ours, 1 << 16).decode().splitlines()
+    os.close(ours)
+    assert max(map(len, shown)) <= 80
+    assert [line.startswith("    ") for line in shown] == [False, True, False, False, False]
+    assert shown[-3:] == ["", "  [table]", "short = 1"]

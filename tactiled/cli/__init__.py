@@ -1,4 +1,4 @@
-"""The command line. JSON lines go to stdout, text for people goes to stderr.
+"""The command line. JSON lines go to stdout, text for people goes to stderr; a terminal has events in words.
 
 Exit codes: 0 success, 1 the operation failed, 2 usage or configuration error. Slow imports happen inside the
 command that needs them, so that ``--help`` and ``listen`` start at once.

@@ -7,8 +7,8 @@ from typing import Any
 import click
 
 from tactiled.cli import packages
-from tactiled.cli.options import FILE, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
-from tactiled.progress import ProgressBar
+from tactiled.cli.options import FILE, JSON, KEYS, SPEED, need_extra, need_named, need_readable, need_toml
+from tactiled.progress import ProgressBar, tell
 
 _TOPICS = ("slip", "contact", "grip", "texture", "force")
 
@@ -104,7 +104,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
     default=10.0,
     show_default=True,
     type=click.FloatRange(0, 1000),
-    help="Grip lines a second of contact, besides changes of state; 0 for none.",
+    help="Grip lines a second of contact, besides changes of state; 0 for none. In a terminal one at most.",
 )
 @click.option(
     "--calibration",
@@ -115,7 +115,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
     default=10.0,
     show_default=True,
     type=click.FloatRange(0, 10_000),
-    help="Force lines a second, with --calibration; 0 for none.",
+    help="Force lines a second, with --calibration; 0 for none. In a terminal one at most.",
 )
 @click.option("-c", "--config", type=FILE, help="File whose [detect] tables hold parameters, as of a daemon.")
 @click.option(
@@ -146,6 +146,7 @@ class Topics(click.ParamType[tuple[str, ...]]):
     "--jobs", type=click.IntRange(1), help="With --to: files at a time; as many as cores unless told."
 )
 @click.option("--dask", metavar="ADDRESS", help="With --to: use the workers of this Dask scheduler.")
+@JSON
 def detect(
     files: tuple[str, ...],
     array: str | None,
@@ -157,14 +158,15 @@ def detect(
     to: Path | None,
     jobs: int | None,
     dask: str | None,
+    as_json: bool,
     **choices: Any,
 ) -> None:
     """Find slip, contact, grip, texture and force in a recording, a table or a bag of ROS.
 
     Tables (.csv, .npz, .parquet): a header with `time_s` in seconds, then one column per channel in channel
     order, in the unit that the array file states. Bags: the folder of a rosbag2, or a file .mcap, .db3 or
-    .bag. Every event is one JSON line on stdout, with times in the file's own clock. Late scans of a
-    recording are used like others; `tactiled replay` reproduces the live events.
+    .bag. Every event is one line on stdout, in a terminal words, else JSON, with times in the file's own
+    clock. Late scans of a recording are used like others; `tactiled replay` reproduces the live events.
 
     With --to, FILE may be many files or patterns ('runs/**/*.mcap'), analysed on all cores or on a Dask
     cluster. An interrupted run goes on where it ended. A file that cannot be read is a row with its error.
@@ -204,9 +206,12 @@ def detect(
         click.echo(outcome.words(to), err=True)
         return
     with ProgressBar(f"detect {file}", writes_lines=True) as bar:
-        log = detect_file(file, array, rate_hz, asked, plot, bar.reach)
-    for line in (*log.summary(asked), f"{log.n_printed} events"):
-        click.echo(f"{file}: {line}", err=True)
+        log = detect_file(file, array, rate_hz, asked, plot, bar.reach, as_json=as_json)
+    n_events = f"{log.n_events} events"
+    if log.n_printed < log.n_events:
+        n_events += f", {log.n_printed} of them shown; all with --json"
+    for line in (*log.summary(asked), n_events):
+        tell(f"{file}: {line}")
 
 
 def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
@@ -247,6 +252,7 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
+@JSON
 @KEYS
 def tune(
     endpoint: str,
@@ -257,12 +263,13 @@ def tune(
     motion_s: float,
     array: str | None,
     topic: str | None,
+    as_json: bool,
     keys: Path | None,
 ) -> None:
     """Count what each setting reports in your own hold and motion; propose a setting and the friction.
 
     Listens to a running daemon while you hold an object still, then move it without slip; or takes two files.
-    Prints a report and TOML to stderr, and all numbers as one JSON line to stdout.
+    Prints a report and TOML to stderr, and all numbers as one JSON line to stdout unless that is a terminal.
 
     Example: tactiled tune --quiet hold.mcap --motion carry.mcap
     """
@@ -273,6 +280,6 @@ def tune(
     from tactiled.tune.run import tune_files, tune_live
 
     if quiet is not None and motion is not None:
-        tune_files(quiet, motion, array, per_hour, topic)
+        tune_files(quiet, motion, array, per_hour, topic, as_json=as_json)
     else:
-        tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour)
+        tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour, as_json=as_json)

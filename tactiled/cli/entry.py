@@ -14,6 +14,7 @@ from tactiled.cli import (
 )  # fmt: skip
 from tactiled.cli.packages import OpenGroup
 from tactiled.errors import TactiledError
+from tactiled.progress import tell
 from tactiled.version import __version__
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
@@ -69,7 +70,7 @@ def run_command(command: click.Command) -> None:
     except click.Abort:
         sys.exit(130)
     except TactiledError as error:
-        click.echo(f"tactiled: {error}", err=True)
+        tell(f"tactiled: {error}")
         sys.exit(error.exit_code)
     except BrokenPipeError:  # the reader of stdout has closed the pipe: a regular end
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIGS, FILE, KEYS, PORT, need_board, need_toml
+from tactiled.cli.options import CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_toml
 
 
 @click.command()
@@ -88,18 +88,28 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
 @click.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan, status, ...")
-@click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many messages.")
+@click.option("-n", "--count", type=click.IntRange(1), help="Stop after this many lines.")
 @click.option(
     "--timeout",
     "timeout_s",
     type=click.FloatRange(0),
     help="Stop after so many seconds; exit code 1 if no message came.",
 )
+@JSON
 @KEYS
 def listen(
-    endpoint: str, topics: tuple[str, ...], count: int | None, timeout_s: float | None, keys: Path | None
+    endpoint: str,
+    topics: tuple[str, ...],
+    count: int | None,
+    timeout_s: float | None,
+    as_json: bool,
+    keys: Path | None,
 ) -> None:
-    """Print the messages of a daemon, one JSON line per message.
+    """Print the messages of a daemon, one line per message.
+
+    In a terminal the lines are for people: slip, contact, texture and commands, and grip each second and when
+    its state changes; other topics where --topic asks for them. Into a pipe or a file, or with --json, every
+    message is one JSON line.
 
     Example: tactiled listen --topic slip --topic texture
     """
@@ -108,7 +118,7 @@ def listen(
 
     if strangers := sorted(set(topics) - set(EVENT_TYPES)):
         raise click.UsageError(f"no topic {', '.join(strangers)}; there are: {', '.join(EVENT_TYPES)}")
-    sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s, keys=keys))
+    sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s, keys=keys, as_json=as_json))
 
 
 @click.command()

@@ -6,6 +6,7 @@ The checks find usage errors before the command imports numpy, which takes most 
 import errno
 import importlib.util
 import os
+import sys
 from pathlib import Path
 
 import click
@@ -31,6 +32,19 @@ CONFIGS = click.option(
 )
 PORT = click.option("-p", "--port", help="Serial port or pyserial URL; overrides port.url.")
 KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `tactiled keys make`.")
+
+
+def _or_no_terminal(_context: click.Context, _parameter: click.Parameter, is_asked: bool) -> bool:
+    return is_asked or not sys.stdout.isatty()
+
+
+JSON = click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    callback=_or_no_terminal,
+    help="Print JSON lines in a terminal, too; they are always printed into a pipe or a file.",
+)
 
 
 def need_board(config: Path | None, port: str | None, to: str = "run") -> None:

@@ -3,7 +3,7 @@
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,6 +13,7 @@ from tactiled.cli.options import (
     CONFIG_ENV,
     FILE,
     FILES,
+    JSON,
     PORT,
     SPEED,
     need_board,
@@ -23,6 +24,7 @@ from tactiled.cli.options import (
 )
 from tactiled.cli.packages import OpenGroup
 from tactiled.errors import DataError
+from tactiled.progress import tell
 
 if TYPE_CHECKING:
     from tactiled.array import Array
@@ -48,6 +50,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.option("--log", type=FILE, help="Table of the array (.csv, .npz, .parquet): say how the file fits it.")
 @click.option("--columns", metavar="NAMES", help="Columns of the log that are channels, as of detect.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in the log.")
+@JSON
 def check_config(
     files: tuple[Path, ...],
     schema: bool,
@@ -57,13 +60,14 @@ def check_config(
     log: Path | None,
     columns: str | None,
     time_unit: "TimeUnit | None",
+    as_json: bool,
 ) -> None:
     """Check a configuration and the files it names without opening the port, or one file of another kind.
 
     Other kinds are array files, layout files and force calibrations. For an array, it is also said what it
     can measure: contact, slip, direction, and periods and angles of grooves. Of several configurations, or of
     those in a directory, it is also checked that one process can serve their boards, as `tactiled run` does.
-    Prints one JSON line for each.
+    Says on stderr what is valid, and prints one JSON line for each on stdout unless that is a terminal.
 
     Example: tactiled check-config /etc/tactiled/left.toml
 
@@ -103,19 +107,17 @@ def check_config(
         layout = load_layout(str(file.absolute()))
         octets = {name: layout.wire_bytes(name) for name in layout.messages}
         summary = {"name": layout.name, "channels": layout.n_channels, "bytes": octets}
-        click.echo(json.dumps(summary))
         words = (
             f"{layout.n_channels} channels, {layout.file.baud} baud, a scan has {octets.get('scan', 0)} bytes"
         )
-        click.echo(f"{file}: valid (layout {layout.name}: {words})", err=True)
+        _show_valid(file, f"layout {layout.name}: {words}", summary, as_json)
         return
     if kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
 
         array = build(tomlfile.load(file, ArrayFile))
-        click.echo(json.dumps(array.summary()))
-        click.echo(f"{file}: valid ({array.in_words()})", err=True)
+        _show_valid(file, array.in_words(), array.summary(), as_json)
         if log is not None:
             from tactiled.recording.rows import TableOptions
 
@@ -128,21 +130,29 @@ def check_config(
 
         calibration = load_calibration(str(file.absolute()))
         shown = {"name", "array", "board", "date", "axes", "verdict"}
-        click.echo(json.dumps(calibration.model_dump(include=shown)))
-        click.echo(f"{file}: valid (calibration {calibration.name} of {calibration.array})", err=True)
+        words = f"calibration {calibration.name} of {calibration.array}"
+        _show_valid(file, words, calibration.model_dump(include=shown), as_json)
+        tell("\n".join(calibration.verdict))
         return
     from tactiled import compiled
-    from tactiled.doctor.unplugged import check_files, resolved_in_words
+    from tactiled.doctor.unplugged import check_files, resolved_in_words, settings_in_words
 
     for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
         warnings = check_files(setup, setup.source)
-        click.echo(json.dumps(setup.config.model_dump(mode="json")))
-        click.echo(f"{setup.source}: valid ({setup.array.name}, {setup.layout.name})", err=True)
+        words = f"{setup.array.name}, {setup.layout.name}"
+        _show_valid(setup.source, words, setup.config.model_dump(mode="json"), as_json)
         for warning in warnings:
-            click.echo(f"warning: {warning}", err=True)
-        for line in resolved_in_words(setup):
-            click.echo(line, err=True)
-    click.echo(f"path of a scan: {compiled.path_words()}", err=True)
+            tell(f"warning: {warning}")
+        for line in (*settings_in_words(setup), *resolved_in_words(setup)):
+            tell(line)
+    tell(f"path of a scan: {compiled.path_words()}")
+
+
+def _show_valid(file: Path | str, words: str, values: dict[str, Any], as_json: bool) -> None:
+    """Print that a file is valid, and what it contains as JSON where asked."""
+    if as_json:
+        click.echo(json.dumps(values))
+    tell(f"{file}: valid ({words})")
 
 
 def _names(columns: str | None) -> tuple[str, ...]:
@@ -162,7 +172,7 @@ def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
         )
     found = log_fit(array, time_s, readings)
     for each in found:
-        click.echo(f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else ""), err=True)
+        tell(f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else ""))
     return float(found[0].values["rate_hz"])
 
 
@@ -176,12 +186,12 @@ def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Pat
         f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else "") for each in findings
     ]
     for line in lines:
-        click.echo(line, err=True)
+        tell(line)
     if plot is not None:
         from tactiled.plots.array_map import draw_array
 
         draw_array(plot, array, [f"at {rate_hz:g} scans a second:", *lines])
-        click.echo(f"wrote {plot}", err=True)
+        tell(f"wrote {plot}")
 
 
 @click.command()

@@ -100,6 +100,17 @@ def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
     return [], []
 
 
+def settings_in_words(setup: Setup) -> list[str]:
+    """Describe what a configuration connects: port, detectors, endpoints and recordings."""
+    config = setup.config
+    record = config.record.directory
+    return [
+        f"port: {config.port.url}",
+        f"events: setting {config.detect.setting}, at {', '.join(config.publish.endpoints)}",
+        f"recordings: {'none' if record is None else f'in {record}'}",
+    ]
+
+
 def resolved_in_words(setup: Setup) -> list[str]:
     """Describe the grooves that the estimator resolves, at the configured speed or, without one, at any."""
     detect, rate_hz = setup.config.detect, setup.config.session.rate_hz or _RATE_HZ

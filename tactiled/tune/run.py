@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tactiled.errors import ConfigError
-from tactiled.progress import ProgressBar
+from tactiled.progress import ProgressBar, tell
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
 from tactiled.tune.live import record_live
@@ -20,8 +20,10 @@ def tune_files(
     array: str | None,
     accepted_per_hour: float,
     topic: str | None = None,
+    *,
+    as_json: bool = True,
 ) -> None:
-    """Evaluate files of a quiet hold and of motion without slip; JSON to stdout, report to stderr.
+    """Evaluate files of a quiet hold and of motion without slip; report to stderr, JSON to stdout if asked.
 
     Raises
     ------
@@ -32,7 +34,7 @@ def tune_files(
     if first.array.channel_name != second.array.channel_name:
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])
-    judge(first, second, accepted_per_hour)
+    judge(first, second, accepted_per_hour, as_json=as_json)
 
 
 def tune_live(
@@ -42,19 +44,18 @@ def tune_live(
     array: str | None,
     keys: Path | None,
     accepted_per_hour: float,
+    *,
+    as_json: bool = True,
 ) -> None:
     """Record both from a running daemon and evaluate them; see `live.record_live`."""
-    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, _tell)
-    judge(quiet, motion, accepted_per_hour)
+    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, tell)
+    judge(quiet, motion, accepted_per_hour, as_json=as_json)
 
 
-def judge(quiet: Recording, motion: Recording, accepted_per_hour: float) -> None:
+def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_json: bool) -> None:
     """Evaluate two recordings and print the result."""
     with ProgressBar("tune", N_STAGES) as bar:
         found = study(quiet, motion, accepted_per_hour, bar.advance)
-    _tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
-    click.echo(json.dumps(as_map(found), allow_nan=False))
-
-
-def _tell(words: str) -> None:
-    click.echo(words, err=True)
+    tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
+    if as_json:
+        click.echo(json.dumps(as_map(found), allow_nan=False))

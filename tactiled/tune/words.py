@@ -86,7 +86,7 @@ def _noise(found: Study) -> str:
 
 
 def _settings(found: Study) -> str:
-    rows = [["setting", "incipient p", "gross p", "reports in the hold", "in the motion", "per hour, 95 %"]]
+    rows = [["setting", "incipient p", "gross p", "slips in hold", "in motion", "per hour, 95 %"]]
     for name, reports in found.settings.items():
         at = SETTINGS[name]
         between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))

@@ -313,11 +313,17 @@ def test_options_of_the_module_reach_the_listener(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sys, "argv", ["x"])
     assert program.main() == 7
     options = ["-t", "slip", "-t", "grip", "-n", "3", "--timeout", "1.5", "--keys", "k.toml"]
-    monkeypatch.setattr(sys, "argv", ["x", "tcp://h:1", *options])
-    program.main()
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    for further in ([], ["--json"]):
+        monkeypatch.setattr(sys, "argv", ["x", "tcp://h:1", *options, *further])
+        program.main()
+    here: tuple[Any, ...] = ("tcp://127.0.0.1:9872", [])
+    there = ("tcp://h:1", ["slip", "grip"])
+    given = {"count": 3, "timeout_s": 1.5, "keys": Path("k.toml")}
     assert heard == [
-        (("tcp://127.0.0.1:9872", []), {"count": None, "timeout_s": None, "keys": None}),
-        (("tcp://h:1", ["slip", "grip"]), {"count": 3, "timeout_s": 1.5, "keys": Path("k.toml")}),
+        (here, {"count": None, "timeout_s": None, "keys": None, "as_json": True}),
+        (there, {**given, "as_json": False}),
+        (there, {**given, "as_json": True}),
     ]
     monkeypatch.setattr(sys, "argv", ["x", "--topic", "slips"])
     with pytest.raises(SystemExit):

@@ -158,8 +158,8 @@ def test_check_config_uses_the_configured_speed_or_any(
     with pytest.raises(SystemExit) as end:
         main()
     assert not end.value.code
-    valid, grooves, speeds, path_of_scans = capsys.readouterr().err.splitlines()
-    assert "valid" in valid
+    valid, port, _, _, grooves, speeds, path_of_scans = capsys.readouterr().err.splitlines()
+    assert ("valid" in valid, port) == (True, "port: /dev/none")
     assert grooves.startswith("grooves: wang2019-3x3, at 1.5 mm/s, resolves 0.5 to 15 mm")
     assert speeds.startswith("sliding speed: ")
     assert path_of_scans.startswith("path of a scan: ")

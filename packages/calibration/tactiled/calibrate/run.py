@@ -14,7 +14,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.plots import PICTURES
-from tactiled.progress import ProgressBar
+from tactiled.progress import ProgressBar, tell
 from tactiled.recording.rows import TimeUnit
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
@@ -36,8 +36,9 @@ def calibrate_files(
     is_same_clock: bool = False,
     are_poses: bool = False,
     plot: Path | None = None,
+    as_json: bool = True,
 ) -> CalibrationStudy:
-    """Write a calibration file; numbers as one JSON line to stdout, the verdict to stderr.
+    """Write a calibration file; the verdict to stderr, numbers as one JSON line to stdout if asked.
 
     Raises
     ------
@@ -71,9 +72,9 @@ def calibrate_files(
         save_calibration(out, found.file)
     except OSError as error:
         raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    for line in in_words(found):
-        click.echo(f"{out}: {line}", err=True)
-    click.echo(json.dumps(as_map(found), allow_nan=False))
+    tell("\n".join((f"{out}: force calibration of {found.file.array}", *in_words(found))))
+    if as_json:
+        click.echo(json.dumps(as_map(found), allow_nan=False))
     if plot is not None:
         from tactiled.plots.calibration import draw_calibration
 

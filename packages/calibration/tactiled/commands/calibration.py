@@ -6,7 +6,8 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
+from tactiled.cli.options import FILE, JSON, KEYS, need_extra, need_named, need_readable
+from tactiled.progress import tell
 
 
 @click.command()
@@ -48,6 +49,7 @@ from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readab
 @click.option(
     "--guide-s", default=180.0, show_default=True, type=click.FloatRange(5, 3600), help="Longest recording."
 )
+@JSON
 @KEYS
 def calibrate(
     log: Path,
@@ -65,7 +67,8 @@ def calibrate(
 
     LOG is a recording, a CSV or npz file or a bag of somebody who presses the array, and pushes it sideways,
     for a minute. The clocks of both files may differ by up to 5 s. The verdict says what is known how well,
-    and which motion to add. With --guide, LOG is recorded first; the exit code is 1 if a motion is lacking.
+    and which motion to add; its numbers are one JSON line on stdout unless that is a terminal. With --guide,
+    LOG is recorded first; the exit code is 1 if a motion is lacking.
 
     Example: tactiled calibrate log.npz --reference ft.csv -o mine.toml --plot mine.png
     """
@@ -73,7 +76,7 @@ def calibrate(
     if guide is not None:
         from tactiled.calibrate.live import record_guided
 
-        is_good = record_guided(log, guide, array, keys, guide_s, lambda line: click.echo(line, err=True))
+        is_good = record_guided(log, guide, array, keys, guide_s, tell)
         sys.exit(0 if is_good else 1)
     if reference is None or out is None:
         raise click.UsageError("give --reference FILE and -o FILE, or --guide to record LOG first")
