@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from pages import robot
 from playwright.sync_api import Browser, Page, expect
+from recordings import record, simulated_reads
 from stage import stage
 
 pytestmark = pytest.mark.system
@@ -144,9 +145,65 @@ def test_text_has_the_contrast_of_wcag_aa(page: Page, tmp_path: Path, theme: str
         page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
         poor = {pair: page.evaluate(LUMINANCE, list(pair)) for pair in PAIRS}
         assert {pair: ratio for pair, ratio in poor.items() if ratio < 4.5} == {}
-        axe = os.environ.get("TACTILED_AXE")  # axe.min.js of `npm pack axe-core`
-        if axe is not None:
-            expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
-            page.evaluate(Path(axe).read_text())
-            found = page.evaluate("axe.run()")
-            assert [(fault["id"], fault["nodes"][0]["html"]) for fault in found["violations"]] == []
+
+
+MIN_CONTROL_PX = 44  # Apple's guidelines; WCAG 2.2, success criterion 2.5.5
+LOW_CONTROLS = """(least) => [...document.querySelectorAll("a, button, select, input, summary")]
+  .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < least).map((e) => e.outerHTML)"""
+UNREACHABLE = """() => [...document.querySelectorAll("body *")]
+  .filter((e) => e.checkVisibility() && e.scrollHeight > e.clientHeight && e.tabIndex < 0)
+  .filter((e) => /auto|scroll/.test(getComputedStyle(e).overflowY)).map((e) => e.outerHTML)"""
+
+
+def faults(page: Page) -> list[str]:
+    """Faults that axe-core finds in both themes, where it is there, and places that no key can scroll."""
+    found = [str(html) for html in page.evaluate(UNREACHABLE)]
+    axe = os.environ.get("TACTILED_AXE")  # axe.min.js of `npm pack axe-core`
+    if axe is not None:
+        page.evaluate(Path(axe).read_text())
+        for theme in ("light", "dark"):
+            page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
+            violations = page.evaluate("axe.run()")["violations"]
+            found += [f"{theme}: {fault['id']}: {fault['nodes'][0]['html']}" for fault in violations]
+    return found
+
+
+@pytest.mark.parametrize("device", VIEWS)
+def test_the_page_is_accessible_in_every_state(browser: Browser, tmp_path: Path, device: str) -> None:
+    page = browser.new_context(**VIEWS[device]).new_page()
+    with robot(tmp_path) as made:
+        made.run()
+        made.plug("demo")
+        page.goto(made.serve("--allow-commands"))
+        lamp = page.locator(".lamp")
+        expect(lamp).to_have_attribute("data-state", "fresh")
+        expect(page.locator(".commands")).to_be_visible()
+        page.locator(".readings summary").click()
+        expect(page.locator(".events .event").nth(9)).to_be_attached()  # the list can be scrolled
+        assert faults(page) == []
+        page.keyboard.press("?")
+        assert faults(page) == []
+        if device == "phone":
+            assert page.evaluate(LOW_CONTROLS, MIN_CONTROL_PX) == []
+        page.keyboard.press("Escape")
+        for process, state in (("board", "none"), ("daemon", "stale")):
+            made.stop(process)
+            expect(lamp).to_have_attribute("data-state", state)
+            assert faults(page) == []
+    page.context.close()
+
+
+@pytest.mark.parametrize("device", VIEWS)
+def test_the_page_of_a_recording_is_accessible(browser: Browser, tmp_path: Path, device: str) -> None:
+    page = browser.new_context(**VIEWS[device]).new_page()
+    record(tmp_path / "demo.mcap", simulated_reads(12.0, "demo"))
+    with robot(tmp_path) as made:
+        page.goto(made.serve("--file", str(tmp_path / "demo.mcap"), events=False))
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
+        page.locator(".events .list").focus()
+        page.keyboard.press("End")  # scrolls the list, and leaves the recording where it is
+        expect(page.locator("#clock")).to_contain_text("0.00 /")
+        assert faults(page) == []
+        if device == "phone":
+            assert page.evaluate(LOW_CONTROLS, MIN_CONTROL_PX) == []
+    page.context.close()

@@ -44,7 +44,7 @@ export class Player {
   _key(event) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const tag = event.target.tagName;
-    if (tag === "SELECT" || (tag === "BUTTON" && event.key === " ") || (tag === "INPUT" && event.target !== this.at.position)) return;
+    if (tag === "SELECT" || event.target.matches(".list, .scroll") || (tag === "BUTTON" && event.key === " ") || (tag === "INPUT" && event.target !== this.at.position)) return;
     const step = event.shiftKey ? 0.1 : 1;
     const act = { " ": () => this.toggle(), ArrowLeft: () => this.seek(this.position - step), ArrowRight: () => this.seek(this.position + step),
       ArrowUp: () => this._faster(1), ArrowDown: () => this._faster(-1), Home: () => this.seek(0), End: () => this.seek(this.length), c: () => this.copy(), C: () => this.copy() }[event.key];
