@@ -83,7 +83,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             f"{size.worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
             f"score on (seeds from {REPORTED_FROM}).",
             aims_table(AIMS, {"measured": measured}),
-            "u: utilisation from 0.5 up. False gross slips are by hour of contact, at the part of true ones "
+            "u: utilisation from 0.5 up; by true friction: the ratio over it, without any filter. False gross slips are by hour of contact, at the part of true ones "
             "that is found from 0.1 s before to 0.3 s after they begin. Below half: state gross in worlds "
             "that never use half of the limit.",
             score_table(scores),
@@ -133,6 +133,7 @@ def _row(name: str, kind: str, one: Score) -> dict[str, str]:
         "skill of sliding": f"{one.skill_sliding:.2f}",
         "skill at 300 ms": f"{one.skill_300ms:.2f}",
         "u rms": f"{one.used_rms:.3f}",
+        "by true friction": f"{one.friction_rms:.3f}",
         "u after a slide": _number(one.used_rms_later, ".3f"),
         "u coverage": f"{one.coverage:.2f}",
         "gross while it slides": f"{one.told_gross:.2f}",

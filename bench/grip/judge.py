@@ -30,6 +30,7 @@ class Course:
     quantiles: FloatArray
     p_gross_300ms: FloatArray
     told_gross: NDArray[np.bool_]
+    ratio: FloatArray
 
     @property
     def slides(self) -> NDArray[np.bool_]:
@@ -84,10 +85,11 @@ def course(
             continue
         scans.append(scan)
         used = event.utilisation_low, event.utilisation, event.utilisation_high
-        rows.append((contact.filter.p_sliding, *used, event.p_gross_300ms, event.state == "gross"))
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), 6)
+        p = contact.filter.p_sliding
+        rows.append((p, *used, event.p_gross_300ms, event.state == "gross", contact.size))
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
     seen = np.array(scans, dtype=np.int64)
-    return Course(world, seen, table[:, 0], table[:, 1:4], table[:, 4], table[:, 5] > 0)
+    return Course(world, seen, table[:, 0], table[:, 1:4], table[:, 4], table[:, 5] > 0, table[:, 6])
 
 
 class Score(NamedTuple):
@@ -102,6 +104,8 @@ class Score(NamedTuple):
         nothing is said to.
     used_rms, used_bias, coverage : float
         Utilisation from 0.5: error of the median, part within the interval of 90 %.
+    friction_rms : float
+        The same error of the ratio over the true friction of the scan, without any filter.
     used_rms_later : float
         The same error after a first slide in the world; NaN without one.
     told_gross : float
@@ -118,6 +122,7 @@ class Score(NamedTuple):
     skill_sliding: float
     skill_300ms: float
     used_rms: float
+    friction_rms: float
     used_bias: float
     used_rms_later: float
     coverage: float
@@ -141,6 +146,7 @@ def score(courses: Sequence[Course]) -> Score:
     high = used >= _USED
     error = quantiles[high, 1] - used[high]
     inside = (quantiles[high, 0] - 1e-9 <= used[high]) & (used[high] <= quantiles[high, 2] + 1e-9)
+    by_friction = np.concatenate([np.minimum(c.ratio / c.world.friction[c.at], 1.0) for c in courses])
     calm = [c for c in courses if len(c.at) and c.utilisation.max() < _USED]
     hours = sum(len(c.at) / c.world.rate_hz for c in calm) / 3600
     return Score(
@@ -148,6 +154,7 @@ def score(courses: Sequence[Course]) -> Score:
         skill_sliding=_skill(p, slides),
         skill_300ms=_skill(ahead, soon),
         used_rms=float(np.sqrt(np.mean(error**2))),
+        friction_rms=float(np.sqrt(np.nanmean((by_friction[high] - used[high]) ** 2))),
         used_bias=float(np.mean(error)),
         used_rms_later=float(np.sqrt(np.mean(error[later[high]] ** 2))) if later[high].any() else math.nan,
         coverage=float(np.mean(inside)),

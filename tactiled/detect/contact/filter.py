@@ -103,6 +103,7 @@ class ContactFilter:
         self.memory = Memory(learnt.base_odds)
         self.friction_memory = Friction(friction / shear_per_friction, log_sd)
         self.posterior = Posterior([NAMES.index(name) for name in STATE_SIGNS], len(self.memory.row))
+        learnt.check(len(NAMES), len(self.posterior.row))
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
         # Each access to an array of a compiled class makes a view: a microsecond, and a look needs ten.
         self._memory_row, self._state_row = self.memory.row, self.posterior.row

@@ -32,6 +32,23 @@ class Learnt(NamedTuple):
     soon: Trees
     base_odds: float
 
+    def check(self, n_signs: int, n_state: int) -> None:
+        """Raise ValueError where the trees read more than the rows of signs and of the state have.
+
+        Compiled trees do not check each place that they read.
+        """
+        for name, forest, n in (
+            ("signs", self.signs, n_signs),
+            ("state", self.state, n_state),
+            ("soon", self.soon, n_state),
+        ):
+            reads = 1 + (int(np.asarray(forest.links)[::2].max(initial=-1)) >> 1)
+            if reads > n:
+                raise ValueError(
+                    f"{'/'.join(FILE)}: the trees of {name} read {reads} features, of which there are {n}: "
+                    "they are of another version; learn them anew (./run train slip)"
+                )
+
 
 def learnt_from(table: Mapping[str, Any]) -> Learnt:
     """Make the trees from arrays by name, ``forest.array``, as `bench.train.fit` makes them."""

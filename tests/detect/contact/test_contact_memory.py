@@ -238,3 +238,11 @@ def test_trees_add_the_leaf_that_a_row_reaches_and_nan_goes_where_it_was_told() 
     for row, wanted in (([0.5, 0.0], 211.0), ([0.6, -1.0], 121.0), ([math.nan, math.nan], 121.0)):
         forest.evaluate(array("d", row))
         assert forest.scores[0] == wanted
+
+
+def test_trees_that_read_more_than_there_is_are_refused() -> None:
+    leaf = {"first": [0.0], "root": [0], "output": [0]}
+    reads = leaf | {"links": [(2 * 1000, 2), (-1, 0), (-1, 0)], "value": [0.0, 1.0, 2.0]}
+    learnt = silent()._replace(soon=Trees(reads))
+    with pytest.raises(ValueError, match=r"slip.npz: the trees of soon read 1001 features"):
+        ContactFilter(np.array([-1.0, 1.0]), np.zeros(2), 100.0, 1.0, 0.6, 0.6, 0.9, 0.5, learnt)
