@@ -11,13 +11,11 @@ holding to sliding. In the second peak, R1 and R3 (or R2 and R4) move in opposit
 * Direction: change of the summed pair responses (R1 - R3, R2 - R4) since before the kink.
 * Onset: see `kink`. The detection latency is that of the filter: 0.10 to 0.17 s at level 3 and 100 Hz, or
   0.03 to 0.07 s for a strong kink, since the filter hardly responds to the first scans of a kink.
-* End: contact is lost; or nothing crosses for `quiet_s` after an opposite kink that removed `relaxed_part` of
-  the response, or once the response is back at its value before the slip. A stop that leaves the shear
+* End: contact is lost; or nothing crosses for `_QUIET_S` after an opposite kink that removed `_RELAXED_PART`
+  of the response, or once the response is back at its value before the slip. A stop that leaves the shear
   unchanged cannot be detected before the lift. Without shear channels a slip ends when nothing crosses for
-  `quiet_s`, which on a flat plate is soon: a steady slide causes no coefficients.
-* Change of direction: the end of one slip and the onset of another at the same instant, by the detector
-  "wang2019-turn", whose statistic is in degrees; see `heading`. The paper slides in one direction only.
-  Arrays without shear channels detect none.
+  `_QUIET_S`, which on a flat plate is soon: a steady slide causes no coefficients.
+* The paper slides in one direction only: where a slide turns, no new slip is reported.
 
 The rule detects that sliding has begun, no more: `kind` is always "gross", although the kink marks the
 beginning of tangential load and so precedes gross slip. `confidence` is the opposed part over the sum of
@@ -29,6 +27,9 @@ limit; without shear channels also any local change of pressure. White noise on 
 hold at 100 Hz with the 12-bit ADC: 4 alarms in 20 h at 0.3 mV rms, 20 per minute at 0.5 mV; from 0.7 mV on
 some channel always crosses, and a slip does not end before the lift.
 """
+
+import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,15 +46,16 @@ from tactiled.detect.signal.contact_gate import (
 from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
-from tactiled.detect.wang2019.heading import HeadingTracker
 from tactiled.detect.wang2019.kink import KinkFit
-from tactiled.detect.wang2019.slide import ActiveSlip, MotionResponse, ScanView
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTOR = "wang2019"
-
+_QUIET_S = 0.8  # choice: time without a crossing after which a slip may end
+# prior: part of the shear response that is lost when a slip ends. A skin that stops keeps much of its shear;
+# 15 % is well above creep (2 %) and below the relaxation of a stop.
+_RELAXED_PART = 0.15
 
 # Voltages above 0.5 V are clear enough to analyse, the paper says. 20 N in 8 s, its slowest press, is about
 # 0.1 V/s; creep in a hold is below 0.01 V/s.
@@ -70,24 +72,131 @@ class SlipParams(Params):
         le=MAX_LEVEL,
         description="wavelet level; 0: level 3 at 100 Hz, the same span elsewhere",
     )
-    quiet_s: float = Field(
-        default=0.8, gt=0, le=60, description="time without a crossing after which a slip may end"
-    )
-    # A skin that stops keeps much of its shear; 15 % is well above creep (2 %) and below the relaxation of a
-    # stop.
-    relaxed_part: float = Field(
-        default=0.15, gt=0, lt=1, description="part of the shear response that is lost when a slip ends"
-    )
-    # Well above the error of a direction that unequal taxels and a saturating divider cause.
-    turn_deg: float = Field(
-        default=30.0, ge=10, le=180, description="change of direction from which on a slip is a new one"
-    )
     contact: ContactParams = PUBLISHED_CONTACT
 
 
 def level_at(rate_hz: float, params: SlipParams) -> int:
     """Wavelet level at a scan rate: the one whose span in seconds is nearest to level 3 at 100 Hz."""
     return params.level or int(np.clip(round(3 + np.log2(rate_hz / 100.0)), 1, MAX_LEVEL))
+
+
+class ScanView(NamedTuple):
+    """Inputs of the rule in one scan."""
+
+    time_s: float
+    time_sd_s: float
+    late: bool
+    coefficients: FloatArray  # (channels,)
+    analysed: NDArray[np.bool_]  # (channels,): usable, and on a taxel in contact
+    crossing: NDArray[np.bool_]  # (channels,)
+    steps: FloatArray  # (taps, channels): the readings that the coefficients are computed from
+    channel_offset_s: FloatArray  # (channels,): delay of each channel's sample after `time_s`
+
+
+class MotionResponse:
+    """Summed pair response along the direction of a slip, relative to that before the slip.
+
+    Parameters
+    ----------
+    weights : (axes, channels) float64
+        From readings to the response of each axis; on a grid, so that sums are exact.
+    along : (axes,) float64
+        Unit vector of the slip.
+    before : (axes,) float64
+        Response before the slip, in grid steps.
+    view : ScanView
+        The scan in which the slip was detected.
+
+    Attributes
+    ----------
+    skew_s : float
+        Weighted mean of the delay from the beginning of the scan to the samples of its channels.
+    """
+
+    def __init__(
+        self, weights: FloatArray, along: FloatArray, before: FloatArray, view: ScanView, kink: KinkFit
+    ) -> None:
+        self._weights, self._along, self._before = weights, along, before
+        self._n_before = kink.n_before
+        self.kink_delay_scans = kink.middle_scans
+        sizes = np.abs(along @ weights)
+        # A direction without channels, such as x on an array with shear along y only, has no weights.
+        self.skew_s = float(np.average(view.channel_offset_s, weights=sizes)) if sizes.any() else 0.0
+
+    def now(self, view: ScanView) -> float:
+        """Response of the newest scan, in grid steps."""
+        return self._above(self._weights @ view.steps[-1])
+
+    def before_kink(self, view: ScanView) -> float:
+        """Response before any kink that the filter responds to now."""
+        return self._above(mean_response(self._weights, view.steps[: self._n_before]))
+
+    def opposes_motion(self, view: ScanView) -> bool:
+        """True where the response kinks against the motion."""
+        return bool(self._along @ (self._weights @ view.coefficients) < 0)
+
+    def _above(self, response: FloatArray) -> float:
+        return float((response - self._before) @ self._along)
+
+
+class ActiveSlip:
+    """Track one slip from its onset to its end.
+
+    Parameters
+    ----------
+    response : MotionResponse or None
+        None for an array without shear channels, whose slips end with their last crossing.
+    now_s : float
+        Instant of the scan in which the slip was detected.
+
+    Attributes
+    ----------
+    trace_s : float
+        Instant of the end, if the slip proves to have ended.
+    """
+
+    def __init__(
+        self, onset: SlipEvent, response: MotionResponse | None, now_s: float, rate_hz: float
+    ) -> None:
+        self._onset = onset
+        self._response = response
+        self._rate_hz = rate_hz
+        self.trace_s = now_s
+        self._before_kinks = 0.0  # largest response before the opposite kinks of this burst of crossings
+        self._kinking_back = False
+
+    def cross(self, view: ScanView, *, is_first: bool) -> None:
+        """Process a crossing, the first of a burst or a later one."""
+        if self._response is None:
+            self.trace_s = view.time_s
+            return
+        if is_first:
+            self._before_kinks, self._kinking_back = 0.0, False
+        opposes_motion = self._response.opposes_motion(view)
+        if opposes_motion:
+            self._before_kinks = max(self._before_kinks, self._response.before_kink(view))
+            if not self._kinking_back:
+                delay_s = self._response.kink_delay_scans / self._rate_hz
+                self.trace_s = view.time_s + self._response.skew_s - delay_s
+        self._kinking_back = opposes_motion
+
+    def has_relaxed(self, view: ScanView) -> bool:
+        """True where the response has lost `_RELAXED_PART` of its value before the opposite kink, or all.
+
+        False while the response is falling: that fall belongs to a kink that the filter has not responded to
+        yet.
+        """
+        if self._response is None:
+            return True
+        left = (1 - _RELAXED_PART) * self._before_kinks
+        now, before = self._response.now(view), self._response.before_kink(view)
+        return now < left and (before < left or before - now < _RELAXED_PART / 2 * self._before_kinks)
+
+    def ended(self, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
+        """Event for the end, with the other fields of the onset's event."""
+        return dataclasses.replace(
+            self._onset, state="end", time_s=ended_s, detected_s=detected_s, valid=valid
+        )
 
 
 class WaveletSlip:
@@ -123,14 +232,13 @@ class WaveletSlip:
         self._last_time_s = 0.0
         self._slide: ActiveSlip | None = None
         self._quiet = 0  # scans since the newest crossing
-        self._rest: FloatArray | None = None  # (scans, channels) before this contact's first slip
 
     def _start(self, rate_hz: float) -> None:
         level = level_at(rate_hz, self._params)
         self._rate_hz = rate_hz
         self._border = border_scans(level)
         # At least the filter's window: the kink of the end must have left it before the next slip.
-        self._quiet_scans = max(self._border + 1, round(self._params.quiet_s * rate_hz))
+        self._quiet_scans = max(self._border + 1, round(_QUIET_S * rate_hz))
         self._quantiser = Quantiser(self._array)
         self._bank = SwtBank(self._array, BankParams(levels=(level,)))
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
@@ -196,22 +304,18 @@ class WaveletSlip:
                 if slips and (change := self._update_tracker(slips[-1])) is not None:
                     events.append(contact_event(block, scan, pressure, change))
             self._quiet = 0 if crosses[scan] else self._quiet + 1
-            if self._tracker.state == "none":
-                self._rest = None
         return events
 
     def _next_events(self, view: ScanView, crosses: bool) -> list[SlipEvent]:
-        """Events of one scan: an onset, an end, or both for a change of direction."""
+        """Onset or end in one scan, if there is any."""
         slide = self._slide
         if slide is None:
             return self._onset(view)
         if self._tracker.state == "none":
             return [slide.ended(view.time_s, view.time_s, valid=not view.late)]
-        if slips := slide.turn(view):
-            return slips
         if crosses:
             slide.cross(view, is_first=self._quiet >= self._quiet_scans)
-        elif self._quiet + 1 >= self._quiet_scans and slide.has_relaxed(view, self._params.relaxed_part):
+        elif self._quiet + 1 >= self._quiet_scans and slide.has_relaxed(view):
             return [slide.ended(slide.trace_s, view.time_s, valid=not view.late)]
         return []
 
@@ -278,14 +382,5 @@ class WaveletSlip:
             valid=not view.late,
             detected_s=view.time_s,
         )
-        if self._rest is None:
-            self._rest = before_steps.copy()
-        heading = None
-        if self._has_shear:
-            heading = HeadingTracker(
-                self._pairs, taxels, self._rest, before, onset.along, self._params.turn_deg, self._rate_hz
-            )
-        self._slide = ActiveSlip(
-            event, response if self._has_shear else None, heading, view.time_s, self._rate_hz
-        )
+        self._slide = ActiveSlip(event, response if self._has_shear else None, view.time_s, self._rate_hz)
         return event

@@ -20,20 +20,23 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate
 from tactiled.detect.wang2019 import grooves
-from tactiled.detect.wang2019.column import TaxelColumn
 from tactiled.detect.wang2019.grooves import GrooveEstimate, GrooveParams, SlidingMotion
-from tactiled.detect.wang2019.spectrum import Spectrum
+from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 ESTIMATOR = "wang2019"
 # derived: a spectrum of fewer has no peaks.
 _MIN_WINDOW_SCANS = 8
+# prior: part of the readings. A spectrum does not notice so few interpolated ones.
+_MAX_BAD_PART = 0.01
 
 
 class TextureParams(GrooveParams):
@@ -53,6 +56,73 @@ class TextureParams(GrooveParams):
         le=180,
         description="direction of the skin's motion, +x towards +y; left out: from the slip event",
     )
+
+
+class TaxelColumn:
+    """Three taxels (or two) of one column.
+
+    Parameters
+    ----------
+    number : int
+        Number of the column, counted as in `Array.columns`; the last where there are fewer.
+
+    Attributes
+    ----------
+    y_mm : (taxels,) float64
+        Positions along the column.
+    resistors : list of (taxels,) int64
+        Channels that measure the same quantity in each taxel: all R1, all R2, ... Empty for an array without
+        a column.
+    """
+
+    def __init__(self, array: Array, number: int, low_pass_hz: float) -> None:
+        columns = array.columns()
+        taxels = columns[min(number, len(columns) - 1)][:3] if columns else []
+        self.y_mm = array.y_mm[taxels]
+        self.resistors = _resistors(array, taxels)
+        self._grid = Quantiser(array)
+        self.volts_per_step = self._grid.volts_per_step
+        self._low_pass_hz = low_pass_hz
+
+    def usable(self, block: ScanBlock) -> NDArray[np.bool_]:
+        """True for valid readings within full scale; NaN compares false: (n, channels)."""
+        return block.valid & (np.abs(block.volts) <= self._grid.full_scale_volts)
+
+    def strongest(
+        self, volts: FloatArray, good: NDArray[np.bool_], rate_hz: float
+    ) -> tuple[NDArray[np.int64], FloatArray] | None:
+        """Channels and signals (n, taxels) of the resistor with the largest peak.
+
+        Few bad readings are interpolated linearly. None where each resistor is bad in some taxel.
+        """
+        scans = np.arange(len(volts))
+        enough = good.mean(axis=0) >= 1 - _MAX_BAD_PART
+        found = []
+        for channels in (own for own in self.resistors if enough[own].all()):
+            columns = [np.interp(scans, scans[good[:, c]], volts[good[:, c], c]) for c in channels]
+            signals = np.stack(columns, axis=1)
+            seen = spectrum(signals, rate_hz, self.volts_per_step, self._low_pass_hz)
+            found.append((_strength(seen), channels, signals))
+        return max(found, key=lambda one: one[0])[1:] if found else None
+
+
+def _strength(seen: Spectrum) -> tuple[bool, float]:
+    """Sort key: a ripple, inside the band or beyond it, ranks above a trend or noise."""
+    return seen.status in ("ok", "aliased"), float((seen.amplitude_volts[seen.peak] ** 2).sum())
+
+
+def _resistors(array: Array, taxels: list[int]) -> list[NDArray[np.int64]]:
+    """Channels of equal kind and azimuth that are present in all taxels."""
+    found: dict[tuple[str, float], list[int]] = {}
+    for taxel in taxels:
+        for channel in np.flatnonzero(array.channel_taxel == taxel).tolist():
+            azimuth_deg = float(np.nan_to_num(array.azimuth_deg[channel]))
+            found.setdefault((array.channel_kind[channel], azimuth_deg), []).append(channel)
+    return [
+        np.array(channels)
+        for channels in found.values()
+        if [int(array.channel_taxel[c]) for c in channels] == taxels
+    ]
 
 
 class PaperTexture:
@@ -180,7 +250,7 @@ class PaperTexture:
         strongest = self._column.strongest(self._volts, self._good, rate_hz)
         if strongest is None:
             return GrooveEstimate("saturated")
-        channels, volts, _ = strongest
+        channels, volts = strongest
         direction_deg, direction_sd_deg = slip.direction_deg, slip.direction_sd_deg
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
@@ -212,11 +282,3 @@ class PaperTexture:
             candidates=found.candidates,
             estimator=ESTIMATOR,
         )
-
-
-def window_spectrum(array: Array, block: ScanBlock, params: TextureParams | None = None) -> Spectrum | None:
-    """Spectrum of a whole block by this procedure, for plots; None where the status is "saturated"."""
-    params = params or TextureParams()
-    column = TaxelColumn(array, params.column, params.low_pass_hz)
-    strongest = column.strongest(block.volts, column.usable(block), block.rate_hz)
-    return None if strongest is None else strongest[2]

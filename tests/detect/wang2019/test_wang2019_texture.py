@@ -8,7 +8,7 @@ from touches import Touch, pieces, published, run, slips, textures
 
 from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
 from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.wang2019.texture import PaperTexture, TextureParams, window_spectrum
+from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -181,12 +181,3 @@ def test_an_array_without_a_column_cannot_tell_an_angle() -> None:
         )
     )
     assert {event.status for event in detect(SLIDE, array=lonely)} == {"ambiguous"}
-
-
-def test_window_spectrum_is_that_of_the_procedure() -> None:
-    block = SLIDE.block(WANG)[600:1600]
-    seen = window_spectrum(WANG, block)
-    assert seen is not None
-    # 0.783 Hz: the nearest bin, at a spacing of 0.1 Hz, is 0.8.
-    assert seen.peak_hz == pytest.approx(0.8)
-    assert seen.amplitude_volts[seen.peak].mean() > 0.02
