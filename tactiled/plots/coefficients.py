@@ -5,7 +5,8 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.detect.signal.wavelet import BankParams, SwtBank
+from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.wavelet import SwtBank
 from tactiled.detect.wang2019.slip import SlipParams, level_at
 from tactiled.plots.palette import CHANNELS, NEUTRAL
 from tactiled.samples.block import ScanBlock
@@ -23,8 +24,8 @@ def draw_coefficients(
     largest = slip.threshold_volts
     for block in blocks:
         level = level_at(block.rate_hz, slip)
-        found = SwtBank(array, BankParams(levels=(level,))).process(block)
-        shown = np.where(found.usable[:, 0], found.volts[:, 0], np.nan)[:, channels]
+        volts, usable = SwtBank(array, level).filter(Quantiser(array).process(block))
+        shown = np.where(usable, volts, np.nan)[:, channels]
         for color, values in zip(CHANNELS, shown.T, strict=False):
             axis.plot(block.time_s - origin_s, values * 1e3, color=color, lw=0.8)
         if np.isfinite(shown).any():

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from contact_gate import ContactGate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from touches import Touch, pieces, run, splits
@@ -14,7 +15,6 @@ from touches import Touch, pieces, run, splits
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.suite import (
     REGISTRY,
     DetectorFactories,

@@ -8,8 +8,8 @@ relieves two at most. Loading and holding are distinguished by the slope of the 
 least-squares line over a short window. A falling pressure is neither: the state stays and only the count of
 steady scans starts anew.
 
-`ContactTracker` is the state machine. `ContactGate` makes a detector of it. Sliding cannot be seen from
-pressure: the slip detector owns a tracker and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
+`ContactTracker` is the state machine. Sliding cannot be seen from pressure: the slip detector owns a tracker
+and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
 """
 
 import math
@@ -25,8 +25,8 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Pressure
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.rest_noise import RestNoise
-from tactiled.events.types import ContactEvent, ContactState, Event
-from tactiled.samples.block import Gap, ScanBlock
+from tactiled.events.types import ContactEvent, ContactState
+from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
 
 # choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
@@ -368,41 +368,3 @@ def contact_event(
 def lost_contact_event(time_s: float, previous: ContactState) -> ContactEvent:
     """Make the event for a contact that a gap cut off after the scan at `time_s`."""
     return ContactEvent(time_s=time_s, state="none", previous=previous, taxels=(), valid=False)
-
-
-class ContactGate:
-    """Contact events from pressure alone: none, loading, holding."""
-
-    def __init__(self, array: Array, params: ContactParams | None = None) -> None:
-        self._array = array
-        self._params = params or ContactParams()
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything seen; keep the parameters."""
-        self._quantiser = Quantiser(self._array)
-        self._tracker: ContactTracker | None = None
-        self._rate_hz = 0.0
-        self._last_time_s = 0.0
-
-    def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Return the events that the item completes; a gap ends a contact with an event that is not valid."""
-        if isinstance(item, Gap):
-            return self._forget()
-        events = self._forget() if item.rate_hz != self._rate_hz else []
-        if self._tracker is None:
-            self._tracker = ContactTracker(self._array, self._params, item.rate_hz)
-            self._rate_hz = item.rate_hz
-        self._last_time_s = float(item.time_s[-1])
-        pressure = self._tracker.measure(item, self._quantiser.process(item))
-        for scan, values in enumerate(pressure.rows()):
-            if change := self._tracker.step(*values):
-                events.append(contact_event(item, scan, pressure, change))
-        return events
-
-    def _forget(self) -> list[Event]:
-        events: list[Event] = []
-        if self._tracker is not None and self._tracker.state != "none":
-            events.append(lost_contact_event(self._last_time_s, self._tracker.state))
-        self.reset()
-        return events

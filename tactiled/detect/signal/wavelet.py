@@ -10,47 +10,21 @@ Exactness. Readings are whole steps within 2^23 (see `quantise`); taps are whole
 of a filter's absolute taps is at most 9.14 (level 6), so no partial sum exceeds 9.14 * 2^47 < 2^50.2 <
 2^53: the sum, in any order and any chunking, has the same bits. Rounded taps are adjusted so
 that they and their first moment sum to zero exactly: a constant and a steady ramp give exactly 0, for ever.
-The error from rounding is bounded by `error_volts` and is below 1 uV rms in use.
+The error from rounding is below 1 uV rms.
 """
 
 import functools
-from dataclasses import dataclass
 
 import numpy as np
 import pywt
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Bank
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.detect.signal.rolling import RollingRows
-from tactiled.samples.block import Gap, ScanBlock
-from tactiled.tomlfile import Params
 
 MAX_LEVEL = 6  # choice
-PIECE_SCANS = 1024  # choice: most scans filtered at once: bounds the memory of long blocks
 _TAP_SCALE = 2.0**24  # derived
-
-
-class BankParams(Params):
-    """Levels of the wavelet bank."""
-
-    levels: tuple[int, ...] = Field(
-        default=(1, 2, 3, 4, 5, 6), min_length=1, description="1 is the finest; each next sees twice the time"
-    )
-
-    @field_validator("levels")
-    @classmethod
-    def _known(cls, levels: tuple[int, ...]) -> tuple[int, ...]:
-        if any(not 1 <= level <= MAX_LEVEL for level in levels) or list(levels) != sorted(set(levels)):
-            raise ValueError(f"levels must grow within 1..{MAX_LEVEL}")
-        return levels
-
-
-def delay_scans(level: int) -> int:
-    """Scans by which the bank's output trails the coefficient that `pywt.swt` gives the same name."""
-    return 3 * ((1 << level) - 1)
 
 
 def border_scans(level: int) -> int:
@@ -103,116 +77,39 @@ def kink_response(level: int) -> FloatArray:
     return response
 
 
-def error_volts(level: int, array: Array) -> float:
-    """Largest difference from the transform in exact arithmetic, for readings anywhere within full scale."""
-    grid = Quantiser(array)
-    tap_error = np.abs(taps(level) - _exact_taps(level)).sum()
-    return float(tap_error * grid.full_scale_volts + np.abs(taps(level)).sum() * grid.volts_per_step / 2)
-
-
-@dataclass(frozen=True, eq=False)
-class WaveletCoefficients:
-    """Wavelet coefficients of n scans.
+class SwtBank:
+    """One level of the transform, causal, over all channels.
 
     Attributes
     ----------
-    volts : (n, levels, channels) float64
-        Detail coefficients, in the order of `BankParams.levels`.
-    usable : (n, levels, channels) bool
-        False where the filter still sees the start, a gap or a held reading.
+    steps : (scans + border, channels) float64
+        Held readings, in grid steps, behind the outputs of the last `filter`.
     """
 
-    volts: FloatArray
-    usable: NDArray[np.bool_]
-
-
-class SwtBank:
-    """Causal coif1 bank over all channels."""
-
-    def __init__(self, array: Array, params: BankParams | None = None) -> None:
-        self.levels = (params or BankParams()).levels
-        self._quantiser = Quantiser(array)
-        self._n_channels = array.n_channels
-        self._borders = np.array([border_scans(level) for level in self.levels])
-        self._border = int(self._borders[-1])
-        scale = self._quantiser.volts_per_step  # a power of two: products with it do not round
-        self._bank = Bank(array.n_channels, [taps(level) * scale for level in self.levels])
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything seen."""
-        self._quantiser.reset()
-        self._steps = RollingRows(self._border, (self._n_channels,), PIECE_SCANS)
-        self._is_begun = False
-        self._n_usable = 0  # scans whose usability was asked for
+    def __init__(self, array: Array, level: int) -> None:
+        self._border = border_scans(level)
+        volts_per_step = Quantiser(array).volts_per_step  # a power of two: products with it do not round
+        self._bank = Bank(array.n_channels, [taps(level) * volts_per_step])
+        self.steps = np.zeros((0, array.n_channels))
+        self._n_scans = 0
         # Before the start stand copies of the first scan, which are not readings.
-        self._newest_bad = np.full(self._n_channels, -1, dtype=np.int64)
+        self._newest_bad = np.full(array.n_channels, -1, dtype=np.int64)
 
-    def process(self, item: ScanBlock | Gap) -> WaveletCoefficients:
-        """Return the coefficients of each scan; a gap resets the bank and has none."""
-        if isinstance(item, Gap):
-            self.reset()
-            n_levels = len(self.levels)
-            empty = np.zeros((0, n_levels, self._n_channels))
-            return WaveletCoefficients(empty, empty.astype(np.bool_))
-        return self.coefficients(self._quantiser.process(item))
+    def filter(self, held: HeldReadings) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the coefficients (n, channels) of scans in volts, and which of them are usable.
 
-    def coefficients(self, held: HeldReadings) -> WaveletCoefficients:
-        """Return the coefficients of readings already on the grid, any number of them."""
-        parts = [
-            self.filter(
-                HeldReadings(
-                    held.steps[start : start + PIECE_SCANS], held.ok[start : start + PIECE_SCANS], held.all_ok
-                )
-            )
-            for start in range(0, len(held.steps), PIECE_SCANS)
-        ]
-        if len(parts) == 1:
-            return parts[0]
-        return WaveletCoefficients(
-            np.concatenate([part.volts for part in parts]), np.concatenate([part.usable for part in parts])
-        )
-
-    def filter(self, held: HeldReadings) -> WaveletCoefficients:
-        """Return the coefficients of readings already on the grid, at most `PIECE_SCANS` of them."""
-        volts = self.filter_steps(held.steps)
-        return WaveletCoefficients(volts, self._usable(held.ok, all_ok=held.all_ok))
-
-    def filter_steps(self, steps: FloatArray) -> FloatArray:
-        """Return the coefficients (n, levels, channels) of readings on the grid, usable or not."""
-        n = len(steps)
-        self._append(steps)
-        volts = np.empty((n, len(self.levels), self._n_channels))
-        seen = self._steps.newest(n + self._border)
-        self._bank.take(n, self._border, seen.reshape(-1), volts.reshape(-1))
-        return volts
-
-    def recent_steps(self, n: int) -> FloatArray:
-        """Return the held readings (n + border, channels) behind the last `n` outputs, in grid steps.
-
-        A view, good until the next call of `filter` or `process`.
+        Those are not usable whose filter still sees the start or a reading that is held.
         """
-        return self._steps.newest(n + self._border)
-
-    def _append(self, steps: FloatArray) -> None:
-        if not self._is_begun:
-            self._is_begun = True
-            self._steps.newest(self._border)[:] = steps[0]
-        self._steps.append(len(steps))[:] = steps
-
-    def _usable(self, ok: NDArray[np.bool_], *, all_ok: bool) -> NDArray[np.bool_]:
-        n = len(ok)
-        scans = np.arange(self._n_usable, self._n_usable + n)[:, np.newaxis]
-        self._n_usable += n
+        n = len(held.steps)
+        is_begun = len(self.steps) > 0
+        before = self.steps[-self._border :] if is_begun else np.repeat(held.steps[:1], self._border, axis=0)
+        self.steps = np.concatenate([before, held.steps])
+        volts = np.empty(held.steps.shape)
+        self._bank.take(n, self._border, self.steps.reshape(-1), volts.reshape(-1))
+        scans = np.arange(self._n_scans, self._n_scans + n)[:, np.newaxis]
+        self._n_scans += n
         newest_bad = self._newest_bad
-        if not all_ok:
-            bad = np.where(ok, self._newest_bad, scans)
-            newest_bad = np.maximum.accumulate(bad, axis=0)
+        if not held.all_ok:
+            newest_bad = np.maximum.accumulate(np.where(held.ok, newest_bad, scans), axis=0)
             self._newest_bad = newest_bad[-1].copy()
-        clean_scans = scans - newest_bad
-        return clean_scans[:, np.newaxis, :] > self._borders[:, np.newaxis]
-
-
-def coefficients(array: Array, block: ScanBlock, params: BankParams | None = None) -> WaveletCoefficients:
-    """Return the coefficients of a whole recording, for plots: one call of the streaming bank."""
-    return SwtBank(array, params).process(block)
+        return volts, scans - newest_bad > self._border

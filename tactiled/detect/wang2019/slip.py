@@ -45,13 +45,14 @@ from tactiled.detect.signal.contact_gate import (
 )
 from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.wavelet import MAX_LEVEL, PIECE_SCANS, BankParams, SwtBank, border_scans
+from tactiled.detect.signal.wavelet import MAX_LEVEL, SwtBank, border_scans
 from tactiled.detect.wang2019.kink import KinkFit
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTOR = "wang2019"
+_PIECE_SCANS = 1024  # choice: most scans filtered at once: bounds the memory of long blocks
 _QUIET_S = 0.8  # choice: time without a crossing after which a slip may end
 # prior: part of the shear response that is lost when a slip ends. A skin that stops keeps much of its shear;
 # 15 % is well above creep (2 %) and below the relaxation of a stop.
@@ -240,7 +241,7 @@ class WaveletSlip:
         # At least the filter's window: the kink of the end must have left it before the next slip.
         self._quiet_scans = max(self._border + 1, round(_QUIET_S * rate_hz))
         self._quantiser = Quantiser(self._array)
-        self._bank = SwtBank(self._array, BankParams(levels=(level,)))
+        self._bank = SwtBank(self._array, level)
         self._tracker = ContactTracker(self._array, self._params.contact, rate_hz)
         self._kink = KinkFit(level)
 
@@ -260,8 +261,8 @@ class WaveletSlip:
         events = self._forget() if self._rate_hz not in (0.0, item.rate_hz) else []
         if not self._rate_hz:
             self._start(item.rate_hz)
-        for start in range(0, len(item), PIECE_SCANS):
-            events += self._process_piece(item[start : start + PIECE_SCANS])
+        for start in range(0, len(item), _PIECE_SCANS):
+            events += self._process_piece(item[start : start + _PIECE_SCANS])
         self._last_time_s = float(item.time_s[-1])
         return events
 
@@ -277,12 +278,11 @@ class WaveletSlip:
     def _process_piece(self, block: ScanBlock) -> list[Event]:
         events: list[Event] = []
         held = self._quantiser.process(block)
-        answer = self._bank.filter(held)
+        coefficients, usable = self._bank.filter(held)
         pressure = self._tracker.measure(block, held)
-        coefficients = answer.volts[:, 0]
-        analysed = answer.usable[:, 0] & pressure.taxel_touches[:, self._array.channel_taxel]
+        analysed = usable & pressure.taxel_touches[:, self._array.channel_taxel]
         crossing = analysed & (np.abs(coefficients) >= self._params.threshold_volts)
-        steps = self._bank.recent_steps(len(block))
+        steps = self._bank.steps
         crosses = np.any(crossing, axis=1).tolist()
         for scan, values in enumerate(pressure.rows()):
             change = self._tracker.step(*values)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from contact_gate import ContactGate
 from touches import Touch, contact_states
 
 from tactiled.array import load_array
-from tactiled.detect.signal.contact_gate import ContactGate, ContactParams
+from tactiled.detect.signal.contact_gate import ContactParams
 from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.events.types import ContactEvent
 from tactiled.samples.block import regular_block

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from contact_gate import ContactGate
 from touches import contact_states
 
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.contact.slip_detector import GripSlip
-from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.events.types import ContactEvent
 from tactiled.samples.block import Gap, regular_block
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contact_gate import ContactGate
 from touches import Touch, contact_states
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
-from tactiled.detect.signal.contact_gate import ContactGate
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.rest_noise import RestNoise
 from tactiled.detect.signal.zero import StartZero
