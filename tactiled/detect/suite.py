@@ -18,12 +18,12 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
-from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
+from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.detect.worker import InPlace, Worker
-from tactiled.events.types import ContactState, Event
+from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -68,15 +68,6 @@ class DetectParams(Params):
         return "wang2019." if self.setting == "wang2019" else ""
 
 
-class SlipDetector(Detector, Protocol):
-    """Detector of contact and slip."""
-
-    @property
-    def contact_state(self) -> ContactState:
-        """State of the contact after the last scan."""
-        ...
-
-
 class TextureEstimator(Protocol):
     """Estimator of grooves, gated by the events of the slip detector."""
 
@@ -101,8 +92,8 @@ class TextureEstimator(Protocol):
         ...
 
 
-class LearnsFriction(Protocol):
-    """Detector that friction can be stated to."""
+class ContactModel(Protocol):
+    """Detector that friction can be stated to, and the hand's own motion announced."""
 
     def state_friction(self, value: float, log_sd: float) -> None:
         """Take friction, in shear reading over load, from the next contact on."""
@@ -111,10 +102,6 @@ class LearnsFriction(Protocol):
     def change_object(self) -> None:
         """Forget friction, stated or learnt, from the next contact on."""
         ...
-
-
-class TakesMotion(Protocol):
-    """Detector that the hand's own motion can be announced to."""
 
     def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
         """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,)."""
@@ -128,35 +115,40 @@ class DetectorPair:
     ----------
     grip : Detector, optional
         Runs beside the two.
+    sliding : KnownSliding, optional
+        Gives the estimator its slips, in place of the slip detector.
+
+    Attributes
+    ----------
+    models : sequence of ContactModel
+        Those of the detectors that take friction and motion.
     """
 
     def __init__(
-        self, slip: SlipDetector | None, texture: TextureEstimator | None, grip: Detector | None = None
+        self,
+        slip: Detector | None,
+        texture: TextureEstimator | None,
+        grip: Detector | None = None,
+        sliding: KnownSliding | None = None,
     ) -> None:
-        self._slip = slip
+        self._slip, self._grip = slip, grip
         self.texture = texture
-        self._grip = grip
-        models = tuple(part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector))
-        self.learns_friction: Sequence[LearnsFriction] = models
-        """Detectors that friction can be stated to."""
-        self.takes_motion: Sequence[TakesMotion] = models
-        """Detectors that the hand's own motion can be announced to."""
+        self._known = None if sliding is None else KnownSlips(sliding)
+        self.models: Sequence[ContactModel] = tuple(
+            part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector)
+        )
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
-        for part in (self._slip, self.texture, self._grip):
+        for part in (self._slip, self.texture, self._grip, self._known):
             if part is not None:
                 part.reset()
-
-    @property
-    def contact_state(self) -> ContactState:
-        """State of the contact after the last scan; "none" where no slip detector runs."""
-        return "none" if self._slip is None else self._slip.contact_state
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes, in order of their evidence for any chunking."""
         events = [] if self._slip is None else self._slip.process(item)
-        texture = [] if self.texture is None else self.texture.process(item, events)
+        slips = events if self._known is None else self._known.process(item)
+        texture = [] if self.texture is None else self.texture.process(item, slips)
         grip = [] if self._grip is None else self._grip.process(item)
         # The sort is stable: slip before texture, and texture before grip.
         return sorted([*events, *texture, *grip], key=lambda event: event.evidence_s)
@@ -171,13 +163,8 @@ class Suite(Detector, Protocol):
         ...
 
     @property
-    def learns_friction(self) -> Sequence[LearnsFriction]:
-        """Detectors that friction can be stated to."""
-        ...
-
-    @property
-    def takes_motion(self) -> Sequence[TakesMotion]:
-        """Detectors that the hand's own motion can be announced to."""
+    def models(self) -> Sequence[ContactModel]:
+        """Detectors that take friction and motion."""
         ...
 
 
@@ -186,9 +173,7 @@ class BridgedSuite(GapBridge):
 
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
-        self.texture: TextureEstimator | None = methods.texture
-        self.learns_friction = methods.learns_friction
-        self.takes_motion = methods.takes_motion
+        self.texture, self.models = methods.texture, methods.models
 
 
 class DetectorFactories(NamedTuple):
@@ -201,7 +186,7 @@ class DetectorFactories(NamedTuple):
         long computations to the worker; the last argument says that sliding is known from outside.
     """
 
-    slip: Callable[[Array, DetectParams], SlipDetector]
+    slip: Callable[[Array, DetectParams], Detector]
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
 
 
@@ -234,7 +219,7 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
     return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
 
 
-def _model_slip(array: Array, params: DetectParams) -> SlipDetector:
+def _model_slip(array: Array, params: DetectParams) -> Detector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if array.measures_ratio:
         return GripSlip(array, params.grip)
@@ -288,10 +273,9 @@ def build_methods(
     texture: TextureEstimator | None = None
     if "texture" in topics:
         texture = factories.texture(array, params, worker or InPlace(), sliding is not None)
-        texture = texture if sliding is None else KnownSlidingTexture(texture, sliding)
     needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
     slip = factories.slip(array, params) if needs_slip else None
     asks_grip = params.grip.publish and "grip" in topics
     # The slip detector of the contact filter publishes the grip events itself.
     grip = GripDetector(array, params.grip) if asks_grip and not isinstance(slip, GripSlip) else None
-    return DetectorPair(slip, texture, grip)
+    return DetectorPair(slip, texture, grip, sliding)

@@ -34,10 +34,10 @@ _LEAST_TARE_SCANS = 10  # choice: below 20 Hz, half a second holds too few scans
 # (1.4 mV), and well below what a touch brings in the time.
 _STILL_OF_CONTACT = 1 / 25
 _STILL_OF_RANGE = 1 / 1024  # choice: where the array file gives no contact level
-_NO_FRICTION = (
-    "no detector of this configuration learns friction: it takes shear, load and the topic grip or slip"
+_NO_MODEL = (
+    "no detector of this configuration takes friction or motion: that needs shear, load and the topic grip "
+    "or slip"
 )
-_NO_MOTION = "no detector of this configuration takes motion: it takes shear, load and the topic grip or slip"
 # derived: a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 _KEPT_INTERVALS = 8
 
@@ -196,8 +196,8 @@ class TunedSuite:
 
     def state_friction(self, value: float, log_sd: float) -> str:
         """Take friction, in shear reading over load, from the next contact on."""
-        if not self._suite.learns_friction:
-            return _NO_FRICTION
+        if not self._suite.models:
+            return _NO_MODEL
         self.friction = value, log_sd
         self._pass_friction()
         return ""
@@ -205,13 +205,13 @@ class TunedSuite:
     def change_object(self) -> str:
         """Forget friction, stated or learnt, from the next contact on."""
         self.friction = None
-        for detector in self._suite.learns_friction:
+        for detector in self._suite.models:
             detector.change_object()
-        return "" if self._suite.learns_friction else _NO_FRICTION
+        return "" if self._suite.models else _NO_MODEL
 
     def _pass_friction(self) -> None:
         if self.friction is not None:
-            for detector in self._suite.learns_friction:
+            for detector in self._suite.models:
                 detector.state_friction(*self.friction)
 
     def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> str:
@@ -219,10 +219,10 @@ class TunedSuite:
 
         They apply to scans that are processed from now on: see `AnnouncedMotion`.
         """
-        if not self._suite.takes_motion:
-            return _NO_MOTION
+        if not self._suite.models:
+            return _NO_MODEL
         self._motion.announce(time_s, acceleration_m_s2)
-        for detector in self._suite.takes_motion:
+        for detector in self._suite.models:
             detector.announce_motion(time_s, acceleration_m_s2)
         return ""
 
@@ -233,7 +233,7 @@ class TunedSuite:
     def _pass_motion(self) -> None:
         time_s, acceleration_m_s2 = self._motion.course
         if time_s.size:
-            for detector in self._suite.takes_motion:
+            for detector in self._suite.models:
                 detector.announce_motion(time_s, acceleration_m_s2)
 
     def expect_late_fit(self, due_index: int) -> None:

@@ -20,7 +20,6 @@ from tactiled.detect.suite import (
     DetectorFactories,
     DetectParams,
     Setting,
-    SlipDetector,
     Wang2019Params,
     build_methods,
 )
@@ -31,7 +30,7 @@ from tactiled.samples.block import Gap, ScanBlock, regular_block
 SPEED_MM_S = 4.0
 
 
-def build_slip_detector(array: Array, params: DetectParams) -> SlipDetector:
+def build_slip_detector(array: Array, params: DetectParams) -> Detector:
     """Make the slip detector of a setting without its texture estimator."""
     return REGISTRY[params.setting].slip(array, params)
 

@@ -146,10 +146,8 @@ def test_an_inhibited_interval_can_be_extended_and_ended() -> None:
 class ScriptedSlips:
     """Suite that reports an incipient slip, its transition to gross slip and its end at given instants."""
 
-    contact_state = "holding"
     texture = None
-    learns_friction = ()
-    takes_motion = ()
+    models = ()
 
     def __init__(self, onset_s: float) -> None:
         self._onset_s = onset_s

@@ -13,7 +13,6 @@ from tactiled.detect.suite import (
     REGISTRY,
     DetectorPair,
     DetectParams,
-    SlipDetector,
     Wang2019Params,
     build_methods,
 )
@@ -145,7 +144,7 @@ def published(array: Array, params: Wang2019Params | None = None) -> DetectorPai
     return build_methods(array, DetectParams(setting="wang2019", wang2019=params or Wang2019Params()))
 
 
-def slip_detector(array: Array, setting: str = "balanced", friction: float | None = None) -> SlipDetector:
+def slip_detector(array: Array, setting: str = "balanced", friction: float | None = None) -> Detector:
     """Make the slip detector of a setting, which sees every gap and publishes no grip messages.
 
     A friction, in shear reading over load, is known to 10 % beforehand. Without one, it has the wide prior.

@@ -1,12 +1,10 @@
 """Sliding that is known from outside, in place of a slip detector's events."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from tactiled.events.types import UNKNOWN_SD_DEG, Event, SlipEvent
+from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 
@@ -18,71 +16,30 @@ class KnownSliding:
     to_s: float = np.inf
 
 
-class GatedEstimator(Protocol):
-    """Estimator that slip events start and stop."""
+class KnownSlips:
+    """Slip events of a known interval, for the texture estimator alone; sliding goes on after a gap."""
 
-    def reset(self) -> None:
-        """Forget everything seen; keep the parameters."""
-        ...
-
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Set the sliding speed from scan `from_index` on."""
-        ...
-
-    def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
-        """Return the events that the item completes."""
-        ...
-
-    def expect_late_fit(self, due_index: int) -> None:
-        """Treat the fit that is due at a scan as not ready."""
-        ...
-
-    def take_late_fits(self) -> list[int]:
-        """Return the due scans of the fits that were not ready since the last call."""
-        ...
-
-
-class KnownSlidingTexture:
-    """Texture estimator that is started and stopped by a known interval; slip events are ignored."""
-
-    def __init__(self, texture: GatedEstimator, sliding: KnownSliding) -> None:
-        self._texture = texture
+    def __init__(self, sliding: KnownSliding) -> None:
         self._sliding = sliding
-        self._slides = False
+        self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen; keep the parameters."""
+        """Forget everything seen."""
         self._slides = False
-        self._texture.reset()
 
-    def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Set the sliding speed from scan `from_index` on."""
-        self._texture.set_speed(speed_mm_s, from_index)
-
-    def expect_late_fit(self, due_index: int) -> None:
-        """Treat the fit that is due at a scan as not ready."""
-        self._texture.expect_late_fit(due_index)
-
-    def take_late_fits(self) -> list[int]:
-        """Return the due scans of the fits that were not ready since the last call."""
-        return self._texture.take_late_fits()
-
-    def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:  # noqa: ARG002
-        """Return the events that the item completes; sliding goes on after a gap."""
+    def process(self, item: ScanBlock | Gap) -> list[SlipEvent]:
+        """Return onset and end that lie in the item."""
         if isinstance(item, Gap):
             self._slides = False
-            return self._texture.process(item)
-        return self._texture.process(item, self._changes(item))
-
-    def _changes(self, block: ScanBlock) -> list[SlipEvent]:
-        first = int(np.searchsorted(block.time_s, self._sliding.from_s))
-        last = int(np.searchsorted(block.time_s, self._sliding.to_s))
+            return []
+        first = int(np.searchsorted(item.time_s, self._sliding.from_s))
+        last = int(np.searchsorted(item.time_s, self._sliding.to_s))
         changes = []
-        if not self._slides and first < min(last, len(block)):
-            changes.append(_change(float(block.time_s[first]), is_onset=True))
+        if not self._slides and first < min(last, len(item)):
+            changes.append(_change(float(item.time_s[first]), is_onset=True))
             self._slides = True
-        if self._slides and last < len(block):
-            changes.append(_change(float(block.time_s[last]), is_onset=False))
+        if self._slides and last < len(item):
+            changes.append(_change(float(item.time_s[last]), is_onset=False))
             self._slides = False
         return changes
 

@@ -8,12 +8,12 @@ slips, and those of the first detector are left out. Nothing here knows a direct
 """
 
 import dataclasses
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
+from tactiled.detect.base import Detector
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.sliding.change import Change
 from tactiled.detect.sliding.growth import GROWS, GrowthTracker
@@ -31,33 +31,16 @@ _NOT_BEGUN: tuple[ContactState, ...] = ("none", "unknown")
 _STATES_THAT_SLIDE = ("unknown", "loading", "holding", "sliding")
 
 
-class ContactAndSlip(Protocol):
-    """Detector of contact and slip."""
-
-    @property
-    def contact_state(self) -> ContactState:
-        """State of the contact after the last scan."""
-        ...
-
-    def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Return the events that the item completes."""
-        ...
-
-    def reset(self) -> None:
-        """Forget everything seen; keep the parameters."""
-        ...
-
-
 class SlidingSlip:
     """Detect contact and slip; a `Detector`.
 
     Parameters
     ----------
-    first : ContactAndSlip
+    first : Detector
         Reports contact, and slip by shear.
     """
 
-    def __init__(self, array: Array, first: ContactAndSlip) -> None:
+    def __init__(self, array: Array, first: Detector) -> None:
         self._array = array
         self._first = first
         self._grows = array.has_shear
@@ -75,11 +58,6 @@ class SlidingSlip:
         self._own: dict[int, SlipEvent] = {}  # by tracker: onset of a slip that has not ended
         self._newest: SlipEvent | None = None  # newest onset that was published
         self._gross_end_s = -np.inf
-
-    @property
-    def contact_state(self) -> ContactState:
-        """State of the contact after the last scan."""
-        return self._published
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; a gap ends slip and contact as not valid."""

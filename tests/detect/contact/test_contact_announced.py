@@ -127,7 +127,7 @@ def test_new_detectors_are_given_what_was_announced() -> None:
 
         def __init__(self) -> None:
             super().__init__(ARRAY)
-            self.learns_friction = self.takes_motion = (self,)
+            self.models = (self,)
             built.append(self)
 
     suite = TunedSuite(ARRAY, DetectParams(), lambda *_: OneDetector())
@@ -150,7 +150,7 @@ def test_new_detectors_are_given_what_was_announced() -> None:
 def test_detectors_that_take_no_motion_refuse_it(array: str, setting: str) -> None:
     params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
     suite = TunedSuite(load_array(array), params)
-    assert "takes motion" in suite.announce_motion(np.array([0.0]), np.array([9.81]))
+    assert "takes friction or motion" in suite.announce_motion(np.array([0.0]), np.array([9.81]))
     assert math.isnan(suite.acceleration_m_s2(0.0))
 
 

@@ -12,8 +12,8 @@ from tactiled.detect.grooves.outcome import Outcome, PeriodOnly
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import period_range
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlidingTexture
-from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.suite import DetectorPair, DetectParams, build_suite
 from tactiled.events.types import TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
@@ -271,6 +271,7 @@ def test_a_line_is_reported_once_a_second_window_has_it_too() -> None:
             period_range_mm=(0.0, period_mm),
         )
 
-    texture = KnownSlidingTexture(JointTexture(unknown_places(16), params, fit=fit), KnownSliding())
-    told = [event.frequency_hz for event in texture.process(block) if isinstance(event, TextureEvent)]
+    texture = JointTexture(unknown_places(16), params, fit=fit)
+    suite = DetectorPair(None, texture, sliding=KnownSliding())
+    told = [event.frequency_hz for event in suite.process(block) if isinstance(event, TextureEvent)]
     assert set(told) == {9.01}
