@@ -6,7 +6,7 @@ Only files named by `new_name` are considered; all other files in the directory 
 import contextlib
 import re
 import stat
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -15,7 +15,6 @@ from tactiled.recording.writer import ACTIVE, is_being_written
 
 _FINISHED = re.compile(r"tactile-\d{8}T\d{6}\.\d{3}Z(\.\d{3,})?\.mcap")
 _MB = 1e6
-DAY_S = 86400.0
 
 
 @dataclass(frozen=True)
@@ -62,27 +61,28 @@ def unfinished(directory: Path) -> list[Path]:
     )
 
 
-def surplus(
-    files: Iterable[Finished], keep_mb: float | None, keep_days: float | None, ages_s: Mapping[str, float]
-) -> list[Finished]:
-    """Select the files to remove, oldest first, to meet both limits; the newest file is always kept.
+def surplus(files: Iterable[Finished], keep_mb: float, now_unix_s: float) -> list[Finished]:
+    """Select the files to remove, oldest first, so that the others are no larger together than `keep_mb`.
 
-    The wall clock orders only those of the same age, which were there when a daemon first looked.
-
-    Parameters
-    ----------
-    keep_mb, keep_days : float, optional
-        Limits of total size (10^6 bytes) and of age; None is no limit.
-    ages_s : mapping of str to float
-        By name; see `age.Ages`.
+    The newest file is always kept. Dates after now are those of a clock that was wrong, then or now: such
+    files are taken for the oldest, so that they do not stand in the way of what is recorded from now on.
     """
-    in_order = sorted(files, key=lambda file: (-ages_s[file.path.name], file.ended_unix_s, file.path.name))
+    in_order = sorted(
+        files, key=lambda one: (one.ended_unix_s <= now_unix_s, one.ended_unix_s, one.path.name)
+    )
     total_mb = sum(file.size_mb for file in in_order)
     removed = []
     for file in in_order[:-1]:
-        too_many = keep_mb is not None and total_mb > keep_mb
-        too_old = keep_days is not None and ages_s[file.path.name] > keep_days * DAY_S
-        if too_many or too_old:
-            removed.append(file)
-            total_mb -= file.size_mb
+        if total_mb <= keep_mb:
+            break
+        removed.append(file)
+        total_mb -= file.size_mb
+    return removed
+
+
+def remove_surplus(directory: Path, keep_mb: float, now_unix_s: float) -> list[Finished]:
+    """Remove the `surplus` of a directory; `OSError` when it cannot be read, or a file not be removed."""
+    removed = surplus(finished(directory), keep_mb, now_unix_s)
+    for file in removed:
+        file.path.unlink(missing_ok=True)
     return removed

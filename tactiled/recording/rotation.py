@@ -53,13 +53,6 @@ class RecordParams(Params):
         description="Finished recordings in `directory` are removed, oldest first, while together they are "
         "larger than this (10^6 bytes); the newest one is never removed. If omitted, all are kept.",
     )
-    keep_days: float | None = Field(
-        default=None,
-        ge=0.001,  # less than two minutes is a slip of the pen, and would keep the newest recording alone
-        description="Finished recordings in `directory` that are older than this (days) are removed. Their "
-        "age is the time that tactiled has run since it first saw them, and at most a thirtieth of the limit "
-        "for each pause between two runs. The newest one is never removed. If omitted, all are kept.",
-    )
     min_free_mb: float = Field(
         default=500.0,
         ge=0,

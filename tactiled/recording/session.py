@@ -13,8 +13,7 @@ from pathlib import Path
 from tactiled.events.types import Event
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
-from tactiled.recording.directory import new_name
-from tactiled.recording.retention import Retained, Retention
+from tactiled.recording.directory import new_name, remove_surplus
 from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams, Rotation
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
@@ -87,8 +86,7 @@ class RecordingSession:
         self._rotation: Rotation | None = None
         self._retains = False
         self._next_retain_s = now_s
-        self._retention = Retention(self._new_path().parent, params.keep_mb, params.keep_days)
-        self._retain_fault = self._unproven = ""
+        self._retain_fault = ""
         if path is not None or params.directory is not None:
             self._retains = path is None
             self._rotation = Rotation(path or self._new_path(), params, header, now_s)
@@ -182,24 +180,23 @@ class RecordingSession:
         return Path(self._params.directory or ".") / new_name(datetime.now(UTC))
 
     def _retain(self, now_s: float) -> None:
-        """Remove old recordings to keep the directory within `record.keep_mb` and `record.keep_days`."""
-        if not self._retains or now_s < self._next_retain_s:
+        """Remove old recordings to keep the directory within `record.keep_mb`."""
+        keep_mb = self._params.keep_mb
+        if keep_mb is None or not self._retains or now_s < self._next_retain_s:
             return
         self._next_retain_s = now_s + RETAIN_S
+        fault = ""
         try:
-            found, fault = self._retention.check(now_s, datetime.now(UTC).timestamp()), ""
+            if removed := remove_surplus(self._new_path().parent, keep_mb, datetime.now(UTC).timestamp()):
+                size_mb, last = sum(file.size_mb for file in removed), removed[-1].path
+                logger.info(
+                    "removed the %d oldest recordings, %.0f MB, up to %s", len(removed), size_mb, last
+                )
         except OSError as error:
-            found, fault = Retained([], self._unproven), f"{error.filename}: {error.strerror}"
-        if removed := found.removed:
-            size_mb = sum(file.size_mb for file in removed)
-            logger.info(
-                "removed the %d oldest recordings, %.0f MB, up to %s", len(removed), size_mb, removed[-1].path
-            )
-        if found.unproven and not self._unproven:  # once, although the number of files grows
-            logger.warning("%s", found.unproven)
+            fault = f"{error.filename}: {error.strerror}"
         if fault and fault != self._retain_fault:
             logger.warning("old recordings cannot be removed: %s", fault)
-        self._retain_fault, self._unproven = fault, found.unproven
+        self._retain_fault = fault
 
 
 def _description(hello: Hello | None) -> Hello | None:

@@ -11,12 +11,10 @@ from recordings import HEADER, items, noise_read
 
 from tactiled.errors import DataError
 from tactiled.recording.contents import Read
-from tactiled.recording.directory import Finished, finished, new_name, surplus, unfinished
+from tactiled.recording.directory import Finished, finished, new_name, remove_surplus, surplus, unfinished
 from tactiled.recording.recover import recover_directory
-from tactiled.recording.retention import Retention
 from tactiled.recording.writer import ACTIVE, RecordingWriter, is_being_written
 
-DAY_S = 86400.0
 files_of = st.lists(
     st.builds(
         Finished,
@@ -27,34 +25,38 @@ files_of = st.lists(
     max_size=20,
     unique_by=lambda file: file.path,
 )
-limits = st.none() | st.floats(0.001, 1e4)
 
 
-@given(files=files_of, keep_mb=limits, keep_days=limits, data=st.data())
-def test_the_oldest_go_first_until_both_limits_hold_and_the_newest_stays(
-    files: list[Finished], keep_mb: float | None, keep_days: float | None, data: st.DataObject
+@given(files=files_of, keep_mb=st.floats(0.001, 1e4), now_unix_s=st.floats(0, 1e9))
+def test_the_oldest_go_first_until_the_limit_holds_and_the_newest_stays(
+    files: list[Finished], keep_mb: float, now_unix_s: float
 ) -> None:
-    now_unix_s = max((file.ended_unix_s for file in files), default=0.0)
-    proven = data.draw(st.sets(st.sampled_from(files)) if files else st.just(set()))
-    ages_s = {file.path.name: now_unix_s - file.ended_unix_s if file in proven else 0.0 for file in files}
-    removed = surplus(files, keep_mb, keep_days, ages_s)
+    removed = surplus(files, keep_mb, now_unix_s)
     kept = [file for file in files if file not in removed]
     assert bool(kept) == bool(files)
-    if not files:
-        return
-    youngest = min(ages_s.values())
-    newest = max(file.ended_unix_s for file in files if ages_s[file.path.name] == youngest)
-    assert newest in {file.ended_unix_s for file in kept}
-    if keep_days is None:
-        assert all(ages_s[gone.path.name] >= ages_s[file.path.name] for gone in removed for file in kept)
-    if keep_mb is None:
-        assert all(gone in proven for gone in removed)
-    if len(kept) > 1:
-        assert keep_mb is None or sum(file.size_mb for file in kept) <= keep_mb * (1 + 1e-9)
-        old = [file for file in kept if ages_s[file.path.name] > youngest]
-        assert keep_days is None or all(ages_s[file.path.name] <= keep_days * DAY_S for file in old)
-    if keep_mb is None and keep_days is None:
-        assert removed == []
+    assert len(kept) <= 1 or sum(file.size_mb for file in kept) <= keep_mb * (1 + 1e-9)
+    possible = [file for file in files if file.ended_unix_s <= now_unix_s]
+    for some in (possible, [file for file in files if file not in possible]):
+        oldest = max((file.ended_unix_s for file in some if file in removed), default=-1.0)
+        assert all(file.ended_unix_s >= oldest for file in some if file in kept)
+    if any(file in removed for file in possible):
+        assert all(file in possible for file in kept)
+
+
+def test_what_was_there_first_is_removed_first_when_the_clock_goes_back_by_years(tmp_path: Path) -> None:
+    for k in range(5):
+        place_file(tmp_path / name(k), 1_000_000, 1.7e9 + k)
+        place_file(tmp_path / name(20 + k), 1_000_000, 1.4e9 + k)
+    removed = remove_surplus(tmp_path, 7.0, 1.4e9 + 60)
+    assert [file.path.name for file in removed] == [name(0), name(1), name(2)]
+
+
+def test_recordings_with_dates_ahead_of_the_clock_do_not_displace_new_ones(tmp_path: Path) -> None:
+    for k in range(5):
+        place_file(tmp_path / name(k), 1_000_000, 2.2e9 + k)
+    place_file(tmp_path / name(9), 1_000_000, 1.7e9)
+    remove_surplus(tmp_path, 0.5, 1.7e9 + 60)
+    assert [file.path.name for file in finished(tmp_path)] == [name(9)]
 
 
 def name(second: int) -> str:
@@ -75,10 +77,10 @@ def test_only_finished_recordings_that_the_daemon_named_are_removed(tmp_path: Pa
     for other in others:
         place_file(tmp_path / other, 5_000_000, 1.0)
     (tmp_path / name(7)).mkdir()
-    removed = Retention(tmp_path, keep_mb=2.5, keep_days=None).check(0.0, 2000.0).removed
+    removed = remove_surplus(tmp_path, 2.5, 2000.0)
     assert [file.path.name for file in removed] == [name(0), part, name(1)]
-    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), name(7), "ages.json", *others}
-    Retention(tmp_path, keep_mb=0.001, keep_days=0.001).check(0.0, 1e9)
+    assert {path.name for path in tmp_path.iterdir()} == {name(2), name(3), name(7), *others}
+    remove_surplus(tmp_path, 0.001, 1e9)
     assert [file.path.name for file in finished(tmp_path)] == [name(3)]
 
 
