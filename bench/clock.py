@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.report import BenchOptions, BenchReport, rms, seeds_in_words, table
 from tactiled.array import FloatArray
-from tactiled.daemon.board.pinging import Pinging
+from tactiled.daemon.board.asking import Pinging
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultParams

@@ -14,8 +14,8 @@ from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
+from tactiled.daemon.runner import ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServiceParams
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker

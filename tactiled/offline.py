@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tactiled import log_summary, tomlfile
 from tactiled.array import Array, load_array
-from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import ConfigError, DataError

@@ -26,9 +26,8 @@ from tactiled.force.calibration import CalibrationFile
 from tactiled.force.estimator import build_force
 from tactiled.received import Detected, Output, Received, joined
 from tactiled.samples.assembler import Assembler, SampleParams
-from tactiled.samples.block import Gap, ScanBlock
-from tactiled.samples.rate import RateMeter
-from tactiled.samples.scan_run import ScanRun
+from tactiled.samples.block import Gap, ScanBlock, ScanRun
+from tactiled.samples.clock import RateMeter
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.events.types import Event, ScanEvent, new_event
-from tactiled.samples.block import Gap, ScanBlock
-from tactiled.samples.scan_run import ScanRun
+from tactiled.samples.block import Gap, ScanBlock, ScanRun
 from tactiled.wire.frames import Acknowledge, Hello
 
 Output = Event | Hello | Acknowledge

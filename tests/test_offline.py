@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tactiled import log_summary
 from tactiled.array import Array, ArrayFile, build, load_array
-from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation

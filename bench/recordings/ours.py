@@ -10,7 +10,7 @@ from bench.recordings.log import FloatArray, Log
 from tactiled.array import Array
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.calibrate.study import Identity, calibrate
-from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError

@@ -188,7 +188,7 @@ def detect(
         need_extra("matplotlib", "plot", "detect --plot")
     if to is not None:
         need_table(to, dask, plot)
-    from tactiled.detect.signal.known_sliding import KnownSliding
+    from tactiled.detect.signal.slip_gate import KnownSliding
     from tactiled.offline import Choices, detect_file
 
     gc.freeze()  # a full collection of the objects of all modules takes as long as 10 s of a file

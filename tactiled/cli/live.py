@@ -31,7 +31,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.served_board import ServedBoard, ServiceParams
+    from tactiled.daemon.runner import ServedBoard, ServiceParams
     from tactiled.daemon.service import run_service
     from tactiled.errors import ConfigError
 

@@ -34,7 +34,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.served_board import ServedBoard
+    from tactiled.daemon.runner import ServedBoard
     from tactiled.daemon.service import run_service
 
     set_up(20)

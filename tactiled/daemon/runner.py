@@ -10,22 +10,25 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.diagnosis import other_layouts
-from tactiled.daemon.board.host_load import LoopTurns
-from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.link import LoopTurns, make_link
 from tactiled.daemon.board.report import Report
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.distributor import Distributor
+from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.metrics import Metrics
+from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.connection import Connection
-from tactiled.daemon.serial.port import check_url
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
+from tactiled.daemon.serial.port import PortParams, check_url
 from tactiled.daemon.zmq.commands import Commands, Done
-from tactiled.daemon.zmq.publisher import Publisher
+from tactiled.daemon.zmq.publisher import Publisher, PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
+from tactiled.pipeline import Pipeline
+from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
 
 logger = logging.getLogger(__name__)
@@ -34,6 +37,39 @@ STATUS_PERIOD_S = 0.1
 # A status that is due so soon is published directly behind a scan. On its own, it would now and then hold up
 # the next scan of a board at 100 Hz or more.
 _EARLY_S = 0.01
+
+
+class ServiceParams(Params):
+    """Parameters of the daemon for one board; boards of one process share `metrics`."""
+
+    port: PortParams
+    session: SessionParams = SessionParams()
+    publish: PublishParams = PublishParams()
+    metrics: MetricsParams = MetricsParams()
+
+    def without_publishing(self) -> Self:
+        """Return a copy without endpoints, for a program that only records."""
+        return self.model_copy(update={"publish": PublishParams(endpoints=())})
+
+
+@dataclass(frozen=True)
+class ServedBoard:
+    """Board that a service reads.
+
+    Attributes
+    ----------
+    make_pipeline : callable
+        Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled.
+    recorder : Recorder, optional
+        Takes every read of the port with its outputs, and all events that the daemon itself makes.
+    reload : callable, optional
+        Reads the configuration again (SIGHUP) and returns its parameters.
+    """
+
+    params: ServiceParams
+    make_pipeline: Callable[[], Pipeline]
+    recorder: Recorder | None = None
+    reload: Callable[[], ServiceParams] | None = None
 
 
 @dataclass(frozen=True)

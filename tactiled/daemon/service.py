@@ -17,13 +17,12 @@ from functools import partial
 from typing import Any
 
 from tactiled import compiled
-from tactiled.daemon.board.host_load import LoopTurns
+from tactiled.daemon.board.link import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text
 from tactiled.daemon.operations.notify import Notifier
-from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, SharedParts
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
+from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, ServedBoard, ServiceParams, SharedParts
 from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import PublishParams

@@ -18,7 +18,7 @@ from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
-from tactiled.detect.signal.known_sliding import KnownSliding, KnownSlips
+from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
 from tactiled.detect.wang2019.texture import PaperTexture, TextureParams

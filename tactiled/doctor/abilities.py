@@ -1,9 +1,16 @@
 """Findings on an array alone: contact, slip, direction and grooves that it can measure."""
 
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from itertools import groupby
+
 from tactiled.array import Array
+from tactiled.detect.grooves.ambiguity import has_baseline
+from tactiled.detect.grooves.model import ALIASED, WaveMotion, channel_layout
 from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.groove_findings import check_waves
+from tactiled.doctor.ranges import TILTS_DEG, Range, has_direction, ranges
+from tactiled.events.types import UNKNOWN_SD_DEG
 
 _FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/evidence.py)
 
@@ -51,3 +58,106 @@ def _direction(array: Array) -> Finding:
         return Finding("direction", "ok", "of slip, from shear")
     lacking = "shear without a load" if array.has_shear else "no shear channels"
     return Finding("direction", "warn", f"not measured: {lacking}; --direction gives it for a log")
+
+
+_ROUND_MM = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0)  # settings proposed
+
+
+def check_waves(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
+    """Check which grooves the joint fit resolves; a speed of 0 means unknown."""
+    return [_resolved(array, params, rate_hz, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
+
+
+def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+    name = "grooves"
+    direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
+    motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
+    if not has_baseline(channel_layout(array), motion):
+        known = "" if speed_mm_s > 0 else " at unknown speed"
+        words = (
+            f"{array.name} cannot measure groove angle{known}: that needs two taxels along the motion and "
+            "two across"
+        )
+        remedy = "use an array with taxels in rows and columns"
+        # A known speed does not help taxels that all lie in one row along the motion.
+        if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
+            remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
+        return Finding(name, "warn", words, remedy)
+    found = ranges(array, params, rate_hz, speed_mm_s)
+    values = {"speed_mm_s": speed_mm_s, "rate_hz": rate_hz, "ranges": [asdict(one) for one in found]}
+    known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "at unknown speed"
+    words = f"{array.name}, {known}, resolves {_in_words(found)}"
+    pairs = [one.alike for one in found if one.alike]
+    if not pairs:
+        return Finding(name, "ok", words, values=values)
+    (period_mm, angle_deg), (like_mm, like_deg) = pairs[0]
+    words += (
+        f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg gives the same phases as {like_mm:.3g} mm "
+        f"at {like_deg:.0f} deg"
+    )
+    remedies = []
+    if speed_mm_s <= 0:
+        remedies.append("set the speed (detect.texture.speed_mm_s)")
+    elif params.direction_deg is None:
+        remedies.append("set the direction (detect.texture.direction_deg)")
+    if narrower := _narrower(array, params, rate_hz, speed_mm_s):
+        period_mm, tilt_deg = narrower
+        remedies.append(
+            f"if no finer or more tilted grooves occur, set detect.texture.min_period_mm = {period_mm:g} and "
+            f"max_tilt_deg = {tilt_deg:g}: all within these limits are unambiguous"
+        )
+    remedies.append("use an array with unequal gaps (wang2019-3x3)")
+    return Finding(name, "warn", words, "; or ".join(remedies), values)
+
+
+def _in_words(found: Sequence[Range]) -> str:
+    """Format ranges, with neighbouring tilts of equal range together."""
+    parts = []
+    for periods, group in groupby(
+        found, lambda one: "" if one.is_empty else f"{one.from_mm:.2g} to {one.to_mm:.2g} mm"
+    ):
+        tilts = [f"{one.tilt_deg:g}" for one in group]
+        span = tilts[0] if len(tilts) == 1 else f"{tilts[0]} to {tilts[-1]}"
+        parts.append(f"{periods or 'no grooves'} at {span} deg")
+    return f"{', '.join(parts)} between groove normal and motion"
+
+
+def _narrower(
+    array: Array, params: JointParams, rate_hz: float, speed_mm_s: float
+) -> tuple[float, float] | None:
+    """Find the least `min_period_mm`, and the largest `max_tilt_deg` for it, without ambiguity."""
+    for period_mm in _ROUND_MM:
+        for tilt_deg in reversed(TILTS_DEG[1:]):
+            if params.min_period_mm < period_mm < params.max_period_mm and tilt_deg <= params.max_tilt_deg:
+                tried = params.model_copy(update={"min_period_mm": period_mm, "max_tilt_deg": tilt_deg})
+                found = ranges(array, tried, rate_hz, speed_mm_s)
+                if not any(one.alike or one.is_empty for one in found):
+                    return period_mm, tilt_deg
+    return None
+
+
+def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+    """Check the speed against the configured periods."""
+    name = "sliding speed"
+    window_s, low_mm, high_mm = params.criteria.max_window_s, params.min_period_mm, params.max_period_mm
+    fastest_mm_s = ALIASED * rate_hz * low_mm
+    slowest_mm_s = high_mm * params.min_periods / window_s
+    values = {"most_mm_s": fastest_mm_s, "least_mm_s": slowest_mm_s, "most_tilt_deg": params.max_tilt_deg}
+    blind = f"motion within {90 - params.max_tilt_deg:g} deg of the grooves' own direction gives no ripples"
+    fast = f"{fastest_mm_s:.3g} mm/s or slower for {low_mm:g} mm"
+    slow = f"{slowest_mm_s:.2g} mm/s or faster for {high_mm:g} mm"
+    if speed_mm_s <= 0:
+        return Finding(name, "ok", f"slide across grooves at {fast}, {slow}; {blind}", values=values)
+    words = []
+    if speed_mm_s > fastest_mm_s:
+        finest_mm = speed_mm_s / (ALIASED * rate_hz)
+        words.append(
+            f"below {finest_mm:.3g} mm ripples are too fast for {rate_hz:g} scans a second (aliased)"
+        )
+    if speed_mm_s < slowest_mm_s:
+        coarsest_mm = speed_mm_s * window_s / params.min_periods
+        words.append(f"above {coarsest_mm:.3g} mm a window of {window_s:g} s holds too few ripples: {slow}")
+    text = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
+    if speed_mm_s <= fastest_mm_s:
+        return Finding(name, "ok", text, values=values)
+    return Finding(name, "warn", text, f"slide at {fast}, or scan faster (session.rate_hz)", values)

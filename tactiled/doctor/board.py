@@ -15,7 +15,7 @@ from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health
-from tactiled.samples.rate import RateMeter
+from tactiled.samples.clock import RateMeter
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Hello
 from tactiled.wire.layout import Layout

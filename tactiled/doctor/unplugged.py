@@ -8,8 +8,8 @@ from tactiled.config import Setup
 from tactiled.daemon.zmq.endpoints import RUNTIME
 from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
 from tactiled.daemon.zmq.security import KeyFolder
+from tactiled.doctor.abilities import check_waves
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.groove_findings import check_waves
 from tactiled.doctor.host import check_disk
 from tactiled.errors import ConfigError
 

@@ -11,19 +11,28 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array
 from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.wavelet import SwtBank
 from tactiled.detect.suite import DetectParams
+from tactiled.detect.wang2019.slip import SlipParams, level_at
 from tactiled.detect.wang2019.spectrum import spectrum
 from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
-from tactiled.plots.coefficients import draw_coefficients
 from tactiled.plots.grooves import answer_in_words, draw_answers, draw_folded, draw_map, refusal_reason
-from tactiled.plots.margin import KnownMargin, draw_margin
-from tactiled.plots.palette import CHANNELS, GROOVES, SLIP, TRUTH
+from tactiled.plots.palette import CHANNELS, GROOVES, MARGIN, NEUTRAL, SLIP, TRUTH
 from tactiled.recording.table import to_blocks
 from tactiled.samples.block import ScanBlock
 
 FloatArray = NDArray[np.float64]
+_TOP = 1.5  # of the axis: a posterior that knows little reaches far beyond 1
 _REFUSED_WINDOW_S = 2.0  # least window in the spectrum of a refusal
 _SPECTRUM_MARGIN = 4  # times the estimated frequency: its first harmonics
+
+
+@dataclass(frozen=True, eq=False)
+class KnownMargin:
+    """True utilisation (n,) at n instants (n,) in seconds; NaN without contact."""
+
+    time_s: FloatArray
+    utilisation: FloatArray
 
 
 @dataclass(frozen=True)
@@ -254,3 +263,55 @@ def _draw_spectrum(
     if event.frequency_hz > 0:
         axis.set_xlim(0, max(_SPECTRUM_MARGIN * event.frequency_hz, 1.0))
     axis.legend(frameon=False, fontsize=9, loc="upper right")
+
+
+def draw_coefficients(
+    axis: Axes,
+    array: Array,
+    channels: NDArray[np.int64],
+    blocks: list[ScanBlock],
+    origin_s: float,
+    slip: SlipParams,
+) -> None:
+    """Draw the coefficients of the channels of one taxel, with the threshold of the published procedure."""
+    largest = slip.threshold_volts
+    for block in blocks:
+        level = level_at(block.rate_hz, slip)
+        volts, usable = SwtBank(array, level).filter(Quantiser(array).process(block))
+        shown = np.where(usable, volts, np.nan)[:, channels]
+        for color, values in zip(CHANNELS, shown.T, strict=False):
+            axis.plot(block.time_s - origin_s, values * 1e3, color=color, lw=0.8)
+        if np.isfinite(shown).any():
+            largest = max(largest, float(np.nanmax(np.abs(shown))))
+        axis.set_ylabel(f"coif1 level {level} (mV)")
+    for sign in (-1, 1):
+        label = f"threshold {slip.threshold_volts * 1e3:g} mV" if sign > 0 else None
+        axis.axhline(sign * slip.threshold_volts * 1e3, color=NEUTRAL, ls="--", lw=1, label=label)
+    # Linear up to the threshold, logarithmic beyond: kinks of slip are a hundred times larger.
+    axis.set_yscale("symlog", linthresh=slip.threshold_volts * 1e3)
+    axis.set_ylim(-1.5e3 * largest, 1.5e3 * largest)
+    axis.set_title("slip criterion of the published procedure: one taxel", fontsize=10)
+
+
+def draw_margin(axis: Axes, grips: Sequence[GripEvent], truth: KnownMargin | None, origin_s: float) -> None:
+    """Draw utilisation with its 90 % interval over the truth, and `p_gross_300ms`.
+
+    Parameters
+    ----------
+    origin_s : float
+        Instant that is 0 on the axis of time.
+    """
+    time_s = np.array([grip.time_s for grip in grips]) - origin_s
+    known = np.array([grip.valid and grip.state != "none" for grip in grips])
+    low, middle, high, gross = (
+        np.where(known, [getattr(grip, name) for grip in grips], np.nan)
+        for name in ("utilisation_low", "utilisation", "utilisation_high", "p_gross_300ms")
+    )
+    if truth is not None:
+        axis.plot(truth.time_s - origin_s, truth.utilisation, color=TRUTH, lw=3, alpha=0.6, label="true")
+    axis.fill_between(time_s, low, high, color=MARGIN, alpha=0.2, lw=0, label="5 to 95 %")
+    axis.plot(time_s, middle, color=MARGIN, lw=1.2, label="utilisation")
+    axis.plot(time_s, gross, color=SLIP, lw=0.9, ls="--", label="probability of gross\nslip within 0.3 s")
+    axis.axhline(1.0, color="black", lw=0.6)
+    axis.set_ylim(0, _TOP)
+    axis.set_ylabel("shear over\nfriction limit")

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tactiled.errors import ConfigError, OperatorError
+from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Read
-from tactiled.recording.extent import Extent
 from tactiled.recording.reader import Reached, in_order, read_items
 
 _POLL_S = 0.02

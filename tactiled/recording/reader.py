@@ -16,9 +16,8 @@ from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
-from tactiled.recording.chunks import chunks
+from tactiled.recording.chunks import Damage, Extent, chunks
 from tactiled.recording.contents import Header, Input, Item, Read
-from tactiled.recording.extent import Damage, Extent
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")

@@ -13,10 +13,9 @@ from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.chunks import chunks
+from tactiled.recording.chunks import Damage, Extent, chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
-from tactiled.recording.extent import Damage, Extent
 from tactiled.recording.reader import Reached, open_recording, read_header
 from tactiled.recording.rotation import free_mb
 from tactiled.recording.writer import ACTIVE, sync_directory

@@ -14,8 +14,8 @@ from tactiled.errors import ContractError, DataError
 from tactiled.events.types import Event
 from tactiled.pipeline import Pipeline
 from tactiled.received import Output
+from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent
-from tactiled.recording.extent import Extent
 from tactiled.recording.reader import Reached, batches, in_order, read_items
 from tactiled.wire.frames import Hello
 

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.errors import ContractError
-from tactiled.samples.block import Gap, GapCause, ScanBlock
+from tactiled.samples.block import Conversion, Gap, GapCause, ScanBlock, ScanRun, TimedScan
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
-from tactiled.samples.scan_run import Conversion, ScanRun, TimedScan
 from tactiled.samples.unwrap import ScanCounter
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan

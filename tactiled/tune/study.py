@@ -10,6 +10,9 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from scipy import special
+
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.grip_detector import ContactScan, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS
@@ -19,7 +22,6 @@ from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
-from tactiled.tune.rates import rate_interval
 
 N_STAGES = 3  # progress steps: hold, motion, the end of the motion
 # Log friction of one object differs from contact to contact by 15 % (dry rubber on one surface): a prior.
@@ -30,6 +32,23 @@ _KNOWN = (
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
 Report = Callable[[str], None]
+
+LEVEL = 0.95
+
+
+def rate_interval(count: int, hours: float) -> tuple[float, float]:
+    """95 % interval of the rate per hour after `count` reports in `hours`.
+
+    No report in T hours bounds the rate by 3 / T at 95 % (the rule of three: exp(-3) = 0.05). Seconds of
+    motion can never prove one report an hour.
+
+    Garwood's exact limits (Biometrika 28, 1936); with no report the whole 5 % lies above: 3 / hours.
+    """
+    if count == 0:
+        return 0.0, float(-np.log(1 - LEVEL) / hours)
+    side = (1 - LEVEL) / 2
+    low, high = special.gammaincinv(count, side), special.chdtri(2 * count + 2, side) / 2
+    return float(low / hours), float(high / hours)
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ import numpy as np
 
 from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.tune.hold import Recording
-from tactiled.tune.rates import rate_interval
-from tactiled.tune.study import ReportCount, Study
+from tactiled.tune.study import ReportCount, Study, rate_interval
 
 
 def in_words(found: Study) -> str:

@@ -25,8 +25,8 @@ from tactiled.client import AsyncCommander
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError

@@ -30,8 +30,8 @@ from tactiled.daemon import service as service_module
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.runner import ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServiceParams
 from tactiled.daemon.service import Service, serve
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.errors import ConfigError

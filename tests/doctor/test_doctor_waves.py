@@ -15,10 +15,9 @@ from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.doctor.ambiguous_waves import rivals
+from tactiled.doctor.abilities import check_waves
 from tactiled.doctor.finding import as_json
-from tactiled.doctor.groove_findings import check_waves
-from tactiled.doctor.ranges import Range, ranges
+from tactiled.doctor.ranges import Range, ranges, rivals
 from tactiled.doctor.unplugged import resolved_in_words
 
 WANG = load_array("wang2019-3x3")

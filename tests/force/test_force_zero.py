@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from tactiled.array import load_array
-from tactiled.force.zero import DriftZero
+from tactiled.force.estimator import DriftZero
 
 ARRAY = load_array("wang2019-3x3")
 N = ARRAY.n_channels

@@ -19,8 +19,8 @@ from patience import PATIENCE_S
 from tactiled.array import load_array
 from tactiled.client import Client, Message
 from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.emulator.board.identity import EmulatedBoardParams

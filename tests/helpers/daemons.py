@@ -15,8 +15,8 @@ from patience import PATIENCE_S
 from tactiled.array import load_array
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
+from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.publisher import PublishParams
 from tactiled.pipeline import Pipeline

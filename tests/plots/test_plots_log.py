@@ -11,8 +11,7 @@ from tactiled.array import FloatArray, load_array
 from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent, TextureEvent
 from tactiled.plots import log as log_module
-from tactiled.plots.log import KnownTruth, draw_log
-from tactiled.plots.margin import KnownMargin
+from tactiled.plots.log import KnownMargin, KnownTruth, draw_log
 
 ARRAY = load_array("wang2019-3x3")
 TIME_S = np.arange(400) / 100

@@ -19,10 +19,9 @@ from rosbags.typesys import Stores, get_typestore
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
 from tactiled.recording import chunks
-from tactiled.recording.bag import read_bag
+from tactiled.recording.bag import MOST_CHUNK_BYTES, check_mcap, read_bag
+from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Header, Read
-from tactiled.recording.extent import Extent
-from tactiled.recording.others_mcap import MOST_CHUNK_BYTES, check_mcap
 from tactiled.recording.reader import read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay

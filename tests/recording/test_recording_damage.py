@@ -12,9 +12,9 @@ from recordings import HEADER, items, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
+from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Input, Item, Read
 from tactiled.recording.export import export_csv
-from tactiled.recording.extent import Extent
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import ReplayComparison, replay

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
-from tactiled.tune.rates import rate_interval
+from tactiled.tune.study import rate_interval
 
 
 @given(st.floats(1e-3, 1e3))

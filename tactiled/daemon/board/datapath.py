@@ -13,8 +13,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 
-from tactiled.daemon.board.host_load import LoopTurns
-from tactiled.daemon.board.link import BoardLink
+from tactiled.daemon.board.link import BoardLink, LoopTurns
 from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.codec import Encoder

@@ -24,9 +24,8 @@ Every input takes ``now_s`` and returns the commands to send; `deadline_s` says 
 
 import math
 
-from tactiled.daemon.board.asking import ANSWER_S, Asking
+from tactiled.daemon.board.asking import ANSWER_S, Asking, Pinging
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.pinging import Pinging
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.events.types import BoardState
 from tactiled.wire.frames import Acknowledge, Command, Hello

@@ -30,12 +30,18 @@ import numpy as np
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
-from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, PeriodOnly, Refusal
+from tactiled.detect.grooves.outcome import (
+    FitSpan,
+    GrooveAnswer,
+    NewPattern,
+    Outcome,
+    PeriodOnly,
+    Refusal,
+    texture_event,
+)
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.grooves.slide import PendingFit, SlideWindow
-from tactiled.detect.grooves.texture import FitSpan, texture_event
 from tactiled.detect.grooves.track import track_wave
-from tactiled.detect.grooves.window import FitWindow, ScanWindow
+from tactiled.detect.grooves.window import FitWindow, PendingFit, ScanWindow, SlideWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
 from tactiled.detect.worker import InPlace, Worker

@@ -23,11 +23,10 @@ from tactiled.detect.grooves.ambiguity import (
 )
 from tactiled.detect.grooves.equations import DetrendedWindow, detrended
 from tactiled.detect.grooves.estimates import disagreement, groove_answer, inflation
-from tactiled.detect.grooves.harmonics import foreign_lines
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, ChannelLayout, wave_vector
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
-from tactiled.detect.grooves.refine import RefinedWave, refine
+from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
 from tactiled.detect.grooves.ripple import Ripple, strongest_line
 from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
 from tactiled.detect.grooves.second_wave import has_second_wave

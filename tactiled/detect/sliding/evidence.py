@@ -9,7 +9,11 @@ the channels. Without the three strongest patterns of a window, a channel at res
    same at rest. Where rest was seen out of contact alone, it must exceed white noise at the level of the
    window's quietest quarter of bins, too. What happens in one quarter of the window, such as a tap, does not
    count. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
-3. Ripple: the strongest line that travels (`ripple`).
+3. Ripple: the strongest line that travels, whose phases differ between channels. A ridge passes the taxels
+   one after the other, so that the phases of its ripple fill the circle. A hum of the gripper or a tremor of
+   the hand shakes the load and tilts it: phasors in phase, and phasors of both signs in quadrature to these.
+   Then either the phases have a mean, or twice the phases have. Places of the taxels are not needed. Ridges
+   as far apart as twice the array, or as the taxels, are not told from a hum.
 4. Log odds of sliding: both over what windows at rest reach, bounded, so that no single window decides.
 """
 
@@ -20,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.sliding.ripple import travelling_line
 
 _TREND_ORDER = 3  # choice
 LEAST_CYCLES = 3  # derived: a cubic trend leaves humps of fewer in the window
@@ -37,6 +40,47 @@ _SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power be
 _LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
 _ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
 _MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # tuned: on the same seeds; less than sliding needs
+
+# derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
+# the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
+_MOST_ALIKE = 0.4
+_LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
+_HARMONICS = (2, 3)  # choice
+# derived: phases of fewer that are noise fill the circle by chance, or have a mean by chance
+_LEAST_CHANNELS = 6
+
+
+def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
+    """Measure how far the strongest line of a window stands out, if it travels.
+
+    Parameters
+    ----------
+    z : (bins, channels) complex128
+        Spectra under a Hann window, each channel over its own standard deviation.
+    first_cycles : int
+        Periods in the window of the first bin.
+
+    Returns
+    -------
+    float
+        Logarithm of the power of the strongest bin over that of any other, except its lobe and harmonics; 0
+        where it does not travel.
+    """
+    if z.shape[1] < _LEAST_CHANNELS:
+        return 0.0
+    power = (np.abs(z) ** 2).sum(axis=1)
+    cycles = np.arange(len(z)) + first_cycles
+    peak = int(np.argmax(power))
+    size = np.abs(z[peak])
+    doubled = z[peak] ** 2 / np.maximum(size, 1e-30)
+    if max(abs(z[peak].sum()), abs(doubled.sum())) > _MOST_ALIKE * float(size.sum()):
+        return 0.0
+    others = np.abs(cycles - cycles[peak]) > _LOBE
+    for harmonic in _HARMONICS:  # their lobes are of uneven ridges, and wider
+        others &= np.abs(cycles - harmonic * cycles[peak]) > harmonic + 1
+    if not others.any():
+        return 0.0
+    return float(np.log(max(power[peak], 1e-30) / max(float(power[others].max()), 1e-30)))
 
 
 class Spectra(NamedTuple):

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.sliding.change import Change
+from tactiled.detect.sliding.tracker import Change
 
 _HOP_S = 0.02  # choice: as the looks at a contact
 _LENGTHS_S = (0.32, 0.64, 1.28)  # choice: half of them is averaged, half lies between the two means

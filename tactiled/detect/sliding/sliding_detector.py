@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from tactiled.array import Array
 from tactiled.detect.base import Detector
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.sliding.change import Change
 from tactiled.detect.sliding.growth import GROWS, GrowthTracker
-from tactiled.detect.sliding.tracker import BEGINS, SlidingTracker
+from tactiled.detect.sliding.tracker import BEGINS, Change, SlidingTracker
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 

@@ -6,12 +6,13 @@ did in the slide. Windows in which the contact begins or ends tell nothing.
 What the sensor does at rest is learnt from windows without evidence, in this contact where there was a hold.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.sliding.change import Change
 from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, ripple_odds, spectra
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
@@ -28,6 +29,26 @@ _STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of
 _STOPPED_HOPS = 2  # choice
 _LEAST_STEPS = 1.0 / 12  # derived: variance of rounding to whole steps
 _ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that of even rounding
+
+
+class Change(NamedTuple):
+    """Beginning or end of sliding at a scan.
+
+    Attributes
+    ----------
+    row : int
+        Scan of the block.
+    scans_before : int
+        Scans from the onset to this scan, about.
+    is_gross : bool
+        False where it may be that only a part of the contact slips.
+    """
+
+    row: int
+    is_onset: bool
+    statistic: float
+    scans_before: int
+    is_gross: bool = True
 
 
 class _Rest:

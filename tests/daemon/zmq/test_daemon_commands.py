@@ -18,8 +18,8 @@ from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarte
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
+from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.served_board import ServedBoard, ServiceParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.commands import RATE_S, Commands
 from tactiled.daemon.zmq.publisher import PublishParams

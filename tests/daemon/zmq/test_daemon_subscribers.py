@@ -16,7 +16,7 @@ from patience import PATIENCE_S
 from ports import free_pair
 
 from tactiled.daemon.zmq import peers, zmtp
-from tactiled.daemon.zmq.subscribers import MOST_SUBSCRIPTIONS, Subscribers
+from tactiled.daemon.zmq.publisher import MOST_SUBSCRIPTIONS, Subscribers
 from tactiled.daemon.zmq.zmtp import GREETING
 
 SUBSCRIBE_ALL = zmtp.ready("SUB") + b"\x00\x01\x01"

@@ -12,7 +12,7 @@ from tactiled.detect.grooves.outcome import Outcome, PeriodOnly
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import period_range
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.detect.signal.known_sliding import KnownSliding
+from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectorPair, DetectParams, build_suite
 from tactiled.events.types import TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block

@@ -12,9 +12,8 @@ from touches import Touch, contact_states
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.rest_noise import RestNoise
-from tactiled.detect.signal.zero import StartZero
 from tactiled.detect.suite import DetectParams
-from tactiled.detect.tuning import TunedSuite
+from tactiled.detect.tuning import StartZero, TunedSuite
 from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 

@@ -32,8 +32,7 @@ from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, Textur
 from tactiled.events.words import event_words
 from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
-from tactiled.plots.log import KnownTruth, draw_log
-from tactiled.plots.margin import KnownMargin
+from tactiled.plots.log import KnownMargin, KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml; on a robot, the gripper knows it
