@@ -46,7 +46,7 @@ class Schema:
         """Encode a message."""
         out = bytearray()
         for name, kind in self._fields.items():
-            _write(out, values[name], kind)
+            write(out, values[name], kind)
         return HEAD + bytes(out)
 
     def decode(self, data: bytes) -> dict[str, Any]:
@@ -101,34 +101,36 @@ def _align(out: bytearray, size: int) -> None:
     out.extend(bytes(-len(out) % size))
 
 
-def _write(out: bytearray, value: Any, kind: Any) -> None:
+def write(out: bytearray, value: Any, kind: Any) -> None:
+    """Append a value of a kind that a `Schema` may have, aligned."""
     if kind in _PRIMITIVES:
         _, code, size = _PRIMITIVES[kind]
         _align(out, size)
         out += struct.pack(f"<{code}", value)
     elif kind is str:
         data = value.encode() + b"\x00"
-        _write_length(out, len(data))
+        write_length(out, len(data))
         out += data
     elif kind is bytes:
-        _write_length(out, len(value))
+        write_length(out, len(value))
         out += value
     elif get_origin(kind) is tuple:
         inner = _plain(get_args(kind)[0])
-        _write_length(out, len(value))
+        write_length(out, len(value))
         if inner in _PRIMITIVES and value:
             _, code, size = _PRIMITIVES[inner]
             _align(out, size)
             out += struct.pack(f"<{len(value)}{code}", *value)
         else:
             for item in value:
-                _write(out, item, inner)
+                write(out, item, inner)
     else:
         for name, inner in _fields_of(kind).items():
-            _write(out, getattr(value, name), inner)
+            write(out, getattr(value, name), inner)
 
 
-def _write_length(out: bytearray, length: int) -> None:
+def write_length(out: bytearray, length: int) -> None:
+    """Append the length of a sequence."""
     _align(out, 4)
     out += struct.pack("<I", length)
 

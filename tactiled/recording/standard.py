@@ -5,13 +5,14 @@ A recording has them beside tactiled's own: ``/tactile/wrench`` (geometry_msgs/m
 over them.
 """
 
+import itertools
 import struct
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from tactiled.events.types import Event, ForceEvent, StatusEvent
+from tactiled.recording import cdr
 
-_HEAD = b"\x00\x01\x00\x00"  # CDR_LE, as in `cdr`
 _RULER = "=" * 80 + "\n"
 _OK, _WARN, _ERROR = 0, 1, 2  # diagnostic_msgs/DiagnosticStatus
 _HEADER_TYPES = (
@@ -59,14 +60,19 @@ def standard_message(event: Event, board: str, unix_offset_s: float) -> Standard
     Force is that of the object on the skin, in newtons; torque is about the origin of the array, in newton
     metres. Forces without a calibration, and nominal ones, have no message.
     """
-    header = _header(event.time_s + unix_offset_s, frame_id(board))
+    unix_s = event.time_s + unix_offset_s
+    seconds = max(int(unix_s), 0)
+    nanoseconds = min(max(round(1e9 * (unix_s - seconds)), 0), 999_999_999)
+    out = bytearray(struct.pack("<iI", seconds, nanoseconds))
+    cdr.write(out, frame_id(board), str)
     if isinstance(event, ForceEvent) and event.calibration not in ForceEvent.UNCALIBRATED:
         moments_nm = (1e-3 * moment for moment in (event.tx_nmm, event.ty_nmm, event.tz_nmm))
-        padding = bytes(-len(header) % 8)
-        numbers = struct.pack("<6d", event.fx_n, event.fy_n, event.fz_n, *moments_nm)
-        return StandardMessage(WRENCH, _HEAD + header + padding + numbers)
+        for number in (event.fx_n, event.fy_n, event.fz_n, *moments_nm):
+            cdr.write(out, number, float)
+        return StandardMessage(WRENCH, cdr.HEAD + bytes(out))
     if isinstance(event, StatusEvent):
-        return StandardMessage(DIAGNOSTICS, _HEAD + _diagnostics(header, event, board))
+        _write_diagnostics(out, event, board)
+        return StandardMessage(DIAGNOSTICS, cdr.HEAD + bytes(out))
     return None
 
 
@@ -75,13 +81,7 @@ def frame_id(board: str) -> str:
     return "tactile_" + ("".join(c if c.isalnum() else "_" for c in board) or "board")
 
 
-def _header(unix_s: float, frame: str) -> bytes:
-    seconds = max(int(unix_s), 0)
-    nanoseconds = min(max(round(1e9 * (unix_s - seconds)), 0), 999_999_999)
-    return struct.pack("<iI", seconds, nanoseconds) + _text(frame)
-
-
-def _diagnostics(header: bytes, status: StatusEvent, board: str) -> bytes:
+def _write_diagnostics(out: bytearray, status: StatusEvent, board: str) -> None:
     level = _ERROR if not status.valid else _WARN if status.warning else _OK
     words = status.reason or status.warning or status.state
     values = {
@@ -96,26 +96,10 @@ def _diagnostics(header: bytes, status: StatusEvent, board: str) -> bytes:
         "contact": status.contact,
         "slipping": str(status.slipping).lower(),
     }
-    out = bytearray(header)
-    _count(out, 1)
+    cdr.write_length(out, 1)
     out.append(level)
     for text in (f"tactiled {board}".strip(), words, board):
-        _append(out, text)
-    _count(out, len(values))
-    for entry in values.items():
-        for text in entry:
-            _append(out, text)
-    return bytes(out)
-
-
-def _count(out: bytearray, number: int) -> None:
-    out += bytes(-len(out) % 4) + struct.pack("<I", number)
-
-
-def _append(out: bytearray, text: str) -> None:
-    out += bytes(-len(out) % 4) + _text(text)
-
-
-def _text(text: str) -> bytes:
-    data = text.encode() + b"\0"
-    return struct.pack("<I", len(data)) + data
+        cdr.write(out, text, str)
+    cdr.write_length(out, len(values))
+    for text in itertools.chain.from_iterable(values.items()):
+        cdr.write(out, text, str)

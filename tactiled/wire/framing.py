@@ -5,8 +5,7 @@ Rules:
 1. The result depends on the bytes alone, not on how they were divided into calls of ``feed``.
 2. Every byte is counted exactly once: ``bytes_in == framed + discarded + pending``.
 3. A corrupt frame costs no other frame. Rejected bytes are searched again, so that a good frame before a
-damaged
-   delimiter, behind a truncated frame or inside noise is found.
+   damaged delimiter, behind a truncated frame or inside noise is found.
 4. Any bytes are accepted, nothing raises, and the number of pending bytes is bounded.
 
 A body is message type and fields, without the checksum, which was verified.
@@ -23,36 +22,19 @@ surely detects).
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from tactiled.compiled import compiled_module
 from tactiled.wire import cobs
-from tactiled.wire.fixed import FixedCommandFramer
+from tactiled.wire.framer import FixedCommandFramer, Framer
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
 from tactiled.wire.lines import LineFramer
 from tactiled.wire.schema import Direction
 from tactiled.wire.tagged import TaggedFramer
 from tactiled.wire.terminated import TerminatorFramer
-
-
-class Framer(Protocol):
-    """Interface of every kind of framing to the codec."""
-
-    bytes_in: int
-    bytes_framed: int
-    bytes_discarded: int
-
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a frame that is not complete yet."""
-        ...
-
-    def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
-        """Return what `data` completes, in order: bodies, scans that were read already, corruptions."""
-        ...
 
 
 class _Checker:
@@ -140,10 +122,11 @@ class _GoodScans:
         return scans, heads[4 * n - 4]
 
 
-class CobsFramer:
+class CobsFramer(Framer):
     """Find COBS frames, each closed by 0x00."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
+        super().__init__()
         self._checker = _Checker(layout, direction)
         self._tail = layout.checksum.n_bytes
         # Possible sizes by first byte (None: any). Checking the first byte makes the search a hundred times
@@ -157,18 +140,11 @@ class CobsFramer:
         self._longest = max((n + 1 + (n - 1) // 254 for s in self._sizes.values() for n in s), default=1)
         # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
-        self._buffer = bytearray()
         self._scans: _GoodScans | None = None
         crc16_start = layout.checksum.crc16_start
         is_plain = not (layout.covers_length or layout.carries_units or layout.channel_places is not None)
         if _READER is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
             self._scans = _GoodScans(layout, crc16_start, self._limit)
-        self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
-
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a frame that is not complete yet."""
-        return len(self._buffer)
 
     def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
         """Return what `data` completes, in order: bodies, scans that were read already, corruptions."""
@@ -184,7 +160,6 @@ class CobsFramer:
         return itertools.chain(scans, self._search())
 
     def _search(self) -> Iterator[bytes | Scan | Corrupt]:
-        """Yield what the buffer completes, in order."""
         buffer, limit = self._buffer, self._limit
         while buffer:
             if self._scans is not None:
@@ -286,33 +261,29 @@ class CobsFramer:
         return None, start + 1
 
 
-class SyncFramer:
+class SyncFramer(Framer):
     """Find frames of sync word, length, body and checksum."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
+        super().__init__()
         self._checker = _Checker(layout, direction)
         self._sync = layout.sync
         self._order = layout.byte_order
         self._header = len(layout.sync) + layout.length_bytes
         self._tail = layout.checksum.n_bytes
         self._lengths = set(self._checker.body_bytes.values())
-        self._buffer = bytearray()
         # A frame that lost its last byte passes the check with the first byte of the next sync word with
         # probability 1/256. An end that could begin a sync word is therefore searched again: these bytes are
         # counted as framed, and are still at the front of the buffer.
         self._lent = 0
-        self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
     @property
     def bytes_pending(self) -> int:
         """Bytes of a frame that is not complete yet."""
         return len(self._buffer) - self._lent
 
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the bodies and corruptions that `data` completes, in order."""
-        self.bytes_in += len(data)
+    def _search(self) -> Iterator[bytes | Corrupt]:
         buffer = self._buffer
-        buffer += data
         while self._seek_sync():
             if len(buffer) < self._header:
                 return

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from tactiled.wire.framer import Framer
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
 from tactiled.wire.schema import Direction
@@ -17,7 +18,7 @@ from tactiled.wire.schema import Direction
 _LONGEST_NUMBER = 32
 
 
-class LineFramer:
+class LineFramer(Framer):
     """Find lines of as many numbers as a scan has values.
 
     A line that the stream begins with may lack its beginning, and `12.5` would read `2.5`: it is given up. A
@@ -29,26 +30,17 @@ class LineFramer:
     """
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
+        super().__init__()
         self._terminator = layout.terminator
         self._separator = layout.file.framing.separator or ","
         self._dtype = layout.messages["scan"].dtype["counts"].base
         self._n_values = math.prod(layout.messages["scan"].dtype["counts"].shape)
         self._longest = _LONGEST_NUMBER * self._n_values + len(self._terminator)
         self._has_scans = direction == "board-to-host"
-        self._buffer = bytearray()
         self._is_begun = False  # the buffer begins with the beginning of a line
-        self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a line that is not complete yet."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the records and corruptions that `data` completes, in order."""
-        self.bytes_in += len(data)
+    def _search(self) -> Iterator[bytes | Corrupt]:
         buffer = self._buffer
-        buffer += data
         while True:
             end = buffer.find(self._terminator, 0, self._longest)
             if end < 0 and len(buffer) < self._longest:

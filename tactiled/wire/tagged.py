@@ -20,12 +20,13 @@ lost.
 
 from collections.abc import Iterator
 
+from tactiled.wire.framer import LockingFramer
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
 from tactiled.wire.schema import Direction
 
 
-class TaggedFramer:
+class TaggedFramer(LockingFramer):
     """Find packets behind each other, and collect the scans in their records.
 
     Parameters
@@ -41,24 +42,14 @@ class TaggedFramer:
         self._header = self._length_at + layout.length_bytes
         self._mask = framing.tag_mask
         self._longest_body = layout.longest_body
+        super().__init__("records", self._header + self._longest_body)
         self._sizes = {record.tag: record.bytes for record in layout.file.records}
         channels = [record.tag for record in layout.file.records if record.channels]
         self._place = {tag: place for place, tag in enumerate(channels)}
-        self._buffer = bytearray()
-        self._is_locked = False
-        self._lost = 0  # bytes given up that are not reported yet
         self._parts: dict[int, bytes] = {}  # records of the scan that is being collected, by their place
-        self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
 
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a packet that is not complete yet, or that waits for the next one to lock."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the channels of scans, in the order of the layout, and corruptions that `data` completes."""
-        self.bytes_in += len(data)
-        self._buffer += data
+    def _search(self) -> Iterator[bytes | Corrupt]:
+        """Yield the channels of scans, in the order of the layout, and corruptions."""
         if not self._has_scans:
             yield from self._give_up(len(self._buffer))
             return
@@ -71,10 +62,7 @@ class TaggedFramer:
                 return
             if size:
                 yield from self._lock()
-                packet = bytes(self._buffer[:size])
-                del self._buffer[:size]
-                self.bytes_framed += size
-                yield from self._collect(packet)
+                yield from self._collect(self._take(size))
             else:
                 self._is_locked = False
                 self._parts.clear()
@@ -126,19 +114,3 @@ class TaggedFramer:
                     yield b"".join(self._parts[k] for k in range(len(self._place)))
                     self._parts = {}
             at = end
-
-    def _lock(self) -> Iterator[Corrupt]:
-        self._is_locked = True
-        lost, self._lost = self._lost, 0
-        if lost:
-            yield Corrupt("records", lost)
-
-    def _give_up(self, n: int) -> Iterator[Corrupt]:
-        """Discard bytes at the front; each length of the longest packet is one corrupt frame."""
-        del self._buffer[:n]
-        self.bytes_discarded += n
-        self._lost += n
-        longest = self._header + self._longest_body
-        while self._lost >= longest:
-            self._lost -= longest
-            yield Corrupt("records", longest)

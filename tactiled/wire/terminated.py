@@ -10,12 +10,13 @@ Damage that leaves the terminator in its place cannot be detected, and neither c
 
 from collections.abc import Iterator
 
+from tactiled.wire.framer import LockingFramer
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout
 from tactiled.wire.schema import Direction
 
 
-class TerminatorFramer:
+class TerminatorFramer(LockingFramer):
     """Find frames of fixed length behind each other, each with its terminator.
 
     A frame begins behind a terminator, so the first frame of a stream is given up.
@@ -36,22 +37,11 @@ class TerminatorFramer:
         self._terminator = layout.terminator
         self._has_scans = direction == "board-to-host"
         self._size = layout.wire_bytes("scan")
-        self._buffer = bytearray()
-        self._is_locked = False
-        self._lost = 0  # bytes given up since the last frame that are not reported yet
-        self.bytes_in = self.bytes_framed = self.bytes_discarded = 0
+        super().__init__("terminator", self._size)
 
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a frame that is not complete yet, and of frames that wait for the lock."""
-        return len(self._buffer)
-
-    def feed(self, data: bytes) -> Iterator[bytes | Corrupt]:
-        """Yield the bodies and corruptions that `data` completes, in order."""
-        self.bytes_in += len(data)
-        self._buffer += data
+    def _search(self) -> Iterator[bytes | Corrupt]:
         if not self._has_scans:
-            yield from self._discard(len(self._buffer))
+            yield from self._give_up(len(self._buffer))
             return
         while True:
             if self._is_locked:
@@ -59,19 +49,16 @@ class TerminatorFramer:
                     return
                 body_end = self._size - len(self._terminator)
                 if self._buffer[body_end : self._size] == self._terminator:
-                    body = bytes(self._buffer[:body_end])
-                    del self._buffer[: self._size]
-                    self.bytes_framed += self._size
-                    yield body
+                    yield self._take(self._size)[:body_end]
                 else:
                     self._is_locked = False
-                    yield from self._discard(1)
+                    yield from self._give_up(1)
                 continue
             at = self._buffer.find(self._terminator)
             if at != 0:
                 keep = len(self._terminator) - 1
                 n = at if at > 0 else max(len(self._buffer) - keep, 0)
-                yield from self._discard(n)
+                yield from self._give_up(n)
                 if at < 0:
                     return
                 continue
@@ -79,11 +66,10 @@ class TerminatorFramer:
             if is_true is None:
                 return
             if is_true:
-                yield from self._discard(len(self._terminator))
-                yield from self._report()
-                self._is_locked = True
+                yield from self._give_up(len(self._terminator))
+                yield from self._lock()
             else:
-                yield from self._discard(1)
+                yield from self._give_up(1)
 
     def _judge(self) -> bool | None:
         """Return whether the terminator at the front of the buffer is a true one; None: not known yet."""
@@ -107,17 +93,3 @@ class TerminatorFramer:
 
     def _is_at(self, place: int) -> bool:
         return self._buffer.startswith(self._terminator, place)
-
-    def _discard(self, n: int) -> Iterator[Corrupt]:
-        """Give up bytes at the front; each length of a frame is one corrupt frame."""
-        del self._buffer[:n]
-        self.bytes_discarded += n
-        self._lost += n
-        while self._lost >= self._size:
-            self._lost -= self._size
-            yield Corrupt("terminator", self._size)
-
-    def _report(self) -> Iterator[Corrupt]:
-        lost, self._lost = self._lost, 0
-        if lost:
-            yield Corrupt("terminator", lost)
