@@ -1,7 +1,7 @@
 """``./run bench clock``: errors of the instants that scans carry.
 
 The emulated board scans by its own crystal, its line delays, bunches and stalls; the bytes go through the
-same decoder and assembler as live ones. Truth is the emulator's record of when each scan began. Each line is
+same pipeline as live ones. Truth is the emulator's record of when each scan began. Each line is
 timed twice: with the daemon's pings, which the board answers, and without.
 """
 
@@ -10,18 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.report import BenchOptions, BenchReport, rms, seeds_in_words, table
-from tactiled.array import FloatArray
+from tactiled.array import FloatArray, load_array
 from tactiled.daemon.board.asking import Pinging
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
+from tactiled.pipeline import Pipeline
 from tactiled.progress import ProgressBar
-from tactiled.samples.assembler import Assembler
-from tactiled.samples.block import ScanBlock
-from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
+from tactiled.samples.block import ScanRun, TimedScan
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command
 from tactiled.wire.layout import load_layout
 
 _ORIGIN_S = 1000.0
@@ -126,9 +126,8 @@ def timing(
         load_scene("rest"), layout, power_up_s=_ORIGIN_S, board=board, faults=line.faults, seed=seed,
         on_scan=scans.append,
     )  # fmt: skip
-    decoder, encoder, assembler = Decoder(layout), Encoder(layout), Assembler(layout)
-    pinging = Pinging(pings)
-    blocks: list[ScanBlock] = []
+    encoder, pipeline, pinging = Encoder(layout), Pipeline(layout, load_array("wang2019-3x3")), Pinging(pings)
+    timed: list[TimedScan] = []
     token, now_s, end_s = 1, _ORIGIN_S, _ORIGIN_S + duration_s
     while (due_s := max(min(port.next_deadline_s(), pinging.due_s), now_s)) <= end_s:
         now_s = due_s + float(rng.exponential(line.wake_s))
@@ -136,22 +135,12 @@ def timing(
             if not port.board.running:
                 port.receive(encoder.encode(Command("start", 0)), now_s)
                 pinging.reset(now_s)
-            assembler.read(now_s, decoder.bytes_pending)
-            for frame in decoder.feed(arrival.data):
-                if isinstance(frame, Hello):
-                    assembler.board(frame, now_s)
-                    assembler.other("hello")
-                elif isinstance(frame, Acknowledge):
-                    assembler.answered(frame, now_s)
-                elif isinstance(frame, Scan):
-                    assembler.scan(frame, now_s)
-            blocks += [item for item in assembler.flush() if isinstance(item, ScanBlock)]
+            for item in pipeline.receive(arrival.data, now_s).items:
+                timed += item.scans if isinstance(item, ScanRun) else []
         if now_s >= pinging.due_s:
             pinging.sent(now_s)
-            assembler.pinged(token, now_s)
+            pipeline.command("ping", {"token": token}, now_s)
             port.receive(encoder.encode(Command("ping", token)), now_s)
             token += 1
-    began_s = np.array([scan.began_s for scan in scans])
-    index = np.concatenate([block.index for block in blocks])
-    time_s = np.concatenate([block.time_s for block in blocks])
-    return time_s - began_s[index], np.concatenate([block.time_sd_s for block in blocks])
+    error_s = np.array([scan.time_s - scans[scan.number].began_s for scan in timed])
+    return error_s, np.array([scan.time_sd_s for scan in timed])

@@ -48,6 +48,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tactiled import compiled, plain_table
+from tactiled.progress import ProgressBar
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -203,6 +204,15 @@ def grouped(records: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
     for record in records:
         groups.setdefault(key(record), []).append(record)
     return groups
+
+
+def counted(results: Iterable[T], progress: ProgressBar, name: str, seconds: float = 1.0) -> list[T]:
+    """List results as they come, each of which advances the bar."""
+    found = []
+    for result in results:
+        found.append(result)
+        progress.advance(name, seconds)
+    return found
 
 
 def plain(value: Any) -> Any:

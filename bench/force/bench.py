@@ -4,9 +4,11 @@ Constants of the model were set on seeds 0 to 11; what is printed is measured on
 on motions that no calibration saw.
 """
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -32,6 +34,7 @@ from bench.report import (
     Reading,
     aims_table,
     at_most,
+    counted,
     judge,
     seeds_in_words,
     table,
@@ -78,20 +81,12 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     cases = list(dict.fromkeys([*(Case(seconds=s) for s in times_s), *HARD, BARE]))
     seeds = range(REPORTED_FROM, REPORTED_FROM + n)
     progress.begin(n * (len(cases) + 2))
-    scores: list[ForceScore] = []
-    holds: list[HoldScore] = []
-    magnets: list[MagnetScore] = []
     with executor(BENCH_WORKERS, options.dask) as pool:
-        jobs = [(seed, case) for seed in seeds for case in cases]
-        for one in pool.map(_score, jobs):
-            scores.append(one)
-            progress.advance(str(one.case))
-        for held in pool.map(_hold, seeds):
-            holds.append(held)
-            progress.advance("hold of an hour")
-        for skin in pool.map(score_magnets, seeds):
-            magnets.append(skin)
-            progress.advance("magnetometers")
+        jobs = zip(*itertools.product(seeds, cases), strict=True)
+        scores = counted(pool.map(score, *jobs), progress, "calibrations")
+        held = pool.map(partial(hold_for_an_hour, case=MAIN), seeds)
+        holds = counted(held, progress, "hold of an hour")
+        magnets = counted(pool.map(score_magnets, seeds), progress, "magnetometers")
     return report(ForceFound(scores, holds, magnets, *_costs_us()), cases, n)
 
 
@@ -121,14 +116,6 @@ def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
         ],
         numbers=found,
     )
-
-
-def _score(job: tuple[int, Case]) -> ForceScore:
-    return score(*job)
-
-
-def _hold(seed: int) -> HoldScore:
-    return hold_for_an_hour(seed, MAIN)
 
 
 def _costs_us() -> tuple[float, float]:

@@ -29,6 +29,7 @@ from bench.report import (
     BenchReport,
     Reading,
     aims_table,
+    counted,
     judge,
     seeds_in_words,
     table,
@@ -96,17 +97,12 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     def slips(batch: HeldBatch) -> DetectorMessages:
         return DetectorMessages(batch, lambda: build_suite(array, DetectParams(), topics=("slip",)), "slip")
 
-    def margin(_: Scene) -> Controller:
-        return GripController(arm.number)
-
-    makers: dict[
-        str, tuple[Callable[[Scene], Controller], Callable[[HeldBatch], DetectorMessages] | None]
-    ] = {
+    makers: dict[str, tuple[Callable[[Scene], Controller], MakeMessages | None]] = {
         "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None),
         "newtons": (lambda _: FixedGrip(arm.number), None),
         "slip events": (lambda _: TightenOnSlip(arm.number), slips),
         "slip events, eased": (lambda _: TightenOnSlip(arm.number, eases=True), slips),
-        "margin": (margin, detected),
+        "margin": (lambda _: GripController(arm.number), detected),
     }
     make, messages = makers[arm.kind]
     return play(scenes, array, [make(scene) for scene in scenes], messages).results()
@@ -126,14 +122,10 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     progress.begin(len(jobs))
     found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
     with executor(BENCH_WORKERS, options.dask) as pool:
-        for (arm, _), some in zip(jobs, pool.map(_measure, jobs), strict=True):
-            found[arm] += some
-            progress.advance("batch")
+        measured = counted(pool.map(measure, *zip(*jobs, strict=True)), progress, "batch")
+    for (arm, _), some in zip(jobs, measured, strict=True):
+        found[arm] += some
     return report(found)
-
-
-def _measure(job: tuple[Arm, range]) -> list[GraspResult]:
-    return measure(*job)
 
 
 def report(found: Mapping[Arm, Sequence[GraspResult]]) -> BenchReport:

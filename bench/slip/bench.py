@@ -7,14 +7,16 @@ questions (`score`). Everything is measured on seeds on which nothing was set.
 import itertools
 from collections.abc import Iterator, Sequence
 
-from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, grouped, seeds_in_words, table
+from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, counted, grouped, seeds_in_words, table
 from bench.slip.cases import (
     RANDOM,
     REPORTED_FROM,
     SCENES,
+    CaseEvents,
     draw_reported,
     from_scene,
     from_world,
+    run_case,
 )
 from bench.slip.gratings import (
     GRATINGS_FROM,
@@ -25,7 +27,6 @@ from bench.slip.gratings import (
     read_grating,
     rows,
 )
-from bench.slip.replay import CaseEvents, run_case
 from bench.slip.scenes import NOISES_V
 from bench.slip.score import AHEAD_S, SLOW_S
 from bench.slip.tables import settings_table
@@ -52,19 +53,12 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     scenes = list(itertools.product(SCENES, scene_seeds))
     n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
     progress.begin(len(batches) + len(scenes) + n_gratings)
-    events: list[CaseEvents] = []
     with executor(BENCH_WORKERS, options.dask) as pool:
-        for some in pool.map(read_worlds, batches):
-            events += some
-            progress.advance("random worlds")
-        for some in pool.map(read_scene, *zip(*scenes, strict=True)):
-            events += some
-            progress.advance("families")
-        gratings = []
-        for answer in pool.map(read_grating, range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)):
-            gratings.append(answer)
-            progress.advance("gratings")
-
+        some = counted(pool.map(read_worlds, batches), progress, "random worlds")
+        some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
+        slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
+        gratings = counted(pool.map(read_grating, slides), progress, "gratings")
+    events = list(itertools.chain.from_iterable(some))
     return BenchReport(
         [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings)],
         {"cases": [_as_numbers(one) for one in events], "gratings": gratings},

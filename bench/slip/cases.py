@@ -1,6 +1,6 @@
 """Cases of ``./run bench slip`` from both kinds of worlds, with the truth that events are compared with."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +12,12 @@ from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, PlayedScene, play
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
+from tactiled.detect.base import Detector
+from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
+from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock
 
 RANDOM = "random worlds"
@@ -138,3 +144,31 @@ def draw_reported(seeds: range) -> list[World]:
     """Draw a batch of random worlds; one batch in four has a contact law that was never learnt from."""
     is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
     return draw_worlds(seeds, Population(laws=(HELD_OUT_LAW,)) if is_held_out else USUAL)
+
+
+OTHERS: Mapping[str, Callable[[Array], Detector]] = {
+    "wang2019": lambda array: build_suite(
+        array, DetectParams(setting="wang2019"), topics=("slip", "contact")
+    ),
+}
+"""Detectors beside the contact filter; another one needs a line here."""
+
+NAMES = (*SETTINGS, *OTHERS)
+
+
+@dataclass(frozen=True, eq=False)
+class CaseEvents:
+    """Slip events of one case, by setting or name of another detector."""
+
+    case: Case
+    by_name: Mapping[str, Sequence[SlipEvent]]
+
+
+def run_case(case: Case) -> CaseEvents:
+    """Run all detectors over a case."""
+    slips = SlipsByThreshold(case.array, GripParams(), SETTINGS.values())
+    slips.process(case.block)
+    found: dict[str, Sequence[SlipEvent]] = {name: slips.found[at] for name, at in SETTINGS.items()}
+    for name, build in OTHERS.items():
+        found[name] = [e for e in build(case.array).process(case.block) if isinstance(e, SlipEvent)]
+    return CaseEvents(case, found)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from bench.report import NONE, ratio, table
-from bench.slip.replay import NAMES, CaseEvents
+from bench.slip.cases import NAMES, CaseEvents
 from bench.slip.score import (
     AHEAD_S,
     LEADS_TO_S,

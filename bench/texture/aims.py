@@ -12,9 +12,8 @@ import numpy as np
 from bench.report import Aim, Reading, grouped, judge, never
 from bench.texture.plates import DRAWN_WINDOWS_S, Plate
 from bench.texture.spoiled import GROOVELESS
-from bench.texture.strays import Strays
 from bench.texture.tables import CONFIDENCE, SPEEDS, TrialSet, by_plate, first_answers, windows_of
-from bench.texture.tracks import NOTICED_S
+from bench.texture.tracks import NOTICED_S, Strays
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 Found = Mapping[str, Sequence[Trial]]  # by the parts of the bench

@@ -11,21 +11,32 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
-from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, aims_table, grouped, seeds_in_words
+from bench.report import (
+    BENCH_WORKERS,
+    BenchOptions,
+    BenchReport,
+    aims_table,
+    counted,
+    grouped,
+    seeds_in_words,
+)
 from bench.texture import spoiled, tables
 from bench.texture.aims import AIMS
 from bench.texture.cost import cost_table
 from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
-from bench.texture.strays import STRAY_KINDS, STRAYED_S, STRAYED_SNR_DB, stray_trials
 from bench.texture.tracks import (
     CHANGE_PERIODS_MM,
     CHANGE_SNR_DB,
     CHANGES,
     COLOURED,
     SLIDE_S,
+    STRAY_KINDS,
+    STRAYED_S,
+    STRAYED_SNR_DB,
     STRAYS,
     WHITE,
     change_trials,
+    stray_trials,
     track_trials,
 )
 from bench.texture.trials import (
@@ -144,10 +155,9 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         costs = pool.submit(cost_table, sizes.repeats).result()  # nothing else at work, one thread
         progress.advance("cost", cost_s)
         for name, part in parts.items():
-            trials[name] = []
-            for found in pool.map(part.work, *zip(*part.jobs, strict=True)):
-                trials[name] += found
-                progress.advance(name, part.seconds / len(part.jobs))
+            found = pool.map(part.work, *zip(*part.jobs, strict=True))
+            some = counted(found, progress, name, part.seconds / len(part.jobs))
+            trials[name] = list(itertools.chain.from_iterable(some))
     return BenchReport(
         [
             *_sections(trials, sizes),

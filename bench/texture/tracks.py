@@ -1,9 +1,12 @@
 """Slides that the online estimator follows: all of their answers, and grooves that change under the skin.
 
+Beside them, single windows of arrays whose channels stray in phase from the wave, by channel and by taxel.
+
 Gratings, motions and noise are drawn, as those of the grid are; odd seeds are given the speed. A slide is
 seen as it would be live, and each of its answers is one of the windows that are counted.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,10 +26,12 @@ from bench.texture.signal import (
 )
 from bench.texture.trials import (
     ARRAY,
+    DIRECTION_SD_DEG,
     MEMORIES,
     MIN_PERIODS,
     Trial,
     compare,
+    joint,
     noise_name,
     online_answers,
     slip_at,
@@ -80,7 +85,10 @@ def track_trials(kind: TrackKind, seeds: Sequence[int]) -> list[Trial]:
         rng = np.random.default_rng([seed, *(round(number) for number in numbers)])
         grating = draw_grating(ARRAY, rng, _COMPARED_S[0], kind.snr_db, MIN_PERIODS)
         time_s = scan_times_s(SLIDE_S)
-        grating = _strayed(replace(grating, time_s=time_s), rng, kind.stray_rad)
+        grating = replace(grating, time_s=time_s)
+        gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+        strays = kind.stray_rad * rng.standard_normal(ARRAY.n_channels)
+        grating = _strayed(grating, gain, strays if kind.stray_rad else None)
         is_known = seed % 2 == 1
         for event in _answers(grating, readings(grating, rng, kind.memory), is_known=is_known):
             end_s = round(event.time_s + 1 / RATE_HZ, 3)
@@ -129,15 +137,49 @@ def _is_nearer(event: TextureEvent, new: Wave, old: Wave) -> bool:
     return off[0] < off[1]
 
 
-def _strayed(grating: Grating, rng: np.random.Generator, stray_rad: float) -> Grating:
-    """Let the channels differ in gain, and stray in phase from their kind."""
+class Strays(NamedTuple):
+    """Standard deviations, in radians, of the strays of channels and of taxels."""
+
+    channel_rad: float
+    taxel_rad: float
+
+    @property
+    def name(self) -> str:
+        """Words for a table."""
+        return f"channels {self.channel_rad:g}, taxels {self.taxel_rad:g} rad"
+
+
+STRAYED_S, STRAYED_SNR_DB = 3.0, 20.0
+STRAY_KINDS = (
+    *(Strays(rad, 0.0) for rad in (0.0, 0.05, 0.1, 0.13, 0.15, 0.2, 0.3)),
+    *(Strays(0.0, rad) for rad in (0.05, 0.1)),
+    Strays(0.1, 0.1),
+)
+
+
+def stray_trials(kind: Strays, seeds: Sequence[int]) -> list[Trial]:
+    """Fit one window of an array for each seed, the speed known and not."""
+    trials = []
+    for seed, is_known in itertools.product(seeds, (True, False)):
+        rng = np.random.default_rng([seed, is_known, *(round(1000 * rad) for rad in kind)])
+        stray_rad = kind.channel_rad * rng.standard_normal(ARRAY.n_channels)
+        stray_rad += kind.taxel_rad * rng.standard_normal(ARRAY.n_taxels)[ARRAY.channel_taxel]
+        gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+        grating = draw_grating(ARRAY, rng, STRAYED_S, STRAYED_SNR_DB, MIN_PERIODS)
+        answer = joint(grating, readings(_strayed(grating, gain, stray_rad), rng), is_known, DIRECTION_SD_DEG)
+        fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
+        trials.append(compare(answer, grating.wave, periods=grating.periods, **fields))
+    return trials
+
+
+def _strayed(grating: Grating, gain: FloatArray, stray_rad: FloatArray | None) -> Grating:
+    """Let the channels differ in gain (channels, 1), and stray in phase (channels,) from their kind."""
     sensed = grating.sensed
-    gain = rng.uniform(*_GAINS, (len(sensed.kind), 1))
-    phase_rad = sensed.phase_rad[sensed.kind] + stray_rad * rng.standard_normal(gain.shape)
-    sensed = replace(sensed, amplitude_volts=gain * sensed.amplitude_volts)
-    if stray_rad:
-        sensed = replace(sensed, kind=np.arange(len(sensed.kind)), phase_rad=phase_rad)
-    return replace(grating, sensed=sensed)
+    own = replace(sensed, amplitude_volts=gain * sensed.amplitude_volts)
+    if stray_rad is not None:
+        phase_rad = sensed.phase_rad[sensed.kind] + stray_rad[:, None]
+        own = replace(own, kind=np.arange(len(sensed.kind)), phase_rad=phase_rad)
+    return replace(grating, sensed=own)
 
 
 def _answers(grating: Grating, volts: FloatArray, *, is_known: bool) -> list[TextureEvent]:

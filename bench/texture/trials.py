@@ -120,10 +120,13 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)]) / period_mm
 
 
-def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> GrooveAnswer | Refusal:
+def joint(
+    grating: Grating, volts: FloatArray, is_speed_known: bool, direction_sd_deg: float = 0.0
+) -> GrooveAnswer | Refusal:
     """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
     speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
-    return joint_fit(ARRAY, volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg, 0.0)
+    motion = speed_mm_s, grating.wave.direction_deg, direction_sd_deg
+    return joint_fit(ARRAY, volts, grating.sensed.offset_s, *motion)
 
 
 def joint_fit(

@@ -5,8 +5,7 @@ import pytest
 from bench.report import BenchOptions, plain
 from bench.slip import bench as slip_bench
 from bench.slip.bench import bench_slip, read_scene
-from bench.slip.cases import from_world
-from bench.slip.replay import NAMES, CaseEvents, run_case
+from bench.slip.cases import NAMES, CaseEvents, from_world, run_case
 from bench.slip.scenes import NOISES_V, RATE_HZ
 from bench.slip.tables import QUESTIONS, settings_table
 from bench.worlds.laws import draw_worlds

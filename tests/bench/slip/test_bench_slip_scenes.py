@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.slip.scenes import PlayedScene, at_speed, play
-from bench.slip.truth import GRID_S, LoadHistory
+from bench.slip.scenes import GRID_S, LoadHistory, PlayedScene, at_speed, play
 from tactiled.emulator.scene.families import QUIET
 from tactiled.emulator.scene.phases import FlatPlate
 from tactiled.emulator.scene.physical import ContactStepper

@@ -5,8 +5,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from bench.slip.cases import Case, from_world
-from bench.slip.replay import run_case
+from bench.slip.cases import Case, from_world, run_case
 from bench.slip.score import (
     Reported,
     directions,
