@@ -27,9 +27,9 @@ from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.log_summary import LogTally
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.plots import PICTURES
-from tactiled.recording.bag import BAGS, read_bag
+from tactiled.recording.bag import BAGS, is_bag, read_bag
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
-from tactiled.recording.reader import Reached, batches, is_recording, read_header, read_inputs
+from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.rows import TableOptions, TimeUnit
 from tactiled.recording.table import TABLES, BlockSplitter, Checked, TableStream, spacing_of
 from tactiled.samples.block import Gap, ScanBlock
@@ -258,24 +258,23 @@ def detect_messages(
     """
     choices = choices or Choices()
     params = choices.params()
-    is_bag = path.is_dir() or path.suffix in BAGS
-    if path.suffix == ".mcap" and choices.topic is None:
-        is_bag = path.is_dir() or (path.exists() and not is_recording(path))
-    if choices.layout is not None and (is_bag or path.suffix != ".mcap"):
+    is_of_ros = is_bag(path) or (choices.topic is not None and path.suffix == ".mcap")
+    is_ours = path.suffix == ".mcap" and not is_of_ros
+    if choices.layout is not None and not is_ours:
         raise ConfigError("command line", ["--layout is for our recordings (.mcap), which hold bytes"])
-    if choices.topic is not None and not is_bag:
+    if choices.topic is not None and not is_of_ros:
         raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])
-    if is_bag and (choices.columns or choices.time_unit):
+    if is_of_ros and (choices.columns or choices.time_unit):
         fault = "--columns and --time-unit are for tables; --topic TOPIC.FIELD chooses the channels of a bag"
         raise ConfigError("command line", [fault])
-    if path.suffix == ".mcap" and not is_bag:
+    if is_ours:
         if rate_hz is not None or choices.columns or choices.time_unit:
             fault = "--rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         source = choices.source_of(path, array)
         log = _new_log(choices.array_of(source.array), path)
         found = _run_recording(path, log, source.layout, params, choices, reached)
-    elif is_bag or path.suffix in TABLES:
+    elif is_of_ros or path.suffix in TABLES:
         log = _new_log(choices.array_of(load_array(array or array_of_config(choices.config))), path)
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:

@@ -138,8 +138,8 @@ def _lz4_bytes(data: bytes) -> int:
 
 def is_bag(path: Path) -> bool:
     """Return True for a bag of ROS or an MCAP file of others, and False for our recordings and tables."""
-    if path.suffix == ".mcap" and path.is_file():
-        return not is_recording(path)
+    if path.suffix == ".mcap" and not path.is_dir():
+        return path.exists() and not is_recording(path)
     return path.is_dir() or path.suffix in BAGS
 
 

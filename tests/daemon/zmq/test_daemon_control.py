@@ -25,7 +25,7 @@ from patience import PATIENCE_S
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
-from tactiled.daemon.zmq import requesters, zmtp
+from tactiled.daemon.zmq import network, zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams
@@ -499,7 +499,7 @@ def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, .
 
 def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
-    monkeypatch.setattr(requesters, "BOUNDS", replace(requesters.BOUNDS, turns_per_s=5000.0))
+    monkeypatch.setattr(network, "BOUNDS", replace(network.BOUNDS, turns_per_s=5000.0))
     server = Server(tmp_path)
     server.send(3000)
 

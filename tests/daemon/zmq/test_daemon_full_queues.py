@@ -39,8 +39,8 @@ with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
 SLOW_SERVER = """
 import asyncio, sys
 from dataclasses import replace
-from tactiled.daemon.zmq import network, peers, requesters
-requesters.BOUNDS = replace(requesters.BOUNDS, turns_per_s=25.0)
+from tactiled.daemon.zmq import network, peers
+network.BOUNDS = replace(network.BOUNDS, turns_per_s=25.0)
 peers._BURST = 1
 server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), lambda *_: None, lambda *_: {})
 print("up", flush=True)
