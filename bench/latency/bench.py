@@ -24,7 +24,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.report import Aim, BenchOptions, BenchReport, aims_table, judge, over_runs, table
+from bench.report import (
+    Aim,
+    BenchOptions,
+    BenchReport,
+    Reading,
+    aims_table,
+    at_most,
+    judge,
+    never,
+    over_runs,
+    table,
+)
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
@@ -320,55 +331,40 @@ def _latency_table(runs: Sequence[Run]) -> str:
             row[f"{label}: lost"] = str(sum(one.lost for one in each))
         row["ratio of p50"] = over_runs([run.ratio(phase, 0.5) for run in runs], ".1f")
         row["ratio of p99"] = over_runs([run.ratio(phase, 0.99) for run in runs], ".1f")
-        row["longest turn of the loop"] = f"{1e3 * max(run.loop_lag_s[phase] for run in runs):.1f} ms"
+        row["longest turn of the loop"] = f"{_longest_turn_ms(runs, phase):.1f} ms"
         rows.append(row)
     return table(rows)
 
 
 def _ratio_aim(phase: str, name: str, q: float, limit: float) -> Aim[Sequence[Run]]:
-    def measure(runs: Sequence[Run]) -> tuple[str, bool]:
+    def measure(runs: Sequence[Run]) -> Reading:
         values = [run.ratio(phase, q) for run in runs]
-        return over_runs(values, ".1f"), bool(np.median(values) <= limit)
+        return judge(over_runs(values, ".1f"), bool(np.median(values) <= limit))
 
-    return Aim(
-        f"{name} of tactiled over C, {phase}", f"at most {limit:g}", lambda runs: judge(*measure(runs))
-    )
+    return Aim(f"{name} of tactiled over C, {phase}", f"at most {limit:g}", measure)
 
 
-def _longest_turns_s(runs: Sequence[Run]) -> tuple[float, float]:
-    """Return the longest turns while sliding and at rest, in seconds."""
-    return max(run.loop_lag_s["sliding"] for run in runs), max(run.loop_lag_s["rest"] for run in runs)
+def _longest_turn_ms(runs: Sequence[Run], phase: str) -> float:
+    return 1e3 * max(run.loop_lag_s[phase] for run in runs)
 
 
-def _longest_turn(runs: Sequence[Run]) -> tuple[str, bool]:
-    sliding_s, _ = _longest_turns_s(runs)
-    return f"{1e3 * sliding_s:.1f} ms", sliding_s <= 0.005
+def _turn_over_rest(runs: Sequence[Run]) -> Reading:
+    sliding_ms, rest_ms = (_longest_turn_ms(runs, phase) for phase in ("sliding", "rest"))
+    words = f"{sliding_ms / max(rest_ms, 1e-6):.1f} times {rest_ms:.1f} ms"
+    return judge(words, sliding_ms <= 3 * rest_ms)
 
 
-def _turn_over_rest(runs: Sequence[Run]) -> tuple[str, bool]:
-    sliding_s, rest_s = _longest_turns_s(runs)
-    return f"{sliding_s / max(rest_s, 1e-9):.1f} times {1e3 * rest_s:.1f} ms", sliding_s <= 3 * rest_s
-
-
-AIMS = (
+AIMS: tuple[Aim[Sequence[Run]], ...] = (
     *(_ratio_aim(phase, "p50", 0.5, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
     *(_ratio_aim(phase, "p99", 0.99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
-    Aim[Sequence[Run]](
+    at_most(
         "longest turn of the loop while sliding, on a quiet machine",
-        "at most 5 ms",
-        lambda runs: judge(*_longest_turn(runs)),
+        5.0,
+        " ms",
+        lambda runs: _longest_turn_ms(runs, "sliding"),
+        ".1f",
     ),
-    Aim[Sequence[Run]](
-        "the same, on any machine", "at most 3 times that at rest", lambda runs: judge(*_turn_over_rest(runs))
-    ),
-    Aim[Sequence[Run]](
-        "scans lost",
-        "none",
-        lambda runs: judge(
-            str(lost := sum(one.lost for run in runs for one in run.daemon.values())), lost == 0
-        ),
-    ),
-    Aim[Sequence[Run]](
-        "groove fits late", "none", lambda runs: judge(str(late := sum(r.fits_late for r in runs)), late == 0)
-    ),
+    Aim("the same, on any machine", "at most 3 times that at rest", _turn_over_rest),
+    never("scans lost", lambda runs: sum(one.lost for run in runs for one in run.daemon.values())),
+    never("groove fits late", lambda runs: sum(run.fits_late for run in runs)),
 )
