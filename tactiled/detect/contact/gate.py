@@ -37,6 +37,10 @@ class SlipHysteresis:
         self.is_open = False
         self.close()
 
+    def forget_growth(self) -> None:
+        """Let an incipient slip open only where the ratio grows from now on: taxels were lost."""
+        self._least = math.inf
+
     def close(self) -> None:
         """Close the slip, and let none open for some looks."""
         if self.is_open:

@@ -336,6 +336,7 @@ class GripDetector:
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
             self._filter.friction_memory.widen(_DROPPED_SD)
+            self._filter.gate.forget_growth()
         load = readings.load
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._before_gap is not None:

@@ -104,7 +104,7 @@ def test_every_scan_in_contact_has_an_event_whose_interval_narrows_while_the_zer
 
 
 def test_the_end_of_the_contact_is_said_once_and_the_friction_is_carried_on() -> None:
-    readings, _ = pull(0.9)
+    readings, _ = pull(1.3)
     lifted = np.concatenate([readings, np.zeros((40, 27)), readings])
     events = grips(GripDetector(xyz()).process(regular_block(lifted, RATE_HZ)))
     states = [event.state for event in events]
