@@ -83,9 +83,9 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             f"{size.worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
             f"score on (seeds from {REPORTED_FROM}).",
             aims_table(AIMS, {"measured": measured}),
-            "u: utilisation from 0.5 up; by true friction: the ratio over it, without any filter. False gross slips are by hour of contact, at the part of true ones "
-            "that is found from 0.1 s before to 0.3 s after they begin. Below half: state gross in worlds "
-            "that never use half of the limit.",
+            "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
+            "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
+            "after they begin. Below half: state gross in worlds that never use half of the limit.",
             score_table(scores),
             "Processor time of a scan while shear grows, 100 Hz. Hot: scan after scan; live: a scan each "
             "10 ms.",

@@ -74,8 +74,10 @@ class ContactFilter:
     ----------
     gate : SlipHysteresis
         Slips at these two probabilities, which `verdict` follows.
+    has_zero : bool
+        The zero of the shear is known: the contact was seen to begin, or most of its load to come.
     is_known : bool
-        The beginning of the contact was seen, or a slide since.
+        It is, or a slide was seen.
     slid_at : float
         Largest ratio since the gross slip opened that is open; 0.0 without one. A hand that grips harder
         lowers the ratio of a slide: friction is what the slide bore.
@@ -117,7 +119,7 @@ class ContactFilter:
         self._row = self.signs.row
         self.memory.begin_contact()
         self.friction_memory.begin_contact()
-        self.is_known = is_seen
+        self.is_known = self.has_zero = is_seen
         self.posterior.begin()
         self.slid_at = 0.0
         self.gate.begin(is_seen=is_seen)
@@ -156,7 +158,8 @@ class ContactFilter:
         p = 1.0 / (1.0 + math.exp(-min(max(self._score[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
         friction = self.friction_memory
-        friction.learn(self.p_sliding, signs.ratio, row[LOAD_CHANGE], self.look_s)
+        if self.has_zero:
+            friction.learn(self.p_sliding, signs.ratio, row[LOAD_CHANGE], self.look_s)
         memory.take(p, signs.ratio, self.look_s, row[LOAD_CHANGE])
         posterior.gather(row, self._memory_row)
         learnt.state.evaluate(self._state_row)
@@ -167,6 +170,7 @@ class ContactFilter:
             signs.ratio,
             friction.contact_log_mean,
             friction.contact_variance,
+            self.has_zero,
             ripple_travels,
         )
         self.gate.look(self.p_incipient, self.p_sliding, signs.ratio, self.ratio_sd)

@@ -452,8 +452,9 @@ class _Touch:
         rippled_s = self._ripple.take(newest)
         is_look = self.scan is None or signs.n_scans >= contact.n_look
         if is_look:
+            contact.has_zero = zero.is_seen
             contact.look(readings.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
-            contact.is_known = contact.is_known or zero.is_seen
+            contact.is_known = contact.is_known or contact.has_zero
         if contact.gate.is_open and not may_slip:
             contact.gate.close()
         if is_look:

@@ -7,7 +7,7 @@ cdef extern from "math.h":
     cpdef double exp(double x)
     cpdef double sqrt(double x)
 
-cdef double RIPPLE_P, FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
+cdef double RIPPLE_P, FIVE_PERCENT, _LEAST_RATIO, _LEAST_VARIANCE, _HERE_SD, _RATIO_SD, _LEARNT_LOG, _LEARNT_SD, _UNTOLD, _UNTOLD_WITHOUT_ZERO
 cdef double _PLAUSIBLE_SDS, _TINY
 
 
@@ -18,6 +18,6 @@ cdef class Posterior:
 
     cpdef gather(self, double[::1] signs, double[::1] memory)
     cpdef take(self, double[::1] scores, double[::1] soon_scores, double ratio,
-               double log_friction, double variance, int ripple_travels)
+               double log_friction, double variance, int has_zero, int ripple_travels)
     cpdef publish(self, int is_gross, double least_sliding, double ratio, double log_friction, double variance)
     cdef _take_quantiles(self)

@@ -29,10 +29,10 @@ _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it 
 _HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS = 0.15, 0.3, 2.0
 # prior: of friction in the worlds that the trees learnt from: see `GripParams`
 _LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
-# prior: part of the looks whose ratio says nothing of friction, by zero, crosstalk or shear that is left. In
-# these worlds the ratio over friction and utilisation is off by more than 0.45 in log in 7 to 13 % of looks;
-# half of the others are within 0.1.
-_UNTOLD = 0.1
+# prior: part of the looks whose ratio says nothing of friction. In these worlds the ratio over friction and
+# utilisation is off by more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero of the
+# shear is not known.
+_UNTOLD, _UNTOLD_WITHOUT_ZERO = 0.03, 0.5
 _TINY = 1e-12  # derived
 
 
@@ -99,6 +99,7 @@ class Posterior:
         ratio: float,
         log_friction: float,
         variance: float,
+        has_zero: int,
         ripple_travels: int,
     ) -> None:
         """Take the scores of a look.
@@ -115,6 +116,8 @@ class Posterior:
             Of no gross slip within 300 ms, and of one within 300, 100 and 50 ms.
         log_friction, variance : float
             Of the logarithm of friction, as a ratio, when the contact began.
+        has_zero : int
+            1 where the zero of the shear is known: the contact was seen to begin.
         ripple_travels : int
             1 where a ripple travels over the taxels: proof of sliding.
         """
@@ -126,13 +129,14 @@ class Posterior:
         sd = sqrt(variance + _RATIO_SD * _RATIO_SD)
         here = variance + _HERE_SD * _HERE_SD
         learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
+        untold = _UNTOLD if has_zero == 1 else _UNTOLD_WITHOUT_ZERO
         total = 0.0
         for k in range(n):
             p = exp(scores[k] - most)
             friction = log_ratio - log(self.middles[k])
             off, off_learnt = friction - log_friction, friction - _LEARNT_LOG
             fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - off * off / here))
-            p *= _UNTOLD + (1.0 - _UNTOLD) * fits
+            p *= untold + (1.0 - untold) * fits
             sds = abs(off) / sd
             if sds > _PLAUSIBLE_SDS:
                 p *= exp(-0.5 * (sds * sds - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))

@@ -105,7 +105,7 @@ def test_posterior(seed: int, ratio: float) -> None:
     for one in (posterior, of("posterior")):
         state = one.Posterior([5, 0, 2], 3)
         state.gather(signs_row, memory_row)
-        state.take(scores, soon, ratio, -0.7, 0.05, flags[0])
+        state.take(scores, soon, ratio, -0.7, 0.05, flags[1], flags[0])
         state.publish(flags[1], 0.2, ratio, -0.6, 0.04)
         parts = state.row, state.cells, state.soon, state.utilisation, state.friction
         found.append([*map(bits, parts), state.p_sliding, state.slipping_share])

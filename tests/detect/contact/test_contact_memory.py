@@ -156,7 +156,7 @@ def posterior(cells: Sequence[float]) -> Posterior:
     """Posterior after scores that are cells; a ratio that every friction of the prior may bear."""
     one = Posterior([], 0)
     scores = [math.log(max(p, 1e-9)) for p in cells]
-    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.16, math.log(0.6), 0.36, 0)
+    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.16, math.log(0.6), 0.36, 1, 0)
     return one
 
 
@@ -184,13 +184,13 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
         assert verdict.p_sliding == pytest.approx(weights[-1] / sum(weights))
 
 
-@given(POSITIVE, st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans())
+@given(POSITIVE, st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
 def test_the_posterior_is_a_distribution_for_any_ratio(
-    weights: list[float], ratio: float, sd: float, ripple_travels: bool
+    weights: list[float], ratio: float, sd: float, has_zero: bool, ripple_travels: bool
 ) -> None:
     one = Posterior([], 0)
     scores = [math.log(weight) for weight in weights]
-    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, math.log(0.6), sd * sd, ripple_travels)
+    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
     assert min(one.cells) > 0
     assert 0 < one.soon[0] < one.soon[1] < one.soon[2] < 1
@@ -201,14 +201,14 @@ def test_a_friction_that_nothing_has_is_not_believed() -> None:
     """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
     one = Posterior([], 0)
     alike = [0.0] * N_STATES
-    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, 0)
+    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, 1, 0)
     assert sum(one.cells[:3]) < 0.05
-    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, 0)
+    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, 1, 0)
     assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
 
 
 def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
-    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01)
+    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01, 1)
     one = Posterior([], 0)
     one.take(alike, [0.0] * 4, 0.55, *known, 0)
     whole = one.cells[-1]
