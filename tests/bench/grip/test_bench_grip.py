@@ -54,7 +54,8 @@ def truth(world: World) -> Course:
     at = np.arange(len(world.block))
     sliding = world.gross.astype(np.float64)
     used = np.where(world.gross, 1.0, np.minimum(world.utilisation, 1.0))
-    course = Course(world, at, sliding, np.stack([used] * 3, axis=1), sliding, world.gross)
+    ratio = used * np.nan_to_num(world.friction)
+    course = Course(world, at, sliding, np.stack([used] * 3, axis=1), sliding, world.gross, ratio)
     return dataclasses.replace(course, p_gross_300ms=np.maximum(sliding, course.soon))
 
 
@@ -62,6 +63,7 @@ def test_scores_of_the_truth_are_perfect(worlds: list[World]) -> None:
     found = score([truth(world) for world in worlds])
     assert (found.auc, found.skill_sliding, found.skill_300ms) == pytest.approx((1.0, 1.0, 1.0))
     assert (found.used_rms, found.used_bias, found.coverage) == (0.0, 0.0, 1.0)
+    assert found.friction_rms == pytest.approx(0.0, abs=1e-12)
     assert (found.told_gross, found.rest_told_gross, found.resting_false_per_h) == (1.0, 0.0, 0.0)
     assert set(found.false_per_h.values()) == {0.0}
 
