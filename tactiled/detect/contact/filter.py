@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory, Posterior, Signs
-from tactiled.detect.contact.friction import Friction
+from tactiled.detect.contact.friction import FrictionMemory
 from tactiled.detect.contact.gate import OFF, SlipHysteresis
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.posterior import LEAST_GROSS_USED, RIPPLE_P
@@ -103,7 +103,7 @@ class ContactFilter:
         self.look_s = self.n_look / rate_hz
         self._learnt = learnt
         self.memory = Memory(learnt.base_odds)
-        self.friction_memory = Friction(friction / shear_per_friction, log_sd)
+        self.friction_memory = FrictionMemory(friction / shear_per_friction, log_sd)
         self.posterior = Posterior([NAMES.index(name) for name in STATE_SIGNS], len(self.memory.row))
         learnt.check(len(NAMES), len(self.posterior.row))
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)

@@ -17,7 +17,7 @@ _LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noi
 _MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: less is no load
 
 
-class Friction:
+class FrictionMemory:
     """Friction of one contact after the other.
 
     Parameters

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.train.rows import silent
 from tactiled.detect.contact import memory
 from tactiled.detect.contact.filter import ContactFilter
-from tactiled.detect.contact.friction import Friction
+from tactiled.detect.contact.friction import FrictionMemory
 from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.memory import Memory
 from tactiled.detect.contact.posterior import N_STATES, RIPPLE_P, Posterior
@@ -29,9 +29,9 @@ def told(p: float, ratio: float, seconds: float, one: Memory | None = None) -> M
     return one
 
 
-def slid(p: float, ratio: float, seconds: float, one: Friction | None = None) -> Friction:
+def slid(p: float, ratio: float, seconds: float, one: FrictionMemory | None = None) -> FrictionMemory:
     """Friction after a time of the same ratio, at a probability of sliding."""
-    one = one or Friction(0.6, 0.6)
+    one = one or FrictionMemory(0.6, 0.6)
     for _ in range(round(seconds / LOOK_S)):
         one.learn(p, ratio, 0.0, LOOK_S)
     return one
@@ -52,7 +52,7 @@ def test_a_slide_teaches_friction_and_the_next_contact_keeps_it() -> None:
 def test_a_doubtful_rest_of_minutes_teaches_no_friction() -> None:
     one = slid(0.45, 0.3, 300.0)
     assert math.exp(one.log_mean) == pytest.approx(0.6)
-    stated = Friction(0.6, 0.1)
+    stated = FrictionMemory(0.6, 0.1)
     slid(0.45, 0.3, 300.0, stated)
     assert (math.exp(stated.log_mean), math.sqrt(stated.variance)) == pytest.approx((0.6, 0.1))
 
@@ -73,7 +73,7 @@ def test_a_lift_teaches_no_friction(p: float) -> None:
 
 
 def test_stated_friction_has_a_floor_of_what_one_number_can_say() -> None:
-    one = Friction(0.6, 0.6)
+    one = FrictionMemory(0.6, 0.6)
     one.expect(0.5, 0.001)
     assert math.exp(one.log_mean) == pytest.approx(0.5)
     assert math.sqrt(one.variance) >= 0.05
@@ -82,7 +82,7 @@ def test_stated_friction_has_a_floor_of_what_one_number_can_say() -> None:
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1e6), st.floats(-1e3, 1e3)), max_size=200))
 @settings(max_examples=30, deadline=None)
 def test_friction_is_finite_and_no_wider_than_before(looks: list[tuple[float, float, float]]) -> None:
-    one = Friction(0.6, 0.6)
+    one = FrictionMemory(0.6, 0.6)
     for p, ratio, log_load_change in looks:
         one.learn(p, ratio, log_load_change, LOOK_S)
         assert math.isfinite(one.log_mean)
