@@ -277,5 +277,8 @@ def build_methods(
     slip = factories.slip(array, params) if needs_slip else None
     asks_grip = params.grip.publish and "grip" in topics
     # The slip detector of the contact filter publishes the grip events itself.
-    grip = GripDetector(array, params.grip) if asks_grip and not isinstance(slip, GripSlip) else None
+    grip: GripDetector | None = None
+    if asks_grip and not isinstance(slip, GripSlip):
+        of_setting = params.wang2019.slip if params.setting == "wang2019" else params.grip
+        grip = GripDetector(array, params.grip.model_copy(update={"contact": of_setting.contact}))
     return DetectorPair(slip, texture, grip, sliding)

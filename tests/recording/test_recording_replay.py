@@ -174,13 +174,13 @@ def test_scans_have_the_announced_motion_that_they_had_live(
     tmp_path: Path, reads: list[Read], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The grip messages say here what motion their scan was processed with."""
-    step = GripDetector._step  # noqa: SLF001  no message has it
+    told_by = GripDetector._told  # noqa: SLF001  no message has it
 
-    def saying(self: GripDetector, *arguments: Any) -> GripEvent | None:
-        event = step(self, *arguments)
+    def saying(self: GripDetector, *arguments: Any, **others: Any) -> GripEvent | None:
+        event = told_by(self, *arguments, **others)
         return None if event is None else replace(event, shear_x=np.nan_to_num(self.acceleration_m_s2))
 
-    monkeypatch.setattr(GripDetector, "_step", saying)
+    monkeypatch.setattr(GripDetector, "_told", saying)
     told: list[Read | Input] = []
     for k, read in enumerate(reads):
         told.append(read)

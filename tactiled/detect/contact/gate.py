@@ -37,9 +37,12 @@ class SlipHysteresis:
         self.is_open = False
         self.close()
 
-    def forget_growth(self) -> None:
-        """Let an incipient slip open only where the ratio grows from now on: taxels were lost."""
-        self._least = math.inf
+    def settle(self) -> None:
+        """Let no slip open for some looks, and an incipient one only where the ratio grows from then on.
+
+        Where taxels are lost, the ratio changes, and what was seen of it before was in part their fault.
+        """
+        self._least, self._n_looks = math.inf, 0
 
     def close(self) -> None:
         """Close the slip, and let none open for some looks."""

@@ -136,7 +136,7 @@ class GripDetector:
     ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.1
     4.20 s: partial, utilisation 0.3
-    4.60 s: partial, utilisation 0.6
+    4.60 s: partial, utilisation 0.5
     """
 
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
@@ -336,7 +336,7 @@ class GripDetector:
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
             self._filter.friction_memory.widen(_DROPPED_SD)
-            self._filter.gate.forget_growth()
+            self._filter.gate.settle()
         load = readings.load
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._before_gap is not None:
@@ -455,7 +455,7 @@ class _Touch:
             contact.has_zero = zero.is_seen
             contact.look(readings.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
             contact.is_known = contact.is_known or contact.has_zero
-        if contact.gate.is_open and not may_slip:
+        if not may_slip:
             contact.gate.close()
         if is_look:
             self._verdict = contact.verdict()

@@ -45,7 +45,7 @@ class GripSlip:
     >>> for event in GripSlip(array).process(regular_block(volts, 100.0)):
     ...     if event.topic == "slip" and event.state == "onset":
     ...         print(f"{event.detected_s:.2f} s: {event.kind}, since {event.onset_s:.2f} s")
-    4.19 s: incipient, since 4.09 s
+    4.17 s: incipient, since 4.09 s
     """
 
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
