@@ -1,4 +1,4 @@
-"""What a command shows people on standard error: a bar of its progress, and text.
+"""Progress bar and text that a command shows people on standard error.
 
 The bar is shown if that is a terminal; else there is one line at the start.
 """

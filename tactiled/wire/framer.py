@@ -1,12 +1,13 @@
-"""What the kinds of framing have in common, and the framing of commands that are fixed bytes."""
+"""Base of the framers, and the framer of boards whose commands are fixed bytes."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
 
 
-class Framer:
+class Framer(ABC):
     """Kind of framing: the bytes that are neither framed nor discarded yet, and counts of the others."""
 
     def __init__(self) -> None:
@@ -24,9 +25,9 @@ class Framer:
         self._buffer += data
         return self._search()
 
+    @abstractmethod
     def _search(self) -> Iterator[bytes | Scan | Corrupt]:
         """Yield what the buffer completes, in order."""
-        raise NotImplementedError
 
     def _take(self, n: int) -> bytes:
         """Remove a frame from the front."""

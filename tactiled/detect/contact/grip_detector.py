@@ -107,8 +107,8 @@ class ContactScan(NamedTuple):
 class GripDetector:
     """Compute how close a contact is to slipping, for each scan.
 
-    The contact is that of the contact gate: a message for each of its scans, of state unknown while the load
-    is too small to tell. An array that measures no shear over load cannot tell, and gets no events.
+    The contact is that of the contact gate: a message for each of its scans, of state unknown and not valid
+    while the load is too small to tell. An array that measures no shear over load gets no events.
 
     Attributes
     ----------
@@ -517,7 +517,7 @@ class _Touch:
             unit=unit,
             needed_load=needed_load if is_known else max(needed_load, load),
             state=state,
-            valid=is_trusted,
+            valid=is_trusted and self.is_looked_at,
             late=is_late,
         )
 

@@ -36,6 +36,7 @@ export function verdict(board, now) {
 function chances(grip, state, slip) {
   if (state === "none") return "";
   if (grip === null || grip.state === "none") return slip === null ? "" : `${percent(slip.confidence)} sure`;
+  if (grip.state === "unknown") return "";
   if (state === "sliding") return `${percent(grip.p_sliding)} sure that all of the contact slides`;
   return `${percent(grip.utilisation)} of the friction limit in use, slip within 0.1 s: ${percent(grip.p_gross_100ms)}`;
 }

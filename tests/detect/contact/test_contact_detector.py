@@ -98,8 +98,12 @@ def test_every_scan_in_contact_has_an_event_whose_interval_narrows_while_the_zer
     times = [round(event.time_s * RATE_HZ) for event in events]
     assert times == list(range(times[0], len(readings)))
     assert 50 <= times[0] <= 56
-    assert all(event.valid for event in events)
-    widths = [event.utilisation_high - event.utilisation_low for event in events[:140]]
+    # The first ones may be of a load that is too small to tell.
+    told = [event for event in events if event.valid]
+    assert len(events) - len(told) <= 3
+    assert all(event.valid or event.state == "unknown" for event in events)
+    assert told == events[-len(told) :]
+    widths = [event.utilisation_high - event.utilisation_low for event in told[:140]]
     assert widths[0] > widths[70]
 
 
@@ -112,6 +116,13 @@ def test_the_end_of_the_contact_is_said_once_and_the_friction_is_carried_on() ->
     again = events[states.index("none") + 1 :]
     spread = [math.log(e.friction_high / e.friction_low) for e in (events[0], again[0])]
     assert spread[1] < spread[0]
+
+
+def test_a_contact_whose_load_is_too_small_to_tell_is_nothing_to_act_on() -> None:
+    readings, _ = pull(1.3, noise=1e-5)
+    events = grips(GripDetector(xyz()).process(regular_block(1e-2 * readings, RATE_HZ)))
+    assert {(event.state, event.valid) for event in events} == {("unknown", False)}
+    assert all(event.needed_load >= event.load for event in events)
 
 
 @pytest.mark.parametrize("unit", [1e-3, 250.0])
