@@ -104,25 +104,30 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 
 
 @needs_compiled
-@given(seed=st.integers(0, 2**32), each=st.booleans(), is_field=st.booleans())
+@given(seed=st.integers(0, 2**32), each=st.booleans(), is_field=st.booleans(), data=st.data())
 @settings(max_examples=15, deadline=None)
-def test_pressure(seed: int, each: bool, is_field: bool) -> None:
-    rng, n, taxels, sides = np.random.default_rng(seed), 20, 3, 4
+def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) -> None:
+    rng, n, taxels, sides = np.random.default_rng(seed), 40, 3, 4
     own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
     steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
-    levels = rng.uniform(-100, 100, (3, (n if each else 1) * taxels))
-    levels[0] = np.round(levels[0] % (sides + 1))
+    ok = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
+    readings = np.round(rng.uniform(0, sides, (n if each else 1, taxels)))
+    given_levels = rng.uniform(1, 100, 3) * rng.integers(0, 2, 3)
     sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
+    cuts = [0, *data.draw(splits(n)), n]
     found = []
     for one in both(pressure):
-        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5, is_field, 0.15, 0.01)
+        levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0)
+        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01)
         answers = []
-        for _ in range(2):
-            reals, flags = np.zeros((2 + taxels) * n), np.zeros((2 + taxels) * n, dtype=np.uint8)
-            of.take(n, steps, held, levels.ravel(), reals, flags)
-            of.interrupt(0.7)
-            answers += [reals, flags, np.array(of.set)]
-        found.append(answers)
+        for start, end in itertools.pairwise(cuts):
+            flat, some = slice(start * 12, end * 12), end - start
+            reals, flags = np.zeros(2 * some), np.zeros((3 + taxels) * some, dtype=np.uint8)
+            own_readings = readings[start:end] if each else readings
+            of.take(some, steps[flat], held[flat], ok[flat], own_readings.ravel(), reals, flags)
+            answers += [reals, flags, np.array(of.set), np.array(rest.noise)]
+        of.interrupt(0.7)
+        found.append([*answers, np.array(of.set)])
     assert all(map(is_same, *found))
 
 

@@ -142,9 +142,9 @@ class GripDetector:
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
         self._array = array
         self._params = params or GripParams()
-        self._learnt = learnt
         self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
         self.can_tell = array.measures_ratio
+        self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
@@ -282,6 +282,7 @@ class GripDetector:
 
     def _make(self, rate_hz: float) -> TaxelReadings:
         """Make all that depends on the scan rate."""
+        assert self._learnt is not None  # what the array measures is enough to tell
         self._ripple = TravellingRipple(self._array, rate_hz)
         x, y = self._places
         self._filter = ContactFilter(
@@ -292,7 +293,7 @@ class GripDetector:
             *self._prior(),
             self._params.incipient_p,
             self._params.gross_p,
-            self._learnt or learnt_from(shipped_trees()),
+            self._learnt,
         )
         return TaxelReadings(self._array, rate_hz)
 

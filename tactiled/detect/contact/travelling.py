@@ -18,6 +18,7 @@ import functools
 import numpy as np
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.median import median
 
 _HOP_S = 0.5  # choice
 # choice: hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a
@@ -117,9 +118,7 @@ class TravellingRipple:
         others = np.abs(cycles - cycles[peak]) > _LOBE
         for harmonic in _HARMONICS:
             others &= np.abs(cycles - harmonic * cycles[peak]) > 1
-        rest = max(
-            _STANDS_OUT * float(np.median(power)), _OVER_OTHERS * float(power[others].max(initial=0.0))
-        )
+        rest = max(_STANDS_OUT * float(median(power)), _OVER_OTHERS * float(power[others].max(initial=0.0)))
         if power[peak] <= rest:
             return False
         z = lines[:, peak]

@@ -22,33 +22,24 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.fast import Pressure
+from tactiled.detect.signal.fast import Levels, Pressure, RestNoise
+from tactiled.detect.signal.pressure import CONTACT_SDS
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.detect.signal.rest_noise import RestNoise
 from tactiled.events.types import ContactEvent, ContactState
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
 
-# choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
-# times too small (`RestNoise`): this leaves 6 standard deviations.
-_CONTACT_SDS = 12.0
 # physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
 # is less.
 _CONTACT_OF_RANGE = 1 / 1024
 # prior: part of the range while the noise of a channel is not known: drift and hum of a sensor that is of use
 # are less.
 _EARLY_OF_RANGE = 1 / 64
-_RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
-# physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
-# the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
-_LOADING_OF_LOAD = 0.03
-_LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
 # tuned: set of a soft skin, where the array file gives no level and no shear over load says that a light load
 # is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one
 # is between those of presses and of holds.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too
-_LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
 
 
 class ContactParams(Params):
@@ -107,57 +98,19 @@ class ContactTransition(NamedTuple):
     state: ContactState
 
 
-class _Levels:
-    """Levels of contact, release and loading, given or derived, in the unit of the array."""
-
-    def __init__(self, array: Array, params: ContactParams, volts_per_step: float) -> None:
-        own = array.contact
-        self._contact = params.contact_volts or (own.above if own else None)
-        self._release = params.release_volts or (own.below if own else None)
-        self._loading = params.loading_volts_s or (own.loading_per_s if own else None)
-        early = (array.high - array.low) * _EARLY_OF_RANGE
-        self._least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
-        if array.unit == "count":  # whole numbers: a rest of few scans may not show that
-            self._least_contact = max(self._least_contact, min(_CONTACT_SDS / math.sqrt(12.0), early))
-        self.given: tuple[float, float, float] | None = None
-        """Levels of contact, release and loading, where none is derived."""
-        if self._contact is not None and self._release is not None and self._loading is not None:
-            self.given = self._contact, self._release, self._loading
-        self._rest = RestNoise(array.n_channels, early / _CONTACT_SDS / volts_per_step)
-
-    def interrupt(self) -> None:
-        """Pass over missing scans."""
-        self._rest.interrupt()
-
-    def noise(self, held: HeldReadings) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Standard deviation (n, channels) of the noise in steps, and where it becomes known (n,)."""
-        return self._rest.process(held)
-
-    def contact(self, noise: FloatArray) -> FloatArray | float:
-        """Return the level of contact for the noise (n, taxels)."""
-        return self._contact or np.maximum(self._least_contact, _CONTACT_SDS * noise)
-
-    def release(self, noise: FloatArray) -> FloatArray | float:
-        """Return the level of release for the noise (n, taxels)."""
-        return self._release or _RELEASE_OF_CONTACT * self.contact(noise)
-
-    def loading(self, load: FloatArray, slope_sd: FloatArray) -> FloatArray:
-        """Return the slope (n,) above which the load rises."""
-        if self._loading is not None:
-            return np.full(len(load), self._loading)
-        least = _LOADING_OF_CONTACT * self._least_contact
-        return np.maximum(np.maximum(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
-
-
-class _TouchingTaxels(NamedTuple):
-    """Pressure (n, taxels) of n scans and what of it exceeds the levels; see `PressureMeasurement`."""
-
-    pressure: FloatArray
-    taxel_touches: NDArray[np.bool_]
-    touches: NDArray[np.bool_]
-    released: NDArray[np.bool_]
-    n_touching: FloatArray
-    slope_volts_s: FloatArray
+def _levels(array: Array, params: ContactParams) -> tuple[Levels, float]:
+    """Return the levels, and the least noise in the unit of the array of a channel that is not known yet."""
+    own = array.contact
+    early = (array.high - array.low) * _EARLY_OF_RANGE
+    least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
+    if array.unit == "count":  # whole numbers: a rest of few scans may not show that
+        least_contact = max(least_contact, min(CONTACT_SDS / math.sqrt(12.0), early))
+    given = (
+        params.contact_volts or (own.above if own else 0.0),
+        params.release_volts or (own.below if own else 0.0),
+        params.loading_volts_s or (own.loading_per_s if own else 0.0),
+    )
+    return Levels(*given, least_contact), early / CONTACT_SDS
 
 
 class ContactTracker:
@@ -166,42 +119,33 @@ class ContactTracker:
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
         self._rate_hz = rate_hz
         self._grid = Quantiser(array)
-        self._levels = _Levels(array, params, self._grid.volts_per_step)
+        levels, early = _levels(array, params)
         weights = array.normal_weights()
         self._counted = np.abs(np.sign(weights)).T.copy()  # (channels, taxels)
         self._all_readings = self._counted.sum(axis=0)
         # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
         counts = self._all_readings.astype(np.int64)
         denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
-        self._total_weights = np.rint(weights.sum(axis=0) * denominator)
         own = [np.flatnonzero(column) for column in self._counted.T]
         most = max(1, *map(len, own))
-        self._own = np.array(
-            [np.resize(row, most) for row in own], dtype=np.int64
-        )  # (taxels, channels of one)
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
         slope_scale = self._grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line)
-        # Standard deviation of the slope for a standard deviation of 1 of the total.
-        self._slope_noise = slope_scale * float(np.sqrt(line @ line))
         self._pressure = Pressure(
-            self._own.reshape(-1),
+            np.concatenate([np.resize(row, most) for row in own]).astype(np.int64),
             counts,
             np.sign(weights).sum(axis=0),  # a channel is of one taxel
-            self._total_weights,
+            np.rint(weights.sum(axis=0) * denominator),
             line,
             self._grid.volts_per_step,
             slope_scale,
+            levels,
+            RestNoise(array.n_channels, early / self._grid.volts_per_step),
             array.is_field,
-            0.0 if self._levels.given or array.measures_ratio else _SET_OF_LOAD,
+            0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
         )
-        self._given_levels: FloatArray | None = None
-        if self._levels.given is not None:
-            contact, release, _ = self._levels.given
-            of_taxels = np.ones(array.n_taxels)
-            self._given_levels = np.stack([self._all_readings, contact * of_taxels, release * of_taxels])
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self._begin()
 
@@ -215,7 +159,6 @@ class ContactTracker:
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         self._pressure.interrupt(math.exp(-n_missing / (_SET_S * self._rate_hz)))
-        self._levels.interrupt()
         self._begin()
 
     def measure(
@@ -233,65 +176,24 @@ class ContactTracker:
             counts = ~np.isnan(block.volts) if stuck is None else ~(np.isnan(block.volts) | stuck)
             steps = np.where(counts, self._grid.round(block.volts), 0.0)
             readings = counts.astype(np.float64) @ self._counted
-        if self._levels.given is not None:
-            contact, release, loading = self._levels.given
-            touch = self._touch(steps, readings, held.steps, contact, release)
-            loading_volts_s = np.full(len(steps), loading)
-            level_falls = np.zeros(len(steps), dtype=np.bool_)
-        else:
-            touch, loading_volts_s, level_falls = self._touch_over_noise(steps, readings, held)
+        n, taxels = len(steps), len(self._all_readings)
+        reals, flags = np.empty(2 * n), np.empty((3 + taxels) * n, dtype=np.bool_)
+        self._pressure.take(
+            n,
+            steps.ravel(),
+            held.steps.ravel(),
+            held.ok.ravel().view(np.uint8),
+            readings.ravel(),
+            reals,
+            flags.view(np.uint8),
+        )
         return PressureMeasurement(
-            taxel_touches=touch.taxel_touches,
-            touches=touch.touches,
-            released=touch.released,
-            slope_volts_s=touch.slope_volts_s,
-            loading_volts_s=loading_volts_s,
-            level_falls=level_falls,
-        )
-
-    def _touch_over_noise(
-        self, steps: FloatArray, readings: FloatArray, held: HeldReadings
-    ) -> tuple["_TouchingTaxels", FloatArray, NDArray[np.bool_]]:
-        """Compare the pressure with levels that follow from the noise.
-
-        Return that, the loading slope (n,), and where the levels fall (n,).
-        """
-        levels = self._levels
-        noise, level_falls = levels.noise(held)
-        taxel_noise = noise[:, self._own].max(axis=2) * self._grid.volts_per_step
-        touch = self._touch(
-            steps, readings, held.steps, levels.contact(taxel_noise), levels.release(taxel_noise)
-        )
-        total_noise = np.sqrt(((noise * self._total_weights) ** 2).sum(axis=1))
-        loading = levels.loading(
-            load=np.where(touch.taxel_touches, touch.pressure, 0.0).sum(axis=1) / touch.n_touching,
-            slope_sd=total_noise * self._slope_noise / touch.n_touching,
-        )
-        return touch, loading, level_falls
-
-    def _touch(
-        self,
-        steps: FloatArray,
-        readings: FloatArray,
-        held: FloatArray,
-        contact: FloatArray | float,
-        release: FloatArray | float,
-    ) -> "_TouchingTaxels":
-        """Compare the pressure of steps (n, channels) with levels; the slope is that of the held steps."""
-        n, taxels = len(steps), len(self._own)
-        levels = self._given_levels
-        if levels is None or readings.ndim == 2:
-            levels = np.empty((3, n, taxels))
-            levels[0], levels[1], levels[2] = readings, contact, release
-        reals, flags = np.empty((2 + taxels) * n), np.empty((2 + taxels) * n, dtype=np.bool_)
-        self._pressure.take(n, steps.ravel(), held.ravel(), levels.ravel(), reals, flags.view(np.uint8))
-        return _TouchingTaxels(
-            pressure=reals[2 * n :].reshape(n, taxels),
-            taxel_touches=flags[2 * n :].reshape(n, taxels),
+            taxel_touches=flags[3 * n :].reshape(n, taxels),
             touches=flags[:n],
             released=flags[n : 2 * n],
-            n_touching=reals[:n],
-            slope_volts_s=reals[n : 2 * n],
+            slope_volts_s=reals[:n],
+            loading_volts_s=reals[n:],
+            level_falls=flags[2 * n : 3 * n],
         )
 
     def step(

@@ -4,13 +4,24 @@ from typing import TYPE_CHECKING
 
 from tactiled.compiled import compiled_module
 from tactiled.detect.signal.front_end import Bank, Jumps, NoiseFloor, Readings, RelievedSides, StuckChannels
-from tactiled.detect.signal.pressure import Hold, Pressure
+from tactiled.detect.signal.pressure import Hold, Levels, Pressure, RestNoise
 
-__all__ = ["Bank", "Hold", "Jumps", "NoiseFloor", "Pressure", "Readings", "RelievedSides", "StuckChannels"]
+__all__ = [
+    "Bank",
+    "Hold",
+    "Jumps",
+    "Levels",
+    "NoiseFloor",
+    "Pressure",
+    "Readings",
+    "RelievedSides",
+    "RestNoise",
+    "StuckChannels",
+]
 
 if not TYPE_CHECKING:
     if (_found := compiled_module("tactiled.detect.signal.front_end")) is not None:
         Bank, Jumps, NoiseFloor = _found.Bank, _found.Jumps, _found.NoiseFloor
         Readings, RelievedSides, StuckChannels = _found.Readings, _found.RelievedSides, _found.StuckChannels
     if (_found := compiled_module("tactiled.detect.signal.pressure")) is not None:
-        Hold, Pressure = _found.Hold, _found.Pressure
+        Hold, Levels, Pressure, RestNoise = _found.Hold, _found.Levels, _found.Pressure, _found.RestNoise

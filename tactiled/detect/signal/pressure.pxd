@@ -1,7 +1,11 @@
 """Types of C for pressure.py, which hatch_build.py compiles."""
 
-cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE
-cdef long _LEAST_SIDES
+cdef extern from "math.h" nogil:
+    cpdef double sqrt(double x)
+
+cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN
+cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS
+cdef long _LEAST_SIDES, _GROUP_SCANS, _FEWEST
 
 
 cdef class Hold:
@@ -12,13 +16,49 @@ cdef class Hold:
     cpdef bint take(self, long n, long first, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
 
 
+cdef class RestNoise:
+    cdef public long n_channels, n_scans, n_known
+    cdef public double early
+    cdef public bint is_early
+    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise
+    cdef public unsigned char[::1] ok
+
+    cpdef interrupt(self)
+
+    cpdef bint take(self, long first, const double[::1] steps, const unsigned char[::1] ok)
+
+    cdef _take_group(self)
+
+    cdef _take_early(self)
+
+
+cdef _insert(double[::1] values, long n, double value)
+
+cdef double _median(double[::1] values, long n)
+
+
+cdef class Levels:
+    cdef public double contact, release, loading, least_contact
+    cdef public bint all_given
+
+    cpdef double contact_at(self, double noise)
+
+    cpdef double release_at(self, double noise)
+
+    cpdef double loading_at(self, double load, double slope_sd)
+
+
 cdef class Pressure:
     cdef public long n_channels, n_taxels, n_sides
-    cdef public double volts_per_step, slope_scale, set_of_load, set_per_scan
+    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan
     cdef public bint is_begun, is_field
+    cdef public Levels levels
+    cdef public RestNoise rest
     cdef public long long[::1] own, counts
     cdef public double[::1] sign, total_weights, line, totals, set
 
     cpdef interrupt(self, double kept)
 
-    cpdef take(self, long n, const double[::1] steps, const double[::1] held, const double[::1] levels, double[::1] reals, unsigned char[::1] flags)
+    cpdef take(self, long n, const double[::1] steps, const double[::1] held, const unsigned char[::1] ok, const double[::1] readings, double[::1] reals, unsigned char[::1] flags)
+
+    cdef double _total_noise(self)

@@ -1,10 +1,11 @@
-"""Readings as whole steps, and the pressure of the taxels: the contact gate's part of a scan.
+"""Readings as whole steps, their noise at rest, and the pressure of the taxels: the contact gate's part.
 
-`quantise` and `contact` make these objects for an array. The file is plain Python, which Cython compiles with
-the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense and flat.
+`quantise` and `contact_gate` make these objects for an array. The file is plain Python, which Cython compiles
+with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense and flat.
 """
 
 from array import array
+from math import sqrt
 from typing import Any
 
 from tactiled.array import FloatArray
@@ -18,6 +19,24 @@ _INFINITE = float("inf")
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
 _LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
+READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
+_UNKNOWN = 2.0**READING_BITS  # derived: full scale, in steps: no reading stands out of noise of that size
+_GROUP_SCANS = 16  # choice
+_SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
+_ROUNDING = 12.0  # derived: variance of rounding to a step q is q^2 / 12
+_MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
+# derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
+# of the true one once in 2,000 draws.
+_FEWEST = 8
+# choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
+# times too small (`RestNoise`): this leaves 6 standard deviations.
+CONTACT_SDS = 12.0
+_RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
+# physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
+# the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
+_LOADING_OF_LOAD = 0.03
+_LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
+_LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
 
 
 class Hold:
@@ -50,8 +69,163 @@ class Hold:
         return n_bad == 0
 
 
+class RestNoise:
+    """Noise of readings at rest, from second differences in groups of scans.
+
+    Loads, creep and drift are straight lines over a few scans and leave second differences alone; contact and
+    sliding only add to the noise. The quietest group so far is therefore the noise at rest, whatever came
+    first. It is no less than the rounding noise of the smallest step between two readings. The minimum over
+    many groups of 16 scans is about half of the standard deviation.
+
+    Before a channel has a whole group, its noise is taken to be that of the channels together, or its own so
+    far if that is more: a press moves few channels at a time, or all of them in few scans, which medians do
+    not see. It is full scale before that can be told.
+
+    Parameters
+    ----------
+    early : float
+        Least standard deviation in steps of a channel without a group.
+
+    Attributes
+    ----------
+    noise : (channels,) array of float
+        Standard deviation in steps.
+    n_known : int
+        Channels that have a group, -1 while nothing can be told.
+    """
+
+    def __init__(self, n_channels: int, early: float) -> None:
+        n = n_channels
+        self.n_channels, self.early = n, early
+        self.steps, self.ok = array("d", bytes(8 * n * _GROUP_SCANS)), array("B", bytes(n * _GROUP_SCANS))
+        self.bends, self.own = array("d", bytes(8 * n * _GROUP_SCANS)), array("d", bytes(8 * _GROUP_SCANS))
+        self.least_power, self.least_step = array("d", [_UNKNOWN**2] * n), array("d", [_INFINITE] * n)
+        self.early_noise, self.noise = array("d", [_UNKNOWN] * n), array("d", [_UNKNOWN] * n)
+        self.n_scans, self.n_known, self.is_early = 0, -1, True
+
+    def interrupt(self) -> None:
+        """Begin a group anew after missing scans."""
+        self.n_scans = 0
+
+    def take(self, first: int, steps: FloatArray, ok: Flags) -> bool:
+        """Take a scan, from `first` on; True if more becomes known: below a level before, above it now."""
+        n, at = self.n_channels, self.n_scans * self.n_channels
+        for c in range(n):
+            self.steps[at + c] = steps[first + c]
+            self.ok[at + c] = ok[first + c]
+        self.n_scans += 1
+        if self.is_early:
+            self._take_early()
+        elif self.n_scans < _GROUP_SCANS:
+            return False
+        if self.n_scans == _GROUP_SCANS:
+            self._take_group()
+            self.n_scans, self.is_early = 0, False
+        n_known, can_tell = 0, False
+        for c in range(n):
+            is_own = self.least_power[c] < _UNKNOWN * _UNKNOWN
+            can_tell = can_tell or self.early_noise[c] < _UNKNOWN
+            n_known += 1 if is_own else 0
+            self.noise[c] = self.early_noise[c]
+            if is_own:
+                step = self.least_step[c] if self.least_step[c] < _INFINITE else 0.0
+                self.noise[c] = sqrt(max(self.least_power[c], step * step / _ROUNDING))
+        before, self.n_known = self.n_known, n_known if can_tell else -1
+        return self.n_known > before
+
+    def _take_group(self) -> None:
+        """Take what a whole group shows of the channels that it read."""
+        n, steps = self.n_channels, self.steps
+        for c in range(n):
+            power, step, is_read = 0.0, _INFINITE, True
+            for k in range(_GROUP_SCANS):
+                at = k * n + c
+                if self.ok[at] == 0:
+                    is_read = False
+                if k >= 1:
+                    change = abs(steps[at] - steps[at - n])
+                    step = min(step, change) if change > 0.0 else step
+                if k >= 2:
+                    bend = (steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n])
+                    power += bend * bend
+            if is_read:
+                power = power / (_GROUP_SCANS - 2) / _SECOND_DIFFERENCE
+                self.least_power[c] = min(self.least_power[c], power)
+                self.least_step[c] = min(self.least_step[c], step)
+
+    def _take_early(self) -> None:
+        """Take the noise of the channels from the scans of an incomplete group."""
+        n, steps, n_all = self.n_channels, self.steps, 0
+        for at in range(2 * n, self.n_scans * n):
+            if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
+                bend = abs((steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n]))
+                _insert(self.bends, n_all, bend)
+                n_all += 1
+        scale = _MEDIAN * sqrt(_SECOND_DIFFERENCE)
+        for c in range(n):
+            if n_all < _FEWEST:
+                self.early_noise[c] = _UNKNOWN
+                continue
+            n_own, median = 0, _median(self.bends, n_all)
+            for k in range(2, self.n_scans):
+                at = k * n + c
+                if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
+                    bend = abs((steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n]))
+                    _insert(self.own, n_own, bend)
+                    n_own += 1
+            if n_own > 0:
+                median = max(median, _median(self.own, n_own))
+            self.early_noise[c] = max(median / scale, self.early)
+
+
+def _insert(values: Reals, n: int, value: float) -> None:
+    """Insert a value into n ascending ones."""
+    at = n
+    while at > 0 and values[at - 1] > value:
+        values[at] = values[at - 1]
+        at -= 1
+    values[at] = value
+
+
+def _median(values: Reals, n: int) -> float:
+    """Return the median of n ascending values."""
+    return (values[(n - 1) // 2] + values[n // 2]) / 2.0
+
+
+class Levels:
+    """Levels of contact, release and loading, given or derived, in the unit of the array.
+
+    Parameters
+    ----------
+    contact, release, loading : float
+        As given; 0.0 where a level is derived.
+    least_contact : float
+        Least level of contact that is derived.
+    """
+
+    def __init__(self, contact: float, release: float, loading: float, least_contact: float) -> None:
+        self.contact, self.release, self.loading = contact, release, loading
+        self.least_contact = least_contact
+        self.all_given = contact > 0.0 and release > 0.0 and loading > 0.0
+
+    def contact_at(self, noise: float) -> float:
+        """Return the level of contact of a taxel for the noise of its channels."""
+        return self.contact if self.contact > 0.0 else max(self.least_contact, CONTACT_SDS * noise)
+
+    def release_at(self, noise: float) -> float:
+        """Return the level of release of a taxel."""
+        return self.release if self.release > 0.0 else _RELEASE_OF_CONTACT * self.contact_at(noise)
+
+    def loading_at(self, load: float, slope_sd: float) -> float:
+        """Return the slope above which the load rises, for the load of a taxel and the noise of slopes."""
+        if self.loading > 0.0:
+            return self.loading
+        least = _LOADING_OF_CONTACT * self.least_contact
+        return max(max(least, _LOADING_OF_LOAD * load), _LOADING_SDS * slope_sd)
+
+
 class Pressure:
-    """Pressure of the taxels, and how fast that of the array rises.
+    """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
     in a standard linear solid, and only what is beyond it is compared with the levels.
@@ -66,6 +240,9 @@ class Pressure:
         Sign of the pressure; whole weights of the array's pressure.
     line : (n,) float64
         Whole weights of a least-squares slope.
+    levels : Levels
+    rest : RestNoise
+        Noise that levels are derived from; asked only where some are.
     is_field : bool
         The readings are those of a magnetic field, which a press may raise or lower.
     set_of_load, set_per_scan : float
@@ -81,6 +258,8 @@ class Pressure:
         line: FloatArray,
         volts_per_step: float,
         slope_scale: float,
+        levels: Levels,
+        rest: RestNoise,
         is_field: bool,
         set_of_load: float,
         set_per_scan: float,
@@ -89,6 +268,9 @@ class Pressure:
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
         self.total_weights, self.line = array("d", total_weights), array("d", line)
         self.volts_per_step, self.slope_scale = volts_per_step, slope_scale
+        self.levels, self.rest = levels, rest
+        squares = sum(weight * weight for weight in line.tolist())
+        self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
         self.set = array("d", bytes(8 * len(counts)))
@@ -97,55 +279,69 @@ class Pressure:
     def interrupt(self, kept: float) -> None:
         """Pass over missing scans, after which a part of the set is left."""
         self.is_begun = False
+        self.rest.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= kept
 
     def take(
-        self, n: int, steps: FloatArray, held: FloatArray, levels: FloatArray, reals: FloatArray, flags: Flags
+        self,
+        n: int,
+        steps: FloatArray,
+        held: FloatArray,
+        ok: Flags,
+        readings: FloatArray,
+        reals: FloatArray,
+        flags: Flags,
     ) -> None:
         """Take n scans.
 
         Parameters
         ----------
         steps, held : (n * channels,) float64
-            Readings, 0 where there is none; the slope is that of the held ones.
-        levels : (3 * taxels,) or (3 * n * taxels,) float64
-            Readings of a taxel, level of contact, level of release; of all scans or of each.
-        reals : ((2 + taxels) * n,) float64
-            Taxels in contact (at least 1), slope, pressures beyond the set (n, taxels).
-        flags : ((2 + taxels) * n,) uint8
-            Some taxel touches, all are released, taxels that touch (n, taxels).
+            Readings, 0 where there is none; slope and noise are those of the held ones.
+        ok : (n * channels,) uint8
+            1 where a held reading is the scan's own.
+        readings : (taxels,) or (n * taxels,) float64
+            Number of readings of a taxel, in all scans or in each.
+        reals : (2 * n,) float64
+            Slope for each taxel in contact, and slope above which the load rises.
+        flags : ((3 + taxels) * n,) uint8
+            Some taxel touches, all are released, more of the noise became known, taxels that touch (n,
+            taxels).
         """
         channels, taxels, n_line = self.n_channels, self.n_taxels, len(self.line)
-        each = 0 if len(levels) == 3 * taxels else taxels
-        kind = len(levels) // 3
+        levels, rest, noise = self.levels, self.rest, self.rest.noise
+        each = 0 if len(readings) == taxels else taxels
         for i in range(n):
-            row, n_touching, n_released, array_total = i * channels, 0, 0, 0.0
+            row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
+            becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
+                taxel_noise = 0.0
                 for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
                     c = self.own[s]
                     one = steps[row + c] * self.sign[c]
                     total += one
                     largest, smallest = max(largest, one), min(smallest, one)
                     held_total += held[row + c] * self.total_weights[c]
+                    taxel_noise = max(taxel_noise, noise[c])
                 array_total += abs(held_total) if self.is_field else held_total
-                level = i * each + t
-                n_read = levels[level]
+                n_read = readings[i * each + t]
                 if self.is_field and total < 0.0:
                     total, largest = -total, -smallest
-                rest = total - largest
+                rest_total = total - largest
                 if n_read >= _LEAST_SIDES:
-                    total = rest + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest)
+                    total = rest_total + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest_total)
                 pressure = total * self.volts_per_step / max(n_read, 1.0)
                 self.set[t] += self.set_per_scan * (self.set_of_load * max(pressure, 0.0) - self.set[t])
                 pressure -= self.set[t]
-                at = 2 * n + i * taxels + t
-                reals[at] = pressure
-                touches = pressure > levels[kind + level]
-                flags[at] = 1 if touches else 0
-                n_touching += 1 if touches else 0
-                n_released += 1 if pressure < levels[2 * kind + level] else 0
+                taxel_noise *= self.volts_per_step
+                touches = pressure > levels.contact_at(taxel_noise)
+                flags[3 * n + i * taxels + t] = 1 if touches else 0
+                if touches:
+                    n_touching += 1
+                    load += pressure
+                n_released += 1 if pressure < levels.release_at(taxel_noise) else 0
             if not self.is_begun:
                 self.is_begun = True
                 for k in range(n_line - 1):
@@ -156,5 +352,17 @@ class Pressure:
                 self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
             flags[n + i] = 1 if n_released == taxels else 0
-            reals[i] = max(1.0, 1.0 * n_touching)
-            reals[n + i] = risen * self.slope_scale / reals[i]
+            flags[2 * n + i] = 1 if becomes_known else 0
+            of_each = max(1.0, 1.0 * n_touching)
+            reals[i] = risen * self.slope_scale / of_each
+            reals[n + i] = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)
+
+    def _total_noise(self) -> float:
+        """Return the standard deviation of the array's total by the noise at rest, in steps."""
+        if self.levels.loading > 0.0:
+            return 0.0
+        square = 0.0
+        for c in range(self.n_channels):
+            one = self.rest.noise[c] * self.total_weights[c]
+            square += one * one
+        return sqrt(square)

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import Hold
+from tactiled.detect.signal.pressure import READING_BITS
 from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
-
-READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
 
 
 @dataclass(frozen=True, eq=False)

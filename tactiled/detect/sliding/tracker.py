@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.median import median
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, ripple_odds, spectra
 
@@ -182,7 +183,7 @@ class SlidingTracker:
         newest = np.diff(readings[-self._hop :], axis=0)
         activity = float((newest**2).mean())
         self._activities = [*self._activities[-_MEMORY_HOPS:], activity]
-        is_still = activity < _STOPPED * float(np.median(self._activities))
+        is_still = activity < _STOPPED * float(median(np.array(self._activities)))
         self._n_stopped = self._n_stopped + 1 if is_still else 0
         return self._n_stopped >= _STOPPED_HOPS
 

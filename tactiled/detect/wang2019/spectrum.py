@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ALIASED
+from tactiled.detect.signal.median import median
 from tactiled.events.types import TextureStatus
 
 # prior: with fewer, a trend or creep passes for a ripple.
@@ -76,7 +77,7 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     # The median of a gamma distribution of shape m is near 1 - 1 / (3 m) of its mean (Wilson-Hilferty).
     noise_power = n * volts_per_step**2 / 12 * n_taxels
     if in_band.sum() > 1:
-        noise_power = max(noise_power, float(np.median(power[1:][in_band[1:]])) / (1 - 1 / (3 * n_taxels)))
+        noise_power = max(noise_power, float(median(power[1:][in_band[1:]])) / (1 - 1 / (3 * n_taxels)))
     clear = power > _MIN_PEAK_RATIO * noise_power
     peak = 1 + int(np.argmax(power[1:][in_band[1:]])) if in_band.sum() > 1 else 0
     # The last bin in the band may be the flank of a ripple above the band.

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from contact_gate import ContactGate
+from numpy.typing import NDArray
 from touches import Touch, contact_states
 
-from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
-from tactiled.detect.signal.quantise import HeldReadings, Quantiser
-from tactiled.detect.signal.rest_noise import RestNoise
+from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
+from tactiled.detect.signal.fast import RestNoise
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import StartZero, TunedSuite
 from tactiled.events.types import ContactEvent, Event, SlipEvent
@@ -86,18 +87,46 @@ def test_noise_alone_is_no_contact_whatever_its_size() -> None:
         assert contact_states(gate.process(regular_block(np.rint(noise), 100.0))) == []
 
 
+def rest_noise(steps: FloatArray, ok: NDArray[np.bool_] | None = None) -> tuple[FloatArray, list[int]]:
+    """Return the noise (n, channels) after each scan, no less than 50 early, and where it becomes known."""
+    rest, noise, known = RestNoise(steps.shape[1], 50.0), np.empty(steps.shape), []
+    flags = np.ones(steps.size, dtype=np.uint8) if ok is None else ok.ravel().astype(np.uint8)
+    for k in range(len(steps)):
+        if rest.take(k * steps.shape[1], steps.ravel(), flags):
+            known.append(k)
+        noise[k] = rest.noise
+    return noise, known
+
+
 def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> None:
     rng = np.random.default_rng(2)
     sd = np.where(np.arange(3000) < 1000, 10.0, 200.0)[:, np.newaxis]
-    steps = np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis])
-    held = HeldReadings(steps, np.ones(steps.shape, dtype=np.bool_), True)
-    found, becomes_known = RestNoise(4, early=50.0).process(held)
-    assert np.flatnonzero(becomes_known).tolist() == [3, 15]
+    found, known = rest_noise(np.rint(sd * rng.normal(size=(3000, 4)) + np.arange(3000)[:, np.newaxis]))
+    assert known == [3, 15]
     assert (found[:3] == 2.0**23).all()  # unknown
     assert (found[3:15] == 50.0).all()  # no less than was said
     assert (found[15:] < 14.0).all()
     assert (found[15:] > 3.0).all()
     assert (np.diff(found, axis=0) <= 0).all()
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.02])
+def test_the_rest_noise_is_that_of_the_quietest_whole_group_and_of_medians_before(lost: float) -> None:
+    rng = np.random.default_rng(3)
+    steps = np.rint(rng.choice([0.3, 5.0, 900.0], (1, 6)) * rng.normal(size=(160, 6)))
+    ok: NDArray[np.bool_] = np.asarray(rng.random(steps.shape) >= lost)
+    found, _ = rest_noise(steps, ok)
+    groups, whole = steps.reshape(10, 16, 6), np.asarray(ok.reshape(10, 16, 6).all(axis=1))
+    power = (np.diff(groups, 2, axis=1) ** 2).mean(axis=1) / 6  # of second differences of white noise
+    power = np.where(whole, power, np.inf)
+    change = np.abs(np.diff(groups, axis=1))
+    step = np.where((change > 0) & whole[:, np.newaxis], change, np.inf).min(axis=(0, 1))
+    rounding = np.where(np.isfinite(step), step, 0.0) / np.sqrt(12)
+    np.testing.assert_allclose(found[-1], np.maximum(np.sqrt(power.min(axis=0)), rounding), rtol=1e-12)
+    bend = np.abs(np.diff(steps[:10], 2, axis=0))
+    bend[~(ok[2:10] & ok[1:9] & ok[:8])] = np.nan
+    of_all = np.maximum(np.nanmedian(bend), np.nanmedian(bend, axis=0)) / (0.6745 * np.sqrt(6))
+    np.testing.assert_allclose(found[9], np.maximum(of_all, 50.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("hum", [0.0, 200.0])
