@@ -14,10 +14,11 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.grip_detector import ContactScan, GripParams
+from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.detect.contact.slips import ScanInstant
 from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
+from tactiled.detect.contact.touch import ContactScan
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, SlipEvent

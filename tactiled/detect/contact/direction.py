@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.grip_detector import ContactScan
+from tactiled.detect.contact.touch import ContactScan
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 # physical: of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.

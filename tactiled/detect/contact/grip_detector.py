@@ -2,18 +2,18 @@
 
 import math
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
-from tactiled.detect.contact.filter import ContactFilter, Verdict
+from tactiled.detect.contact.filter import ContactFilter
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
-from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
+from tactiled.detect.contact.touch import ContactScan, Touch
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact_gate import (
     ContactParams,
@@ -22,7 +22,7 @@ from tactiled.detect.signal.contact_gate import (
     PressureMeasurement,
 )
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.events.types import ContactState, Event, GripEvent, GripState
+from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -38,11 +38,6 @@ _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 _SAME_LOADS = 0.5
 SCANNED = ("corrupt", "missing")
 """Causes of gaps during which the board kept scanning."""
-NEEDED_UTILISATION = 0.7  # choice
-"""Utilisation that `needed_load` would leave."""
-_SURELY = 2.0  # choice: standard deviations by which the ratio falls where a contact is unloaded
-_TINY = 1e-9  # derived
-_UNKNOWN_USED = (0.0, 0.5, 1.0)  # derived: utilisation of a contact whose beginning nobody saw
 # tuned: standard deviation of the logarithm of friction by which the model errs although friction is known:
 # taxels are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow
 # with it.
@@ -73,35 +68,6 @@ class GripParams(Params):
         default=0.5, gt=0, lt=1, description="probability of gross slip from which slip events report it"
     )
     contact: ContactParams = ContactParams()
-
-
-class ContactScan(NamedTuple):
-    """State of a contact after a scan, for those who report slips.
-
-    Attributes
-    ----------
-    shear : (2, taxels) float64
-        Force of the object on the skin, over the total load.
-    ratio : tuple of 3 float
-        Sum of the shear along x and along y, and its moment over the mean distance of the taxels from their
-        centre; all over the total load.
-    rippled_s : float
-        Length of the window in which a ripple travels over the taxels; 0.0 where none does.
-    is_look : bool
-        The filter took a look at this scan.
-    """
-
-    filter: ContactFilter
-    verdict: Verdict
-    shear: FloatArray
-    ratio: tuple[float, float, float]
-    rippled_s: float
-    is_look: bool
-
-    @property
-    def size(self) -> float:
-        """Length of the ratio: by the ellipsoid of Howe and Cutkosky (1996), compared with friction."""
-        return math.hypot(*self.ratio)
 
 
 class GripDetector:
@@ -166,8 +132,8 @@ class GripDetector:
         self._n_baseline = 0
         self._rate_hz = 0.0
         self._readings: TaxelReadings | None = None  # from the first scan on
-        self._touch: _Touch | None = None
-        self._before_gap: _Touch | None = None  # contact that a gap interrupted
+        self._touch: Touch | None = None
+        self._before_gap: Touch | None = None  # contact that a gap interrupted
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
         self._last_s = 0.0
@@ -371,7 +337,7 @@ class GripDetector:
             return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
         return _no_contact(time_s, valid=self.is_trusted) if ends else None
 
-    def _begin_touch(self, least: float, *, is_seen: bool) -> "_Touch":
+    def _begin_touch(self, least: float, *, is_seen: bool) -> Touch:
         zero = PressZero(
             self._array.n_taxels,
             self._rate_hz,
@@ -382,9 +348,9 @@ class GripDetector:
         )
         self._filter.begin(is_seen=is_seen)
         self._ripple.reset()
-        return _Touch(self._filter, zero, self._ripple)
+        return Touch(self._filter, zero, self._ripple)
 
-    def _resume(self, touch: "_Touch", load: FloatArray, touches: bool, gap_s: float) -> "_Touch | None":
+    def _resume(self, touch: Touch, load: FloatArray, touches: bool, gap_s: float) -> Touch | None:
         """Return the contact if it went on in a gap, by the loads (taxels,) after it; None if it ended."""
         before = self._loads_before_gap
         changed = float(np.abs(load - before).sum())
@@ -403,124 +369,6 @@ class GripDetector:
             self._expect_friction()
         else:
             self._filter.end()
-
-
-class _Touch:
-    """One contact: its zero, and what the filter says of it."""
-
-    def __init__(self, contact: ContactFilter, zero: PressZero, ripple: TravellingRipple) -> None:
-        self._filter, self._zero, self._ripple = contact, zero, ripple
-        self._offset_sd = zero.whole_sd  # of shear over load
-        self._shear = np.asarray(contact.signs.over_load).reshape(2, -1)  # a view, which each scan changes
-        self.scan: ContactScan | None = None
-        self._verdict = contact.verdict()
-        self._total = 0.0, 0.0, 0.0, _TINY
-
-    @property
-    def is_looked_at(self) -> bool:
-        """True once the load was large enough to tell."""
-        return self.scan is not None
-
-    @property
-    def is_pressed(self) -> bool:
-        """True once the press is over, or a pull has begun in it."""
-        return self._zero.is_measured or self._zero.is_left
-
-    def pass_gap(self, gap_s: float) -> None:
-        """Predict over a gap in which the contact went on."""
-        self._zero.is_measured = True
-        self._filter.friction_memory.walk(gap_s)
-        self._filter.restart()
-        self._ripple.reset()
-
-    def weigh(self, newest: FloatArray, places: FloatArray) -> None:
-        """Take loads and shears (3, taxels) that are too small to tell, at places (2, taxels)."""
-        x, y = newest[1].sum(), newest[2].sum()
-        moment = places[0] @ newest[2] - places[1] @ newest[1]
-        self._total = float(x), float(y), float(moment), max(float(newest[0].sum()), _TINY)
-
-    def take(
-        self, readings: TaxelReadings, newest: FloatArray, acceleration_m_s2: float, *, may_slip: bool
-    ) -> None:
-        """Take a scan, with its loads and shears (3, taxels) and the announced acceleration."""
-        zero, contact = self._zero, self._filter
-        signs = contact.signs
-        if not zero.is_measured:
-            zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
-            load = max(float(newest[0].sum()), _TINY)
-            self._offset_sd = math.hypot(zero.whole_sd, readings.total_sd / load)
-        signs.take(newest.reshape(-1), zero.parts.reshape(-1))
-        rippled_s = self._ripple.take(newest)
-        is_look = self.scan is None or signs.n_scans >= contact.n_look
-        if is_look:
-            contact.has_zero = zero.is_seen
-            contact.look(readings.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
-            contact.is_known = contact.is_known or contact.has_zero
-        if not may_slip:
-            contact.gate.close()
-        if is_look:
-            self._verdict = contact.verdict()
-        load = max(signs.total_load, _TINY)
-        self._total = signs.total_x, signs.total_y, signs.moment, load
-        self.scan = ContactScan(
-            filter=contact,
-            verdict=self._verdict,
-            shear=self._shear.copy(),
-            ratio=(signs.total_x / load, signs.total_y / load, signs.moment / load),
-            rippled_s=rippled_s,
-            is_look=is_look,
-        )
-
-    def event(
-        self, time_s: float, radius_mm: float, unit: Literal["N", "relative"], is_trusted: bool, is_late: bool
-    ) -> GripEvent:
-        """Return the event of the scan that was taken."""
-        contact, verdict = self._filter, self._verdict
-        low, median, high = verdict.utilisation
-        x, y, moment, load = self._total
-        is_known = contact.is_known and self.is_looked_at
-        state: GripState = "unknown"
-        if not is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
-            low, median, high = _UNKNOWN_USED
-            if contact.gate.is_open:
-                state, low = "partial", INCIPIENT_USED
-        elif contact.gate.is_gross:
-            state = "gross"
-        elif contact.gate.is_open:
-            state = "partial"
-            median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
-        elif contact.signs.growth < -_SURELY * contact.growth_sd:
-            state = "unloading"
-        else:
-            state = "partial" if verdict.slipping_share > INCIPIENT_SHARE else "sticking"
-        # What is not known of the zero is more shear that may be borne.
-        size = math.hypot(x, y, moment) + FIVE_PERCENT * self._offset_sd * load
-        friction_low, friction, friction_high = verdict.friction
-        needed_load = size / (NEEDED_UTILISATION * friction_low)
-        in_50, in_100, in_300 = verdict.p_gross
-        return GripEvent(
-            time_s=time_s,
-            utilisation=median,
-            utilisation_low=low,
-            utilisation_high=high,
-            friction=friction,
-            friction_low=friction_low,
-            friction_high=friction_high,
-            slipping_share=verdict.slipping_share,
-            p_sliding=verdict.p_sliding,
-            p_gross_50ms=in_50,
-            p_gross_100ms=in_100,
-            p_gross_300ms=in_300,
-            load=load,
-            shear_x=x,
-            shear_y=y,
-            torsion=moment * radius_mm + 0.0,  # never -0.0
-            unit=unit,
-            needed_load=needed_load if is_known else max(needed_load, load),
-            state=state,
-            valid=is_trusted and self.is_looked_at,
-            late=is_late,
-        )
 
 
 def _no_contact(time_s: float, *, valid: bool) -> GripEvent:

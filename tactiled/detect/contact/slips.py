@@ -14,8 +14,8 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import Direction, averaged_scans, direction, opposed
 from tactiled.detect.contact.gate import SlipHysteresis
-from tactiled.detect.contact.grip_detector import ContactScan
 from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED, RIPPLE_P
+from tactiled.detect.contact.touch import ContactScan
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 DETECTOR = "grip"

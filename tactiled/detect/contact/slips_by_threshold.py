@@ -5,9 +5,10 @@ from typing import NamedTuple
 
 from tactiled.array import Array
 from tactiled.detect.contact.gate import SlipHysteresis
-from tactiled.detect.contact.grip_detector import ContactScan, GripDetector, GripParams
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
+from tactiled.detect.contact.touch import ContactScan
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 

@@ -8,7 +8,7 @@ import pytest
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import Direction, direction
-from tactiled.detect.contact.grip_detector import ContactScan
+from tactiled.detect.contact.touch import ContactScan
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 N_TAXELS = 9
