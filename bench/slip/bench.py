@@ -27,6 +27,16 @@ from bench.slip.gratings import (
     read_grating,
     rows,
 )
+from bench.slip.minutes import (
+    MINUTES_FROM,
+    N_QUICK_RESTS,
+    N_QUICK_SLIDES,
+    N_RESTS,
+    N_SLIDES,
+    Minute,
+    minute_rows,
+    read_minute,
+)
 from bench.slip.scenes import NOISES_V
 from bench.slip.score import AHEAD_S, SLOW_S
 from bench.slip.tables import settings_table
@@ -43,7 +53,7 @@ _BATCH = 12
 def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     """Answers of each setting, by kind of world and noise.
 
-    Quick: 48 random worlds instead of 240, one seed of each family instead of five.
+    Quick: 48 random worlds instead of 240, one seed of each family instead of five, a tenth of the minutes.
     """
     n_worlds = N_QUICK_WORLDS if options.quick else N_WORLDS
     n_scenes = N_QUICK_SCENES if options.quick else N_SCENES
@@ -52,16 +62,19 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     scene_seeds = range(REPORT_SEED, REPORT_SEED + n_scenes)
     scenes = list(itertools.product(SCENES, scene_seeds))
     n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
-    progress.begin(len(batches) + len(scenes) + n_gratings)
+    n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
+    minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
+    progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
     with executor(BENCH_WORKERS, options.dask) as pool:
         some = counted(pool.map(read_worlds, batches), progress, "random worlds")
         some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
         slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
         gratings = counted(pool.map(read_grating, slides), progress, "gratings")
+        long = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     events = list(itertools.chain.from_iterable(some))
     return BenchReport(
-        [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings)],
-        {"cases": [_as_numbers(one) for one in events], "gratings": gratings},
+        [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long)],
+        {"cases": [_as_numbers(one) for one in events], "gratings": gratings, "minutes": long},
     )
 
 
@@ -102,6 +115,15 @@ def _over_gratings(found: Sequence[GratingAnswer]) -> Iterator[str]:
         "groove estimator, whose speed is given."
     )
     yield table(rows(found))
+
+
+def _of_minutes(found: Sequence[Minute]) -> Iterator[str]:
+    yield (
+        f"Slides and rests of a minute ({seeds_in_words(len(found), MINUTES_FROM)}) at 0.3 to 3 mV, setting "
+        "balanced: an even slide at 0.25 to 20 mm/s, from 0.5 s after it began; a rest at 80 to 97 % of the "
+        "limit."
+    )
+    yield table(minute_rows(found))
 
 
 def _in_words(group: str) -> str:

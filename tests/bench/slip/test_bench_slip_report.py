@@ -4,6 +4,7 @@ import pytest
 
 from bench.report import BenchOptions, plain
 from bench.slip import bench as slip_bench
+from bench.slip import minutes
 from bench.slip.bench import bench_slip, read_scene
 from bench.slip.cases import NAMES, CaseEvents, from_world, run_case
 from bench.slip.scenes import NOISES_V, RATE_HZ
@@ -61,12 +62,17 @@ def test_the_bench_prints_all_tables_and_its_numbers_are_json(
     monkeypatch.setattr(slip_bench, "read_worlds", lambda _: worlds)
     monkeypatch.setattr(slip_bench, "read_scene", lambda *_: [*slide, *taps])
     monkeypatch.setattr(slip_bench, "N_QUICK_GRATINGS", 1)
+    monkeypatch.setattr(slip_bench, "N_QUICK_SLIDES", 1)
+    monkeypatch.setattr(slip_bench, "N_QUICK_RESTS", 1)
+    monkeypatch.setattr(minutes, "_LENGTH_S", 3.0)  # of a minute
     report = bench_slip(ProgressBar("slips", None), BenchOptions(quick=True))
     assert report.text.count("| question") == 1 + len(NOISES_V)
     assert "Random worlds: 4 cases, 4 with gross slip." in report.text  # one of each batch
     numbers = plain(report.numbers)
     assert len(numbers["cases"]) == 4 + len(slide) + len(taps)
     assert set(numbers["cases"][0]["events"]) == set(NAMES)
+    assert [one["slides"] for one in numbers["minutes"]] == [True, False]
+    assert all(0 <= one["told"] <= 1 and 0 < one["p_sliding"] < 1 for one in numbers["minutes"])
 
 
 class _InPlace:

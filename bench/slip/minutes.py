@@ -1,0 +1,95 @@
+"""Slides and rests of a minute: a slide is told until it ends, and a rest near its limit is none.
+
+The emulator's skin over a plate at one speed, and under a load of 80 to 97 % of its friction limit. Where
+friction is the same at every place, a slide and such a rest have the same loads and shears once shear has
+grown, but for noise: only how it grew tells them apart.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.report import NONE, grouped, ratio
+from bench.slip.scenes import ARRAY, play
+from tactiled.detect.contact.grip_detector import GripDetector
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.scene.families.parts import begin, load_phase, log_uniform, made, slide_phase
+from tactiled.events.types import GripEvent
+
+MINUTES_FROM = 7_000  # seeds
+N_SLIDES, N_RESTS = 100, 60
+N_QUICK_SLIDES, N_QUICK_RESTS = 10, 6
+_LENGTH_S, _TOLD_AFTER_S, _MOST_OF = 60.0, 0.5, 0.95
+_NOISE_V = (0.3e-3, 3e-3)
+_EVEN = 0.5  # share of plates with the same friction at every place
+
+
+@dataclass(frozen=True)
+class Minute:
+    """What was said of a slide or a rest of a minute.
+
+    Attributes
+    ----------
+    told : float
+        Part of the time from 0.5 s after it begins to slide, or after the load is there, that is gross slip.
+    p_sliding : float
+        Median in that time.
+    """
+
+    slides: bool
+    is_even: bool
+    told: float
+    p_sliding: float
+
+
+def read_minute(seed: int, slides: bool) -> Minute:
+    """Play and read a slide or a rest."""
+    rng = np.random.default_rng([31, seed])
+    unevenness = 0.0 if rng.random() < _EVEN else log_uniform(rng, 0.01, 0.15)
+    noise_v = log_uniform(rng, *_NOISE_V)
+    played = play("minute", lambda _: _scene(slides, unevenness, seed), seed)
+    events = GripDetector(ARRAY).process(played.read(noise_v, draw=1))
+    end_s = played.duration_s
+    begin_s = played.slip.gross_s if slides and played.slip else end_s - _LENGTH_S
+    if slides and played.slip:
+        end_s = min(played.slip.end_s, end_s)
+    some = [
+        event
+        for event in events
+        if isinstance(event, GripEvent) and begin_s + _TOLD_AFTER_S < event.time_s < end_s
+    ]
+    told = float(np.mean([event.state == "gross" for event in some]))
+    return Minute(slides, unevenness == 0.0, told, float(np.median([event.p_sliding for event in some])))
+
+
+def _scene(slides: bool, unevenness: float, seed: int) -> Scene:
+    rng, scene = begin("minute", seed)
+    scene["surface"]["unevenness"] = unevenness
+    if slides:
+        speed_mm_s = log_uniform(rng, 0.25, 20.0)
+        scene["phases"] += [slide_phase(rng, duration_s=_LENGTH_S, speed_mm_s=speed_mm_s)]
+    else:
+        scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 1.0)}
+        pull = load_phase(rng, scene, log_uniform(rng, 0.05, 2.0), rng.uniform(0.8, 0.97))
+        scene["phases"] += [pull, {"kind": "hold", "duration_s": _LENGTH_S}]
+    return made(scene)
+
+
+def minute_rows(found: Sequence[Minute]) -> Iterator[dict[str, str]]:
+    """Yield the rows of the table, by the plate."""
+    by_plate = grouped(found, lambda one: "even" if one.is_even else "uneven by 1 to 15 %")
+    for name, some in {**by_plate, "all": found}.items():
+        slides, rests = ([one for one in some if one.slides is slid] for slid in (True, False))
+        yield {
+            "plate": name,
+            f"slides told in {_MOST_OF:.0%} of their time": ratio([one.told >= _MOST_OF for one in slides]),
+            "never told": ratio([one.told == 0 for one in slides]),
+            "p of sliding in those that are not": _median([o for o in slides if o.told < _MOST_OF]),
+            "rests called gross": ratio([one.told > 0 for one in rests]),
+            "p of sliding in rests": _median(rests),
+        }
+
+
+def _median(some: Sequence[Minute]) -> str:
+    return f"{np.median([one.p_sliding for one in some]):.2f}" if some else NONE
