@@ -25,9 +25,9 @@ from bench.report import (
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import FloatArray
-from tactiled.detect.contact.gate import SlipHysteresis
-from tactiled.detect.contact.grip_detector import GripDetector, GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.suite import DetectParams
+from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
@@ -119,30 +119,23 @@ def _measure(seeds: range) -> list[tuple[str, HandCount | None]]:
 
 def count_reports(world: World) -> HandCount:
     """Count what the filter reports of a world in which nothing slips."""
-    grips = GripDetector(world.array, GripParams())
-    gates: dict[str, SlipHysteresis] = {}
-    signs: object = None  # of the contact that the gates follow
     has_slipped = np.maximum.accumulate(world.utilisation) >= INCIPIENT_USED
-    time_s, p_gross = [], []
     count = HandCount()
-    for event in grips.scans(world.block):
-        scan = grips.contact
-        if event is None or event.state == "none" or scan is None:
-            continue
-        time_s.append(event.time_s)
-        p_gross.append(event.p_gross_300ms)
-        contact = scan.filter
-        if contact.signs is not signs:
-            signs = contact.signs
-            gates = {name: SlipHysteresis(*p, contact.look_s) for name, p in SETTINGS.items()}
-        if not scan.is_look:
-            continue
-        k = min(round(event.time_s * world.rate_hz), len(has_slipped) - 1)
-        for name, gate in gates.items():
-            was_open, was_gross = gate.is_open, gate.is_gross
-            gate.look(contact.p_incipient, contact.p_sliding, contact.signs.ratio, contact.ratio_sd)
-            count.gross[name] += gate.is_gross and not was_gross
-            count.onsets[name] += gate.is_open and not was_open and not has_slipped[k]
+    events: list[Event] = []
+    for name in SETTINGS:
+        params = DetectParams.model_validate({"setting": name}).grip
+        events = GripSlip(world.array, params).process(world.block)
+        for event in events:
+            if not isinstance(event, SlipEvent) or event.state != "onset":
+                continue
+            if event.kind == "gross":
+                count.gross[name] += 1
+            else:
+                k = min(round((event.detected_s or 0.0) * world.rate_hz), len(has_slipped) - 1)
+                count.onsets[name] += not has_slipped[k]
+    # The same for each setting, while no gross slip is open.
+    grips = [event for event in events if isinstance(event, GripEvent) and event.state != "none"]
+    time_s, p_gross = [event.time_s for event in grips], [event.p_gross_300ms for event in grips]
     count.hours = len(time_s) / world.rate_hz / 3600
     count.most_gross = count.gross.copy()
     for threshold in _P:

@@ -13,9 +13,7 @@ from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.contact.grip_detector import GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS
-from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
+from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock
@@ -166,9 +164,13 @@ class CaseEvents:
 
 def run_case(case: Case) -> CaseEvents:
     """Run all detectors over a case."""
-    slips = SlipsByThreshold(case.array, GripParams(), SETTINGS.values())
-    slips.process(case.block)
-    found: dict[str, Sequence[SlipEvent]] = {name: slips.found[at] for name, at in SETTINGS.items()}
-    for name, build in OTHERS.items():
-        found[name] = [e for e in build(case.array).process(case.block) if isinstance(e, SlipEvent)]
-    return CaseEvents(case, found)
+    params = {name: DetectParams.model_validate({"setting": name}).grip for name in SETTINGS}
+    detectors: dict[str, Detector] = {name: GripSlip(case.array, grip) for name, grip in params.items()}
+    detectors |= {name: build(case.array) for name, build in OTHERS.items()}
+    return CaseEvents(
+        case,
+        {
+            name: [event for event in detector.process(case.block) if isinstance(event, SlipEvent)]
+            for name, detector in detectors.items()
+        },
+    )

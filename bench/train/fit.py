@@ -10,7 +10,8 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from bench.train.rows import Looks
 from tactiled.detect.contact import memory
 from tactiled.detect.contact.fast import Memory
-from tactiled.detect.contact.filter import LOAD_CHANGE, STATE_SIGNS
+from tactiled.detect.contact.filter import LOAD_CHANGE, ROW_NAMES, STATE_SIGNS
+from tactiled.detect.contact.friction import kept_load
 from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
 
@@ -115,6 +116,7 @@ def fit(
         **{f"state.{name}": values for name, values in flat(state).items()},
         **{f"soon.{name}": values for name, values in flat(ahead).items()},
         "base_odds": np.array(base_odds),
+        "names": np.array(ROW_NAMES),
     }
 
 
@@ -147,7 +149,7 @@ def _memory_rows(world: Looks, p: FloatArray, base_odds: float) -> FloatArray:
     for k, (begins, odds) in enumerate(zip(world.begins.tolist(), p.tolist(), strict=True)):
         if begins:
             one.begin_contact()
-        one.take(odds, ratio[k], world.look_s, load_change[k])
+        one.take(odds, ratio[k], world.look_s, kept_load(load_change[k]))
         rows[k] = one.row
     return rows
 

@@ -16,12 +16,8 @@ from scipy import special
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS
-from tactiled.detect.contact.slips import ScanInstant
-from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
-from tactiled.detect.contact.touch import ContactScan
-from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.suite import DetectParams, build_suite
-from tactiled.events.types import Event, SlipEvent
+from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 
 N_STAGES = 3  # progress steps: hold, motion, the end of the motion
@@ -161,56 +157,35 @@ def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report:
 
 
 class _Reports:
-    """Slip reports of all settings, and the friction that contacts showed.
-
-    Where the array measures no shear over load, slips come from what sliding shows, whatever the setting is.
-    """
+    """Slip reports of all settings, and the friction that contacts showed where most was borne."""
 
     def __init__(self, array: Array) -> None:
         self._array = array
-        self._model = _ModelReports(array) if array.measures_ratio else None
+        self._largest = 0.0  # ratio
+        self._friction: GripEvent | None = None  # at the largest ratio
 
     def of(self, recording: Recording) -> dict[str, ReportCount]:
         """Count the slips that each setting reports; short gaps are bridged as in the pipeline."""
-        if self._model is None:
-            suite = build_suite(self._array, DetectParams(), topics=("slip",))
-            count = _count(event for item in recording.items for event in suite.process(item))
-            return dict.fromkeys(SETTINGS, count)
-        return self._model.of(recording)
+        counts = {}
+        for name in SETTINGS:
+            suite = build_suite(self._array, DetectParams(setting=name), topics=("slip", "grip"))
+            events = [event for item in recording.items for event in suite.process(item)]
+            counts[name] = _count(events)
+        for event in events:
+            if isinstance(event, GripEvent) and event.valid and event.state not in ("none", "unknown"):
+                ratio = math.hypot(event.shear_x, event.shear_y) / event.load
+                if ratio > self._largest:
+                    self._largest, self._friction = ratio, event
+        return counts
 
     def friction(self) -> Friction | None:
         """Return the friction that contacts showed, if it is known better than before them."""
-        return None if self._model is None else self._model.friction()
-
-
-class _ModelReports(SlipsByThreshold):
-    """Slips of all settings on one posterior, and the friction where most was borne."""
-
-    def __init__(self, array: Array) -> None:
-        self._prior_sd = GripParams().friction_log_sd
-        self._largest = 0.0
-        self._friction: tuple[float, float, float] | None = None  # quantiles, at the largest ratio
-        super().__init__(array, GripParams(), SETTINGS.values())
-
-    def of(self, recording: Recording) -> dict[str, ReportCount]:
-        self.reset()
-        bridged = GapBridge(self)
-        for item in recording.items:
-            bridged.process(item)
-        return {name: _count(self.found[at]) for name, at in SETTINGS.items()}
-
-    def take(self, scan: ContactScan, at: ScanInstant) -> None:
-        """Take a scan in contact, and keep its friction where most was borne: there it shows."""
-        super().take(scan, at)
-        if scan.size > self._largest:
-            self._largest, self._friction = scan.size, scan.filter.friction
-
-    def friction(self) -> Friction | None:
         if self._friction is None:
             return None
-        low, median, high = self._friction
-        log_sd = math.hypot(math.log(high / low) / (2 * _FIVE_PERCENT), _CONTACT_SD)
-        return Friction(median, log_sd) if log_sd < _KNOWN * self._prior_sd else None
+        spread = math.log(self._friction.friction_high / self._friction.friction_low)
+        log_sd = math.hypot(spread / (2 * _FIVE_PERCENT), _CONTACT_SD)
+        is_known = log_sd < _KNOWN * GripParams().friction_log_sd
+        return Friction(self._friction.friction, log_sd) if is_known else None
 
 
 def _count(events: Iterable[Event]) -> ReportCount:

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory, Posterior, Signs
-from tactiled.detect.contact.friction import FrictionMemory
+from tactiled.detect.contact.friction import FrictionMemory, kept_load
 from tactiled.detect.contact.gate import OFF, SlipHysteresis
 from tactiled.detect.contact.learnt import Learnt
+from tactiled.detect.contact.memory import NAMES as MEMORY_NAMES
 from tactiled.detect.contact.posterior import LEAST_GROSS_USED, RIPPLE_P
 from tactiled.detect.contact.signs import GROWTH_S, LOOK_S, NAMES
 
@@ -28,6 +29,8 @@ STATE_SIGNS = (
     *("ripple_travels", "acceleration", "is_seen"),
 )
 """Signs that the second trees are given beside the memory."""
+ROW_NAMES = (*NAMES, *STATE_SIGNS, *MEMORY_NAMES)
+"""Of the signs, then of what the second trees are given, by place."""
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
 _LEAST_RATIO = 0.02  # physical: that a slide bears: the friction of wet ice
 
@@ -74,10 +77,8 @@ class ContactFilter:
     ----------
     gate : SlipHysteresis
         Slips at these two probabilities, which `verdict` follows.
-    has_zero : bool
-        The zero of the shear is known: the contact was seen to begin, or most of its load to come.
     is_known : bool
-        It is, or a slide was seen.
+        The zero of the shear was known at a look, or a slide was seen.
     slid_at : float
         Largest ratio since the gross slip opened that is open; 0.0 without one. A hand that grips harder
         lowers the ratio of a slide: friction is what the slide bore.
@@ -105,7 +106,6 @@ class ContactFilter:
         self.memory = Memory(learnt.base_odds)
         self.friction_memory = FrictionMemory(friction / shear_per_friction, log_sd)
         self.posterior = Posterior([NAMES.index(name) for name in STATE_SIGNS], len(self.memory.row))
-        learnt.check(len(NAMES), len(self.posterior.row))
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
         # Each access to an array of a compiled class makes a view: a microsecond, and a look needs ten.
         self._memory_row, self._state_row = self.memory.row, self.posterior.row
@@ -119,7 +119,7 @@ class ContactFilter:
         self._row = self.signs.row
         self.memory.begin_contact()
         self.friction_memory.begin_contact()
-        self.is_known = self.has_zero = is_seen
+        self.is_known = is_seen
         self.posterior.begin()
         self.slid_at = 0.0
         self.gate.begin(is_seen=is_seen)
@@ -138,6 +138,7 @@ class ContactFilter:
         noise: float,
         acceleration: float = math.nan,
         *,
+        has_zero: bool = True,
         ripple_travels: bool = False,
     ) -> None:
         """Look at the scans that `signs` has taken.
@@ -148,6 +149,8 @@ class ContactFilter:
             Standard deviation of a taxel's shear in one scan, in units of the readings.
         acceleration : float
             Of the hand, as announced, m/s^2; NaN where it is not.
+        has_zero : bool
+            The zero of the shear is known: the contact was seen to begin, or most of its load to come.
         ripple_travels : bool
             A ripple travels over the taxels: proof of sliding (`travelling`).
         """
@@ -158,9 +161,10 @@ class ContactFilter:
         p = 1.0 / (1.0 + math.exp(-min(max(self._score[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
         friction = self.friction_memory
-        if self.has_zero:
-            friction.learn(self.p_sliding, signs.ratio, row[LOAD_CHANGE], self.look_s)
-        memory.take(p, signs.ratio, self.look_s, row[LOAD_CHANGE])
+        kept = kept_load(row[LOAD_CHANGE])
+        if has_zero:
+            friction.learn(self.p_sliding, signs.ratio, kept, self.look_s)
+        memory.take(p, signs.ratio, self.look_s, kept)
         posterior.gather(row, self._memory_row)
         learnt.state.evaluate(self._state_row)
         learnt.soon.evaluate(self._state_row)
@@ -170,11 +174,11 @@ class ContactFilter:
             signs.ratio,
             friction.contact_log_mean,
             friction.contact_variance,
-            self.has_zero,
+            has_zero,
             ripple_travels,
         )
         self.gate.look(self.p_incipient, self.p_sliding, signs.ratio, self.ratio_sd)
-        self.is_known = self.is_known or self.gate.is_gross
+        self.is_known = self.is_known or has_zero or self.gate.is_gross
         self.slid_at = max(self.slid_at, signs.ratio) if self.gate.is_gross else 0.0
 
     @property

@@ -17,6 +17,15 @@ _LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noi
 _MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: less is no load
 
 
+def kept_load(log_load_change: float) -> float:
+    """Return the part of the load that is left, for the change of its logarithm over the last 300 ms.
+
+    While a load is taken away, shear that is left makes a large ratio, on a small part of the contact: it
+    says less of friction, and what is borne is compared with the load before.
+    """
+    return exp(max(min(log_load_change, 0.0), _MOST_UNLOADED))
+
+
 class FrictionMemory:
     """Friction of one contact after the other.
 
@@ -58,28 +67,24 @@ class FrictionMemory:
         """Let friction change for a time."""
         self.variance = min(self.variance + _WALK_SD * _WALK_SD * time_s, self._most_variance)
 
-    def learn(self, p_sliding: float, ratio: float, log_load_change: float, step_s: float) -> None:
+    def learn(self, p_sliding: float, ratio: float, kept: float, step_s: float) -> None:
         """Learn from the ratio of a look.
-
-        While a load is taken away, shear that is left makes a large ratio, on a small part of the contact: it
-        says less of friction, and what is borne is compared with the load before.
 
         Parameters
         ----------
         p_sliding : float
             Of the look before, by the posterior. A slide that is no likelier than a rest teaches nothing.
-        log_load_change : float
-            Change of the logarithm of the load over the last 300 ms.
+        kept : float
+            Part of the load that is left: `kept_load`.
         step_s : float
             Time since the last look.
         """
-        kept_log = max(min(log_load_change, 0.0), _MOST_UNLOADED)
         log_ratio = log(max(ratio, _LEAST_RATIO))
         self.walk(step_s)
-        sure = max(2.0 * p_sliding - 1.0, 0.0) * exp(kept_log)
+        sure = max(2.0 * p_sliding - 1.0, 0.0) * kept
         information = sure * sure * step_s / (_SLIDE_S * _SLIDE_SD * _SLIDE_SD)
         gain = information / (1.0 / self.variance + information)
         self.log_mean += gain * (log_ratio - self.log_mean)
         self.variance = max(self.variance * (1.0 - gain), min(self.variance, _LEAST_SD * _LEAST_SD))
         if p_sliding < 0.5:
-            self.log_mean = max(self.log_mean, log_ratio + kept_log)
+            self.log_mean = max(self.log_mean, log_ratio + log(kept))

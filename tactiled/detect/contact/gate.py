@@ -1,6 +1,7 @@
 """Thresholds on the posterior of a contact: when a slip is open, and whether it is gross."""
 
 import math
+from typing import NamedTuple
 
 # tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
 # and 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
@@ -10,6 +11,13 @@ _SURELY_OVER = 0.02
 _GROWN = 1.1  # prior: of the least ratio since a slip closed, beyond which the next incipient one may open
 _SURELY = 3.0  # choice: standard deviations: what noise may make is no slip
 _SETTLE_S = 0.06  # prior: after a gap or a touch, before a slip may open: its direction needs some scans
+
+
+class SlipThresholds(NamedTuple):
+    """Probabilities that a tenth of the area slips, or all of it, from which a slip is open."""
+
+    incipient: float
+    gross: float
 
 
 class SlipHysteresis:
@@ -33,9 +41,8 @@ class SlipHysteresis:
 
     def begin(self, *, is_seen: bool = True) -> None:
         """Begin a contact: one that was seen to begin had no shear before."""
+        self._shut()
         self._least, self._ratio = 0.0 if is_seen else math.inf, math.inf
-        self.is_open = False
-        self.close()
 
     def settle(self) -> None:
         """Let no slip open for some looks, and an incipient one only where the ratio grows from then on.
@@ -48,6 +55,9 @@ class SlipHysteresis:
         """Close the slip, and let none open for some looks."""
         if self.is_open:
             self._least = self._ratio
+        self._shut()
+
+    def _shut(self) -> None:
         self.is_open = self.is_gross = False
         self._n_low = self._n_looks = 0
 

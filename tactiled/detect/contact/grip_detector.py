@@ -9,7 +9,7 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
-from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.filter import ROW_NAMES, ContactFilter
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
@@ -26,8 +26,8 @@ from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
-# The filter looks at a contact where the mean load of the taxels exceeds both, until it is half of that: of
-# a lighter one, the ratio of shear and load is that of noise and drift.
+# The filter looks at a contact from where the mean load of the taxels exceeds both, until that has fallen to
+# half of it: of a lighter one, the ratio of shear and load is that of noise and drift.
 _CONTACT_NOISES = 10.0  # choice: standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # physical: of full scale: drift of a sensor at rest stays below it for minutes
 _FRICTION = 0.6  # physical: of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
@@ -42,7 +42,7 @@ SCANNED = ("corrupt", "missing")
 # taxels are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow
 # with it.
 _MODEL_SD = 0.1
-# prior: by which log friction widens when the pad loses a taxel: a ninth of the load is not seen
+# prior: by which log friction widens when the pad loses a taxel: its part of the load is not seen
 _DROPPED_SD = 0.1
 
 
@@ -111,6 +111,8 @@ class GripDetector:
         self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
         self.can_tell = array.measures_ratio
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
+        if self._learnt is not None:
+            self._learnt.check(ROW_NAMES)
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
@@ -137,7 +139,8 @@ class GripDetector:
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
         self._last_s = 0.0
-        self._is_told = self._is_cut_off = False  # the newest message has a contact; a gap ended it
+        self._is_told = False  # the newest message has a contact
+        self._is_cut_off = False  # a gap ended the messages of a contact
         self.tracker: ContactTracker | None = None
         self.pressure: PressureMeasurement | None = None
         self.change: ContactTransition | None = None
@@ -199,7 +202,7 @@ class GripDetector:
         """Return an event for each scan in contact, and one of state none when the contact ends."""
         if isinstance(item, Gap):
             return self.pass_gap(item)
-        events = self.lose_contact() if item.rate_hz != self._rate_hz else []
+        events = self.forget() if item.rate_hz != self._rate_hz else []
         events += [event for event in self.scans(item) if event is not None]
         return events
 
@@ -221,7 +224,7 @@ class GripDetector:
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
 
-        A block of another scan rate follows a `lose_contact`.
+        A block of another scan rate follows a `forget`.
         """
         if self.tracker is None:
             self._rate_hz = block.rate_hz
@@ -264,13 +267,13 @@ class GripDetector:
         return TaxelReadings(self._array, rate_hz)
 
     def pass_gap(self, gap: Gap) -> list[Event]:
-        """Return the end of a contact that a gap interrupts, and predict over the gap.
+        """Return the end of a contact that a gap interrupts; keep what is known until the scan after it.
 
         Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
         tells whether the contact went on.
         """
         if gap.cause not in SCANNED or self.tracker is None:
-            return self.lose_contact()
+            return self.forget()
         self.tracker.interrupt(gap.n_missing)
         if self._readings is None:
             return []
@@ -279,12 +282,14 @@ class GripDetector:
         if self.contact is not None:
             self._before_gap = self._touch
             self._loads_before_gap = self._readings.recent[-1, 0].copy()
-        self._touch = None
+            self._touch = None
+        elif self._touch is not None:  # its load was too small to tell: there is nothing to go on with
+            self._end_touch(self._readings)
         self._is_after_gap = True
         self._readings.interrupt()
         return events
 
-    def lose_contact(self) -> list[Event]:
+    def forget(self) -> list[Event]:
         """Forget everything seen; return the end of a contact that is cut off."""
         events = self._cut_off()
         self._begin()

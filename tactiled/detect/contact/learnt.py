@@ -25,29 +25,24 @@ class Learnt(NamedTuple):
         Score of each time to gross slip, from the same.
     base_odds : float
         Log odds of sliding in the looks that `signs` was trained on.
+    names : tuple of str
+        Of the signs, then of the row of the state, by place.
     """
 
     signs: Trees
     state: Trees
     soon: Trees
     base_odds: float
+    names: tuple[str, ...]
 
-    def check(self, n_signs: int, n_state: int) -> None:
-        """Raise ValueError where the trees read more than the rows of signs and of the state have.
-
-        Compiled trees do not check each place that they read.
-        """
-        for name, forest, n in (
-            ("signs", self.signs, n_signs),
-            ("state", self.state, n_state),
-            ("soon", self.soon, n_state),
-        ):
-            reads = 1 + (int(np.asarray(forest.links)[::2].max(initial=-1)) >> 1)
-            if reads > n:
-                raise ValueError(
-                    f"{'/'.join(FILE)}: the trees of {name} read {reads} features, of which there are {n}: "
-                    "they are of another version; learn them anew (./run train slip)"
-                )
+    def check(self, names: tuple[str, ...]) -> None:
+        """Raise ValueError where the trees were learnt from signs of other names or places."""
+        if self.names != names:
+            other = sorted(set(self.names) ^ set(names))
+            raise ValueError(
+                f"{'/'.join(FILE)}: the trees were learnt from other signs "
+                f"({', '.join(other) or 'the same in another order'}); learn them anew (./run train slip)"
+            )
 
 
 def learnt_from(table: Mapping[str, Any]) -> Learnt:
@@ -57,7 +52,8 @@ def learnt_from(table: Mapping[str, Any]) -> Learnt:
         prefix = f"{name}."
         return Trees({key.removeprefix(prefix): table[key] for key in table if key.startswith(prefix)})
 
-    return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]))
+    names = tuple(table["names"].tolist())
+    return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]), names)
 
 
 @functools.cache

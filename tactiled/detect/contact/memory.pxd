@@ -5,7 +5,7 @@ cdef extern from "math.h":
     cpdef double exp(double x)
 
 cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _LEAST_RATIO, _ONSETS, _ENDS
-cdef double _FILTER_PART, _LOOK_S, _MOST_UNLOADED
+cdef double _FILTER_PART, _LOOK_S
 
 
 cdef class Memory:
@@ -13,7 +13,7 @@ cdef class Memory:
     cdef public double base_odds
     cdef public double largest, filtered, sliding_part, movement, slid_log, slid_s, borne, crossing_log
     cdef public double since_likely_s, before_log
-    cdef public long n, is_likely
+    cdef public long is_likely
 
-    cpdef take(self, double p, double ratio, double step_s, double log_load_change=*)
+    cpdef take(self, double p, double ratio, double step_s, double kept)
     cdef _fill(self, double odds, double log_ratio)

@@ -26,7 +26,6 @@ _ONSETS, _ENDS = 0.05, 1.0
 # prior: of the odds of a look of 20 ms that is new: readings of neighbouring looks are alike
 _FILTER_PART = 0.15
 _LOOK_S = 0.02  # derived: that of `signs`
-_MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: less is no load
 
 
 class Memory:
@@ -61,27 +60,21 @@ class Memory:
         self.borne = self.crossing_log = 0.0
         self.since_likely_s = _LONG_S
         self.before_log = log(_LEAST_RATIO)
-        self.n = 0
         self.is_likely = 0
 
-    def take(self, p: float, ratio: float, step_s: float, log_load_change: float = 0.0) -> None:
+    def take(self, p: float, ratio: float, step_s: float, kept: float) -> None:
         """Take the probability of sliding by the signs of a look alone, and the ratio.
-
-        While a load is taken away, shear that is left makes a large ratio, on a small part of the contact: it
-        says less of friction, and what is borne is compared with the load before.
 
         Parameters
         ----------
         step_s : float
             Time since the last look.
-        log_load_change : float
-            Change of the logarithm of the load over the last 300 ms.
+        kept : float
+            Part of the load that is left: `kept_load`.
         """
-        kept = exp(max(min(log_load_change, 0.0), _MOST_UNLOADED))
         p = min(max(p, 1e-6), 1.0 - 1e-6)
         log_ratio = log(max(ratio, _LEAST_RATIO))
         odds = min(max(log(p / (1.0 - p)) - self.base_odds, _LEAST_ODDS), _MOST_ODDS)
-        self.n += 1
         for k in range(len(self.times_s)):
             self.means[k] += min(1.0, step_s / self.times_s[k]) * (odds - self.means[k])
         self.largest = max(odds, self.largest - (self.largest - _LEAST_ODDS) * min(1.0, step_s / _PEAK_S))

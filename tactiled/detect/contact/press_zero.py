@@ -8,8 +8,7 @@ it badly. Each taxel's part is unknown by itself, so that the part of the whole 
 slant, whose shear is larger, loads the contact. All shear of a contact that was not seen to begin is taken
 for the zero, and all of it may be load, until the load has doubled.
 
-What is not known of it yet is an offset of the shear over load: it widens intervals, and weakens what the
-shares of the taxels and the borne shear say of friction.
+What is not known of it yet may be shear that the contact bears: the load that a controller needs counts it.
 """
 
 import math
@@ -49,8 +48,8 @@ class PressZero:
     ----------
     parts : (2, taxels) float64
         Shear over load.
-    taxel_sd, whole_sd : float
-        Standard deviations of what is unknown of a taxel's part, and of that of the whole array.
+    whole_sd : float
+        Standard deviation of what is unknown of the part of the whole array.
     is_measured : bool
         True once the press is over.
     is_seen : bool
@@ -71,7 +70,6 @@ class PressZero:
     ) -> None:
         self._n_taxels = n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
-        self._taxel_sd = self.taxel_sd = _TAXEL_SD * shear_per_friction
         mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD, _CROSSTALK_SD * in_counts)
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._least_load = least_load
@@ -113,14 +111,18 @@ class PressZero:
         if self.is_seen:
             parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
             unknown = 1.0 - self._n_taken / self._n_press
-            self.taxel_sd, self.whole_sd = self._taxel_sd * unknown, self._whole_sd * unknown
+            self.whole_sd = self._whole_sd * unknown
         else:  # all of the zero may be load
             self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
+
+    def finish(self) -> None:
+        """End the press: what it did while nobody looked is not known."""
+        self.is_measured = True
 
     def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""
         self.is_seen, self.is_left = True, False
         self._n_taken = 0
         self._crossed[:], self._squares[:], self.parts = 0.0, 0.0, np.zeros_like(self.parts)
-        self.taxel_sd, self.whole_sd = self._taxel_sd, self._whole_sd
+        self.whole_sd = self._whole_sd

@@ -65,6 +65,14 @@ NAMES: tuple[str, ...] = (
     *("roughness", "roughness_noises", "load_jerk", "log_ratio_of_drop", "log_noise"),
     *("ripple", "ripple_travels", "acceleration", "is_seen"),
 )
+# derived: places of the signs in a row: the first of each kind.
+_SHAPE, _RATIO, _OWN = (NAMES.index(name) for name in ("load_unevenness", "ratio", "own_ratio_sd"))
+_CHANGES, _TURNS, _SPREADS = (
+    NAMES.index(name) for name in ("ratio_change_40ms", "turn_80ms", "above_least_160ms")
+)
+_WANDER, _DETAILS, _SINCE = (NAMES.index(name) for name in ("wander_40ms", "detail_1", "since_below_50_s"))
+_GROWTH, _ROUGHNESS, _JERK = (NAMES.index(name) for name in ("log_growth_s", "roughness", "load_jerk"))
+_NOISE, _RIPPLE, _HAND = (NAMES.index(name) for name in ("log_noise", "ripple", "acceleration"))
 
 
 class Signs:
@@ -223,12 +231,11 @@ class Signs:
         self._take_wander(noise)
         self._take_ripple()
         row, mean = self.row, self.whole / self.n_taxels
-        k = len(NAMES) - 9
-        row[k] = roughness / mean
-        row[k + 1] = roughness / max(noise_scan, _TINY)
-        row[k + 4] = log(max(noise / mean, 1e-6))
-        row[k + 7] = acceleration
-        row[k + 8] = self.is_seen
+        row[_ROUGHNESS] = roughness / mean
+        row[_ROUGHNESS + 1] = roughness / max(noise_scan, _TINY)
+        row[_NOISE] = log(max(noise / mean, 1e-6))
+        row[_HAND] = acceleration
+        row[_HAND + 1] = self.is_seen
 
     def _store(self) -> None:
         """Put the look into the windows; the first look fills them."""
@@ -288,20 +295,20 @@ class Signs:
                 own += one
                 own2 += one * one
                 least, most, n_loaded = min(least, one), max(most, one), n_loaded + 1
-        row[0] = sqrt(loads2 / n) / mean
-        row[1] = float(n_loaded) / n
-        row[2] = abs(self.turn)
+        row[_SHAPE] = sqrt(loads2 / n) / mean
+        row[_SHAPE + 1] = float(n_loaded) / n
+        row[_SHAPE + 2] = abs(self.turn)
         if loads2 > n * _EVEN * _EVEN * mean * mean:
-            row[3] = crossed / loads2 / ratio
-            row[4] = crossed / max(sqrt(loads2 * along2), 1e-6 * mean * mean)
+            row[_SHAPE + 3] = crossed / loads2 / ratio
+            row[_SHAPE + 4] = crossed / max(sqrt(loads2 * along2), 1e-6 * mean * mean)
         else:
-            row[3] = row[4] = _UNKNOWN
-        row[5] = sqrt(across2 / n) / (mean * ratio)
+            row[_SHAPE + 3] = row[_SHAPE + 4] = _UNKNOWN
+        row[_SHAPE + 5] = sqrt(across2 / n) / (mean * ratio)
         n_own = max(n_loaded, 1)
         own /= n_own
-        row[11] = sqrt(max(own2 / n_own - own * own, 0.0)) / ratio
-        row[12] = least / ratio if n_loaded else 0.0
-        row[13] = most / ratio if n_loaded else 0.0
+        row[_OWN] = sqrt(max(own2 / n_own - own * own, 0.0)) / ratio
+        row[_OWN + 1] = least / ratio if n_loaded else 0.0
+        row[_OWN + 2] = most / ratio if n_loaded else 0.0
 
     def _take_course(self) -> None:
         """Signs of the course of the ratio and of the load."""
@@ -314,21 +321,19 @@ class Signs:
         else:
             self.since_largest_s += self.look_s
         scale = max(ratio, _LEAST_RATIO)
-        row[6], row[7], row[8] = ratio, total / self.n_mean, self.largest
-        row[9] = log(scale / max(self.largest, _LEAST_RATIO))
-        row[10] = min(self.since_largest_s, _LONG_AGO_S)
-        place = 14
-        for j in range(len(self.change_looks)):
+        row[_RATIO], row[_RATIO + 1], row[_RATIO + 2] = ratio, total / self.n_mean, self.largest
+        row[_RATIO + 3] = log(scale / max(self.largest, _LEAST_RATIO))
+        row[_RATIO + 4] = min(self.since_largest_s, _LONG_AGO_S)
+        kinds = len(self.change_looks)
+        for j in range(kinds):
             back = self._back(self.change_looks[j])
-            row[place + j] = ratio - self.past_ratio[back]
-            row[place + 5 + j] = self.past_log_ratio[at] - self.past_log_ratio[back]
-            row[place + 10 + j] = self.past_log_load[at] - self.past_log_load[back]
-        place = 29
+            row[_CHANGES + j] = ratio - self.past_ratio[back]
+            row[_CHANGES + kinds + j] = self.past_log_ratio[at] - self.past_log_ratio[back]
+            row[_CHANGES + 2 * kinds + j] = self.past_log_load[at] - self.past_log_load[back]
         for j in range(len(self.turn_looks)):
             back = self._back(self.turn_looks[j])
             crossed = self.ratio_x * self.past_y[back] - self.ratio_y * self.past_x[back]
-            row[place + j] = abs(crossed) / (scale * max(self.past_ratio[back], _LEAST_RATIO))
-        place = 32
+            row[_TURNS + j] = abs(crossed) / (scale * max(self.past_ratio[back], _LEAST_RATIO))
         for j in range(len(self.spread_looks)):
             looks = self.spread_looks[j] + 1
             least, most, mean, squares = 1e9, 0.0, 0.0, 0.0
@@ -338,18 +343,17 @@ class Signs:
                 mean += one
                 squares += one * one
             mean /= looks
-            row[place + 3 * j] = (ratio - least) / scale
-            row[place + 3 * j + 1] = (most - ratio) / scale
-            row[place + 3 * j + 2] = sqrt(max(squares / looks - mean * mean, 0.0)) / scale
+            row[_SPREADS + 3 * j] = (ratio - least) / scale
+            row[_SPREADS + 3 * j + 1] = (most - ratio) / scale
+            row[_SPREADS + 3 * j + 2] = sqrt(max(squares / looks - mean * mean, 0.0)) / scale
         before = self.past_ratio[self._back(self.n_growth)]
         self.growth = (ratio - before) / (self.n_growth * self.look_s)
         before = self.past_ratio[self._back(self.n_drop)]
         if ratio < _SUDDEN_DROP * before:
             self.dropped_from = before
-        k = len(NAMES) - 9
         log_load = self.past_log_load
-        row[k + 2] = abs(log_load[at] - 2.0 * log_load[self._back(1)] + log_load[self._back(2)])
-        row[k + 3] = log(scale / max(self.dropped_from, _LEAST_RATIO)) if self.dropped_from > 0 else 0.0
+        row[_JERK] = abs(log_load[at] - 2.0 * log_load[self._back(1)] + log_load[self._back(2)])
+        row[_JERK + 1] = log(scale / max(self.dropped_from, _LEAST_RATIO)) if self.dropped_from > 0 else 0.0
 
     def _take_growth(self) -> None:
         """Signs of the course in which the ratio grew to where it is.
@@ -373,7 +377,7 @@ class Signs:
                 self.since[j] = self.look_s * (back + (after - value) / max(after - before, _TINY))
             else:
                 self.since[j] = _LONGEST_S
-            row[55 + j] = self.since[j]
+            row[_SINCE + j] = self.since[j]
         if self.since[0] < _LONGEST_S:
             least_s = 0.5 * self.look_s
             self.grown_to = now
@@ -382,15 +386,15 @@ class Signs:
             self.growth_slows = log(max(self.since[1] - self.since[3], least_s) / even_s)
         elif abs(now - self.grown_to) > _KEPT * self.grown_to:
             self.log_growth_s = self.growth_slows = _UNKNOWN
-        row[59] = self.log_growth_s
-        row[60] = self.growth_slows
+        row[_GROWTH] = self.log_growth_s
+        row[_GROWTH + 1] = self.growth_slows
 
     def _take_wander(self, noise: float) -> None:
         """Signs of taxels that move on their own: changes of their parts, and wavelet details."""
         n, row, at = self.n_taxels, self.row, self.at
         relative = max(noise / self.whole, _TINY)
-        place = 38
-        for j in range(len(self.wander_looks)):
+        kinds = len(self.wander_looks)
+        for j in range(kinds):
             back = self._back(self.wander_looks[j])
             change_x, change_y = self.ratio_x - self.past_x[back], self.ratio_y - self.past_y[back]
             squares = 0.0
@@ -400,10 +404,10 @@ class Signs:
                 dy = self.parts_y[at * n + k] - self.parts_y[back * n + k] - part * change_y
                 squares += dx * dx + dy * dy
             size = sqrt(squares / n)
-            row[place + j] = size * n
-            row[place + 4 + j] = size / relative
-        place, first = 46, 0
-        for j in range(len(self.n_taps)):
+            row[_WANDER + j] = size * n
+            row[_WANDER + kinds + j] = size / relative
+        kinds, first = len(self.n_taps), 0
+        for j in range(kinds):
             taps = self.n_taps[j]
             common_x, common_y, squares = 0.0, 0.0, 0.0
             for i in range(taps):
@@ -421,9 +425,9 @@ class Signs:
                 dy -= part * common_y
                 squares += dx * dx + dy * dy
             size = sqrt(squares / n)
-            row[place + j] = size * n
-            row[place + 3 + j] = size / relative
-            row[place + 6 + j] = sqrt(common_x * common_x + common_y * common_y)
+            row[_DETAILS + j] = size * n
+            row[_DETAILS + kinds + j] = size / relative
+            row[_DETAILS + 2 * kinds + j] = sqrt(common_x * common_x + common_y * common_y)
             first += taps
 
     def _take_ripple(self) -> None:
@@ -449,9 +453,8 @@ class Signs:
         for k in range(n):  # the wave some time ago, for the rate of the next looks
             wave = self.fast[k] - self.slow[k]
             self.lag[k] = self.keep_fast * self.lag[k] + (1.0 - self.keep_fast) * wave
-        k = len(NAMES) - 4
-        self.row[k] = sqrt(size / n) * n
-        self.row[k + 1] = travels / max(len(self.turns), 1) / max(size / n, 1e-12)
+        self.row[_RIPPLE] = sqrt(size / n) * n
+        self.row[_RIPPLE + 1] = travels / max(len(self.turns), 1) / max(size / n, 1e-12)
 
 
 def _zeros(n: int) -> "array[float]":

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.contact.gate import SlipThresholds
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.contact.slips_by_threshold import SlipThresholds
 from tactiled.detect.signal.contact_gate import (
     ContactTracker,
     ContactTransition,
@@ -134,14 +134,14 @@ class GripSlip:
         return None if state == "shearing" else tracker.begin_shearing()
 
     def _interrupt(self, gap: Gap) -> list[Event]:
-        """Cut off slip and contact; the contact filter predicts over the gap."""
+        """Cut off slip and contact; the contact filter keeps what it knows until the scan after the gap."""
         events = self._cut_off()
         lost = self._grip.pass_gap(gap)
         return events + (lost if self._params.publish else [])
 
     def _forget(self) -> list[Event]:
         events = self._cut_off()
-        lost = self._grip.lose_contact()
+        lost = self._grip.forget()
         self._begin()
         return events + (lost if self._params.publish else [])
 

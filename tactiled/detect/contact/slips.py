@@ -16,7 +16,7 @@ from tactiled.detect.contact.direction import Direction, averaged_scans, directi
 from tactiled.detect.contact.gate import SlipHysteresis
 from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED, RIPPLE_P
 from tactiled.detect.contact.touch import ContactScan
-from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
+from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
 _HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
@@ -35,6 +35,15 @@ class ScanInstant(NamedTuple):
     time_s: float
     time_sd_s: float
     is_valid: bool
+
+
+class _Past(NamedTuple):
+    """What is kept of a scan: see `ContactScan`."""
+
+    time_s: float
+    size: float
+    shear: FloatArray
+    p_sliding: float
 
 
 class PosteriorSlips:
@@ -56,14 +65,12 @@ class PosteriorSlips:
         self._step_s = 1.0 / rate_hz
         self._n_averaged = averaged_scans(self._step_s)
         length = max(2, round(_HISTORY_S * rate_hz))
-        self._past: collections.deque[tuple[float, float, FloatArray, float]] = collections.deque(
-            maxlen=length
-        )
+        self._past: collections.deque[_Past] = collections.deque(maxlen=length)
         self.open: SlipEvent | None = None
 
     def step(self, scan: ContactScan, at: ScanInstant) -> list[SlipEvent]:
         """Take a scan and return the slip events that it completes."""
-        self._past.append((at.time_s, scan.size, scan.shear, scan.filter.p_sliding))
+        self._past.append(_Past(at.time_s, scan.size, scan.shear, scan.filter.p_sliding))
         events: list[SlipEvent] = []
         if self.open is not None and not self.gate.is_open:
             events.append(self.end(at.time_s, valid=at.is_valid))
@@ -96,7 +103,7 @@ class PosteriorSlips:
             onset_s=began_s,
             onset_sd_s=math.hypot(sd_s, at.time_sd_s),
             direction_deg=towards.angle_deg,
-            direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
+            direction_sd_deg=towards.sd_deg,
             confidence=p,
             taxels=_slipping_taxels(scan),
             detector=DETECTOR,
@@ -121,7 +128,7 @@ class PosteriorSlips:
             onset_s=began_s,
             onset_sd_s=math.hypot(sd_s, at.time_sd_s),
             direction_deg=towards.angle_deg,
-            direction_sd_deg=min(UNKNOWN_SD_DEG, towards.sd_deg),
+            direction_sd_deg=towards.sd_deg,
             confidence=p,
             taxels=tuple(np.flatnonzero(scan.shear.any(axis=0)).tolist()),  # not those that are out
             statistic=p,
@@ -137,12 +144,14 @@ class PosteriorSlips:
         likely than it is without any sign.
         """
         reached_s, sd_s = self._began(np.array([_FULL * scan.size]), scan)
-        unlikely_s = next((past[0] for past in reversed(self._past) if past[3] < scan.filter.prior_p), 0.0)
+        unlikely_s = next(
+            (past.time_s for past in reversed(self._past) if past.p_sliding < scan.filter.prior_p), 0.0
+        )
         began_s = max(reached_s, slip.onset_s, unlikely_s)
         return began_s, math.hypot(sd_s, (at.time_s - began_s) / math.sqrt(12))
 
     def _direction(self, scan: ContactScan, *, is_gross: bool) -> Direction:
-        past = [shear for _, _, shear, _ in self._past]
+        past = [past.shear for past in self._past]
         if scan.rippled_s:  # the growth may be over for long
             return opposed(scan, past[-self._n_averaged :])
         return direction(scan, past, self._n_averaged, is_gross=is_gross)
@@ -152,8 +161,8 @@ class PosteriorSlips:
 
         Limits that the ratio has not met count as being met now.
         """
-        time_s = np.array([past[0] for past in self._past])
-        size = np.array([past[1] for past in self._past])
+        time_s = np.array([past.time_s for past in self._past])
+        size = np.array([past.size for past in self._past])
         below = size[:, np.newaxis] < limit
         # One after the last scan below the limit; the oldest scan where there is none.
         row = np.where(below.any(axis=0), len(size) - np.argmax(below[::-1], axis=0), 0)

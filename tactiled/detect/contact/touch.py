@@ -71,8 +71,8 @@ class Touch:
         return self._zero.is_measured or self._zero.is_left
 
     def pass_gap(self, gap_s: float) -> None:
-        """Predict over a gap in which the contact went on."""
-        self._zero.is_measured = True
+        """Take up the contact after a gap in which it went on."""
+        self._zero.finish()
         self._filter.friction_memory.walk(gap_s)
         self._filter.restart()
         self._ripple.reset()
@@ -97,9 +97,9 @@ class Touch:
         rippled_s = self._ripple.take(newest)
         is_look = self.scan is None or signs.n_scans >= contact.n_look
         if is_look:
-            contact.has_zero = zero.is_seen
-            contact.look(readings.shear_sd, acceleration_m_s2, ripple_travels=rippled_s > 0)
-            contact.is_known = contact.is_known or contact.has_zero
+            contact.look(
+                readings.shear_sd, acceleration_m_s2, has_zero=zero.is_seen, ripple_travels=rippled_s > 0
+            )
         if not may_slip:
             contact.gate.close()
         if is_look:

@@ -13,6 +13,8 @@ from bench.train import data, fit
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw
+from tactiled.array import load_array
+from tactiled.detect.contact.filter import ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
 from tactiled.detect.contact.posterior import EDGES, N_STATES
@@ -76,9 +78,15 @@ def test_the_shipped_trees_fit_the_signs_and_say_what_they_were_learnt_from() ->
     assert set(about["learnt_from"]) == {"laws", "bristles", "sheet", "strokes", "grasps", "plates"}
     learnt = learnt_from(table)
     assert (len(learnt.signs.first), len(learnt.state.first), len(learnt.soon.first)) == (1, N_STATES, 4)
-    assert table["signs.links"][:, 0].max() // 2 < len(NAMES)
+    assert learnt.names == ROW_NAMES
     learnt.signs.evaluate(array("d", [math.nan] * len(NAMES)))
     assert math.isfinite(learnt.signs.scores[0])
+
+
+def test_trees_of_other_signs_are_refused() -> None:
+    moved = dict(shipped_trees()) | {"names": np.array([*ROW_NAMES[1:], "wander_of_old"])}
+    with pytest.raises(ValueError, match=r"slip.npz.*wander_of_old.*train slip"):
+        GripDetector(load_array("wang2019-3x3"), learnt=learnt_from(moved))
 
 
 def test_the_command_writes_trees_that_the_detector_runs_on(

@@ -60,7 +60,7 @@ def test_signs_and_memory(n_taxels: int, per_friction: float, size: float, seed:
         for one in kept:
             if k == 90:
                 one.begin_contact()
-            one.take(p, seen[0].ratio, 0.02)
+            one.take(p, seen[0].ratio, 0.02, 1.0 if k % 7 else 0.5)
         assert bits(kept[0].row) == bits(kept[1].row)
 
 

@@ -78,7 +78,7 @@ def test_the_zero_of_unequal_sides_is_measured_and_is_no_shear() -> None:
         zero.take(load, parts * load + 1e-3 * rng.normal(size=(2, 9)), 1e-3, 3e-3)
     assert zero.is_measured
     assert zero.parts == pytest.approx(parts, abs=1e-3)
-    assert zero.taxel_sd == zero.whole_sd == 0.0
+    assert zero.whole_sd == 0.0
 
 
 def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -> None:

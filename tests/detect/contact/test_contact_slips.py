@@ -9,7 +9,6 @@ from mindlin import slid_to
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
-from tactiled.detect.contact.slips_by_threshold import SlipsByThreshold
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -193,16 +192,3 @@ def test_a_setting_is_two_probabilities_and_given_ones_replace_them() -> None:
     given = DetectParams.model_validate({"setting": "fast", "grip": {"gross_p": 0.45}}).grip
     assert (given.incipient_p, given.gross_p) == (SETTINGS["fast"].incipient, 0.45)
     assert DetectParams().grip == DetectParams.model_validate({"setting": "balanced"}).grip == GripParams()
-
-
-def test_thresholds_on_one_posterior_are_the_detectors_of_these_settings() -> None:
-    block = slide()
-    stream: list[ScanBlock | Gap] = [block[:260], Gap(3, "missing", 263), block[263:]]
-    together = SlipsByThreshold(ARRAY, KNOWN, SETTINGS.values())
-    for item in stream:
-        assert together.process(item) == []
-    for at in SETTINGS.values():
-        alone = GripSlip(ARRAY, KNOWN.model_copy(update={"incipient_p": at.incipient, "gross_p": at.gross}))
-        told = slips([event for item in stream for event in alone.process(item)])
-        assert told
-        assert together.found[at] == told

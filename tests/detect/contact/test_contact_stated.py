@@ -55,6 +55,17 @@ def test_a_contact_that_goes_on_keeps_what_it_has_shown() -> None:
     assert grips(stated.process(touch(1)))[5].friction == pytest.approx(0.2, rel=0.02)
 
 
+def test_what_is_stated_in_a_light_touch_that_a_gap_ends_holds_for_the_next_contact() -> None:
+    volts = np.zeros((150, 36))
+    volts[50:, :4] = 0.3  # one taxel touches, and the mean load is too small to tell
+    detector = GripDetector(ARRAY)
+    light = detector.process(regular_block(volts, 100.0))
+    assert {event.valid for event in light if isinstance(event, GripEvent)} == {False}
+    detector.state_friction(1.8, 0.1)
+    detector.process(Gap(n_missing=SCANS - 150, cause="missing", index=SCANS))
+    assert grips(detector.process(touch(1)))[5].friction == pytest.approx(1.8, rel=0.02)
+
+
 def test_another_object_has_the_friction_of_the_configuration() -> None:
     detector = GripDetector(ARRAY, GripParams(friction=2.0))
     detector.state_friction(0.5, 0.1)
