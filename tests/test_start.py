@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -13,25 +14,27 @@ from tactiled.errors import install_command
 HEAVY = ["numpy", "scipy", "pydantic", "rich"]
 ROOT = Path(__file__).resolve().parent.parent
 LOADED = f"""\
-import sys
+import json, sys
 from tactiled.cli import main
-sys.argv[0] = "tactiled"
-try:
-    main()
-finally:
-    import json
-    print(json.dumps([name for name in {HEAVY} if name in sys.modules]))
+told = []
+for arguments in json.loads(sys.argv.pop()):
+    sys.argv[:] = ["tactiled", *arguments]
+    try:
+        main()
+    except SystemExit as end:
+        told.append([arguments, end.code, [name for name in {HEAVY} if name in sys.modules]])
+print(json.dumps(told))
 """
 
 
-def heavy_imports(*arguments: str, cwd: Path) -> tuple[int, list[str]]:
-    """Exit code of a call, and which of the slow libraries it imported."""
+def heavy_imports(calls: list[list[str]], cwd: Path) -> Any:
+    """Each of the calls, made one after the other in one process, exit code, and slow libraries by then."""
     done = subprocess.run(
-        [sys.executable, "-c", LOADED, *arguments],
-        capture_output=True, text=True, cwd=cwd, timeout=60, check=False,
+        [sys.executable, "-c", LOADED, json.dumps(calls)],
+        capture_output=True, text=True, cwd=cwd, timeout=60, check=True,
     )  # fmt: skip
     assert "Traceback" not in done.stderr
-    return done.returncode, json.loads(done.stdout.splitlines()[-1])
+    return json.loads(done.stdout.splitlines()[-1])
 
 
 def without(module: str, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -65,60 +68,56 @@ def test_the_command_that_installs_an_extra_names_its_libraries() -> None:
     assert install_command("web", "no-such") == "pip install '.[web]' in the checkout of no-such"
 
 
-@pytest.mark.parametrize("module", BENCHES.values())
-def test_benches_need_matplotlib_for_pictures_alone(module: str) -> None:
-    script = f"import sys; sys.modules['matplotlib'] = None; import {module}"
+def test_benches_need_matplotlib_for_pictures_alone() -> None:
+    script = f"import sys; sys.modules['matplotlib'] = None; import {', '.join(BENCHES.values())}"
     subprocess.run([sys.executable, "-c", script], check=True, timeout=60, cwd=ROOT)
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["frobnicate"],
-        ["run"],
-        ["run", "--nonsense"],
-        ["run", "--config", "none.toml"],
-        ["run", "--config", "broken.toml"],
-        ["record", "a.mcap"],
-        ["record", "a.mcap", "--config", "none.toml"],
-        ["replay"],
-        ["replay", "none.mcap"],
-        ["replay", "none.mcap", "--link", "x", "--verify"],
-        ["recover", "none.mcap"],
-        ["export", "none.mcap"],
-        ["export", "none.mcap", "--csv", "x.csv"],
-        ["emulate"],
-        ["emulate", "--protocol", "none", "--link", "x"],
-        ["emulate", "--scene", "none.toml", "--link", "x"],
-        ["emulate", "--faults", "none.toml", "--link", "x"],
-        ["detect", "none.csv"],
-        ["detect", "log.csv", "--array", "none"],
-        ["detect", "log.csv", "--array", "broken.toml"],
-        ["detect", "log.csv", "--speed", "-1"],
-        ["tune", "--quiet", "log.csv"],
-        ["tune", "--quiet", "none.csv", "--motion", "none.csv"],
-        ["bench", "none"],
-        ["bench", "clock", "--plot", "x.png"],
-        ["check-config"],
-        ["check-config", "none.toml"],
-        ["check-config", "broken.toml"],
-        ["doctor"],
-        ["fit-material", "none.csv"],
-        ["listen", "--topic", "slipp"],
-        ["listen", "nonsense"],
-        ["command", "tare", "force"],
-    ],
-)
-def test_a_mistake_in_a_call_imports_neither_numpy_nor_scipy(arguments: list[str], tmp_path: Path) -> None:
+MISTAKES = [
+    ["frobnicate"],
+    ["run"],
+    ["run", "--nonsense"],
+    ["run", "--config", "none.toml"],
+    ["run", "--config", "broken.toml"],
+    ["record", "a.mcap"],
+    ["record", "a.mcap", "--config", "none.toml"],
+    ["replay"],
+    ["replay", "none.mcap"],
+    ["replay", "none.mcap", "--link", "x", "--verify"],
+    ["recover", "none.mcap"],
+    ["export", "none.mcap"],
+    ["export", "none.mcap", "--csv", "x.csv"],
+    ["emulate"],
+    ["emulate", "--protocol", "none", "--link", "x"],
+    ["emulate", "--scene", "none.toml", "--link", "x"],
+    ["emulate", "--faults", "none.toml", "--link", "x"],
+    ["detect", "none.csv"],
+    ["detect", "log.csv", "--array", "none"],
+    ["detect", "log.csv", "--array", "broken.toml"],
+    ["detect", "log.csv", "--speed", "-1"],
+    ["tune", "--quiet", "log.csv"],
+    ["tune", "--quiet", "none.csv", "--motion", "none.csv"],
+    ["bench", "none"],
+    ["bench", "clock", "--plot", "x.png"],
+    ["check-config"],
+    ["check-config", "none.toml"],
+    ["check-config", "broken.toml"],
+    ["doctor"],
+    ["fit-material", "none.csv"],
+    ["listen", "--topic", "slipp"],
+    ["listen", "nonsense"],
+    ["command", "tare", "force"],
+]
+
+
+def test_a_mistake_in_a_call_imports_neither_numpy_nor_scipy(tmp_path: Path) -> None:
     (tmp_path / "broken.toml").write_text("[board\n")
     (tmp_path / "log.csv").write_text("time_s,a\n0.0,0.0\n")
-    code, heavy = heavy_imports(*arguments, cwd=tmp_path)
-    assert code == 2
-    assert not heavy
+    assert heavy_imports(MISTAKES, cwd=tmp_path) == [[mistake, 2, []] for mistake in MISTAKES]
 
 
 def test_help_imports_no_slow_library(tmp_path: Path) -> None:
-    assert heavy_imports("--help", cwd=tmp_path) == (0, [])
+    assert heavy_imports([["--help"]], cwd=tmp_path) == [[["--help"], 0, []]]
 
 
 def test_the_daemon_does_without_what_only_pictures_and_statistics_need() -> None:
