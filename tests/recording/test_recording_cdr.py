@@ -3,6 +3,7 @@
 import contextlib
 import typing
 from dataclasses import fields, is_dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,14 @@ def values(kind: Any) -> st.SearchStrategy[Any]:
     return st.booleans()
 
 
+@cache
+def store_of(schema: Schema) -> Any:
+    """The other encoder, with the types of a schema."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(schema.text, schema.name))
+    return store
+
+
 def as_ros(store: Any, value: Any, kind: Any) -> Any:
     """A value as the other encoder wants it: numpy arrays for numbers, its own classes for types."""
     if kind is bytes:
@@ -65,8 +74,7 @@ def as_ros(store: Any, value: Any, kind: Any) -> Any:
 def test_bytes_are_those_of_an_independent_encoder(schema: Schema, data: st.DataObject) -> None:
     kinds = KINDS[schema]
     message = {name: data.draw(values(kind), label=name) for name, kind in kinds.items()}
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(schema.text, schema.name))
+    store = store_of(schema)
     theirs = store.types[schema.name](
         **{name: as_ros(store, message[name], kind) for name, kind in kinds.items()}
     )
