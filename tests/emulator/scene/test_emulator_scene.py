@@ -31,7 +31,7 @@ def test_every_shipped_scene_loads_and_has_its_name(name: str) -> None:
     loaded = load_scene(name)
     assert loaded.name == name
     assert load_array(loaded.array).n_channels == 36
-    assert Truth(loaded).to_map()["phases"][-1]["end_s"] == pytest.approx(loaded.duration_s)
+    assert Truth(loaded).phases[-1].end_s == pytest.approx(loaded.duration_s)
 
 
 def test_prescribed_is_a_flat_slip_and_then_grooves() -> None:
