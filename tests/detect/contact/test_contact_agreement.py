@@ -1,6 +1,7 @@
 """Slip events, grip messages and contact state say the same of a contact, on worlds of every generator."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -26,7 +27,8 @@ HANDS = {
 
 @pytest.fixture(scope="module", params=sorted(GENERATORS))
 def worlds(request: pytest.FixtureRequest) -> list[World]:
-    found = draw(request.param, range(7000, 7006), 0.2, HANDS[request.param])
+    n = 3 if request.param == "plates" else 6  # their contact models take a second a world
+    found = draw(request.param, range(7000, 7000 + n), 0.2, HANDS[request.param])
     assert any(world.slips for world in found)
     return found
 
@@ -72,11 +74,11 @@ def test_grip_messages_come_for_as_long_as_the_contact(worlds: list[World], part
     n_told = 0
     for world in worlds:
         rest = np.median(world.block.volts[~world.touching], axis=0)
-        slip = GripSlip(world.array)
+        lighter = dataclasses.replace(world.block, volts=rest + part * (world.block.volts - rest))
         contact = grip = "none"
-        for k in range(len(world.block)):
-            scan = world.block[k : k + 1]
-            for event in slip.process(dataclasses.replace(scan, volts=rest + part * (scan.volts - rest))):
+        events = GripSlip(world.array).process(lighter)
+        for _, of_a_scan in itertools.groupby(events, key=lambda event: event.evidence_s):
+            for event in of_a_scan:
                 if isinstance(event, ContactEvent):
                     contact = event.state
                 elif isinstance(event, GripEvent):

@@ -2,6 +2,7 @@
 
 import tempfile
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
 WANG = load_array("wang2019-3x3")
-TOUCH = Touch(slide_s=4.0, stop_s=8.0)
+TOUCH = Touch(slide_s=2.5, stop_s=4.5, lift_s=5.5, end_s=6.0)
 
 
 def wang_in(unit: str, low: float, high: float, zero: str) -> Array:
@@ -33,6 +34,20 @@ def wang_in(unit: str, low: float, high: float, zero: str) -> Array:
         path = Path(folder) / "x.toml"
         path.write_text(text)
         return load_array(str(path))
+
+
+@cache
+def counts() -> tuple[Array, ScanBlock, list[Event]]:
+    """An array whose zero comes from the data, the touch on it, and its events."""
+    array = wang_in("count", 0, 65535, '"first 0.3 s"')
+    block = regular_block(np.rint(38000 + 5000 * TOUCH.volts(WANG, 100.0)), 100.0)
+    return array, block, told(array, block)
+
+
+@cache
+def slips_in_volts() -> list[SlipEvent]:
+    events = told(WANG, regular_block(TOUCH.volts(WANG, 100.0), 100.0))
+    return [event for event in events if isinstance(event, SlipEvent)]
 
 
 def told(array: Array, block: ScanBlock, size: int = 10_000) -> list[Event]:
@@ -54,13 +69,13 @@ def test_the_same_touch_in_another_unit_is_the_same_contact_and_slip(
     unit: str, low: float, high: float, zero: str, scale: float, offset: float
 ) -> None:
     volts = TOUCH.volts(WANG, 100.0)
-    expected = [e for e in told(WANG, regular_block(volts, 100.0)) if isinstance(e, SlipEvent)]
     readings = offset + scale * volts
     if unit == "count":
         readings = np.rint(readings)
     array = wang_in(unit, low, high, zero)
     events = told(array, regular_block(readings, 100.0, valid=array.in_range(readings)))
     slips = [e for e in events if isinstance(e, SlipEvent)]
+    expected = slips_in_volts()
     assert [(e.state, e.kind) for e in slips] == [(e.state, e.kind) for e in expected]
     for found, true in zip(slips, expected, strict=True):
         assert found.onset_s == pytest.approx(true.onset_s, abs=0.03)
@@ -74,9 +89,8 @@ def test_the_same_touch_in_another_unit_is_the_same_contact_and_slip(
 
 @pytest.mark.parametrize("size", [1, 7, 64, 300])
 def test_events_do_not_depend_on_chunks_where_levels_and_zero_come_from_the_data(size: int) -> None:
-    array = wang_in("count", 0, 65535, '"first 0.3 s"')
-    block = regular_block(np.rint(38000 + 5000 * TOUCH.volts(WANG, 100.0)), 100.0)
-    assert told(array, block, size) == told(array, block)
+    array, block, whole = counts()
+    assert told(array, block, size) == whole
 
 
 def test_noise_alone_is_no_contact_whatever_its_size() -> None:
