@@ -9,21 +9,26 @@ from bench.worlds.shapes import draw_table
 from bench.worlds.world import World, onsets
 
 NEW = [name for name in GENERATORS if name != "laws"]
-_MINUTES = 0.35
+_MINUTES = {"plates": 0.2}  # of a world, whose contact models take a second for three
 _NEAR = {"bristles": ("near-limit", 0.6), "sheet": ("near-limit", 0.6), "strokes": ("rest-near-limit", 0.25)}
 
 
 @pytest.fixture(scope="module", params=NEW)
 def worlds(request: pytest.FixtureRequest) -> list[World]:
-    n = 3 if request.param == "plates" else 8  # their contact models take ten seconds a world
-    return draw(request.param, range(n), _MINUTES)
+    n = 3 if request.param == "plates" else 8
+    return draw(request.param, range(n), _MINUTES.get(request.param, 0.35))
+
+
+@pytest.fixture(scope="module")
+def grasps() -> list[World]:
+    return draw("grasps", range(24))
 
 
 @pytest.mark.parametrize("generator", GENERATORS)
 def test_a_seed_draws_the_same_bits_alone_and_in_a_batch(generator: str) -> None:
-    batch = draw(generator, range(40, 43), 0.1)
-    alone = draw(generator, range(41, 42), 0.1)[0]
-    assert [world.seed for world in batch] == [40, 41, 42]
+    batch = draw(generator, range(40, 42), 0.05)
+    alone = draw(generator, range(41, 42), 0.05)[0]
+    assert [world.seed for world in batch] == [40, 41]
     for name in (
         "utilisation",
         "gross",
@@ -35,7 +40,7 @@ def test_a_seed_draws_the_same_bits_alone_and_in_a_batch(generator: str) -> None
     ):
         np.testing.assert_array_equal(getattr(batch[1], name), getattr(alone, name))
     np.testing.assert_array_equal(batch[1].block.volts, alone.block.volts)
-    assert not np.array_equal(batch[0].block.volts[:50], batch[2].block.volts[:50])
+    assert not np.array_equal(batch[0].block.volts[:50], alone.block.volts[:50])
 
 
 def test_readings_are_finite_and_never_saturate(worlds: list[World]) -> None:
@@ -83,8 +88,6 @@ def test_readings_agree_with_the_truth_of_a_slide(worlds: list[World]) -> None:
 
 def test_there_are_slides_and_rests(worlds: list[World]) -> None:
     share = float(np.mean([world.gross.mean() for world in worlds]))
-    slips = sum(len(world.gross_s) for world in worlds) / (_MINUTES * len(worlds))
-    print(f"{worlds[0].generator}: {100 * share:.1f} % of the time slides, {slips:.1f} slips a minute")
     assert 0.01 < share < 0.35
     assert 0.2 < np.mean([world.slips for world in worlds]) < 0.9
 
@@ -92,14 +95,14 @@ def test_there_are_slides_and_rests(worlds: list[World]) -> None:
 @pytest.mark.parametrize("generator", _NEAR)
 def test_a_rest_near_the_limit_never_slides(generator: str) -> None:
     hand, least = _NEAR[generator]
-    for world in draw(generator, range(6), 0.2, (hand,)):
+    for world in draw(generator, range(4), 0.2, (hand,)):
         assert not world.gross.any()
         assert least < world.utilisation[-1] < 0.99
 
 
 @pytest.mark.parametrize("generator", ["bristles", "sheet"])
 def test_low_hands_stay_far_from_the_limit_while_they_hold(generator: str) -> None:
-    for world in draw(generator, range(4), 0.2, ("low",)):
+    for world in draw(generator, range(3), 0.2, ("low",)):
         holds = world.touching & (world.load > 0.5 * np.quantile(world.load, 0.9))
         assert np.quantile(world.utilisation[holds], 0.99) < 0.6
 
@@ -113,20 +116,19 @@ def test_strokes_slide_by_hands_that_move_and_rest_by_the_others() -> None:
     assert 0.25 < np.mean([world.slips for world in usual]) < 0.6
 
 
-def test_grasps_slip_about_half_and_rest_where_the_grip_bears_all() -> None:
-    usual = draw("grasps", range(100, 140))
-    assert 0.35 < np.mean([world.slips for world in usual]) < 0.7
-    assert all(len(world.gross) <= 700 for world in usual)
+def test_grasps_slip_about_half_and_rest_where_the_grip_bears_all(grasps: list[World]) -> None:
+    assert 0.35 < np.mean([world.slips for world in grasps]) < 0.7
+    assert all(len(world.gross) <= 700 for world in grasps)
     # An object that was let fall is no more in the log.
-    assert all(world.gross[-1] for world in usual if len(world.gross) < 700)
-    rests = draw("grasps", range(24), hands=("rest",))
+    assert all(world.gross[-1] for world in grasps if len(world.gross) < 700)
+    rests = draw("grasps", range(16), hands=("rest",))
     assert np.mean([world.slips for world in rests]) < 0.1
     largest = np.array([world.utilisation[-1] for world in rests])
     assert largest.min() < 0.5 < 0.75 < largest.max()
 
 
-def test_readings_of_grasps_tell_the_friction_that_they_are_said_to() -> None:
-    for world in draw("grasps", range(12)):
+def test_readings_of_grasps_tell_the_friction_that_they_are_said_to(grasps: list[World]) -> None:
+    for world in grasps[:12]:
         tells = (world.utilisation > 0.4) & (world.load > 1.0)
         shear = (world.array.shear_weights() @ world.block.volts[tells].T).sum(axis=1)
         load = (world.array.normal_weights() @ world.block.volts[tells].T).sum(axis=0)

@@ -42,6 +42,13 @@ def study(run: RigRun, reference: ReferenceTable, readings: np.ndarray | None = 
     return calibrate(ARRAY, run.loads.time_s, volts, reference, Identity("mine"), models=("pairs",))
 
 
+@cache
+def fitted() -> CalibrationStudy:
+    """The study of the run that most tests take."""
+    _, run, _ = rig_run()
+    return study(run, table(run))
+
+
 def estimates(found: CalibrationStudy, readings: np.ndarray) -> list[ForceEvent]:
     return ForceEstimator(ARRAY, found.file).process(regular_block(readings, 100.0))
 
@@ -55,8 +62,8 @@ def errors(found: CalibrationStudy, rig: Rig, test: RigRun) -> tuple[np.ndarray,
 
 
 def test_forces_of_other_motions_are_right_and_within_their_intervals() -> None:
-    rig, run, test = rig_run()
-    found = study(run, table(run))
+    rig, _, test = rig_run()
+    found = fitted()
     error, sd = errors(found, rig, test)
     fx, fy, fz = np.sqrt((error**2).mean(axis=0)) / 20.0
     assert fz < 0.007
@@ -68,8 +75,8 @@ def test_forces_of_other_motions_are_right_and_within_their_intervals() -> None:
 
 
 def test_a_file_gives_the_forces_of_the_fit(tmp_path: Path) -> None:
-    _, run, test = rig_run()
-    found = study(run, table(run))
+    _, _, test = rig_run()
+    found = fitted()
     save_calibration(tmp_path / "mine.toml", found.file)
     again = load_calibration(str(tmp_path / "mine.toml"))
     one = ForceEstimator(ARRAY, found.file).process(regular_block(test.readings[:500], 100.0))
@@ -104,9 +111,7 @@ def test_presses_without_shear_ask_for_shear() -> None:
     run = rig.run("flat", SECONDS, rng)
     found = study(run, table(run))
     assert any("along y" in words and "push sideways" in words for words in found.file.verdict)
-    assert not any(
-        "push sideways" in words for words in study(rig_run()[1], table(rig_run()[1])).file.verdict
-    )
+    assert not any("push sideways" in words for words in fitted().file.verdict)
 
 
 def test_a_taxel_that_was_never_touched_says_so() -> None:
@@ -183,8 +188,7 @@ def test_too_short_a_log_is_refused() -> None:
 
 
 def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
-    rig, run, _ = rig_run()
-    walk = study(run, table(run)).file
+    rig, _, _ = rig_run()
     loads, readings, taxels = _probed(rig)
     seen = rig.reference.seen(loads)
     reference = ReferenceTable(np.arange(len(seen)) / 100.0, seen, taxels)
@@ -192,7 +196,7 @@ def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
         ARRAY, np.arange(len(seen)) / 100.0, readings, reference, Identity("probe"), models=("pairs",)
     )
     assert not any("hardly separated" in words for words in found.file.verdict)
-    assert walk.array == found.file.array
+    assert fitted().file.array == found.file.array
 
 
 def _probed(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -213,7 +217,7 @@ def _probed(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_loads_beyond_the_calibrated_range_are_flagged_and_uncertain() -> None:
     rig, run, _ = rig_run()
-    found = study(run, table(run))
+    found = fitted()
     heavy = replace(run.loads, taxels_n=2.5 * run.loads.taxels_n)
     readings = rig.sensor.readings(heavy.taxels_n, 100.0, np.random.default_rng(5))
     events = estimates(found, readings)
@@ -234,8 +238,8 @@ def test_the_drawn_reference_turns_forces_and_moments_alike() -> None:
 
 @pytest.mark.parametrize("cuts", [(1, 2, 3), (500, 777), tuple(range(100, 1000, 7))])
 def test_a_fitted_file_gives_identical_events_for_any_chunking(cuts: tuple[int, ...]) -> None:
-    _, run, test = rig_run()
-    file = study(run, table(run)).file
+    _, _, test = rig_run()
+    file = fitted().file
     block = regular_block(test.readings[:1000], 100.0)
     whole = ForceEstimator(ARRAY, file)
     expected = whole.process(block)
