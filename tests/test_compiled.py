@@ -301,11 +301,11 @@ def tree(tmp_path: Path) -> Path:
     package = tmp_path / "tactiled"
     package.mkdir()
     shutil.copy(ROOT / "tactiled" / "compiled.py", package)
-    shutil.copy(ROOT / "tactiled" / "detect" / "contact" / "trees.py", package)
-    shutil.copy(ROOT / "tactiled" / "detect" / "contact" / "trees.pxd", package)
+    (package / "small.py").write_text("def twice(x):\n    return 2 * x\n")
+    (package / "small.pxd").write_text("cpdef double twice(double x)\n")
     text = (package / "compiled.py").read_text()
     first, last = text.index("MODULES = ("), text.index("SETTING =")
-    (package / "compiled.py").write_text(f'{text[:first]}MODULES = ("tactiled.trees",)\n{text[last:]}')
+    (package / "compiled.py").write_text(f'{text[:first]}MODULES = ("tactiled.small",)\n{text[last:]}')
     return tmp_path
 
 
@@ -324,11 +324,11 @@ def test_the_hook_compiles_a_module_and_one_of_another_source_is_refused(tree: P
     assert "without a C compiler" in names.why_plain()
     (library,) = hook.compile_modules(tree)
     assert names.why_plain() == ""
-    assert names.compiled_module("tactiled.trees").Trees is not None
-    source = tree / "tactiled" / "trees.py"
+    assert names.compiled_module("tactiled.small").twice(2) == 4.0
+    source = tree / "tactiled" / "small.py"
     source.write_text(source.read_text() + "# changed\n")
     assert "install again" in names.why_plain()
-    assert names.compiled_module("tactiled.trees") is None
+    assert names.compiled_module("tactiled.small") is None
     assert hook.compile_modules(tree) != [library]
     assert not library.exists()
 
@@ -341,7 +341,7 @@ def test_without_a_compiler_scans_take_plain_python(
     monkeypatch.setenv("CC", compiler)
     assert hook.compile_modules(tree) == []
     assert "plain Python" in capsys.readouterr().err
-    assert names.compiled_module("tactiled.trees") is None
+    assert names.compiled_module("tactiled.small") is None
 
 
 def test_the_environment_forces_plain_python() -> None:

@@ -36,7 +36,12 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
             (copy / name).write_bytes((ROOT / name).read_bytes())
     project = copy / "pyproject.toml"
     project.write_text(project.read_text().replace('address = ""', f'address = "{ADDRESS}"'))
-    release.build(copy, folder)
+    quick = folder / "cc"  # what is compiled is loaded here, not measured
+    quick.write_text('#!/bin/sh\nexec cc "$@" -O0\n')
+    quick.chmod(0o755)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("CC", str(quick))
+        release.build(copy, folder)
     assert release.contradictions(copy, folder) == []
     return {path.name.split("-")[0]: path for path in folder.glob("*.whl")}
 

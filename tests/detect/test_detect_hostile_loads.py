@@ -218,7 +218,7 @@ def test_a_turn_is_told_where_scans_come_fast(setting: Setting) -> None:
 
 def test_a_gap_that_a_wrong_rate_makes_shorter_than_nothing_tells_nothing() -> None:
     """Rows 10 ms apart that are said to come at 20 Hz, and 75 ms between two of them."""
-    block = dataclasses.replace(Touch(slide_s=4.0).block(ARRAY, 100.0), rate_hz=20.0)
+    block = dataclasses.replace(Touch(stop_s=5.0, lift_s=5.5, end_s=6.0).block(ARRAY, 100.0), rate_hz=20.0)
     before, after = block[:400], block[408:]
     after = dataclasses.replace(after, index=after.index + 1)
     suite = build_suite(ARRAY, DetectParams(setting="fast"))

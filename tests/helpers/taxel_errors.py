@@ -28,6 +28,7 @@ _FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
 # Loads of a taxel at which the load curve is compared: from the dead zone to 27 N on the array.
 _SMALLEST_N, _LARGEST_N = 0.1, 3.0
 _SLIDE_MM = 9.0  # 7.5 waves of 1.2 mm: the curves of the paper have 7 to 8 peaks
+_WAVES_MM = 3.0  # of sliding, which hold a wave of the longest and of the most tilted grooves
 _STEP_MM = 0.02
 _RUN_IN_MM = 0.6
 _KNEE_MM = 0.42  # travel after which the whole contact slips
@@ -155,7 +156,7 @@ def normal_ripple(period_mm: float, angle_deg: int) -> FloatArray:
 
 def side_ripple(period_mm: float, angle_deg: int) -> FloatArray:
     """Normal force on the leading half of one unit along a slide under its load."""
-    felt = _slide(Surface(0.6, period_mm, angle_deg, 0.1), "force", LOAD_N, _SLIDE_MM)
+    felt = _slide(Surface(0.6, period_mm, angle_deg, 0.1), "force", LOAD_N, _WAVES_MM)
     return np.array([one.side_n[0, 0] for one in felt])
 
 

@@ -53,10 +53,10 @@ def contact(scene: Scene) -> PhysicalContact:
 def test_below_the_limit_friction_balances_the_load(
     part: float, direction_deg: float, mass_kg: float
 ) -> None:
-    pulled = load(6.0 * part, 2.0, direction_deg=direction_deg)
-    hold = {"kind": "hold", "duration_s": 2.0}
+    pulled = load(6.0 * part, 1.0, direction_deg=direction_deg)
+    hold = {"kind": "hold", "duration_s": 1.0}
     truth = Truth(held(PRESS, pulled, hold, held_object={"mass_kg": mass_kg}))
-    state = truth.state(np.array([4.4]))
+    state = truth.state(np.array([2.4]))
     x, y = -state.tangential_n[0].sum(axis=0)
     assert complex(x, y) == pytest.approx(6.0 * part * np.exp(1j * np.deg2rad(direction_deg)), abs=0.1)
     assert np.linalg.norm(state.velocity_mm_s) < 0.1
