@@ -31,15 +31,14 @@ class Size(Enum):
 
 def all_looks(pool: Executor, size: Size, progress: ProgressBar) -> dict[str, list[Looks]]:
     """Return the looks of the worlds of each generator."""
-    jobs = [(name, TRAINED_FROM + at) for name in GENERATORS for at in range(0, size.worlds, BATCH)]
+    starts = range(TRAINED_FROM, TRAINED_FROM + size.worlds, BATCH)
+    jobs = [(name, range(at, at + BATCH), MINUTES) for name in GENERATORS for at in starts]
     looks: dict[str, list[Looks]] = {name: [] for name in GENERATORS}
-    for (name, _), found in zip(jobs, pool.map(_looks, jobs), strict=True):
+    for (name, *_), found in zip(jobs, pool.map(_looks, jobs), strict=True):
         looks[name] += found
         progress.advance(f"worlds of {name}")
     return looks
 
 
-def _looks(job: tuple[str, int]) -> list[Looks]:
-    name, start = job
-    worlds = draw(name, range(start, start + BATCH), MINUTES)
-    return [looks for looks in map(looks_of, worlds) if len(looks.signs)]
+def _looks(job: tuple[str, range, float]) -> list[Looks]:
+    return [looks for looks in map(looks_of, draw(*job)) if len(looks.signs)]

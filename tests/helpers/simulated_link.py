@@ -5,6 +5,8 @@ from collections.abc import Callable
 from tactiled.array import Array
 from tactiled.daemon.board.link import make_link
 from tactiled.daemon.board.requirements import SessionParams
+from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.suite import DetectParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.line.faults import FaultKind, FaultParams
@@ -12,7 +14,7 @@ from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.phases import HoldPhase, LiftPhase, PressPhase, RestPhase, SlidePhase
 from tactiled.events.types import Event, StatusEvent
-from tactiled.pipeline import Pipeline
+from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 from tactiled.wire.layout import Layout
@@ -66,7 +68,8 @@ class SimulatedLink:
         self.port = EmulatedPort(
             scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=on_scan
         )
-        self.pipeline = Pipeline(layout, array)
+        seldom = DetectParams(texture=JointParams(hop_s=10.0))  # fits take more time than all the rest
+        self.pipeline = Pipeline(layout, array, PipelineParams(detect=seldom))
         self.link = make_link(self.pipeline, session or SessionParams(), layout.file.baud)
         self.session = self.link.session
         self.connects = 0
