@@ -11,6 +11,7 @@ from touches import LSB, Touch, contact_states, onsets, pieces, run, slips, spli
 
 from tactiled.array import load_array
 from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
@@ -19,6 +20,7 @@ from tactiled.samples.block import Gap, ScanBlock, regular_block
 WANG = load_array("wang2019-3x3")
 TOUCH = Touch().block(WANG)  # from 100 s on, scan 7 on: press at 0.5, slide at 4, stop at 8, lift at 10
 START_S = 100.0
+SELDOM = JointParams(hop_s=2.0)  # fits over a plate without grooves
 OFFSET = np.linspace(-0.3, 0.45, 36)  # a zero that has drifted
 
 
@@ -297,10 +299,14 @@ def test_the_same_calls_between_the_same_scans_bring_the_same_events(
     assert play(cuts) == play([])
 
 
-def test_an_inhibition_covers_grip_messages_of_its_time_only() -> None:
-    params = DetectParams()
-    plain = [e for e in TunedSuite(WANG, params).process(TOUCH) if isinstance(e, GripEvent)]
-    tuned = TunedSuite(WANG, params)
+@pytest.fixture(scope="module")
+def with_grip() -> list[Event]:
+    return TunedSuite(WANG, DetectParams(texture=SELDOM)).process(TOUCH)
+
+
+def test_an_inhibition_covers_grip_messages_of_its_time_only(with_grip: list[Event]) -> None:
+    plain = [e for e in with_grip if isinstance(e, GripEvent)]
+    tuned = TunedSuite(WANG, DetectParams(texture=SELDOM))
     tuned.inhibit(103.0, 0.5)
     marked = [e for e in tuned.process(TOUCH) if isinstance(e, GripEvent)]
     assert len(plain) == len(marked) > 800
@@ -309,8 +315,8 @@ def test_an_inhibition_covers_grip_messages_of_its_time_only() -> None:
         assert after == (replace(before, valid=False, suppressed="inhibit") if covered else before)
 
 
-def test_grip_messages_leave_the_other_events_alone() -> None:
-    with_grip = TunedSuite(WANG, DetectParams()).process(TOUCH)
+def test_grip_messages_leave_the_other_events_alone(with_grip: list[Event]) -> None:
     others = [e for e in with_grip if not isinstance(e, GripEvent)]
-    assert others == TunedSuite(WANG, DetectParams(grip=GripParams(publish=False))).process(TOUCH)
+    without = DetectParams(texture=SELDOM, grip=GripParams(publish=False))
+    assert others == TunedSuite(WANG, without).process(TOUCH)
     assert [e.evidence_s for e in with_grip] == sorted(e.evidence_s for e in with_grip)

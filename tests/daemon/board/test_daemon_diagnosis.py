@@ -112,7 +112,8 @@ def test_heavy_noise_is_not_a_wrong_baud_rate() -> None:
 
 
 def test_noise_that_lets_most_frames_pass_is_a_warning() -> None:
-    line = Line([flipped(b"".join(scans(LAYOUT)), 1e-3)[k : k + 85] for k in range(0, 34000, 85)])
+    stream = flipped(b"".join(scans(LAYOUT)), 1e-3)
+    line = Line([stream[k : k + 85] for k in range(0, 34000, 85)])
     assert line.fault == ""
     assert "% of the bytes are damaged: noise on the line" in line.watch.warning()
 

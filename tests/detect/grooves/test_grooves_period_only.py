@@ -117,7 +117,7 @@ def test_the_interval_ends_at_the_permitted_periods() -> None:
 
 
 def test_known_places_without_shear_answer_too() -> None:
-    block = ridges(2, {4.0: 1.0})
+    block = ridges(2, {4.0: 1.0}, seconds=5.0)
     readings = 1.0 + (block.volts - 2000) / 1000
     found = answers(NOWHERE, [regular_block(readings, RATE_HZ)], speed_mm_s=10.0)
     assert found[-1].status == "period-only"

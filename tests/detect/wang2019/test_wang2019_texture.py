@@ -59,7 +59,7 @@ def test_answers_every_ten_seconds_while_slip_lasts() -> None:
 @pytest.mark.parametrize("angle_deg", [-40.0, -10.0, 0.0, 25.0, 55.0])
 def test_period_and_angle_whichever_way_it_slides(direction_deg: float, angle_deg: float) -> None:
     good = []
-    for seed in range(4):
+    for seed in range(2):
         touch = dataclasses.replace(SLIDE, grooves=(1.2, angle_deg), direction_deg=direction_deg, seed=seed)
         good += [event for event in detect(touch) if event.status == "ok"]
     assert good
