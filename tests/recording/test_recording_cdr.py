@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -71,6 +71,7 @@ def as_ros(store: Any, value: Any, kind: Any) -> Any:
 
 @EACH
 @given(data=st.data())
+@settings(deadline=None, max_examples=40)
 def test_bytes_are_those_of_an_independent_encoder(schema: Schema, data: st.DataObject) -> None:
     kinds = KINDS[schema]
     message = {name: data.draw(values(kind), label=name) for name, kind in kinds.items()}

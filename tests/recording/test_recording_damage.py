@@ -69,8 +69,8 @@ def check(small: tuple[Path, bytes, list[Item], list[int]], at: int, mask: int) 
     assert bool(extent.words()) != extent.is_whole
 
 
-def test_any_byte_of_the_chunks_may_flip(small: tuple[Path, bytes, list[Item], list[int]]) -> None:
-    for at in range(small[3][0] - 400, small[3][-1]):
+def test_each_second_byte_of_the_chunks_may_flip(small: tuple[Path, bytes, list[Item], list[int]]) -> None:
+    for at in range(small[3][0] - 400, small[3][-1], 2):
         check(small, at, 0xFF)
 
 

@@ -6,7 +6,7 @@ import pytest
 from tactiled.wire.codec import Decoder
 
 
-@pytest.mark.parametrize("seed", range(0, 200, 50))
+@pytest.mark.parametrize("seed", range(0, 100, 50))
 def test_streams_of_the_fuzzer_pass(seed: int) -> None:
     assert sum(fuzz.check(seed + k) for k in range(50)) > 10_000
 

@@ -49,7 +49,7 @@ def test_any_split_gives_the_same(layout: Layout, direction: Direction, data: st
 
 
 @given(data=st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None)
 def test_every_layout_round_trips_in_any_split(data: st.DataObject) -> None:
     layout = data.draw(layouts())
     ways = [way for way in DIRECTIONS if layout.incoming(way)]
@@ -114,7 +114,7 @@ def test_a_damaged_frame_costs_itself_only(layout: Layout, data: st.DataObject) 
 
 
 @given(data=st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None)
 def test_a_damaged_frame_costs_itself_only_on_any_layout(data: st.DataObject) -> None:
     # With 32 bits of checksum: 16 let a false frame hide a true one once in some thousand runs.
     layout = data.draw(layouts(checksums=("crc-32/iso-hdlc",)))

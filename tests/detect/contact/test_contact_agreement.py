@@ -27,7 +27,7 @@ HANDS = {
 
 @pytest.fixture(scope="module", params=sorted(GENERATORS))
 def worlds(request: pytest.FixtureRequest) -> list[World]:
-    n = 3 if request.param == "plates" else 6  # their contact models take a second a world
+    n = 3 if request.param == "plates" else 4  # their contact models take a second a world
     found = draw(request.param, range(7000, 7000 + n), 0.2, HANDS[request.param])
     assert any(world.slips for world in found)
     return found

@@ -78,16 +78,12 @@ def test_beyond_the_limit_it_accelerates_by_newtons_law() -> None:
 def test_an_early_grip_keeps_the_object_and_a_late_one_loses_it() -> None:
     scene = load_scene("grasp")
 
-    def play(raise_grip: bool) -> Truth:
-        simulation = Simulation(scene, V1)
-        for _ in simulation:
-            if raise_grip:
-                state = simulation.truth.state(np.array([simulation.now_s]))
-                if state.slipping_share[0] > 0.3:
-                    simulation.grip(float(state.load_n[0]) * 1.2)
-        return simulation.truth
-
-    lost, kept = play(False), play(True)
+    simulation, lost = Simulation(scene, V1), Truth(scene)
+    for _ in simulation:
+        state = simulation.truth.state(np.array([simulation.now_s]))
+        if state.slipping_share[0] > 0.3:
+            simulation.grip(float(state.load_n[0]) * 1.2)
+    kept = simulation.truth
     assert len(lost.slips) == 1
     assert lost.travel_mm(np.array([lost.t0_s + 14.0]))[0, 1] == pytest.approx(20.0)
     assert kept.slips == []
