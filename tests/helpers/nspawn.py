@@ -60,9 +60,9 @@ def make_wheels(folder: Path, version: str) -> None:
     projects = [copy / "pyproject.toml", *copy.glob("packages/*/pyproject.toml")]
     for path in (*projects, copy / "packages" / "client" / "tactiled" / "version.py"):
         path.write_text(path.read_text().replace(__version__, version))
-    pip = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
-    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder)]
-    subprocess.run([*build, *(str(path.parent) for path in projects)], check=True, timeout=COMMAND_S)
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    for path in projects:
+        subprocess.run(build, cwd=path.parent, check=True, timeout=COMMAND_S)
 
 
 def download_pins(folder: Path) -> None:

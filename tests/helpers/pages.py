@@ -102,10 +102,6 @@ class Robot:
             child.wait()
             raise
 
-    def wait(self, name: str) -> int:
-        """Wait for the end of a process and return its exit code."""
-        return self._children[name].wait(PATIENCE_S)
-
     def stop_all(self) -> None:
         for name in [*self._children]:
             self.stop(name, signal.SIGKILL)

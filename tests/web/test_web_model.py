@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -42,12 +41,17 @@ MODEL = """async () => {
 }"""
 
 
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of the page of a server whose daemon does not run."""
+    with robot(tmp_path_factory.mktemp("robot")) as made:
+        yield made.serve()
+
+
 @pytest.fixture
-def opened(tmp_path: Path, page: Page) -> Iterator[Page]:
-    """The page of a server whose daemon does not run."""
-    with robot(tmp_path) as made:
-        page.goto(made.serve())
-        yield page
+def opened(address: str, page: Page) -> Page:
+    page.goto(address)
+    return page
 
 
 def model(page: Page, act: str) -> Any:

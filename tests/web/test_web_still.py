@@ -13,8 +13,8 @@ from recordings import record, simulated_reads
 from stage import stage
 
 pytestmark = pytest.mark.system
-MOST_SHIFT = 0.05  # of a minute; web.dev calls 0.1 for 5 s good
-WATCHED_MS = 60_000
+MOST_SHIFT = 0.05  # of half a minute; web.dev calls 0.1 for 5 s good
+WATCHED_S = 30  # the demo of 20 s, the pause without a board, and the beginning of the next
 WATCH = """() => {
   window.shifts = [];
   new PerformanceObserver((list) => { for (const entry of list.getEntries()) shifts.push(entry.value); })
@@ -33,7 +33,7 @@ PAIRS = [
 ]  # fmt: skip
 
 
-def test_a_minute_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: Path) -> None:
+def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: Path) -> None:
     with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 20.0)) as endpoint:
         made.endpoint = endpoint
         url = made.serve()
@@ -46,8 +46,8 @@ def test_a_minute_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path:
         for page in pages.values():
             page.evaluate("shifts.length = 0")
         sentences = set()
-        for _ in range(60):
-            page.wait_for_timeout(WATCHED_MS / 60)
+        for _ in range(WATCHED_S):
+            page.wait_for_timeout(1000)
             sentences.add(page.locator(".advice").inner_text().split(" since")[0])
         moved = {name: sum(page.evaluate("shifts")) for name, page in pages.items()}
         for page in pages.values():
