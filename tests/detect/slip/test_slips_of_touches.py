@@ -390,20 +390,6 @@ def test_noise_that_changes_a_hundredfold_is_no_slip_and_hides_none(before: floa
     assert events[0].detected_s - START_S - 14.0 < 0.1
 
 
-@pytest.mark.parametrize("channels", [1, 3, 6])
-@given(st.integers(0, 35), st.sampled_from([-1.0, 0.3, 1.0]), st.sampled_from([1, 20, 300]))
-@settings(max_examples=15, deadline=None)
-def test_neighbouring_channels_that_jump_are_no_slip(
-    channels: int, first: int, jump: float, scans: int
-) -> None:
-    """A spark beside the cable, a stuck bit, a wire that comes loose."""
-    block = Touch(slide_s=8.0, stop_s=8.5).block(ARRAY)[:750]
-    volts = block.volts.copy()
-    struck = (first + np.arange(channels)) % ARRAY.n_channels
-    volts[400 : 400 + scans, struck] = np.clip(volts[400 : 400 + scans, struck] + jump, 0, 3)
-    assert slips(detect(dataclasses.replace(block, volts=volts), "fast")) == []
-
-
 @pytest.mark.xfail(strict=True, reason="shear that grows for seconds is taken for growing friction")
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_a_creep_of_many_seconds_is_found_before_it_is_gross(setting: str) -> None:
