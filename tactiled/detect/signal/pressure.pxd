@@ -1,9 +1,10 @@
 """Types of C for pressure.py, which hatch_build.py compiles."""
 
 cdef extern from "math.h" nogil:
+    cpdef double exp(double x)
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN
+cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
 cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS
 cdef long _LEAST_SIDES, _GROUP_SCANS, _FEWEST
 
@@ -34,7 +35,7 @@ cdef class RestNoise:
 
 cdef _insert(double[::1] values, long n, double value)
 
-cdef double _median(double[::1] values, long n)
+cdef double _median_of_rounded(double[::1] values, long n, double half)
 
 
 cdef class Levels:

@@ -5,7 +5,7 @@ with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arra
 """
 
 from array import array
-from math import sqrt
+from math import exp, sqrt
 from typing import Any
 
 from tactiled.array import FloatArray
@@ -28,6 +28,12 @@ _MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
 # derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
 # of the true one once in 2,000 draws.
 _FEWEST = 8
+# derived: standard deviation of the logarithm of that median is this over the root of the second differences;
+# neighbours among them share readings, which counts for half of them.
+_LOG_SD = 1.63
+_SURELY = 3.0  # choice: standard deviations by which the noise of few may be stated too small
+# derived: the noise of groups is stated up to two times too small, and levels allow for that.
+_STATED_SMALL = 2.0
 # choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
 # times too small (`RestNoise`): this leaves 6 standard deviations.
 CONTACT_SDS = 12.0
@@ -154,19 +160,32 @@ class RestNoise:
                 self.least_step[c] = min(self.least_step[c], step)
 
     def _take_early(self) -> None:
-        """Take the noise of the channels from the scans of an incomplete group."""
-        n, steps, n_all = self.n_channels, self.steps, 0
+        """Take the noise of the channels from the scans of an incomplete group.
+
+        The more second differences of all channels there are, the less it is stated too small: less is left
+        for the levels to allow for.
+        """
+        n, steps, n_all, step = self.n_channels, self.steps, 0, _INFINITE
+        for at in range(n, self.n_scans * n):
+            change = abs(steps[at] - steps[at - n])
+            if change > 0.0 and self.ok[at] != 0 and self.ok[at - n] != 0:
+                step = min(step, change)
+        half = 0.5 * step if step < _INFINITE else 0.0
         for at in range(2 * n, self.n_scans * n):
             if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
                 bend = abs((steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n]))
                 _insert(self.bends, n_all, bend)
                 n_all += 1
         scale = _MEDIAN * sqrt(_SECOND_DIFFERENCE)
+        common, allowed = 0.0, 0.0
+        if n_all >= _FEWEST:
+            common = _median_of_rounded(self.bends, n_all, half) / scale
+            allowed = min(exp(_SURELY * _LOG_SD / sqrt(n_all)) / _STATED_SMALL, 1.0)
         for c in range(n):
             if n_all < _FEWEST:
                 self.early_noise[c] = _UNKNOWN
                 continue
-            n_own, median = 0, _median(self.bends, n_all)
+            n_own, noise = 0, common * allowed
             for k in range(2, self.n_scans):
                 at = k * n + c
                 if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
@@ -174,8 +193,9 @@ class RestNoise:
                     _insert(self.own, n_own, bend)
                     n_own += 1
             if n_own > 0:
-                median = max(median, _median(self.own, n_own))
-            self.early_noise[c] = max(median / scale, self.early)
+                own = _median_of_rounded(self.own, n_own, half) / scale
+                noise = own if own > _STATED_SMALL * common else noise
+            self.early_noise[c] = max(noise, self.early)
 
 
 def _insert(values: Reals, n: int, value: float) -> None:
@@ -187,9 +207,21 @@ def _insert(values: Reals, n: int, value: float) -> None:
     values[at] = value
 
 
-def _median(values: Reals, n: int) -> float:
-    """Return the median of n ascending values."""
-    return (values[(n - 1) // 2] + values[n // 2]) / 2.0
+def _median_of_rounded(values: Reals, n: int, half: float) -> float:
+    """Return the median of n ascending values that were rounded to a step, by half of that.
+
+    Values that are equal are taken as spread evenly over the step: of noise below a step, the plain median
+    is 0 or the whole step.
+    """
+    middle = (values[(n - 1) // 2] + values[n // 2]) / 2.0
+    n_below, n_same = 0, 0
+    for k in range(n):
+        n_below += 1 if values[k] < middle else 0
+        n_same += 1 if values[k] == middle else 0
+    if n_same == 0:
+        return middle
+    low = max(middle - half, 0.0)
+    return low + (middle + half - low) * (0.5 * n - n_below) / n_same
 
 
 class Levels:
