@@ -56,7 +56,7 @@ cdef class Pressure:
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals, set
+    cdef public double[::1] sign, total_weights, line, totals, set, pressure, taxel_noise
 
     cpdef interrupt(self, double kept)
 

@@ -260,7 +260,9 @@ class Pressure:
     """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
-    in a standard linear solid, and only what is beyond it is compared with the levels.
+    in a standard linear solid, and only what is beyond it is compared with the levels. A magnet of a skin
+    moves with the skin around it: the set of a field follows the mean pressure of the taxels where that is
+    more than the taxel's own.
 
     Parameters
     ----------
@@ -305,7 +307,7 @@ class Pressure:
         self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
-        self.set = array("d", bytes(8 * len(counts)))
+        self.set, self.pressure, self.taxel_noise = (array("d", bytes(8 * len(counts))) for _ in range(3))
         self.is_begun = False
 
     def interrupt(self, kept: float) -> None:
@@ -346,6 +348,7 @@ class Pressure:
         each = 0 if len(readings) == taxels else taxels
         for i in range(n):
             row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
+            loads = 0.0
             becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
@@ -364,10 +367,14 @@ class Pressure:
                 rest_total = total - largest
                 if n_read >= _LEAST_SIDES:
                     total = rest_total + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest_total)
-                pressure = total * self.volts_per_step / max(n_read, 1.0)
-                self.set[t] += self.set_per_scan * (self.set_of_load * max(pressure, 0.0) - self.set[t])
-                pressure -= self.set[t]
-                taxel_noise *= self.volts_per_step
+                self.pressure[t] = total * self.volts_per_step / max(n_read, 1.0)
+                self.taxel_noise[t] = taxel_noise * self.volts_per_step
+                loads += max(self.pressure[t], 0.0)
+            shared = loads / taxels if self.is_field else 0.0
+            for t in range(taxels):
+                set_to = self.set_of_load * max(max(self.pressure[t], shared), 0.0)
+                self.set[t] += self.set_per_scan * (set_to - self.set[t])
+                pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
                 touches = pressure > levels.contact_at(taxel_noise)
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
                 if touches:

@@ -78,6 +78,17 @@ def test_what_a_long_press_leaves_in_a_soft_skin_is_no_contact() -> None:
     assert events[-1].time_s == pytest.approx(22.0, abs=0.05)
 
 
+def test_a_chip_beside_the_press_keeps_the_set_of_the_skin() -> None:
+    of_chips = np.zeros((4, 3))
+    of_chips[:, 2] = [1.0, 1.0, -1.0, 0.3]
+    load, held = press(20.0, 0.0, after_s=5.0), round(22 * RATE_HZ)
+    values = readings(load, of_chips.ravel())
+    values[held:, 2::3] += 0.06 * LOAD * np.array([1.0, 1.0, -1.0, 1.0])  # 20 % of its own press for the last
+    assert [event.state for event in contacts(FIELD, values)] == ["loading", "holding", "none"]
+    of_counts = np.hstack([values[:, 2:9:3] * [1.0, 1.0, -1.0], values[:, 11:]])
+    assert "none" not in [event.state for event in contacts(COUNTS, of_counts)]  # a cell feels its own press
+
+
 def test_a_light_hold_after_a_short_press_goes_on() -> None:
     events = contacts(COUNTS, readings(press(1.0, 0.06, after_s=5.0), np.ones(4)))
     assert "none" not in [event.state for event in events]
