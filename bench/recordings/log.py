@@ -16,6 +16,7 @@ from tactiled.errors import DataError
 FloatArray = NDArray[np.float64]
 
 _PRESSED = 0.05  # of the range of the force: beyond drift and creep of the force sensor
+_FREE = 0.005  # of the range of the force: between the two, a light touch is neither right nor wrong
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +53,19 @@ class Log:
     @property
     def is_pressed(self) -> NDArray[np.bool_]:
         """Scans (n,) at which the force is beyond a twentieth of its range."""
+        return self._force_of_range > _PRESSED
+
+    @property
+    def is_free(self) -> NDArray[np.bool_]:
+        """Scans (n,) at which the force is below half a percent of its range."""
+        return self._force_of_range < _FREE
+
+    @property
+    def _force_of_range(self) -> FloatArray:
         assert self.forces is not None
         size = np.linalg.norm(np.nan_to_num(self.forces), axis=1)
         size -= size.min()
-        return np.asarray(size > _PRESSED * size.max())
+        return np.asarray(size / size.max())
 
     @property
     def step_s(self) -> float:
