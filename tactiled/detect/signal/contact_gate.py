@@ -40,6 +40,9 @@ _EARLY_OF_RANGE = 1 / 64
 # is between those of presses and of holds.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too
+# prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
+# what is left of a load below this part of it is rather an object that was lost.
+_SET_OF_SHEARED = 0.05
 
 
 class ContactParams(Params):
@@ -143,7 +146,7 @@ class ContactTracker:
             levels,
             RestNoise(array.n_channels, early / self._grid.volts_per_step),
             array.is_field,
-            0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
+            0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))

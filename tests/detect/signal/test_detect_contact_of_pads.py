@@ -72,6 +72,13 @@ def test_a_light_hold_after_a_long_press_goes_on_where_shear_over_load_is_measur
     assert "none" not in [event.state for event in events]
 
 
+def test_an_object_that_is_lost_ends_the_contact_though_the_skin_keeps_a_little() -> None:
+    axes = pad("count", "shear_x", "shear_y", "normal")
+    events = contacts(axes, readings(press(20.0, 0.03, after_s=5.0), np.tile([0.2, 0.0, 1.0], 4)))
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[-1].time_s == pytest.approx(22.0, abs=0.05)
+
+
 def test_what_a_long_press_leaves_in_a_soft_skin_is_no_contact() -> None:
     events = contacts(COUNTS, readings(press(20.0, 0.06), np.ones(4)))
     assert [event.state for event in events] == ["loading", "holding", "none"]
