@@ -169,7 +169,7 @@ def _ask(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> 
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
         return Found(source, question, len(logs), Periods.count(logs, answers), Periods.count(logs, lines))
-    says = ours.slips if question == "slip" else ours.touches
+    says = {"slip": ours.slips, "touch": ours.touches, "loss": ours.loses}[question]
     decisions = Decisions.count(logs, [says(log, array) for log in logs])
     of_rule = Decisions.count(logs, by_threshold(logs, LOG_RULES[rule]))
     return Found(source, question, len(logs), decisions, of_rule, Decisions.count(logs, by_trees(logs)))

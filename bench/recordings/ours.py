@@ -42,6 +42,12 @@ def touches(log: Log, array: Array) -> bool:
     return bool(contact(log, array).any())
 
 
+def loses(log: Log, array: Array) -> bool:
+    """Return True where a contact is reported that is over before the log is."""
+    in_contact = contact(log, array)
+    return bool(in_contact.any() and not in_contact[-1])
+
+
 def periods_mm(log: Log, array: Array) -> list[float]:
     """Return the periods that are reported, in order; `--sliding --speed V --max-tilt 10`."""
     texture = {"speed_mm_s": log.speed_mm_s, "max_tilt_deg": _TILT_DEG}

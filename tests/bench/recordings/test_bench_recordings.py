@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from bench.__main__ import bench
+from bench.recordings import ours
 from bench.recordings.bench import Contacts, Decisions, Periods
 from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
@@ -24,6 +25,7 @@ from bench.recordings.rules import (
     strongest_line_hz,
 )
 from bench.recordings.sources import READERS
+from tactiled.array import ArrayFile, TaxelChannel, build
 from tactiled.errors import DataError
 
 
@@ -132,6 +134,26 @@ def test_a_load_that_falls_away() -> None:
     time_s = np.arange(300) / 100.0
     assert load_fall(Log("held", "box", time_s, held)) == 0.0
     assert load_fall(Log("dropped", "box", time_s, dropped)) == 1.0
+
+
+def test_a_contact_that_is_over_was_lost() -> None:
+    array = build(
+        ArrayFile(
+            name="cells",
+            unit="count",
+            range=(0, 4095),
+            zero=50.0,
+            taxel_count=4,
+            taxel_channels=(TaxelChannel(name="N", kind="normal"),),
+        )
+    )
+    time_s = np.arange(500) / 100.0
+    load = np.where(time_s > 1.0, 500.0, 0.0)
+    dropped = np.where(time_s < 4.0, load, 0.0)
+    noise = np.random.default_rng(0).normal(size=(500, 4)) + 50.0
+    courses = (load, dropped, 0.0 * load)
+    said = [ours.loses(Log("", "", time_s, np.rint(one[:, np.newaxis] + noise)), array) for one in courses]
+    assert said == [False, True, False]
 
 
 def test_counts_name_what_was_asked() -> None:
