@@ -12,7 +12,8 @@ lengths, over the noise of each channel. It is evidence of slip where
 
 Where all channels are loads, what counts is the load that moves over a pad: a press raises all taxels, a
 slip takes load from some of them to others. So does a body that rocks or is tugged: the slip is "incipient".
-Growth in which the contact begins or ends is left out.
+So does a hand that closes: growth in which the contact begins or ends is left out, and so is the first second
+of a contact.
 
 A press may grow as a tug does: which axes of a magnetic skin it changes depends on where its magnets are. On
 one public recording it changed x and y twice as much as z, where tugs changed z twice as much as x and y. The
@@ -129,7 +130,9 @@ class GrowthTracker:
                 self.slides = False
                 return Change(row, False, float(over[0]), 0)
             return None
-        is_new = min(self._since_slip, self._since_touch) >= self._spans  # none of the slip before
+        is_new = self._since_slip >= self._spans  # none of the slip before
+        # While a hand closes, load comes to some cells and leaves others, as in a slip.
+        is_new &= self._since_touch >= self._spans + self._n_hold
         if not (found := np.flatnonzero((over > GROWS) & lasts & is_new)).size:
             return None
         self.slides, self._n_slow = True, 0

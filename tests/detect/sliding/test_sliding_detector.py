@@ -199,14 +199,14 @@ def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
     assert end.detected_s <= SLIDE_S[1] + 3 * hop_s
 
 
-def moved(part: float, pads: int = 1) -> list[SlipEvent]:
-    """Slips of a hold in which a part of the load of eight taxels moves to the others from 6 to 7 s."""
+def moved(part: float, pads: int = 1, from_s: float = 6.0, takes_s: float = 1.0) -> list[SlipEvent]:
+    """Slips of a hold in which a part of the load of eight taxels moves to the others."""
     channel = {"name": "N", "kind": "normal"}
     places = [{"x_mm": 4.0 * k, "y_mm": 0.0, "pad": k * pads // 16} for k in range(16)]
     document = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxels": places}
     array = build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
     t = np.arange(N)[:, np.newaxis] / RATE_HZ
-    away = np.where(np.arange(16) < 8, -part, part) * np.clip(t - 6, 0, 1)
+    away = np.where(np.arange(16) < 8, -part, part) * np.clip((t - from_s) / takes_s, 0, 1)
     return slips(build_methods(array, DetectParams(), topics=("slip",)).process(hold(5, away)))
 
 
@@ -216,6 +216,11 @@ def test_load_that_moves_over_the_array_is_an_incipient_slip() -> None:
     assert 6.0 < onset.detected_s < 7.0
     assert moved(0.01) == []
     assert moved(0.2, pads=2) == []  # from one finger to the other: the object is lifted or turned
+
+
+def test_load_that_moves_while_a_hand_closes_is_no_slip() -> None:
+    assert moved(0.9, from_s=1.5, takes_s=0.3) == []  # the press begins at 1 s
+    assert moved(0.9, from_s=2.5, takes_s=0.3)[0].kind == "incipient"
 
 
 @pytest.mark.parametrize("unknown", [True, False])
