@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactiled.array import load_array
+from tactiled.array import ArrayFile, TaxelChannel, build, load_array
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.reference import ReferenceSensor
@@ -139,6 +139,28 @@ def test_a_wrong_reference_is_refused_with_advice(change, says: str) -> None:  #
     reference = table(run)
     with pytest.raises(DataError, match=says):
         study(run, replace(reference, values=change(reference.values)))
+
+
+def test_a_log_that_begins_under_load_is_refused_with_advice() -> None:
+    rng = np.random.default_rng(0)
+    time_s = np.arange(6000) / 100.0
+    fz_n = 10.0 * (np.sin(0.9 * time_s + 1.5) > 0)
+    pad = build(
+        ArrayFile(
+            name="pad",
+            unit="count",
+            range=(0, 4095),
+            zero="first 0.3 s",
+            taxel_count=1,
+            taxel_channels=(TaxelChannel(name="N", kind="normal"),),
+        )
+    )
+    values = np.full((6000, 6), np.nan)
+    values[:, 2] = fz_n + 0.01 * rng.normal(size=6000)
+    reference = ReferenceTable(time_s, values, np.full(6000, NO_TAXEL))
+    readings = np.rint(1000.0 + 100.0 * fz_n + 3.0 * rng.normal(size=6000))[:, np.newaxis]
+    with pytest.raises(DataError, match="begins under load"):
+        calibrate(pad, time_s, readings, reference, Identity("pad"))
 
 
 def test_grams_of_light_presses_are_refused_too() -> None:

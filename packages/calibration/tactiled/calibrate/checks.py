@@ -89,9 +89,13 @@ def check_signs(
 ) -> None:
     """Refuse a reference whose axes point the other way, or are swapped."""
     if 2 in used and (_falls(log, outputs, rows) or (correlation < 0 and has_signs(array))):
+        of_zero = (
+            f" If its sign is right, the log begins under load, and its first {array.zero_first_s:g} s are "
+            "no zero: cut it where nothing touches the array, or give zero = [...] in the array file"
+        )
         raise DataError(
             "fz_n falls when the array is pressed: force is what the object does to the skin, and fz_n > 0 "
-            "presses. Multiply fz_n by -1, and check the other axes"
+            "presses. Multiply fz_n by -1, and check the other axes." + of_zero * bool(array.zero_first_s)
         )
     weights = array.shear_weights().sum(axis=1)
     if not weights.any() or not has_signs(array):
