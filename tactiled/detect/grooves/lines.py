@@ -48,6 +48,7 @@ _LEAST_BINS = 40
 _FLOOR_ORDER = 2  # choice
 _LEVEL_ORDER = 4  # choice
 LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
+_HARMONICS = (2, 3)  # choice
 # prior: bins to either side whose level a line must exceed, and the order of the polynomial through them:
 # enough for a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten
 # bins.
@@ -282,10 +283,22 @@ class StrongestSwing(NamedTuple):
     in_phase: float
 
 
-def strongest_swing(spectrum: SwingSpectrum, band_cycles: tuple[float, float]) -> StrongestSwing:
-    """Find the strongest swings, those of the largest power times frequency."""
+def strongest_swing(
+    spectrum: SwingSpectrum, band_cycles: tuple[float, float], without: int | None = None
+) -> StrongestSwing:
+    """Find the strongest swings, those of the largest power times frequency.
+
+    Parameters
+    ----------
+    without : int, optional
+        Periods in the window of a swing that is left out, with its harmonics.
+    """
     cycles = np.arange(len(spectrum.values))
     swing = cycles * (np.abs(spectrum.values) ** 2).sum(axis=1)
+    if without is not None:
+        swing[np.abs(cycles - without) <= LOBE] = 0.0
+        for harmonic in _HARMONICS:
+            swing[np.abs(cycles - harmonic * without) <= harmonic + 1] = 0.0
     in_band = (cycles >= max(LEAST_CYCLES, band_cycles[0])) & (cycles <= band_cycles[1])
     strongest = int(np.argmax(np.where(in_band, swing, 0.0)))
     is_slow = int(np.argmax(swing)) < _LEAST_DOMINANT_CYCLES
@@ -317,7 +330,7 @@ def _dominant_line(readings: FloatArray, band_cycles: tuple[float, float]) -> li
         return []
     peak = int(np.argmax(np.where(is_possible, power, 0.0)))
     others = (cycles >= _TREND_CYCLES) & (cycles < n // 2 - 1) & (np.abs(cycles - peak) > LOBE)
-    for harmonic in (2, 3):
+    for harmonic in _HARMONICS:
         others &= np.abs(cycles - harmonic * peak) > harmonic + 1
     if not others.any() or power[peak] < _STANDS_OUT * float(power[others].max()):
         return []

@@ -8,7 +8,8 @@ of motion across the grooves where that is permitted. Without a speed the answer
 frequency alone.
 
 Phases still tell grooves from a machine. Where the strongest swing moves all channels at once, it may be
-the load as a whole, with a motor or an arm, and the answer is "machine". What is slower than a few
+the load as a whole, with a motor or an arm, and the answer is "machine", unless a line that travels is the
+strongest of what is left beside that swing and its harmonics. What is slower than a few
 periods in the window and changes more than a line is no drift but a ripple that the window is too short for:
 "too-few-periods".
 
@@ -62,10 +63,14 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     band_hz = _band_hz(window, (len(readings) - 1) / duration_s if duration_s > 0 else 0.0)
     spectrum = swing_spectrum(readings)
     lines = spectral_lines(spectrum, window.time_s, _FALSE_ALARMS, band_hz)
-    strongest = strongest_swing(spectrum, (band_hz[0] * duration_s, band_hz[1] * duration_s))
-    if strongest.in_phase > _MOST_IN_PHASE:
-        return Refusal("machine", strongest.cycles / duration_s)
+    band_cycles = band_hz[0] * duration_s, band_hz[1] * duration_s
+    strongest = strongest_swing(spectrum, band_cycles)
     waves = [line for line in lines if line.in_phase <= _MOST_IN_PHASE]
+    if strongest.in_phase > _MOST_IN_PHASE:
+        beside = strongest_swing(spectrum, band_cycles, without=strongest.cycles)
+        is_line = bool(waves) and abs(waves[0].frequency_hz * duration_s - beside.cycles) < _SAME_LINE_PERIODS
+        if beside.in_phase > _MOST_IN_PHASE or not is_line:
+            return Refusal("machine", strongest.cycles / duration_s)
     if not waves:
         return Refusal("too-few-periods" if strongest.is_slow else "low-snr")
     gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)

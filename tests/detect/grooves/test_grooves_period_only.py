@@ -241,6 +241,19 @@ def test_what_swings_all_channels_at_once_may_be_a_machine() -> None:
     assert one[-1].status == "period-only"  # a single channel cannot tell
 
 
+def test_a_line_that_travels_beside_a_stronger_machine_is_answered_but_not_its_harmonics() -> None:
+    gains = np.random.default_rng(13).uniform(0.5, 1.5, 16)
+    beside = ridges(12, {4.0: 1.0}, seconds=9.0)
+    shaken = regular_block(beside.volts + 20 * gains * hum(7.1, 2.0, len(beside)), RATE_HZ)
+    last = answers(unknown_places(16), [shaken], speed_mm_s=10.0)[-1]
+    assert last.status == "period-only"
+    assert last.period_mm == pytest.approx(2.5, rel=0.01)
+    twice = ridges(12, {14.2: 1.0}, seconds=9.0)  # where the second harmonic of the machine would be
+    shaken = regular_block(twice.volts + 20 * gains * hum(7.1, 2.0, len(twice)), RATE_HZ)
+    found = answers(unknown_places(16), [shaken], speed_mm_s=10.0)
+    assert {event.status for event in found} == {"machine"}
+
+
 def test_a_weak_ripple_beside_a_strong_one_that_is_too_slow_is_no_answer() -> None:
     lines = {0.25: 60.0, 4.0: 0.5}  # two periods of the first in 8 s, and it changes the readings more
     found = answers(unknown_places(16), [ridges(15, lines, seconds=9.0)], speed_mm_s=5.0, max_period_mm=30.0)
