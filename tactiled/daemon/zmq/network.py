@@ -74,7 +74,7 @@ class Requesters(PeerServer):
         peer.is_idle = False
         connection = self._connections.get(peer)
         if connection is None:
-            # A client that chose its identity keeps its connection when it comes back.
+            # A process that chose its identity is the same requester after it has connected anew.
             own = f"identity {peer.identity.hex()}" if peer.identity else f"number {next(self._numbers)}"
             connection = self._connections[peer] = _Connection(f"{own} of {peer} {peer.pid}")
         connection.n_parts += 1

@@ -99,7 +99,7 @@ class Peer:
         self.address = ""
         """Address of a peer over TCP."""
         if sock.family == socket.AF_UNIX:
-            _, self.uid, _ = _UCRED.unpack(
+            self.pid, self.uid, _ = _UCRED.unpack(
                 sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size)
             )
         else:

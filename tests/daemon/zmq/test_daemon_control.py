@@ -6,6 +6,7 @@ import json
 import os
 import socket
 import struct
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -173,6 +174,32 @@ def test_a_command_of_a_session_is_done_once_over_any_number_of_connections() ->
     assert len(desk.done) == 2
     other = request("speed", "1", session="s", speed_mm_s=6.0)
     assert desk.ask(other, Requester("4"))[0]["reason"] == "id: was used for another request"
+
+
+def test_a_command_that_failed_by_a_fault_is_carried_out_when_it_is_sent_again() -> None:
+    desk = Desk()
+    do, desk.control._do = desk.control._do, lambda *_: 1 // 0  # noqa: SLF001  a fault is put in
+    with pytest.raises(ZeroDivisionError):
+        desk.ask(request("speed", speed_mm_s=5.0))
+    desk.control._do = do  # noqa: SLF001
+    (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
+    assert reply["ok"]
+    assert len(desk.done) == 1
+
+
+def test_a_command_that_is_answered_before_a_fault_is_not_carried_out_again() -> None:
+    desk = Desk()
+
+    def broken(*arguments: Any) -> None:
+        desk.do(*arguments)
+        raise ZeroDivisionError("a bug")
+
+    desk.control._do = broken  # noqa: SLF001  a fault is put in
+    with pytest.raises(ZeroDivisionError):
+        desk.ask(request("speed", speed_mm_s=5.0))
+    (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
+    assert reply["ok"]
+    assert len(desk.done) == 1
 
 
 def test_a_refusal_is_repeated_too() -> None:
@@ -461,6 +488,40 @@ def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_pat
         for _ in range(2):
             assert (await ask("1"))["ok"]
         assert len(server.done) == 4
+
+    serve(server, story)
+
+
+ASK_WITH_IDENTITY = """
+import sys, zmq
+with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
+    sock.linger, sock.rcvtimeo, sock.routing_id = 0, 5000, b"arm"
+    sock.connect(sys.argv[1])
+    sock.send(bytes.fromhex(sys.argv[2]))
+    sock.recv()
+"""
+
+
+def test_an_identity_is_a_session_within_one_process_only(tmp_path: Path) -> None:
+    server = Server(tmp_path)
+    ask = request("inhibit", "1", duration_s=2.0)
+
+    async def here(context: zmq.asyncio.Context) -> None:
+        with context.socket(zmq.DEALER) as sock:
+            sock.linger, sock.routing_id = 0, b"arm"
+            sock.connect(server.control)
+            await sock.send(ask)
+            await sock.recv()
+
+    async def story() -> None:
+        with zmq.asyncio.Context() as context:
+            await here(context)
+            await here(context)
+            assert len(server.done) == 1
+        code = [sys.executable, "-c", ASK_WITH_IDENTITY, server.control, ask.hex()]
+        other = await asyncio.create_subprocess_exec(*code)
+        assert await other.wait() == 0
+        assert len(server.done) == 2
 
     serve(server, story)
 
