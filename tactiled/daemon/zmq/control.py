@@ -7,6 +7,7 @@ import logging
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import msgpack
@@ -27,12 +28,11 @@ from tactiled.limited_log import RateLimitedLog
 
 logger = logging.getLogger(__name__)
 
-REPLY_BYTES = (
-    128 * 1024
-)  # limit of the messages in a reply: 200 scans; a minute of scans takes 30 round trips
+# Limit of the messages in a reply: 200 scans. A minute of scans takes 30 round trips.
+REPLY_BYTES = 128 * 1024
 _REMEMBERED = 1000  # commands whose replies are kept for repeated requests; some 2 MB at worst
-# Those of motion, which come in streams and would displace the others: 2 s at 100 Hz, while a client repeats
-# a command after 0.5 s; some 4 MB at worst.
+# Motion commands are remembered apart, because they come in streams and would displace the others: 2 s at
+# 100 Hz, while a client repeats a command after 0.5 s; some 4 MB at worst.
 _REMEMBERED_MOTION = 200
 _MOST_WAITING = 8  # repetitions of one pending command that get an answer
 
@@ -89,7 +89,7 @@ class Control:
         self._asked_motion: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Answer a request; never raises, whatever the payload contains.
+        """Answer a request; no payload makes it raise, but a fault of `do` or `settings` passes through.
 
         Parameters
         ----------
@@ -130,7 +130,10 @@ class Control:
         )
 
     def _command(self, command: CommandRequest, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Carry out a command once for each id of a session, however often it is sent."""
+        """Carry out a command once for each id of a session, while its id is among those remembered.
+
+        A command whose `do` has raised before an answer is forgotten, so that the client may send it again.
+        """
         if not requester.may_command:
             self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
             respond(self._reply(command.id, command.do, _NO_COMMANDS))
@@ -151,12 +154,16 @@ class Control:
             asked = known[name] = _Asked(command, waiting=[respond])
             if len(known) > most:
                 known.popitem(last=False)
-            self._do(command, requester, now_s, lambda reason: self._finish(asked, requester, now_s, reason))
+            try:
+                self._do(command, requester, now_s, partial(self._finish, asked, requester, now_s))
+            except Exception:
+                if not asked.reply:
+                    known.pop(name, None)
+                raise
 
     def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:
-        outcome = (
-            "refused" if reason else "done"
-        )  # the event has the reason; one line for each outcome keeps the log short
+        # The event has the reason; one line for each outcome keeps the log short.
+        outcome = "refused" if reason else "done"
         self.commanded.add(f"{asked.command.do} by {requester}: {outcome}", now_s, logging.INFO)
         asked.reply = self._reply(asked.command.id, asked.command.do, reason)
         for respond in asked.waiting:
