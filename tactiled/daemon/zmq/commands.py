@@ -14,8 +14,8 @@ from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
 
-# Time limit of a change of rate: stop, set_rate, identify and start take some 0.1 s, three lost answers 0.6 s
-# more.
+# Time limit of a change of rate: stop, set_rate, identify and start take some 0.1 s, and three lost answers
+# 0.6 s more.
 RATE_S = 3.0
 
 Done = Callable[[str], None]
@@ -93,11 +93,17 @@ class Commands:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
             params = session.requirements.params
-            if (
-                params.rate_hz == change.rate_hz
-            ):  # a configuration that was reloaded meanwhile keeps its own rate
-                session.configure(params.model_copy(update={"rate_hz": change.before_hz}))
-            change.done(f"{reason}; the old rate stays")
+            # A configuration that was reloaded meanwhile keeps its own rate.
+            if params.rate_hz == change.rate_hz:
+                params = params.model_copy(update={"rate_hz": change.before_hz})
+                session.configure(params)
+            kept_hz = params.rate_hz
+            kept = (
+                "the board keeps the rate that it has"
+                if kept_hz is None
+                else f"{kept_hz:g} Hz is set instead"
+            )
+            change.done(f"{reason}; {kept}")
 
     def give_up(self, reason: str) -> None:
         """Refuse the change of rate that waits for the board, if there is one."""
