@@ -181,7 +181,7 @@ class Metrics:
         if self._status is not None:
             sent = {field.name: getattr(self._status.sent, field.name) for field in fields(Sent)}
             yield "messages_total", "counter", "Messages of this board by topic.", _by("topic", sent)
-        what = "Messages dropped for subscribers that do not keep up."
+        what = "Messages dropped for subscribers without keys that do not keep up."
         yield "messages_refused_total", "counter", what, _one(self._dropped)
 
     def _disk(self) -> Iterator[Family]:

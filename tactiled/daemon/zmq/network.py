@@ -94,7 +94,7 @@ class Requesters(PeerServer):
             return
 
         def respond(reply: bytes) -> None:
-            self._send(peer, Queued("", zmtp.message(*envelope, reply)))
+            self._send(peer, Queued(zmtp.message(*envelope, reply)))
 
         requester = Requester(
             connection=connection.name,

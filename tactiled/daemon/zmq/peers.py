@@ -74,10 +74,10 @@ class Bounds:
 
 
 class Queued(NamedTuple):
-    """Encoded message that waits to be sent, and what it is counted under if it is dropped."""
+    """Encoded message that waits to be sent, and what it is counted under if dropped; None: it is not."""
 
-    name: str
     wire: bytes
+    counted_as: str | None = None
 
 
 class Peer:
@@ -88,7 +88,7 @@ class Peer:
     sock : socket.socket
         Not blocking.
     dropped : Counter
-        Counts the messages that were dropped for newer ones, by name.
+        Counts the messages that were dropped for newer ones, by `Queued.counted_as`.
     """
 
     def __init__(self, sock: socket.socket, bounds: Bounds, dropped: Counter[str]) -> None:
@@ -130,7 +130,8 @@ class Peer:
         while self._n_queued > self._queue_bytes:
             oldest = self._queue.popleft()
             self._n_queued -= len(oldest.wire)
-            self._dropped[oldest.name] += 1
+            if oldest.counted_as is not None:
+                self._dropped[oldest.counted_as] += 1
 
     def flush(self) -> None:
         """Send what the kernel takes now.
@@ -173,9 +174,9 @@ class PeerServer:
 
     def __init__(self, socket_type: str, peer_types: Collection[str], bounds: Bounds) -> None:
         self.dropped: Counter[str] = Counter()
-        """Number of messages that were dropped for peers that do not keep up, by name."""
+        """Number of messages dropped for peers that do not keep up, by `Queued.counted_as`."""
         self.refused = RateLimitedLog(logger, "connection refused")
-        self._ready = Queued("", zmtp.ready(socket_type))
+        self._ready = Queued(zmtp.ready(socket_type))
         self._peer_types = frozenset(peer_types)
         self._bounds = bounds
         # The peers of an endpoint, the oldest first, by each of its listeners.
@@ -287,7 +288,7 @@ class PeerServer:
         peers[peer] = None
         self._loop.call_later(HANDSHAKE_S, self._check_ready, peer)
         self._watch(peer)
-        self._send(peer, Queued("", zmtp.GREETING))
+        self._send(peer, Queued(zmtp.GREETING))
 
     def _turn(self, peer: Peer) -> None:
         """Handle what is left of the last read, or read."""
@@ -321,7 +322,7 @@ class PeerServer:
         if isinstance(value, Greeted):
             self._send(peer, self._ready)
         elif isinstance(value, Ping):
-            self._send(peer, Queued("", zmtp.pong(value.context)))
+            self._send(peer, Queued(zmtp.pong(value.context)))
         elif isinstance(value, Refused):
             self._refuse(str(peer), value.reason)
             self._close_peer(peer)
@@ -333,7 +334,7 @@ class PeerServer:
             wanted = " or ".join(sorted(self._peer_types))
             reason = f"a socket {shown(value.socket_type)} where {wanted} may connect"
             self._refuse(str(peer), reason)
-            peer.add(Queued("", zmtp.error(reason)))
+            peer.add(Queued(zmtp.error(reason)))
             self._flush(peer)
             self._close_peer(peer)
         return False

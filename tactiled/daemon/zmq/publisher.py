@@ -54,12 +54,12 @@ class Subscribers(PeerServer):
         self._wanted: dict[Peer, Counter[bytes]] = {}
         self._audience: dict[bytes, tuple[Peer, ...]] = {}
 
-    def send(self, topic: bytes, payload: bytes, name: str) -> None:
+    def send(self, topic: bytes, payload: bytes, board: str) -> None:
         """Queue a message for everyone who wants it; never waits.
 
         Parameters
         ----------
-        name : str
+        board : str
             What the message is counted under in `dropped`.
         """
         audience = self._audience.get(topic)
@@ -69,7 +69,7 @@ class Subscribers(PeerServer):
             audience = tuple(peer for peer, wanted in self._wanted.items() if topic.startswith((*wanted,)))
             self._audience[topic] = audience
         if audience:
-            message = Queued(name, zmtp.message(topic, payload))
+            message = Queued(zmtp.message(topic, payload), board)
             for peer in audience:
                 self._send(peer, message)
 
@@ -239,7 +239,10 @@ class Publisher:
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """Number of messages that were dropped for slow subscribers, by board; they see them as lost."""
+        """Number of messages dropped for slow subscribers of plain endpoints, by board.
+
+        Subscribers see them as lost. What libzmq drops at endpoints with keys it does not count.
+        """
         return self.subscribers.dropped
 
     def close(self) -> None:

@@ -5,7 +5,9 @@ import contextlib
 import logging
 import socket
 import struct
+from collections import Counter
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ from patience import PATIENCE_S
 from ports import free_pair
 
 from tactiled.daemon.zmq import peers, zmtp
-from tactiled.daemon.zmq.publisher import MOST_SUBSCRIPTIONS, Subscribers
+from tactiled.daemon.zmq.publisher import BOUNDS, MOST_SUBSCRIPTIONS, Subscribers
 from tactiled.daemon.zmq.zmtp import GREETING
 
 SUBSCRIBE_ALL = zmtp.ready("SUB") + b"\x00\x01\x01"
@@ -152,6 +154,17 @@ def test_a_ping_is_answered(play: Play) -> None:
         await endpoint.heard(sub)
 
     play(story)
+
+
+def test_a_dropped_answer_to_a_ping_counts_for_no_board() -> None:
+    ours, theirs = socket.socketpair()
+    dropped: Counter[str] = Counter()
+    with ours, theirs:
+        peer = peers.Peer(ours, replace(BOUNDS, queue_bytes=50), dropped)
+        peer.add(peers.Queued(zmtp.pong(b"abc")))
+        peer.add(peers.Queued(zmtp.message(b"t", bytes(30)), "board"))
+        peer.add(peers.Queued(zmtp.message(b"t", bytes(40)), "board"))
+    assert dropped == {"board": 1}
 
 
 @pytest.mark.parametrize("kind", [zmq.ROUTER, zmq.DEALER, zmq.REQ, zmq.PUSH, zmq.PUB, zmq.PAIR])
