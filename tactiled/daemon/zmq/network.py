@@ -24,25 +24,20 @@ import zmq.asyncio
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control, Do, Settings
 from tactiled.daemon.zmq.endpoints import bind, is_wide
-from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued
+from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued, TurnLimit
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.daemon.zmq.zmtp import Part, Value
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
-REQUESTS_PER_S = 500.0
-_BURST = 50  # requests at once before the limit holds, for a client that catches up on every topic
-_TELL_S = 1.0  # period of logging counts of repeated conditions
+_LOG_PERIOD_S = 1.0  # of the counts of repeated conditions
 # Length of the queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
 _HIGH_WATER = 16
-# Frames of a request: identity, number of a correlating REQ, empty frame of a REQ, payload; one more is an
-# error.
-_MOST_FRAMES = 5
-# Four of the longest replies. A request costs at most some 0.3 ms.
-BOUNDS = Bounds(LONGEST_BYTES, 4 * REPLY_BYTES, turns_per_s=500.0)
 # Parts of a request: number of a correlating REQ, empty part of a REQ, payload.
 _MOST_PARTS = 3
+# Four of the longest replies are kept for a client. A request costs at most some 0.3 ms.
+BOUNDS = Bounds(LONGEST_BYTES, 4 * REPLY_BYTES, turns_per_s=500.0)
 
 
 @dataclass
@@ -179,7 +174,7 @@ class Network:
             while True:  # also without endpoints
                 for log in logs:
                     log.write_counts(time.monotonic())
-                await asyncio.sleep(_TELL_S)
+                await asyncio.sleep(_LOG_PERIOD_S)
 
     def close(self) -> None:
         """Send queued events, then close all sockets."""
@@ -223,20 +218,18 @@ class GuardedRequests:
 
     async def run(self) -> None:
         """Serve until cancelled."""
-        loop = asyncio.get_running_loop()
         plain: zmq.Socket[bytes] = zmq.Socket.shadow(self._socket.underlying)
-        ready_s = loop.time()
+        limit = TurnLimit(BOUNDS.turns_per_s)
         while True:
             await self._socket.poll()
             frames = await _receive(plain)
             if frames:
+                now_s = time.monotonic()
                 try:
-                    self._take(plain, frames, loop.time())
+                    self._take(plain, frames, now_s)
                 except Exception as error:  # a bug in the control channel must not stop sensing
-                    self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", loop.time())
-            # The event loop runs between two requests, and their rate is limited.
-            ready_s = max(ready_s, loop.time() - _BURST / REQUESTS_PER_S) + 1 / REQUESTS_PER_S
-            await asyncio.sleep(max(0.0, ready_s - loop.time()))
+                    self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", now_s)
+            await limit.wait()
 
     def close(self) -> None:
         """Close the socket, without sending queued replies."""
@@ -244,12 +237,14 @@ class GuardedRequests:
 
     def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
         *envelope, payload = (frame.bytes for frame in frames)
-        if len(frames) > _MOST_FRAMES - 1 or len(frames) < 2 or (len(frames) > 2 and envelope[-1]):
-            self._control.bad.add(f"{len(frames) - 1} frames: send one", now_s)
+        n_parts = len(frames) - 1  # behind the identity, which libzmq puts first
+        if not 0 < n_parts <= _MOST_PARTS or (n_parts > 1 and envelope[-1]):
+            self._control.bad.add(f"{n_parts} frames: send one", now_s)
             return
 
         def respond(reply: bytes) -> None:
-            with contextlib.suppress(zmq.ZMQError):  # the client has left, or does not read its replies
+            # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
+            with contextlib.suppress(zmq.ZMQError):  # the daemon ends, and the socket is closed
                 sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
 
         self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
@@ -265,13 +260,13 @@ class GuardedRequests:
 
 
 async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
-    """Receive one message, without frames beyond `_MOST_FRAMES`; empty when there is none."""
+    """Receive a message, cut to the identity and one frame more than a request has; empty for none."""
     frames: list[zmq.Frame] = []
     dropped = 0
     try:
         while not frames or frames[-1].more:
             frame = sock.recv(zmq.NOBLOCK, copy=False)
-            if len(frames) == _MOST_FRAMES:
+            if len(frames) == 2 + _MOST_PARTS:
                 frames.pop()
                 dropped += 1
                 if dropped % 100 == 0:
@@ -295,7 +290,6 @@ def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator) -> zmq.a
     sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
     sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
     sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
-    sock.setsockopt(zmq.ROUTER_MANDATORY, 1)  # so that a reply that cannot be sent is counted
     sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
     for name, value in DEAD_PEER_OPTIONS.items():
         sock.setsockopt(getattr(zmq, name), value)

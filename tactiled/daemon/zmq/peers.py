@@ -5,8 +5,8 @@ A server never waits for a peer, and what one peer sends or leaves unread costs 
 - The peers of a server take turns, some hundred a second in all. In one turn at most `READ_BYTES` are read,
   some values are handled, and at most one request is answered. A flood fills the kernel's buffer of its own
   connection and no more.
-- An endpoint has at most `MOST_PEERS` peers. A new one takes the place of the oldest that asked for nothing;
-  where there is none, it is refused.
+- An endpoint has at most `MOST_PEERS` peers. A new one takes the place of the oldest that has sent no request
+  and has no subscription; where there is none, it is refused.
 - A peer that is not ready after `HANDSHAKE_S`, or sends what the protocol does not have, is closed.
 - What waits to be sent to a peer is bounded; older messages are dropped for newer ones.
 """
@@ -14,6 +14,7 @@ A server never waits for a peer, and what one peer sends or leaves unread costs 
 import asyncio
 import contextlib
 import logging
+import math
 import os
 import selectors
 import socket
@@ -36,7 +37,9 @@ MOST_PEERS = 64  # of an endpoint; a robot has some ten: controller, recorder, p
 HANDSHAKE_S = 5.0  # a handshake takes milliseconds, or as long as the peer's host is stopped
 READ_BYTES = 512
 _VALUES_A_TURN = 16  # of the 256 that a read may hold: 0.1 ms instead of 1 ms
-_BURST = 50  # turns at once before their rate is limited: a dozen peers that start together
+# Turns at once before their rate is limited: a dozen peers that start together, or a client that catches up
+# on every topic.
+_BURST = 50
 # Messages that are handed to the kernel at once. The rest of a piece that the kernel took in part is kept
 # beside the queue, because a message that was begun must be finished.
 _PIECE_BYTES = 64 * 1024
@@ -71,6 +74,20 @@ class Bounds:
     frame_bytes: int
     queue_bytes: int
     turns_per_s: float
+
+
+class TurnLimit:
+    """Limit of the rate of turns, after some that may come at once."""
+
+    def __init__(self, turns_per_s: float) -> None:
+        self._turn_s = 1 / turns_per_s
+        self._next_s = -math.inf
+
+    async def wait(self) -> None:
+        """Wait until the next turn may begin; the event loop runs in any case."""
+        now_s = asyncio.get_running_loop().time()
+        self._next_s = max(self._next_s, now_s - _BURST * self._turn_s) + self._turn_s
+        await asyncio.sleep(max(0.0, self._next_s - now_s))
 
 
 class Queued(NamedTuple):
@@ -111,7 +128,7 @@ class Peer:
         """Values that wait for the next turn of this peer."""
         self.is_ready = False
         self.is_idle = True
-        """True until the peer has asked for anything."""
+        """True while the peer has nothing here: its place may be given to another."""
         self.is_blocked = False
         """True while the kernel takes no more; then it says when it does."""
         self._queue_bytes = bounds.queue_bytes
@@ -192,19 +209,17 @@ class PeerServer:
 
     async def run(self) -> None:
         """Serve until cancelled; then `close` may still send what waits."""
-        loop = self._loop = asyncio.get_running_loop()
+        self._loop = asyncio.get_running_loop()
         for listener in self._listeners:
             self._watch(listener)
-        ready_s = loop.time()
+        limit = TurnLimit(self._bounds.turns_per_s)
         while True:
             source = await self._readable.get()
             if isinstance(source, Peer):
                 self._turn(source)
             else:
                 self._accept(source)
-            turn_s = 1 / self._bounds.turns_per_s
-            ready_s = max(ready_s, loop.time() - _BURST * turn_s) + turn_s
-            await asyncio.sleep(max(0.0, ready_s - loop.time()))
+            await limit.wait()
 
     def flush(self) -> None:
         """Send what was queued in this turn of the event loop; it is done at the end of the turn anyway."""
@@ -215,11 +230,11 @@ class PeerServer:
 
     def close(self, linger_s: float = 0.0) -> None:
         """Send what waits, within `linger_s`; then close all connections."""
-        for peer in self._peers():
-            self._flush(peer)
         end_s = time.monotonic() + linger_s
         with selectors.DefaultSelector() as selector:
             for peer in self._peers():
+                with contextlib.suppress(OSError):  # it has left already
+                    peer.flush()
                 if peer.is_blocked:
                     selector.register(peer.sock, selectors.EVENT_WRITE, peer)
             while selector.get_map() and (left_s := end_s - time.monotonic()) > 0:

@@ -261,7 +261,7 @@ def test_a_client_without_any_key_is_logged_despite_the_rate_limit(
 ) -> None:
     """Library libzmq never asks about those, and what is rate-limited is reported all the same."""
     monkeypatch.setattr(limited_log_module, "PERIOD_S", 0.5)
-    monkeypatch.setattr(network_module, "_TELL_S", 0.1)
+    monkeypatch.setattr(network_module, "_LOG_PERIOD_S", 0.1)
     text = (tmp_path / "left.toml").read_text()
     other = zmq.curve_keypair()[0].decode()
     denied = re.compile(r"client denied: (127\.0\.0\.1|an unknown address \(gone at once\)) without a key")
