@@ -55,7 +55,7 @@ class Distributor:
 
     def flush(self) -> None:
         """Send what was published in this turn of the event loop, ahead of its end."""
-        self._publisher.subscribers.flush()
+        self._publisher.server.flush()
 
     def publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""

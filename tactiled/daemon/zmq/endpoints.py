@@ -67,7 +67,7 @@ def is_wide(endpoint: str) -> bool:
     return True
 
 
-def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.environ) -> None:
+def bind(sock: zmq.Socket[Any], endpoint: str) -> None:
     """Bind a socket of libzmq to an endpoint.
 
     An ipc socket is open to the user and the group of this process only (mode 0660).
@@ -81,7 +81,7 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
     ConfigError
         The path is longer than the system allows.
     """
-    endpoint = _prepared(endpoint, environ)
+    endpoint = _prepared(endpoint)
     try:
         with _socket_umask():
             sock.bind(endpoint)
@@ -89,7 +89,7 @@ def bind(sock: zmq.Socket[Any], endpoint: str, environ: Mapping[str, str] = os.e
         raise _not_bound(endpoint, error) from None
 
 
-def listen(endpoint: str, environ: Mapping[str, str] = os.environ) -> list[socket.socket]:
+def listen(endpoint: str) -> list[socket.socket]:
     """Return sockets of the kernel, not blocking, that listen at an endpoint: one for each of its addresses.
 
     Raises
@@ -97,7 +97,7 @@ def listen(endpoint: str, environ: Mapping[str, str] = os.environ) -> list[socke
     UnavailableError, OperatorError, ConfigError
         As `bind`.
     """
-    endpoint = _prepared(endpoint, environ)
+    endpoint = _prepared(endpoint)
     listeners: list[socket.socket] = []
     fault: OSError | None = None
     try:
@@ -120,9 +120,8 @@ def listen(endpoint: str, environ: Mapping[str, str] = os.environ) -> list[socke
 def _listener(family: int, address: Any) -> socket.socket:
     sock = socket.socket(family, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     try:
-        sock.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES
-        )  # accepted ones inherit it
+        # Accepted ones inherit it.
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         if family != socket.AF_UNIX:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if family == socket.AF_INET6:
@@ -143,10 +142,10 @@ def stop_listening(sock: socket.socket) -> None:
     sock.close()
 
 
-def _prepared(endpoint: str, environ: Mapping[str, str]) -> str:
+def _prepared(endpoint: str) -> str:
     """Fill in the runtime directory, and make sure that an ipc path may be taken."""
     if RUNTIME in endpoint:
-        endpoint = endpoint.replace(RUNTIME, str(runtime_directory(environ)))
+        endpoint = endpoint.replace(RUNTIME, str(runtime_directory()))
     path = Path(endpoint.removeprefix("ipc://")) if endpoint.startswith("ipc://") else None
     if path is None:
         return endpoint

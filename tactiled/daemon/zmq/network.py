@@ -1,8 +1,8 @@
 """All endpoints of the daemon: for events, for requests, and for the authentication of other hosts.
 
-Plain endpoints are served by `Subscribers` and `Requesters`, in which everything of a peer is bounded. Those
-with keys are sockets of libzmq, which does not bound the subscriptions of a peer, nor the frames of a message
-before the last one has arrived: a client with a key can exhaust the memory (protocols/control.md).
+Plain endpoints are served by `EventServer` and `RequestServer`, in which everything of a peer is bounded.
+Those with keys are sockets of libzmq, which does not bound the subscriptions of a peer, nor the frames of a
+message before the last one has arrived: a client with a key can exhaust the memory (protocols/control.md).
 
 A request costs at most some 0.3 ms, and their rate is limited. Nothing here is on the path from board to
 subscriber.
@@ -11,9 +11,8 @@ subscriber.
 import asyncio
 import contextlib
 import itertools
-import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,12 +23,11 @@ import zmq.asyncio
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control, Do, Settings
 from tactiled.daemon.zmq.endpoints import bind, is_wide
-from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued, TurnLimit
+from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, TurnLimit
 from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.daemon.zmq.zmtp import Part, Value
-from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 
 _LOG_PERIOD_S = 1.0  # of the counts of repeated conditions
 # Length of the queues of each client: 16 requests of at most 16 KiB, 16 replies of at most some 140 kB.
@@ -47,7 +45,7 @@ class _Connection:
     n_parts: int = 0
 
 
-class Requesters(PeerServer):
+class RequestServer(PeerServer):
     """ROUTER endpoints without keys: requests of any program of this host, in turn, and replies to each.
 
     Parameters
@@ -129,68 +127,52 @@ class Network:
         settings: Settings,
         boards: Callable[[], Sequence[str]] = lambda: (),
         n_boards: int = 1,
-        environ: Mapping[str, str] = os.environ,
     ) -> None:
-        self._context: zmq.Context[Any] | None = None
-        self._authenticator: CurveAuthenticator | None = None
-        self._guarded: GuardedRequests | None = None
-        self._plain: Requesters | None = None
-        try:
+        with contextlib.ExitStack() as opened:
+            context = authenticator = None
             if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
-                self._context = zmq.Context()
-                self._authenticator = CurveAuthenticator(self._context, KeyFolder(Path(params.keys or "")))
-            self.publisher = Publisher(params, environ, self._context, self._authenticator, n_boards)
+                context = zmq.Context()
+                opened.callback(context.term)
+                authenticator = CurveAuthenticator(context, KeyFolder(Path(params.keys or "")))
+                opened.callback(authenticator.close)
+            self.publisher = Publisher(params, context, authenticator, n_boards)
+            opened.callback(self.publisher.close)
             self.control = Control(self.publisher, do, settings, boards)
             plain = [endpoint for endpoint in params.control if not is_guarded(params, endpoint)]
             # With a plain endpoint on the network anyone there may command, so a limit at loopback would
             # protect nothing.
             commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))
-            self._plain = Requesters(self.control, commands_over_tcp=commands_over_tcp)
+            requests = RequestServer(self.control, commands_over_tcp=commands_over_tcp)
+            opened.callback(requests.close)
             for endpoint in plain:
-                self._plain.listen(endpoint, environ)
-            if self._context is not None and self._authenticator is not None:
+                requests.listen(endpoint)
+            events = self.publisher.server
+            self._servers = [requests.run, events.run]
+            self._logs = [self.control.bad, self.control.commanded, requests.refused, events.refused]
+            if context is not None and authenticator is not None:
                 guarded = [endpoint for endpoint in params.control if endpoint not in plain]
-                self._guarded = GuardedRequests(
-                    guarded, self.control, self._context, self._authenticator, environ
-                )
-        except BaseException:
-            self.close()
-            raise
+                guarded_requests = GuardedRequestServer(guarded, self.control, context, authenticator)
+                opened.callback(guarded_requests.close)
+                self._servers += [guarded_requests.run, authenticator.run]
+                self._logs += [authenticator.denied, authenticator.accepted]
+            self._opened = opened.pop_all()
 
     async def run(self) -> None:
         """Serve until cancelled."""
-        assert self._plain is not None  # the constructor has made it
-        logs = [
-            self.control.bad, self.control.commanded, self._plain.refused, self.publisher.subscribers.refused
-        ]  # fmt: skip
         async with asyncio.TaskGroup() as group:
-            group.create_task(self._plain.run())
-            group.create_task(self.publisher.subscribers.run())
-            if self._guarded is not None:
-                group.create_task(self._guarded.run())
-            if self._authenticator is not None:
-                group.create_task(self._authenticator.run())
-                logs += [self._authenticator.denied, self._authenticator.accepted]
+            for run in self._servers:
+                group.create_task(run())
             while True:  # also without endpoints
-                for log in logs:
+                for log in self._logs:
                     log.write_counts(time.monotonic())
                 await asyncio.sleep(_LOG_PERIOD_S)
 
     def close(self) -> None:
         """Send queued events, then close all sockets."""
-        if self._plain is not None:
-            self._plain.close()
-        if self._guarded is not None:
-            self._guarded.close()
-        if hasattr(self, "publisher"):
-            self.publisher.close()
-        if self._authenticator is not None:
-            self._authenticator.close()
-        if self._context is not None:
-            self._context.term()
+        self._opened.close()
 
 
-class GuardedRequests:
+class GuardedRequestServer:
     """ROUTER socket of libzmq that passes requests of clients with keys to a `Control`.
 
     Raises
@@ -205,13 +187,17 @@ class GuardedRequests:
         control: Control,
         context: zmq.Context[Any],
         authenticator: CurveAuthenticator,
-        environ: Mapping[str, str] = os.environ,
     ) -> None:
         self._control = control
-        self._socket = _make(context, authenticator)
+        sock = self._socket = zmq.asyncio.Socket(context, zmq.ROUTER)
+        sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
+        sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
+        sock.setsockopt(zmq.HANDSHAKE_IVL, round(1000 * HANDSHAKE_S))
+        sock.setsockopt(zmq.LINGER, 0)
+        authenticator.guard(sock, LONGEST_BYTES)
         try:
             for endpoint in endpoints:
-                bind(self._socket, endpoint, environ)
+                bind(sock, endpoint)
         except BaseException:
             self.close()
             raise
@@ -283,17 +269,3 @@ def _property(frame: zmq.Frame, name: str) -> str:
         return str(frame.get(name))
     except zmq.ZMQError:
         return ""
-
-
-def _make(context: zmq.Context[Any], authenticator: CurveAuthenticator) -> zmq.asyncio.Socket:
-    sock = zmq.asyncio.Socket(context, zmq.ROUTER)
-    sock.setsockopt(zmq.MAXMSGSIZE, LONGEST_BYTES)
-    sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
-    sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
-    sock.setsockopt(zmq.HANDSHAKE_IVL, 5000)
-    for name, value in DEAD_PEER_OPTIONS.items():
-        sock.setsockopt(getattr(zmq, name), value)
-    sock.setsockopt(zmq.LINGER, 0)
-    sock.setsockopt(zmq.IPV6, 1)
-    authenticator.guard(sock)
-    return sock

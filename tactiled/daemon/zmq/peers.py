@@ -15,13 +15,12 @@ import asyncio
 import contextlib
 import logging
 import math
-import os
 import selectors
 import socket
 import struct
 import time
 from collections import Counter, deque
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -202,10 +201,10 @@ class PeerServer:
         self._unsent: dict[Peer, None] = {}
         self._loop: asyncio.AbstractEventLoop | None = None
 
-    def listen(self, endpoint: str, environ: Mapping[str, str] = os.environ) -> None:
+    def listen(self, endpoint: str) -> None:
         """Listen at an endpoint; raises as `endpoints.listen`."""
         peers: dict[Peer, None] = {}  # one limit for all addresses of the endpoint
-        self._listeners.update(dict.fromkeys(listen(endpoint, environ), peers))
+        self._listeners.update(dict.fromkeys(listen(endpoint), peers))
 
     async def run(self) -> None:
         """Serve until cancelled; then `close` may still send what waits."""

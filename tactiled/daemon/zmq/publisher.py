@@ -3,11 +3,10 @@
 Messages are dropped for a subscriber that does not keep up. Every message therefore carries the sequence
 number of its topic, so that the subscriber sees its losses and can request them from the store (`control`).
 
-Plain endpoints are served here (`Subscribers`), because libzmq does not bound the subscriptions of a peer.
+Plain endpoints are served here (`EventServer`), because libzmq does not bound the subscriptions of a peer.
 Endpoints with keys are PUB sockets of libzmq.
 """
 
-import os
 import secrets
 import time
 from collections import Counter, defaultdict
@@ -24,7 +23,7 @@ from tactiled.daemon.zmq.security import CurveAuthenticator
 from tactiled.daemon.zmq.store import Store
 from tactiled.daemon.zmq.zmtp import Cancel, Part, Subscribe, Value
 from tactiled.events import codec
-from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, control_endpoint
+from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 from tactiled.events.types import Event, Sent
 from tactiled.tomlfile import Params
 
@@ -43,7 +42,7 @@ MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; p
 _MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
 
 
-class Subscribers(PeerServer):
+class EventServer(PeerServer):
     """Send each message to the subscribers that want its topic.
 
     A subscriber that does not keep up loses the oldest messages, which the store still has.
@@ -181,8 +180,8 @@ class Publisher:
 
     Parameters
     ----------
-    authenticator : CurveAuthenticator, optional
-        Both are required for guarded endpoints.
+    context, authenticator : optional
+        Both are required for endpoints with keys.
     n_boards : int
         Number of boards whose messages are published here.
 
@@ -195,7 +194,6 @@ class Publisher:
     def __init__(
         self,
         params: PublishParams,
-        environ: Mapping[str, str] = os.environ,
         context: zmq.Context[Any] | None = None,
         authenticator: CurveAuthenticator | None = None,
         n_boards: int = 1,
@@ -203,18 +201,18 @@ class Publisher:
         self.run = secrets.randbits(53)
         """Random number of this run of the daemon; a float64, as viewers use, holds it exactly."""
         self.store = Store(round(params.history_mb * 1e6), n_boards)
-        self.subscribers = Subscribers()
-        """Those of the plain endpoints; they are served while its `run` does."""
+        self.server = EventServer()
+        """Server of the plain endpoints; it serves while its `run` does."""
         self._next_seq: defaultdict[tuple[str, str], int] = defaultdict(int)
         self._guarded: zmq.Socket[Any] | None = None
         try:
             for endpoint in params.endpoints:
                 if not is_guarded(params, endpoint):
-                    self.subscribers.listen(endpoint, environ)
+                    self.server.listen(endpoint)
                     continue
                 if self._guarded is None:
                     self._guarded = _make(context, authenticator)
-                bind(self._guarded, endpoint, environ)
+                bind(self._guarded, endpoint)
         except BaseException:
             self.close()
             raise
@@ -225,7 +223,7 @@ class Publisher:
         seq = self._next_seq[key]
         self._next_seq[key] = seq + 1
         frames = codec.encode(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=self.run)
-        self.subscribers.send(*frames, board)
+        self.server.send(*frames, board)
         if self._guarded is not None:
             # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
             self._guarded.send(frames[0], _TOPIC_FLAGS)
@@ -243,25 +241,21 @@ class Publisher:
 
         Subscribers see them as lost. What libzmq drops at endpoints with keys it does not count.
         """
-        return self.subscribers.dropped
+        return self.server.dropped
 
     def close(self) -> None:
         """Send queued events, then close."""
-        self.subscribers.close(_LINGER_S)
+        self.server.close(_LINGER_S)
         if self._guarded is not None:
             self._guarded.close()
 
 
 def _make(context: zmq.Context[Any] | None, authenticator: CurveAuthenticator | None) -> zmq.Socket[Any]:
     """Make the PUB socket of the endpoints with keys."""
-    assert context is not None  # as the authenticator: guarded endpoints need both
+    assert context is not None
     assert authenticator is not None
     sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
     sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
     sock.setsockopt(zmq.LINGER, round(1000 * _LINGER_S))
-    sock.setsockopt(zmq.IPV6, 1)
-    sock.setsockopt(zmq.MAXMSGSIZE, _LONGEST_SUBSCRIPTION)
-    for name, value in DEAD_PEER_OPTIONS.items():
-        sock.setsockopt(getattr(zmq, name), value)
-    authenticator.guard(sock)
+    authenticator.guard(sock, _LONGEST_SUBSCRIPTION)
     return sock

@@ -34,6 +34,7 @@ from zmq.utils.monitor import parse_monitor_message
 
 from tactiled import tomlfile
 from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS
 from tactiled.limited_log import RateLimitedLog
 from tactiled.outside import read_secret
 from tactiled.tomlfile import Params
@@ -51,9 +52,8 @@ _CAUSES: dict[int, str] = {
     zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "without a key",
     zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "with the key of another daemon",
 }
-_GONE = (
-    "an unknown address (gone at once)"  # a handshake may fail before the monitor has reported the connection
-)
+# A handshake may fail before the monitor has reported the connection.
+_GONE = "an unknown address (gone at once)"
 
 
 class Handshakes:
@@ -122,13 +122,12 @@ def _peer(descriptor: int) -> str:
         connection.detach()
 
 
-class _Pair(Params):
-    public_key: str = Field(pattern=f"^{_KEY}$")
-    secret_key: str = Field(pattern=f"^{_KEY}$")
-
-
 class _Client(Params):
     public_key: str = Field(pattern=f"^{_KEY}$")
+
+
+class _Pair(_Client):
+    secret_key: str = Field(pattern=f"^{_KEY}$")
 
 
 class KeyFolder:
@@ -242,8 +241,18 @@ class CurveAuthenticator:
         self._socket.setsockopt(zmq.LINGER, 0)
         self._socket.bind(_ZAP)
 
-    def guard(self, sock: zmq.Socket[Any]) -> None:
-        """Set up a socket, not bound yet, as a CURVE server with the keys of the daemon."""
+    def guard(self, sock: zmq.Socket[Any], longest_bytes: int) -> None:
+        """Set up a socket, not bound yet, as a CURVE server with the keys of the daemon.
+
+        Parameters
+        ----------
+        longest_bytes : int
+            Limit of a frame from a peer.
+        """
+        sock.setsockopt(zmq.IPV6, 1)
+        sock.setsockopt(zmq.MAXMSGSIZE, longest_bytes)
+        for name, value in DEAD_PEER_OPTIONS.items():
+            sock.setsockopt(getattr(zmq, name), value)
         sock.setsockopt(zmq.CURVE_SERVER, 1)
         sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
         sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
@@ -265,7 +274,8 @@ class CurveAuthenticator:
 
     def answer(self, request: list[bytes], now_s: float) -> list[bytes]:
         """Return the ZAP reply to a ZAP request; never raises."""
-        version, number, *rest = [*request, b"", b""][: max(2, len(request))]
+        version, number = (*request, b"", b"")[:2]
+        rest = request[2:]
         name = None
         address, key = "?", b""
         if version == b"1.0" and len(rest) == 5:

@@ -436,7 +436,7 @@ def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
                 server.send()
                 await asyncio.sleep(0.01)
             publisher = server.network.publisher
-            with patch.object(publisher.subscribers, "send"):  # messages are lost on purpose
+            with patch.object(publisher.server, "send"):  # messages are lost on purpose
                 server.send(500)
             server.send()
             total = publisher.sent("b").contact

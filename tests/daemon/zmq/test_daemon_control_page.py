@@ -39,7 +39,7 @@ def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> N
                     network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
                     await asyncio.sleep(0.02)
                 for turn in range(3):
-                    with patch.object(network.publisher.subscribers, "send"):  # messages are lost on purpose
+                    with patch.object(network.publisher.server, "send"):  # messages are lost on purpose
                         for _ in range(400 * turn + 1):
                             network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
                     network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)

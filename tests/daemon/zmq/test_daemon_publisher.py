@@ -82,7 +82,7 @@ def play(endpoint: str, story: Callable[[Running], Awaitable[None]]) -> None:
 
     async def main() -> None:
         running = Running(endpoint)
-        serving = asyncio.create_task(running.publisher.subscribers.run())
+        serving = asyncio.create_task(running.publisher.server.run())
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await story(running)
@@ -152,7 +152,7 @@ def test_a_flushed_message_leaves_while_the_event_loop_is_busy(ipc: str) -> None
         sub = running.subscriber()
         await running.until_heard(sub)
         running.send(scan(7))
-        running.publisher.subscribers.flush()
+        running.publisher.server.flush()
         blocking: zmq.Socket[bytes] = zmq.Socket.shadow(sub.underlying)
         assert blocking.poll(round(1000 * PATIENCE_S))  # nothing else runs in this process
         assert msgpack.unpackb(blocking.recv_multipart()[1])["index"] == 7
@@ -304,11 +304,14 @@ def test_two_daemons_on_one_ipc_path_get_a_clear_line_and_a_stale_file_is_taken(
     Publisher(params).close()
 
 
-def test_an_endpoint_that_cannot_be_bound_is_explained(tmp_path: Path) -> None:
+def test_an_endpoint_that_cannot_be_bound_is_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(UnavailableError, match="cannot be bound"):
         Publisher(PublishParams(endpoints=(f"ipc://{tmp_path}/no/such/folder/e.ipc",)))
+    monkeypatch.setenv("RUNTIME_DIRECTORY", f"/{'x' * 120}")
     with pytest.raises(ConfigError, match="107 bytes"):  # the placeholder is short
-        Publisher(PublishParams(endpoints=("ipc://{runtime}/e.ipc",)), {"RUNTIME_DIRECTORY": f"/{'x' * 120}"})
+        Publisher(PublishParams(endpoints=("ipc://{runtime}/e.ipc",)))
 
 
 def test_the_runtime_directory_is_that_of_systemd_or_the_session_or_a_private_one(tmp_path: Path) -> None:
@@ -326,9 +329,11 @@ def test_a_runtime_directory_of_someone_else_is_refused(tmp_path: Path) -> None:
         runtime_directory({"XDG_RUNTIME_DIR": str(tmp_path)})
 
 
-def test_the_placeholder_stands_for_the_runtime_directory(tmp_path: Path) -> None:
-    params = PublishParams(endpoints=("ipc://{runtime}/events.ipc",))
-    publisher = Publisher(params, {"RUNTIME_DIRECTORY": str(tmp_path)})
+def test_the_placeholder_stands_for_the_runtime_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    publisher = Publisher(PublishParams(endpoints=("ipc://{runtime}/events.ipc",)))
     assert (tmp_path / "events.ipc").is_socket()
     publisher.close()
 

@@ -18,7 +18,7 @@ from patience import PATIENCE_S
 from ports import free_pair
 
 from tactiled.daemon.zmq import peers, zmtp
-from tactiled.daemon.zmq.publisher import BOUNDS, MOST_SUBSCRIPTIONS, Subscribers
+from tactiled.daemon.zmq.publisher import BOUNDS, MOST_SUBSCRIPTIONS, EventServer
 from tactiled.daemon.zmq.zmtp import GREETING
 
 SUBSCRIBE_ALL = zmtp.ready("SUB") + b"\x00\x01\x01"
@@ -30,7 +30,7 @@ class Endpoint:
     def __init__(self, endpoint: str, log: pytest.LogCaptureFixture) -> None:
         self.endpoint = endpoint
         self.log = log
-        self.server = Subscribers()
+        self.server = EventServer()
         self.server.listen(endpoint)
         self.context = zmq.asyncio.Context()
         self.strangers: list[asyncio.StreamWriter] = []
