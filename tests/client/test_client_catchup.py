@@ -19,7 +19,7 @@ from tactiled.daemon.zmq.requests import Requester
 from tactiled.events import codec
 from tactiled.events.types import Event
 
-SOMEONE = Requester("1")
+SOMEONE = Requester("1", may_command=True)
 UNIX_S = 1.7e9
 
 

@@ -34,7 +34,7 @@ _REMEMBERED = 1000  # commands whose replies are kept for repeated requests; som
 # Motion commands are remembered apart, because they come in streams and would displace the others: 2 s at
 # 100 Hz, while a client repeats a command after 0.5 s; some 4 MB at worst.
 _REMEMBERED_MOTION = 200
-_MOST_WAITING = 8  # repetitions of one pending command that get an answer
+_MOST_WAITING = 8  # requests for one pending command that get an answer: the first, and its repetitions
 
 Respond = Callable[[bytes], None]
 Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
@@ -78,7 +78,6 @@ class Control:
         settings: Settings,
         boards: Callable[[], Sequence[str]] = lambda: (),
     ) -> None:
-        self.answered = 0
         self.bad = RateLimitedLog(logger, "request refused")
         self.commanded = RateLimitedLog(logger, "command")
         self._publisher = publisher
@@ -103,7 +102,6 @@ class Control:
             self.bad.add(request.reason, now_s)
             respond(self._reply(request.id, request.do, request.reason))
             return
-        self.answered += 1
         if isinstance(request, CommandRequest):
             self._command(request, requester, now_s, respond)
         elif isinstance(request, Events):
@@ -117,9 +115,9 @@ class Control:
     def _events(self, request: Events) -> bytes:
         if request.topic not in EVENT_TYPES:
             return self._reply(request.id, request.do, f"topic: none of {', '.join(EVENT_TYPES)}")
-        store = self._publisher.store
-        end_seq = store.end_seq(request.board, request.topic) if request.end_seq is None else request.end_seq
-        span = store.span(request.board, request.topic, request.first_seq, end_seq, REPLY_BYTES)
+        span = self._publisher.store.span(
+            request.board, request.topic, request.first_seq, request.end_seq, REPLY_BYTES
+        )
         return self._reply(
             request.id,
             request.do,

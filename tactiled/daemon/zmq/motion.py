@@ -16,7 +16,7 @@ from tactiled.daemon.zmq.requests import Motion
 # Instants lie so far from that of sending at most. A value that is older applies to no scan any more, as it
 # holds for 0.1 s; a plan that reaches further ahead is announced in parts.
 REACH_S = 1.0
-_SENDERS = 8  # that are known: a controller, those before it, and some at a keyboard
+_SENDERS = 8  # whose clocks are kept: a controller, its earlier runs, and some people at a keyboard
 # Between two command events of a sender with the same outcome, as between two lines of the log.
 EVENT_PERIOD_S = 10.0
 # Differences of the last one to two windows count: long enough that a command without much delay is among

@@ -14,16 +14,14 @@ from tactiled import tomlfile
 from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
-CONTROL_VERSION = 1
+_Version = Literal[1]
+(CONTROL_VERSION,) = get_args(_Version)
 LONGEST_BYTES = 16 * 1024  # ten times a mark of 1000 characters with every threshold
 MOST_VALUES = 256  # in a command: a quarter of a second at 1000 Hz, some 5 kB
 _LONGEST_REASON = 500  # characters: a reason quotes the request
 _SEQ_LIMIT = 2**63
 T = TypeVar("T")
 
-Id = Annotated[str, Field(min_length=1, max_length=64)]
-Who = Annotated[str, Field(max_length=64)]
-Session = Annotated[str, Field(max_length=64)]
 Values = Annotated[
     list[T], BeforeValidator(lambda value: value if isinstance(value, list) else [value]),
     Field(min_length=1, max_length=MOST_VALUES),
@@ -43,21 +41,21 @@ class Requester:
     connection : str
         Identifies the connection. Connections of a client that chose its routing id (over ipc: of one
         process) share it.
+    may_command : bool
+        Commands are accepted over this connection.
     key : str
         Name of the CURVE key that the client proved to own; empty on endpoints without keys.
     uid : int
         User id from the kernel; -1 for a request that did not come over ipc.
     address : str
         Address of a TCP peer; empty over ipc.
-    may_command : bool
-        Commands are accepted over this connection.
     """
 
     connection: str
+    may_command: bool
     key: str = ""
     uid: int = -1
     address: str = ""
-    may_command: bool = True
 
     def __str__(self) -> str:
         if self.key:
@@ -70,19 +68,24 @@ class Request(Params):
 
     model_config = ConfigDict(strict=True)
 
-    v: Literal[1] = Field(description="version of this protocol")
+    v: _Version = Field(description="version of this protocol")
     board: str = Field(
         default="",
         max_length=64,
         description="serial number of the board; left out or empty: the only one that the daemon reads",
     )
-    id: Id = Field(description="echoed in the reply; a command is done once for a session and an id")
+    id: str = Field(
+        min_length=1,
+        max_length=64,
+        description="echoed in the reply; a command is done once for a session and an id",
+    )
     do: str
-    session: Session = Field(
+    session: str = Field(
         default="",
+        max_length=64,
         description="drawn at random by the client when it starts; left out: the connection is the session",
     )
-    who: Who = Field(default="", description="how the client calls itself, for the record")
+    who: str = Field(default="", max_length=64, description="how the client calls itself, for the record")
 
 
 class State(Request):

@@ -13,9 +13,8 @@ from itertools import islice
 from tactiled.events.codec import topic_of
 
 MORE_BOARDS = 2  # after an exchange, and without a name
-_OVERHEAD_BYTES = (
-    64  # a bytes object (33) and its entry in the deque (8), rounded up to the granularity of malloc
-)
+# A bytes object (33) and its entry in the deque (8), rounded up to the granularity of malloc.
+_OVERHEAD_BYTES = 64
 
 
 @dataclass(frozen=True)
@@ -87,15 +86,17 @@ class Store:
             for topic, ring in rings.items()
         }
 
-    def span(self, board: str, topic: str, first_seq: int, end_seq: int, max_bytes: int) -> Span:
+    def span(self, board: str, topic: str, first_seq: int, end_seq: int | None, max_bytes: int) -> Span:
         """Return stored messages with ``first_seq <= seq < end_seq``, at most `max_bytes` of them.
 
-        At least one is returned where there is any, so that repeated requests always come to an end.
+        Without `end_seq`, the newest message is the last one. At least one message is returned where there
+        is any, so that repeated requests always come to an end.
         """
         ring = self._boards.get(board, {}).get(topic)
         if ring is None:
-            return Span([], max(first_seq, end_seq), False)
-        end_seq = min(end_seq, ring.first_seq + len(ring.payloads))
+            return Span([], max(first_seq, end_seq or 0), False)
+        newest_end = ring.first_seq + len(ring.payloads)
+        end_seq = newest_end if end_seq is None else min(end_seq, newest_end)
         begin = max(0, first_seq - ring.first_seq)
         payloads: list[bytes] = []
         size = 0
@@ -108,11 +109,6 @@ class Store:
             return Span([], max(first_seq, end_seq), False)
         next_seq = ring.first_seq + begin + len(payloads)
         return Span(payloads, next_seq, next_seq < end_seq)
-
-    def end_seq(self, board: str, topic: str) -> int:
-        """Return the sequence number of the next message; 0 where none was stored."""
-        ring = self._boards.get(board, {}).get(topic)
-        return 0 if ring is None else ring.first_seq + len(ring.payloads)
 
     @property
     def n_bytes(self) -> int:

@@ -150,16 +150,18 @@ class ZmtpDecoder:
     def _command(self, body: bytes) -> Value | None:
         """Return the value of a command; None for one that asks for nothing."""
         n = body[0] if body else 0
-        name, data = body[1 : 1 + n], body[1 + n :]
-        if not 0 < n < len(body) + 1 or len(name) < n:
+        if not 0 < n < len(body):
             return Refused("a command without a name")
+        name, data = body[1 : 1 + n], body[1 + n :]
         if name == b"ERROR":
             return Refused(f"it gave up: {shown(data[1:].decode(errors='replace'))}")
-        if self._ready != (name != b"READY"):
-            return Refused("a second READY" if self._ready else "no READY after the greeting")
         if name == b"READY":
+            if self._ready:
+                return Refused("a second READY")
             self._ready = True
             return _ready_of(data)
+        if not self._ready:
+            return Refused("no READY after the greeting")
         if name == b"SUBSCRIBE":
             return Subscribe(data)
         if name == b"CANCEL":

@@ -245,7 +245,7 @@ def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(
     reasons: list[str] = []
     session.opened(0.0)
     rate = Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0)
-    commands.do(rate, Requester("1"), 0.0, reasons.append)
+    commands.do(rate, Requester("1", may_command=True), 0.0, reasons.append)
     assert session.requirements.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
     commands.configure(read_again)

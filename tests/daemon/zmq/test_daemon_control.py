@@ -43,7 +43,7 @@ from tactiled.events.types import ContactEvent
 from tactiled.limited_log import PERIOD_S
 
 CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
-SOMEONE = Requester("1")
+SOMEONE = Requester("1", may_command=True)
 EXAMPLES: dict[str, dict[str, Any]] = {
     "state": {},
     "events": {"board": "b", "topic": "contact", "first_seq": 0},
@@ -143,7 +143,7 @@ def test_a_command_is_done_once_for_an_id() -> None:
     (reply,) = desk.ask(request("speed", speed_mm_s=6.0))
     assert (reply["ok"], reply["reason"]) == (False, "id: was used for another request")
     assert desk.ask(request("speed", "r2", speed_mm_s=6.0))[0]["ok"]
-    other = Requester("1", key="other")  # ids are each key's own
+    other = Requester("1", may_command=True, key="other")  # ids are each key's own
     assert desk.ask(request("speed", speed_mm_s=7.0), other)[0]["ok"]
     assert len(desk.done) == 3
 
@@ -152,14 +152,14 @@ def test_a_client_that_restarts_its_numbers_is_served() -> None:
     """With a session or without: what an earlier process asked under the same id does not answer for it."""
     desk = Desk()
     for start in range(3):
-        connection = Requester(f"connection {start}")
+        connection = Requester(f"connection {start}", may_command=True)
         assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]
         assert len(desk.done) == start + 1
         assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]  # sent again: done once
         assert len(desk.done) == start + 1
     for start in range(3):
         ask = request("inhibit", "1", session=f"drawn at start {start}", duration_s=3.0)
-        assert desk.ask(ask, Requester("the same connection"))[0]["ok"]
+        assert desk.ask(ask, Requester("the same connection", may_command=True))[0]["ok"]
         assert len(desk.done) == 4 + start
 
 
@@ -167,21 +167,26 @@ def test_a_command_of_a_session_is_done_once_over_any_number_of_connections() ->
     """A reply was lost with its connection: ZeroMQ connects anew, and the client sends the command again."""
     desk = Desk()
     ask = request("speed", "1", session="s", speed_mm_s=5.0)
-    first = desk.ask(ask, Requester("1"))
-    assert desk.ask(ask, Requester("2")) == first
+    first = desk.ask(ask, Requester("1", may_command=True))
+    assert desk.ask(ask, Requester("2", may_command=True)) == first
     assert len(desk.done) == 1
-    assert desk.ask(ask, Requester("3", key="other"))[0]["ok"]  # a session is its key's own
+    assert desk.ask(ask, Requester("3", may_command=True, key="other"))[0]["ok"]  # a session is its key's own
     assert len(desk.done) == 2
     other = request("speed", "1", session="s", speed_mm_s=6.0)
-    assert desk.ask(other, Requester("4"))[0]["reason"] == "id: was used for another request"
+    (reply,) = desk.ask(other, Requester("4", may_command=True))
+    assert reply["reason"] == "id: was used for another request"
 
 
 def test_a_command_that_failed_by_a_fault_is_carried_out_when_it_is_sent_again() -> None:
     desk = Desk()
-    do, desk.control._do = desk.control._do, lambda *_: 1 // 0  # noqa: SLF001  a fault is put in
+
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("a bug")
+
+    desk.control._do = broken  # noqa: SLF001  a fault is put in
     with pytest.raises(ZeroDivisionError):
         desk.ask(request("speed", speed_mm_s=5.0))
-    desk.control._do = do  # noqa: SLF001
+    desk.control._do = desk.do  # noqa: SLF001
     (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
     assert reply["ok"]
     assert len(desk.done) == 1

@@ -5,7 +5,7 @@ import sys
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.zmq.store import MORE_BOARDS, Store
+from tactiled.daemon.zmq.store import MORE_BOARDS, Span, Store
 
 
 def payload(seq: int, size: int = 20) -> bytes:
@@ -90,12 +90,12 @@ def test_the_number_of_boards_is_bounded_and_the_oldest_is_evicted() -> None:
     assert store.span("b0", "info", 0, 1, 1000).payloads == []
     store.add("b0", "info", 7, payload(7))  # it comes back: numbers went on
     assert store.span("b0", "info", 0, 8, 1000).payloads == [payload(7)]
-    assert store.end_seq("b0", "info") == 8
+    assert store.span("b0", "info", 0, None, 1000).next_seq == 8
 
 
 def test_the_newest_of_each_topic() -> None:
     store = filled(5)
     store.add("b", "slip", 3, payload(3))
     assert store.latest() == {"tactile/b/scan": payload(4), "tactile/b/slip": payload(3)}
-    assert store.end_seq("b", "scan") == 5
-    assert store.end_seq("b", "nothing") == 0
+    assert store.span("b", "scan", 0, None, 1000) == store.span("b", "scan", 0, 5, 1000)
+    assert store.span("b", "nothing", 3, None, 1000) == Span([], 3, False)
