@@ -16,7 +16,7 @@ from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.runner import ServiceParams
 from tactiled.daemon.serial.port import PortParams
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker
 from tactiled.errors import ConfigError

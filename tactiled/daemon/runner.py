@@ -25,7 +25,8 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.connection import Connection
 from tactiled.daemon.serial.port import PortParams, check_url
 from tactiled.daemon.zmq.commands import Commands, Done
-from tactiled.daemon.zmq.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.params import PublishParams
+from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.pipeline import Pipeline
 from tactiled.tomlfile import Params

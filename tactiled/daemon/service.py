@@ -25,7 +25,7 @@ from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, ServedBoard, ServiceParams, SharedParts
 from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.limited_log import RateLimitedLog

@@ -14,7 +14,7 @@ from tactiled import compiled, resources
 from tactiled.client import Message, Subscription
 from tactiled.daemon.serial import device
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
-from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import ConfigError, TactiledError
@@ -30,7 +30,7 @@ _RULES = ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
 def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
     """Status of the daemon on these endpoints; None where there is none."""
     for endpoint in publish.endpoints:
-        if is_guarded(publish, endpoint):
+        if publish.is_guarded(endpoint):
             continue
         with contextlib.suppress(TactiledError), Subscription(_filled(endpoint), ("status",)) as status:
             until_s = time.monotonic() + _STATUS_S

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tactiled.config import Setup
 from tactiled.daemon.zmq.endpoints import RUNTIME
-from tactiled.daemon.zmq.publisher import PublishParams, is_guarded
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.abilities import check_waves
 from tactiled.doctor.finding import Finding
@@ -78,7 +78,7 @@ def _check_sockets(endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
 def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
     """Return faults with which the daemon does not start, and warnings."""
     folder = Path(publish.keys or "")
-    if not any(is_guarded(publish, endpoint) for endpoint in (*publish.endpoints, *publish.control)):
+    if not any(publish.is_guarded(endpoint) for endpoint in (*publish.endpoints, *publish.control)):
         words = f"{folder}: not used, because no endpoint can be reached from other hosts"
         return [], [words if folder.is_dir() else f"{words}; no such folder"]
     make = f"make one: tactiled keys make NAME --folder {folder}"

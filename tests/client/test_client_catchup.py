@@ -14,7 +14,8 @@ from tactiled.client import Item, Lost, Message, Recovered, Restarted
 from tactiled.client.catchup import HOLD_S, PROBE_S
 from tactiled.client.inbox import Inbox
 from tactiled.daemon.zmq.control import Control
-from tactiled.daemon.zmq.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.params import PublishParams
+from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import Requester
 from tactiled.events import codec
 from tactiled.events.types import Event

@@ -28,7 +28,7 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline
 from tactiled.received import Output, Received

@@ -33,7 +33,7 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, serve
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.errors import ConfigError
 from tactiled.received import Received
 from tactiled.recording.contents import Header, load_board

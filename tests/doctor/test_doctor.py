@@ -17,7 +17,7 @@ from tactiled.cli import main
 from tactiled.config import Setup, load_config
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import open_port
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor import board as board_checks
 from tactiled.doctor.board import check_board

@@ -22,7 +22,7 @@ from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink

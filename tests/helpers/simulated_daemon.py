@@ -10,7 +10,8 @@ from typing import Literal, Self
 
 from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.params import PublishParams
+from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.events.types import (
     ContactEvent,

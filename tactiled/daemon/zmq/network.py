@@ -23,8 +23,9 @@ import zmq.asyncio
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control, Do, Settings
 from tactiled.daemon.zmq.endpoints import bind, is_wide
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, TurnLimit
-from tactiled.daemon.zmq.publisher import Publisher, PublishParams, is_guarded
+from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.daemon.zmq.zmtp import Part, Value
@@ -130,7 +131,7 @@ class Network:
     ) -> None:
         with contextlib.ExitStack() as opened:
             context = authenticator = None
-            if any(is_guarded(params, endpoint) for endpoint in (*params.endpoints, *params.control)):
+            if any(params.is_guarded(endpoint) for endpoint in (*params.endpoints, *params.control)):
                 context = zmq.Context()
                 opened.callback(context.term)
                 authenticator = CurveAuthenticator(context, KeyFolder(Path(params.keys or "")))
@@ -138,7 +139,7 @@ class Network:
             self.publisher = Publisher(params, context, authenticator, n_boards)
             opened.callback(self.publisher.close)
             self.control = Control(self.publisher, do, settings, boards)
-            plain = [endpoint for endpoint in params.control if not is_guarded(params, endpoint)]
+            plain = [endpoint for endpoint in params.control if not params.is_guarded(endpoint)]
             # With a plain endpoint on the network anyone there may command, so a limit at loopback would
             # protect nothing.
             commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))

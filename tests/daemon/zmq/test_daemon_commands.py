@@ -22,7 +22,7 @@ from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.commands import RATE_S, Commands
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import Rate, Requester
 from tactiled.events.types import EVENT_TYPES, Sent
 from tactiled.pipeline import Pipeline

@@ -29,7 +29,8 @@ from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recover
 from tactiled.daemon.zmq import network, zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import Publisher, PublishParams
+from tactiled.daemon.zmq.params import PublishParams
+from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import (
     LONGEST_BYTES,
     REQUESTS,

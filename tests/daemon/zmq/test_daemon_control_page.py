@@ -12,7 +12,7 @@ from patience import PATIENCE_S
 from tactiled import resources
 from tactiled.daemon.zmq.motion import MotionSenders
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Motion, Requester
 from tactiled.events.types import ContactEvent
 

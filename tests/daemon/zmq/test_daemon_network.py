@@ -13,7 +13,7 @@ from ports import free_pair
 
 from tactiled.client import AsyncCommander
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 
 

@@ -16,7 +16,8 @@ from patience import PATIENCE_S
 
 from tactiled import tomlfile
 from tactiled.daemon.zmq.endpoints import runtime_directory
-from tactiled.daemon.zmq.publisher import QUEUE_BYTES, Publisher, PublishParams
+from tactiled.daemon.zmq.params import PublishParams
+from tactiled.daemon.zmq.publisher import QUEUE_BYTES, Publisher
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
 from tactiled.events.types import ContactEvent, Event, ScanEvent
 from tactiled.tomlfile import Params

@@ -21,9 +21,8 @@ from tactiled import limited_log as limited_log_module
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
 from tactiled.daemon.zmq import network as network_module
-from tactiled.daemon.zmq import publisher as publisher_module
 from tactiled.daemon.zmq.network import Network
-from tactiled.daemon.zmq.publisher import PublishParams
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
 from tactiled.errors import ConfigError, OperatorError
@@ -211,8 +210,7 @@ def server(tmp_path: Path, folder: KeyFolder, monkeypatch: pytest.MonkeyPatch) -
     def is_guarded(params: PublishParams, endpoint: str) -> bool:
         return params.keys is not None and endpoint.startswith("tcp://")
 
-    monkeypatch.setattr(publisher_module, "is_guarded", is_guarded)
-    monkeypatch.setattr(network_module, "is_guarded", is_guarded)
+    monkeypatch.setattr(PublishParams, "is_guarded", is_guarded)
     return Server(tmp_path, free_pair(), folder)
 
 
