@@ -193,6 +193,8 @@ class BoardLink:
             record(data, outputs, now_s)
         self._patience_s = SILENT_S
         self._line.received(data, now_s)
+        if received.items:
+            self._line.framed(now_s)
         if is_accepted:
             for output in outputs:
                 if isinstance(output, Event) and not isinstance(output, ScanEvent):
@@ -200,7 +202,6 @@ class BoardLink:
         if self.pipeline.is_measuring:
             session.streams()
         if scans:
-            self._line.framed(now_s)
             commands += session.scanned(now_s)
         return commands
 

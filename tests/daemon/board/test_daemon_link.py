@@ -171,6 +171,16 @@ def test_received_bytes_reset_the_interval() -> None:
     assert link.dead_because(105.0 + SILENT_S)
 
 
+def test_a_hello_after_a_silence_is_no_fault_of_the_line() -> None:
+    sim, link = SimBoard(), bare_link()
+    link.opened(100.0)
+    for tenth in range(30):
+        link.watch(100.0 + tenth / 10)
+    assert "no bytes arrive" in link.session.reason(102.9)
+    link.received(Encoder(LAYOUT).encode(sim.hello()), 102.95, lambda _: None)
+    assert link.session.reason(102.95) == "waiting for scans"
+
+
 def stream(sim: SimBoard, n: int, tick: int) -> bytes:
     encode = Encoder(LAYOUT).encode
     return b"".join(encode(sim.scan(tick + 10_000 * k)) for k in range(n))
