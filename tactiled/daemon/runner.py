@@ -14,7 +14,8 @@ from typing import Any, Self
 
 from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.diagnosis import other_layouts
-from tactiled.daemon.board.link import LoopTurns, make_link
+from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.board.report import Report
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.clock import EpochClock
@@ -83,7 +84,7 @@ class SharedParts:
         That of the endpoints of the board, which others may have too.
     watched : callable
         Takes the time, at 10 Hz for each board.
-    announce : callable
+    show_states : callable
         Called when the state of a board has changed.
     """
 
@@ -91,7 +92,7 @@ class SharedParts:
     clock: EpochClock
     turns: LoopTurns
     watched: Callable[[float], None]
-    announce: Callable[[], None]
+    show_states: Callable[[], None]
 
 
 class BoardRunner:
@@ -131,7 +132,7 @@ class BoardRunner:
         )
         self._commands = Commands(pipeline, session, self._distributor.tuned, switch)
         self._report = Report(
-            session, link, connection, pipeline.layout, pipeline.array, self._distributor, self._announced
+            session, link, connection, pipeline.layout, pipeline.array, self._distributor, self._state_told
         )
         self.words = ""
         """State of the board and its reason, as logged; empty before the first."""
@@ -259,11 +260,11 @@ class BoardRunner:
 
     def _changed(self, now_s: float) -> None:
         self._report.changed(now_s, leaving=self._end.done())
-        self._commands.look(now_s)
+        self._commands.poll(now_s)
 
-    def _announced(self, words: str) -> None:
+    def _state_told(self, words: str) -> None:
         self.words = words
-        self._shared.announce()
+        self._shared.show_states()
 
     def _failed(self, error: Exception) -> None:
         if not self._end.done():

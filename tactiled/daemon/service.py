@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any
 
 from tactiled import compiled
-from tactiled.daemon.board.link import LoopTurns
+from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text
@@ -161,13 +161,13 @@ class Service:
                 self._log.add(words, now_s, kind="wall clock")
             self._log.write_counts(now_s)
             self._notifier.alive(now_s)
-            self._announce()
+            self._show_states()
             await asyncio.sleep(CLOCK_PERIOD_S)
 
     def _runner(self, number: int, params: ServiceParams) -> BoardRunner:
         board = self._boards[number]
         publisher = self._networks[board.params.publish].publisher
-        shared = SharedParts(publisher, self._clock, self._turns, self._notifier.alive, self._announce)
+        shared = SharedParts(publisher, self._clock, self._turns, self._notifier.alive, self._show_states)
         phase_s = STATUS_PERIOD_S * number / len(self._boards)
         return BoardRunner(board, params, shared, phase_s)
 
@@ -184,7 +184,7 @@ class Service:
             if new.port.url == runner.params.port.url:
                 raise ConfigError("port.url", [f"{new.port.url}: board {runner.serial} has this port"])
 
-    def _announce(self) -> None:
+    def _show_states(self) -> None:
         """Set the line of status that the service manager shows."""
         if len(self._runners) == 1:
             status = self._runners[0].words

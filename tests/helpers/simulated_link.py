@@ -116,7 +116,7 @@ class SimulatedLink:
         if now_s >= self._tick_s:
             self._tick_s = now_s + self._tick_period_s
             self._send(self.link.watch(now_s))
-            if self._is_open and self.session.state != "running" and (why := self.link.dead_because(now_s)):
+            if self._is_open and self.session.state != "running" and (why := self.link.expire_silence(now_s)):
                 self._lose(why)
             self._publish(self.status())
 

@@ -139,7 +139,7 @@ class Pinging:
         self._is_refused = False
         self._next_s = now_s + FIRST_S
 
-    def refuse(self) -> None:
+    def refused(self) -> None:
         """Send no ping until `reset`: the board does not know the command."""
         self._is_refused = True
 

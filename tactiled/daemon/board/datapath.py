@@ -13,7 +13,8 @@ import os
 import time
 from collections.abc import Callable, Sequence
 
-from tactiled.daemon.board.link import BoardLink, LoopTurns
+from tactiled.daemon.board.link import BoardLink
+from tactiled.daemon.board.load import LoopTurns
 from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.codec import Encoder
@@ -39,7 +40,8 @@ class DataPath:
     handled : callable
         Called with the time after each read was handled.
     failed : callable
-        Takes an exception that was raised in a callback. The event loop would log it and continue.
+        Takes an exception that was raised in a callback of the event loop, which would log it and continue.
+        `opened` and `watch` are called in tasks, and raise.
     """
 
     def __init__(
@@ -83,19 +85,19 @@ class DataPath:
         try:
             self.act(
                 self._link.received(
-                    data, now_s, self._distributor.publish, self._distributor.received, self._announced
+                    data, now_s, self._distributor.publish, self._distributor.record_read, self._send_scans
                 )
             )
             end_s = time.monotonic()
             self._distributor.metrics.handled(end_s - now_s)
             self._turns.add(end_s, end_s - now_s)
             self._handled(end_s)
-        except Exception as error:  # as in `_guarded`, without a call between bytes and scan
+        except Exception as error:  # as in `_attempt`, without a call between bytes and scan
             self._failed(error)
 
     def lost(self, reason: str) -> None:
         """Handle a port that was lost or could not be opened."""
-        self._guarded(lambda: self._handle_loss(reason))
+        self._attempt(lambda: self._handle_loss(reason))
 
     # ---- called as time passes ---------------------------------------------------------------------
 
@@ -103,7 +105,7 @@ class DataPath:
         """Check line and deadlines, and close a dead port; call it about ten times a second."""
         self.act(self._link.watch(now_s, self._framing_errors()))
         if self._session.state != "running":
-            self._connection.check(self._link.dead_because(now_s))
+            self._connection.check(self._link.expire_silence(now_s))
 
     def act(self, commands: Sequence[Command] = ()) -> None:
         """Send commands to the board, report a new state, and set the timer for the next deadline."""
@@ -122,7 +124,8 @@ class DataPath:
             if deadline_s < math.inf:
                 self._timer = asyncio.get_running_loop().call_at(deadline_s, self._deadline)
 
-    def _announced(self) -> None:
+    def _send_scans(self) -> None:
+        """Send the scans, and let a subscriber begin with them."""
         self._distributor.flush()
         os.sched_yield()
 
@@ -146,9 +149,9 @@ class DataPath:
 
     def _deadline(self) -> None:
         self._timer = None
-        self._guarded(lambda: self.act(self._session.tick(time.monotonic())))
+        self._attempt(lambda: self.act(self._session.tick(time.monotonic())))
 
-    def _guarded(self, step: Callable[[], None]) -> None:
+    def _attempt(self, step: Callable[[], None]) -> None:
         try:
             step()
         except Exception as error:  # a bug: it ends this board's part of the daemon, which begins anew

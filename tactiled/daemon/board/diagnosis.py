@@ -9,7 +9,8 @@ wrong baud         no structure: "stuffing", "overlong", "length"; where the UAR
 text               bytes of a console or a bootloader: printable, whatever the reasons
 another protocol   "type": intact frames, checksum and all, that the layout does not know; or frames of a
                    layout that ships with tactiled; or no structure while the UART sees no framing error
-heavy noise        "checksum": the structure stands, the content is damaged
+heavy noise        "checksum", or "value" in a protocol without one: the structure stands, the content is
+                   damaged
 noise              most frames are good, a few are not
 overloaded board   frames are intact, sequence numbers are missing and the flag ``overrun`` says why
 full buffer        frames are intact, sequence numbers are missing and no flag says why
@@ -65,8 +66,8 @@ class LineWatch:
 
     Parameters
     ----------
-    baud : int
-        Both are used in messages only.
+    protocol, baud : str and int
+        Named in messages; nothing else depends on them.
     others : mapping of str to Layout
         Layouts to try on bytes that are no frames of this protocol, by their names in board.protocol.
     """
@@ -82,7 +83,9 @@ class LineWatch:
         self._is_pty = is_pty
         self._overrun_s = -math.inf
         self._first: Tally | None = None
-        self._byte_s = self._frame_s = now_s
+        self.byte_s = now_s
+        """Time of the last byte, or of opening the port."""
+        self._frame_s = now_s
         self._tail = b""
         self._newest: Tally | None = None
         self._at_frame = Tally()
@@ -90,14 +93,9 @@ class LineWatch:
         self._cause = ("", "")
         self._look_s = now_s + HICCUP_S
 
-    @property
-    def byte_s(self) -> float:
-        """Time of the last byte, or of opening the port."""
-        return self._byte_s
-
     def received(self, data: bytes, now_s: float) -> None:
         """Take the bytes of one read."""
-        self._byte_s = now_s
+        self.byte_s = now_s
         self._tail = (self._tail + data)[-_TAIL_BYTES:]
 
     def framed(self, now_s: float) -> None:
@@ -118,9 +116,8 @@ class LineWatch:
         if now_s >= self._look_s:
             self._look_s = now_s + HICCUP_S
             kind, words = self._likely_cause(tally)
-            if (
-                kind != self._cause[0]
-            ):  # the words are logged when they change, so numbers in them stay as they were
+            # The words are logged when they change, so numbers in them stay as they were.
+            if kind != self._cause[0]:
                 self._cause = kind, words
         if not self._marks or now_s >= self._marks[-1][0] + _MARK_S:
             self._marks.append((now_s, tally))
@@ -129,7 +126,7 @@ class LineWatch:
 
     def fault(self, now_s: float) -> str:
         """Return the likely cause when no frame arrives; empty when frames do."""
-        if now_s - self._byte_s >= HICCUP_S:
+        if now_s - self.byte_s >= HICCUP_S:
             return self._silence()
         if now_s - self._frame_s >= HICCUP_S:
             return f"bytes arrive but no frame passes: {self._cause[1] or 'the cause is not known yet'}"
@@ -138,7 +135,7 @@ class LineWatch:
     @property
     def is_overloaded(self) -> bool:
         """True when the board flagged missed scan instants within `_WINDOW_S` before its last byte."""
-        return self._overrun_s >= self._byte_s - _WINDOW_S
+        return self._overrun_s >= self.byte_s - _WINDOW_S
 
     @property
     def overload(self) -> str:
@@ -202,13 +199,13 @@ class LineWatch:
         reasons.subtract(since.corrupt)
         total = reasons.total()
         came = now.bytes_in - since.bytes_in
-        unstopped = None
+        is_misframed = None
         if now.framing_errors is not None:
-            unstopped = now.framing_errors - (since.framing_errors or 0) > _FRAMING_PART * came
+            is_misframed = now.framing_errors - (since.framing_errors or 0) > _FRAMING_PART * came
         if _printable(self._tail) >= _TEXT_PART:
             shown = self._tail[-40:].decode("ascii", "replace").strip()
             return "text", f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"
-        if unstopped:
+        if is_misframed:
             return "baud", f"wrong baud rate ({self._baud} configured): the UART counts framing errors"
         if (other := frames_of(self._tail, self._others)) is not None:
             return other, f"wrong protocol ({self._protocol} configured): these are frames of {other}"
@@ -222,7 +219,7 @@ class LineWatch:
                 "every frame is damaged: heavy noise; look at cable, ground and connectors "
                 f"(a baud rate slightly off {self._baud} does it too)"
             )
-        if unstopped is not None:
+        if is_misframed is not None:
             return "protocol", f"wrong protocol ({self._protocol} configured); {self._baud} baud is right"
         return "structure", (
             f"no frame structure in it: wrong baud rate ({self._baud} configured) most likely, "

@@ -5,7 +5,6 @@ real port and clock or with simulated ones.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
@@ -13,6 +12,7 @@ from typing import Any
 
 from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch, Tally
+from tactiled.daemon.board.load import HostLoad, LoopTurns
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import Event, ScanEvent, StatusEvent
@@ -32,84 +32,11 @@ _SLEPT_S = 2.0
 # Largest age of a fresh scan, in units of `Session.silence_s`: one for a stall that is not detected yet, and
 # one for bunching by the adapter. An older scan came out of a backlog.
 _STALE_FACTOR = 2.0
+# Fields of the status event that the pipeline states under the same names.
 _OF_HEALTH = {one.name for one in fields(Health)} & {one.name for one in fields(StatusEvent)}
-
 
 RecordRead = Callable[[bytes, Sequence[Output], float], None]
 """Takes the bytes of one read, the outputs of the pipeline for them, and the time of the read."""
-
-_WINDOW_S = 10.0  # a warning stays for as long after its cause as that of the line
-# A stall of a board at 100 Hz is declared after five scans: a loop that is busy for longer delays that, too.
-_LONG_TURN_S = 0.05
-_KEPT_S = 1.0  # turns are kept for longer than the 0.1 s between two statuses
-
-
-class LoopTurns:
-    """Longest turn of the event loop since any recent instant; the boards of a process share one loop."""
-
-    def __init__(self) -> None:
-        # Ends and durations. A turn that is no longer than a later one is never the longest again, so the
-        # durations decrease, and few are kept.
-        self._turns: deque[tuple[float, float]] = deque()
-
-    def add(self, end_s: float, duration_s: float) -> None:
-        """Take a turn that ended at `end_s` (monotonic seconds), or how much too late a timer fired."""
-        turns = self._turns
-        while turns and turns[-1][1] <= duration_s:
-            turns.pop()
-        turns.append((end_s, duration_s))
-        while turns[0][0] < end_s - _KEPT_S:
-            turns.popleft()
-
-    def longest_since(self, since_s: float) -> float:
-        """Return the longest turn that ended after `since_s`, at most 1 s ago, in seconds; 0.0 for none."""
-        return next((duration_s for end_s, duration_s in self._turns if end_s > since_s), 0.0)
-
-
-class HostLoad:
-    """Turns of the event loop as the statuses of one board have them, and its late fits of the last 10 s."""
-
-    def __init__(self, turns: LoopTurns) -> None:
-        self._loop_turns = turns
-        self._status_s = 0.0
-        self._turns: deque[tuple[float, float]] = deque()
-        self._late: deque[tuple[float, int]] = deque([(0.0, 0)])
-
-    def status(self, now_s: float, fits_late: int) -> float:
-        """Return the longest turn since the last call in seconds.
-
-        Parameters
-        ----------
-        fits_late : int
-            Number of late fits since the start.
-        """
-        longest_s = self._loop_turns.longest_since(self._status_s)
-        self._status_s = now_s
-        if longest_s > _LONG_TURN_S:
-            self._turns.append((now_s, longest_s))
-        while self._turns and self._turns[0][0] < now_s - _WINDOW_S:
-            self._turns.popleft()
-        if fits_late != self._late[-1][1]:
-            self._late.append((now_s, fits_late))
-        while len(self._late) > 1 and self._late[1][0] < now_s - _WINDOW_S:
-            self._late.popleft()
-        return longest_s
-
-    def warning(self) -> str:
-        """Return what is wrong and its cause; empty for nothing."""
-        words = []
-        if self._turns:
-            longest_ms = 1e3 * max(duration_s for _, duration_s in self._turns)
-            words.append(
-                f"the daemon could not react for up to {longest_ms:.0f} ms: other processes or virtual "
-                "machines use this host's processors, or it reads too many boards"
-            )
-        if late := self._late[-1][1] - self._late[0][1]:
-            words.append(
-                f"{late} groove fits were not ready in time: the host is too slow or too busy; raise "
-                "texture.hop_s and texture.answer_after_s, or stop other processes"
-            )
-        return "; ".join(words)
 
 
 def _record_nothing(data: bytes, outputs: Sequence[Output], now_s: float) -> None:
@@ -136,6 +63,8 @@ class BoardLink:
     ) -> None:
         self.pipeline = pipeline
         self.session = session
+        self.warnings: dict[str, str] = {}
+        """Faults at the newest status that do not stop the scans, by cause: line, clock, port, host."""
         self._load = HostLoad(turns or LoopTurns())
         self._line = line
         self._patience_s = SILENT_S
@@ -155,7 +84,7 @@ class BoardLink:
         now_s: float,
         publish: Callable[[Event], None],
         record: RecordRead = _record_nothing,
-        announced: Callable[[], None] = _go_on,
+        scans_published: Callable[[], None] = _go_on,
     ) -> list[Command]:
         """Process the bytes of one read of the port.
 
@@ -169,7 +98,7 @@ class BoardLink:
         record : callable, optional
             See `RecordRead`; called before what the detectors found is published, and also when the pipeline
             raises, because the bytes that made it fail are the ones to look at later.
-        announced : callable, optional
+        scans_published : callable, optional
             Called after scans were published, before the detectors run.
 
         Returns
@@ -187,7 +116,7 @@ class BoardLink:
             if scans:
                 for scan in scans:
                     publish(scan)
-                announced()
+                scans_published()
             outputs = self.pipeline.detect([received])[0]
         finally:
             record(data, outputs, now_s)
@@ -216,7 +145,7 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Announce to the pipeline a command that is about to be written, where it uses that (pings only).
+        """Tell the pipeline of a command that is about to be written, where it uses that (pings only).
 
         Parameters
         ----------
@@ -250,26 +179,21 @@ class BoardLink:
         self._count(now_s, framing_errors)
         return self.session.tick(now_s)
 
-    def dead_because(self, now_s: float) -> str:
-        """Return the reason for closing and reopening a silent port, or an empty string."""
+    def expire_silence(self, now_s: float) -> str:
+        """Return the reason for reopening a port that was silent for too long; empty for none.
+
+        After a reason, the next silence may be twice as long; the first byte restores `SILENT_S`.
+        """
         silent_s = now_s - max(self._line.byte_s, self._awake_s)
         if self.session.state == "no-device" or silent_s < self._patience_s:
             return ""
         self._patience_s = min(2 * self._patience_s, _SILENT_LONGEST_S)
         return f"no byte for {silent_s:.0f} s: opened anew"
 
-    def warnings(self, port_warning: str = "") -> dict[str, str]:
-        """Return the faults that do not stop the scans, by cause: line, clock, port, host."""
-        found = {
-            "line": self._line.warning(),
-            "clock": self.pipeline.health().clock_warning,
-            "port": port_warning,
-            "host": self._load.warning(),
-        }
-        return {cause: words for cause, words in found.items() if words}
-
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
-        """Make the status event: `valid` requires a running board and a fresh newest scan.
+        """Make the status event, and set `warnings`.
+
+        `valid` requires a running board and a fresh newest scan.
 
         Parameters
         ----------
@@ -290,13 +214,21 @@ class BoardLink:
                 f"scans come late: the newest was taken {age_s * 1000:.0f} ms ago, and {fresh_s * 1000:.0f} "
                 "ms is the most; is the host or the line overloaded?"
             )
+        loop_lag_s = self._load.status(now_s, health.fits_late)  # also brings its warning up to date
+        found = {
+            "line": self._line.warning(),
+            "clock": health.clock_warning,
+            "port": warning,
+            "host": self._load.warning(),
+        }
+        self.warnings = {cause: words for cause, words in found.items() if words}
         return StatusEvent(
             time_s=now_s,
             state=session.state,
             valid=session.state == "running" and age_s <= fresh_s,
             reason=reason,
-            loop_lag_s=self._load.status(now_s, health.fits_late),
-            warning="; ".join(self.warnings(warning).values()),
+            loop_lag_s=loop_lag_s,
+            warning="; ".join(self.warnings.values()),
             age_s=age_s,
             connects=connects,
             uptime_s=now_s - started_s,
@@ -308,14 +240,14 @@ class BoardLink:
     def _count(self, now_s: float, framing_errors: int | None) -> None:
         health = self.pipeline.health()
         tally = Tally(
-            health.bytes_in,
-            health.bytes_framed,
-            health.bytes_discarded,
-            health.corrupt_by_reason,
-            framing_errors,
-            health.scans + health.scans_missing,
-            health.scans_overrun,
-            health.scans_dropped,
+            bytes_in=health.bytes_in,
+            bytes_framed=health.bytes_framed,
+            bytes_discarded=health.bytes_discarded,
+            corrupt=health.corrupt_by_reason,
+            framing_errors=framing_errors,
+            scans_due=health.scans + health.scans_missing,
+            scans_overrun=health.scans_overrun,
+            scans_dropped=health.scans_dropped,
         )
         self._line.count(tally, now_s)
 

@@ -26,7 +26,7 @@ class Report:
 
     Parameters
     ----------
-    announce : callable
+    tell_state : callable
         Takes the words for a new state or reason.
     """
 
@@ -38,7 +38,7 @@ class Report:
         layout: Layout,
         array: Array,
         distributor: Distributor,
-        announce: Callable[[str], None],
+        tell_state: Callable[[str], None],
     ) -> None:
         self._session = session
         self._link = link
@@ -46,7 +46,7 @@ class Report:
         self._layout = layout
         self._array = array
         self._distributor = distributor
-        self._announce = announce
+        self._tell_state = tell_state
         self.is_fresh = False
         """True where the newest status says that data are fresh."""
         self._logged = (session.state, session.reason(0.0))
@@ -57,7 +57,7 @@ class Report:
         self._described = session.hello
 
     def changed(self, now_s: float, *, leaving: bool) -> None:
-        """Report a change of state or reason to the log and `announce`, and a new state to subscribers.
+        """Report a change of state or reason to the log and `tell_state`, and a new state to subscribers.
 
         With `leaving` the daemon is ending, and no state is logged as a warning.
         """
@@ -71,7 +71,7 @@ class Report:
         self._log.add(text, now_s, logging.INFO if expected else logging.WARNING)
         if new_state:
             self._publish_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
-        self._announce(text)
+        self._tell_state(text)
 
     def regular(self, now_s: float) -> None:
         """Publish a status, and an info event each second and at once for a new board."""
@@ -83,17 +83,16 @@ class Report:
             self._described = hello
             self._next_info_s = now_s + INFO_PERIOD_S
             self._distributor.publish_and_record(info_event(hello, self._layout, self._array, now_s))
-        self._distributor.look(now_s)
+        self._distributor.poll_recorder(now_s)
 
     def _publish_status(self, now_s: float) -> None:
-        port_warning = self._connection.warning
         event = self._link.status(
             now_s,
             started_s=self._started_s,
             connects=self._connection.connects,
-            warning=port_warning,
+            warning=self._connection.warning,
         )
-        warnings = self._link.warnings(port_warning)
+        warnings = self._link.warnings
         for cause in warnings.keys() - self._warned.keys():  # each cause once, whatever its numbers do
             self._log.add(f"{self._board}: {warnings[cause]}", now_s, kind=cause)
         self._warned = warnings

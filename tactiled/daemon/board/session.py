@@ -52,13 +52,9 @@ class Session:
     def __init__(self, requirements: BoardRequirements, line: LineWatch) -> None:
         self.requirements = requirements
         self._line = line
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the initial state: no port, no board known."""
-        self._asking = Asking(self.requirements.token_bits)
-        self._pinging = Pinging(self.requirements.has_ping)
-        self.hello: Hello | None = self.requirements.assumed_hello()
+        self._asking = Asking(requirements.token_bits)
+        self._pinging = Pinging(requirements.has_ping)
+        self.hello: Hello | None = requirements.assumed_hello()
         """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
         self.lost("opening the port")
 
@@ -66,7 +62,7 @@ class Session:
         """Take new parameters; the board is identified again, and its settings are restored as needed."""
         self.requirements.configure(params)
         self._refused = ""  # the refusal concerned the old parameters
-        self._asking.keep_quiet(0.0)
+        self._asking.keep_quiet(-math.inf)  # a wrong or refusing board is asked again at once
         if self.requirements.confirms:
             self._known = False
 
@@ -83,10 +79,19 @@ class Session:
 
     def lost(self, reason: str) -> None:
         """Handle a port that was lost or could not be opened."""
-        self._open = self._known = self._streaming = self._running = self._stalled = self._leaving = False
-        self._foreign = self._refused = ""
-        self._rate_taken = self._confirmed = False
-        self._gone, self._scan_s = reason, 0.0
+        # Of these, `_running` and `_stalled` are never true together, nor either of them with `_foreign`.
+        self._open = False  # the port is open
+        self._known = False  # the board has identified itself since it may have changed; see `wanted`
+        self._streaming = False  # the board says that it sends scans, or has sent some
+        self._running = False  # scans arrive from the accepted board with all its settings made
+        self._stalled = False  # it was running, and its scans have stopped
+        self._confirmed = False  # the newest hello says that the board streams with all its settings made
+        self._rate_taken = False  # the board has accepted set_rate, and no hello has stated the rate yet
+        self._leaving = False  # the daemon ends: nothing is restored
+        self._foreign = ""  # why the board is not the configured one
+        self._refused = ""  # why a command failed that the board needs
+        self._gone = reason  # why the port is not open
+        self._scan_s = 0.0  # when scans last arrived, or the port was opened
         self._asking.reset(0.0)
 
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
@@ -116,7 +121,7 @@ class Session:
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
         """Handle an answer of the board to a command."""
         if answer.command == "ping" and answer.result == "unknown_command":
-            self._pinging.refuse()
+            self._pinging.refused()
         if not self._asking.awaits(answer):
             return []
         if answer.result == "busy":
@@ -162,7 +167,6 @@ class Session:
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
             self._streaming, self._confirmed, self._known = False, False, not self.requirements.confirms
-            self._asking.asked_s = now_s
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # the board says that it streams, but no scan arrives: start it again
         # Pings are sent on a deadline only: on the arrival of scans they would keep step with the adapter.

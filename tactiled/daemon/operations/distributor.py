@@ -49,7 +49,7 @@ class Distributor:
         return self._publisher.sent(self._session.board_serial)
 
     def publish(self, event: Event) -> None:
-        """Publish an event of the pipeline; the recorder gets it through `received`, with its bytes."""
+        """Publish an event of the pipeline; the recorder gets it through `record_read`, with its bytes."""
         self._publisher.send(event, board=self._session.board_serial, unix_offset_s=self._clock.offset_s)
         self.metrics.count(event, self._publisher.dropped[self._session.board_serial])
 
@@ -63,7 +63,7 @@ class Distributor:
         if self._recorder is not None:
             self._recorder.daemon_event(event, self._session.board_serial, self._clock.offset_s)
 
-    def received(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
+    def record_read(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
         """Record a read of the port and the outputs of the pipeline for it."""
         if self._recorder is not None:
             hello, offset_s = self._pipeline.hello, self._clock.offset_s
@@ -85,7 +85,7 @@ class Distributor:
         for event in events:
             self.publish(event)
 
-    def look(self, now_s: float) -> None:
+    def poll_recorder(self, now_s: float) -> None:
         """Publish the recording event when due; call it ten times a second."""
         if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
             self.publish_and_record(recording)

@@ -58,7 +58,7 @@ class Commands:
         self._commanded_hz: float | None = None
 
     def do(self, command: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Carry out a command; `done` is called at once, or from `look` when the board has answered."""
+        """Carry out a command; `done` is called at once, or from `poll` when the board has answered."""
         if isinstance(command, Mark):
             done("")
         elif isinstance(command, Record):
@@ -78,7 +78,7 @@ class Commands:
             self._tuned(name, arguments, events, now_s)
         return reason
 
-    def look(self, now_s: float) -> None:
+    def poll(self, now_s: float) -> None:
         """Check whether the board has accepted a rate; call it whenever the session may have changed."""
         change, session = self._rate, self._session
         if change is None:
@@ -172,7 +172,7 @@ class Commands:
             done("; ".join(error.faults))
             return
         self._rate = _RateChange(rate_hz, before.rate_hz, now_s + RATE_S, done)
-        self.look(now_s)
+        self.poll(now_s)
 
     def _set_recording(self, on: bool) -> str:
         if self._record is None:

@@ -150,7 +150,7 @@ def test_a_silent_port_is_reopened_at_growing_intervals() -> None:
     link.opened(now_s)
     while now_s < 800.0:
         now_s += 0.1
-        if reason := link.dead_because(now_s):
+        if reason := link.expire_silence(now_s):
             openings.append(now_s)
             link.lost(reason)
             link.opened(now_s)
@@ -163,12 +163,12 @@ def test_a_silent_port_is_reopened_at_growing_intervals() -> None:
 def test_received_bytes_reset_the_interval() -> None:
     link = bare_link()
     link.opened(100.0)
-    assert link.dead_because(100.0 + SILENT_S)
+    assert link.expire_silence(100.0 + SILENT_S)
     link.opened(104.0)
-    assert not link.dead_because(104.0 + SILENT_S)
+    assert not link.expire_silence(104.0 + SILENT_S)
     link.received(b"\0", 105.0, lambda _: None)
-    assert not link.dead_because(105.0 + 0.9 * SILENT_S)
-    assert link.dead_because(105.0 + SILENT_S)
+    assert not link.expire_silence(105.0 + 0.9 * SILENT_S)
+    assert link.expire_silence(105.0 + SILENT_S)
 
 
 def test_a_hello_after_a_silence_is_no_fault_of_the_line() -> None:
@@ -285,7 +285,7 @@ def test_a_stalled_host_is_no_restart_of_a_board_whose_counters_go_on(away_s: fl
         link.received(stream(sim, 1, 10_000 * k), 100.015 + 0.01 * k, events.append)
     link.watch(105.0)
     link.watch(105.0 + away_s)
-    assert not link.dead_because(105.0 + away_s)  # this process slept, not the port
+    assert not link.expire_silence(105.0 + away_s)  # this process slept, not the port
     link.received(stream(sim, 40, 5_000_000), 105.0 + away_s, events.append)
     link.sending(Command("ping", 1), 105.001 + away_s)
     behind = encode(replace(sim.hello(), ticks=5_002_000 + away_ticks))

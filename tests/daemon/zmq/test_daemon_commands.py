@@ -249,7 +249,7 @@ def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(
     assert session.requirements.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
     commands.configure(read_again)
-    commands.look(RATE_S)
+    commands.poll(RATE_S)
     assert [reason.rpartition("; ")[2] for reason in reasons] == [says]
     assert session.requirements.params == read_again
 

@@ -1,0 +1,76 @@
+"""Load of the host, as far as it delays a board: long turns of the event loop, and late groove fits."""
+
+from collections import deque
+
+_WINDOW_S = 10.0  # time for which a warning stays after its cause, as the warnings of the line do
+# A stall of a board at 100 Hz is declared after five scans: a loop that is busy for longer delays that, too.
+_LONG_TURN_S = 0.05
+_KEPT_S = 1.0  # turns are kept for longer than the 0.1 s between two statuses
+
+
+class LoopTurns:
+    """Longest turn of the event loop since any recent instant; the boards of a process share one loop."""
+
+    def __init__(self) -> None:
+        # Ends and durations. A turn that is no longer than a later one is never the longest again, so the
+        # durations decrease, and few are kept.
+        self._turns: deque[tuple[float, float]] = deque()
+
+    def add(self, end_s: float, duration_s: float) -> None:
+        """Take a turn that ended at `end_s` (monotonic seconds), or how much too late a timer fired."""
+        turns = self._turns
+        while turns and turns[-1][1] <= duration_s:
+            turns.pop()
+        turns.append((end_s, duration_s))
+        while turns[0][0] < end_s - _KEPT_S:
+            turns.popleft()
+
+    def longest_since(self, since_s: float) -> float:
+        """Return the longest turn that ended after `since_s`, at most 1 s ago, in seconds; 0.0 for none."""
+        return next((duration_s for end_s, duration_s in self._turns if end_s > since_s), 0.0)
+
+
+class HostLoad:
+    """Turns of the event loop as the statuses of one board have them, and its late fits of the last 10 s."""
+
+    def __init__(self, turns: LoopTurns) -> None:
+        self._loop_turns = turns
+        self._status_s = 0.0
+        self._turns: deque[tuple[float, float]] = deque()
+        self._late: deque[tuple[float, int]] = deque([(0.0, 0)])
+
+    def status(self, now_s: float, fits_late: int) -> float:
+        """Return the longest turn since the last call in seconds.
+
+        Parameters
+        ----------
+        fits_late : int
+            Number of late fits since the start.
+        """
+        longest_s = self._loop_turns.longest_since(self._status_s)
+        self._status_s = now_s
+        if longest_s > _LONG_TURN_S:
+            self._turns.append((now_s, longest_s))
+        while self._turns and self._turns[0][0] < now_s - _WINDOW_S:
+            self._turns.popleft()
+        if fits_late != self._late[-1][1]:
+            self._late.append((now_s, fits_late))
+        while len(self._late) > 1 and self._late[1][0] < now_s - _WINDOW_S:
+            self._late.popleft()
+        return longest_s
+
+    def warning(self) -> str:
+        """Return what is wrong and its cause; empty for nothing."""
+        words = []
+        if self._turns:
+            longest_ms = 1e3 * max(duration_s for _, duration_s in self._turns)
+            words.append(
+                f"the daemon could not react for up to {longest_ms:.0f} ms: other processes or virtual "
+                "machines use this host's processors, or it reads too many boards"
+            )
+        if late := self._late[-1][1] - self._late[0][1]:
+            words.append(
+                f"{late} groove fits were not ready in time: the host is too slow or too busy; raise "
+                "texture.hop_s and texture.answer_after_s, or stop other processes"
+            )
+        return "; ".join(words)
