@@ -15,7 +15,7 @@ _NEAR = {"bristles": ("near-limit", 0.6), "sheet": ("near-limit", 0.6), "strokes
 
 @pytest.fixture(scope="module", params=NEW)
 def worlds(request: pytest.FixtureRequest) -> list[World]:
-    n = 3 if request.param == "plates" else 6
+    n = 3 if request.param == "plates" else 8
     return draw(request.param, range(n), _MINUTES.get(request.param, 0.35))
 
 

@@ -32,7 +32,7 @@ class Touch:
     stop_s: float = 8.0
     lift_s: float = 10.0
     end_s: float = 11.0
-    more_s: float = 99.0  # when the load grows by half, within a second
+    more_s: float = np.inf  # when the load grows by half, within a second
     level: float = 1.2  # of the pressure response
     shear: float = 0.6  # by which an opposed channel moves when sliding fully
     shear_takes_s: float = 0.1  # time constant in which it does
