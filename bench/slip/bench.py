@@ -70,10 +70,11 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
         slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
         gratings = counted(pool.map(read_grating, slides), progress, "gratings")
-        long = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
+        read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
+    long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
     return BenchReport(
-        [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long)],
+        [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long, len(read))],
         {"cases": [_as_numbers(one) for one in events], "gratings": gratings, "minutes": long},
     )
 
@@ -117,11 +118,11 @@ def _over_gratings(found: Sequence[GratingAnswer]) -> Iterator[str]:
     yield table(rows(found))
 
 
-def _of_minutes(found: Sequence[Minute]) -> Iterator[str]:
+def _of_minutes(found: Sequence[Minute], n: int) -> Iterator[str]:
     yield (
-        f"Slides and rests of a minute ({seeds_in_words(len(found), MINUTES_FROM)}) at 0.3 to 3 mV, setting "
-        "balanced: an even slide at 0.25 to 20 mm/s, from 0.5 s after it began; a rest at 80 to 97 % of the "
-        "limit."
+        f"Slides and rests of a minute ({seeds_in_words(n, MINUTES_FROM)}; {n - len(found)} rests slip, "
+        "left out) at 0.3 to 3 mV, setting balanced: an even slide at 0.25 to 20 mm/s, from 0.5 s after it "
+        "began; a rest at 80 to 97 % of the limit."
     )
     yield table(minute_rows(found))
 

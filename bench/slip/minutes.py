@@ -43,21 +43,18 @@ class Minute:
     p_sliding: float
 
 
-def read_minute(seed: int, slides: bool) -> Minute:
-    """Play and read a slide or a rest."""
+def read_minute(seed: int, slides: bool) -> Minute | None:
+    """Play and read a slide or a rest; None where it is not what it was drawn to be."""
     rng = np.random.default_rng([31, seed])
     unevenness = 0.0 if rng.random() < _EVEN else log_uniform(rng, 0.01, 0.15)
     noise_v = log_uniform(rng, *_NOISE_V)
     played = play("minute", lambda _: _scene(slides, unevenness, seed), seed)
     events = GripDetector(ARRAY).process(played.read(noise_v, draw=1))
-    end_s = played.duration_s
-    begin_s = played.slip.gross_s if slides and played.slip else end_s - _LENGTH_S
-    if slides and played.slip:
-        end_s = min(played.slip.end_s, end_s)
+    if (played.slip is not None) != slides:  # friction at the place of a rest is that of a smoother one
+        return None
+    begin_s = played.slip.gross_s if played.slip else played.duration_s - _LENGTH_S
     some = [
-        event
-        for event in events
-        if isinstance(event, GripEvent) and begin_s + _TOLD_AFTER_S < event.time_s < end_s
+        event for event in events if isinstance(event, GripEvent) and event.time_s > begin_s + _TOLD_AFTER_S
     ]
     told = float(np.mean([event.state == "gross" for event in some]))
     return Minute(slides, unevenness == 0.0, told, float(np.median([event.p_sliding for event in some])))

@@ -161,7 +161,9 @@ class _Reports:
 
     def __init__(self, array: Array) -> None:
         self._array = array
-        self._largest = 0.0  # ratio
+        x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
+        self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
+        self._largest = 0.0  # ratio, with the moment
         self._friction: GripEvent | None = None  # at the largest ratio
 
     def of(self, recording: Recording) -> dict[str, ReportCount]:
@@ -171,9 +173,12 @@ class _Reports:
             suite = build_suite(self._array, DetectParams(setting=name), topics=("slip", "grip"))
             events = [event for item in recording.items for event in suite.process(item)]
             counts[name] = _count(events)
+            if not self._array.measures_ratio:  # slips come from what sliding shows, whatever the setting is
+                return dict.fromkeys(SETTINGS, counts[name])
         for event in events:
             if isinstance(event, GripEvent) and event.valid and event.state not in ("none", "unknown"):
-                ratio = math.hypot(event.shear_x, event.shear_y) / event.load
+                moment = event.torsion / self._radius_mm
+                ratio = math.hypot(event.shear_x, event.shear_y, moment) / event.load
                 if ratio > self._largest:
                     self._largest, self._friction = ratio, event
         return counts

@@ -71,14 +71,14 @@ class Connection:
         """Return the error counts of the UART's driver; None if it keeps none, or without a port."""
         return self._port.errors() if self._port is not None else None
 
-    def check(self, dead_because: str) -> None:
-        """Close the port if its name leads to another device, or if `dead_because` gives a reason."""
+    def check(self, reason: str) -> None:
+        """Close the port if its name leads to another device, or if `reason` gives a reason."""
         if self._port is None:
             return
         if self._port.is_orphan():
             self._leave("its name leads to another device, or to none: opened anew")
-        elif dead_because:
-            self._leave(dead_because)
+        elif reason:
+            self._leave(reason)
 
     def move(self, url: str, baud: int) -> None:
         """Close this port and open another one."""

@@ -68,8 +68,10 @@ class RequestServer(PeerServer):
         peer.is_idle = False
         connection = self._connections.get(peer)
         if connection is None:
-            # A process that chose its identity is the same requester after it has connected anew.
-            own = f"identity {peer.identity.hex()}" if peer.identity else f"number {next(self._numbers)}"
+            # A process that chose its identity is the same requester after it has connected anew. The kernel
+            # says 0 for one in another namespace of processes.
+            is_known = bool(peer.identity) and peer.pid != 0
+            own = f"identity {peer.identity.hex()}" if is_known else f"number {next(self._numbers)}"
             connection = self._connections[peer] = _Connection(f"{own} of {peer} {peer.pid}")
         connection.n_parts += 1
         if connection.n_parts <= _MOST_PARTS:

@@ -138,7 +138,7 @@ class ContactFilter:
         noise: float,
         acceleration: float = math.nan,
         *,
-        has_zero: bool = True,
+        has_zero: bool,
         ripple_travels: bool = False,
     ) -> None:
         """Look at the scans that `signs` has taken.

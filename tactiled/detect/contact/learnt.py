@@ -52,7 +52,7 @@ def learnt_from(table: Mapping[str, Any]) -> Learnt:
         prefix = f"{name}."
         return Trees({key.removeprefix(prefix): table[key] for key in table if key.startswith(prefix)})
 
-    names = tuple(table["names"].tolist())
+    names = tuple(table["names"].tolist()) if "names" in table else ()  # files of before had none
     return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]), names)
 
 

@@ -12,8 +12,8 @@ lengths, over the noise of each channel. It is evidence of slip where
 
 Where all channels are loads, what counts is the load that moves over a pad: a press raises all taxels, a
 slip takes load from some of them to others. So does a body that rocks or is tugged: the slip is "incipient".
-So does a hand that closes: growth in which the contact begins or ends is left out, and so is the first second
-of a contact.
+So does a hand that closes: growth that reaches back into the first second after a touch or a release is left
+out.
 
 A press may grow as a tug does: which axes of a magnetic skin it changes depends on where its magnets are. On
 one public recording it changed x and y twice as much as z, where tugs changed z twice as much as x and y. The
@@ -120,8 +120,11 @@ class GrowthTracker:
         self._growths = np.concatenate([self._growths[1:], np.full((1, len(growths)), np.nan)])
         hold = self._growths[: -self._n_ago]
         self._since_slip = 0 if self.slides else self._since_slip + 1
+        # While a hand closes, load comes to some cells and leaves others, as in a slip: that is none, and no
+        # part of the hold that slips are compared with.
+        is_held = self._since_touch >= self._spans + self._n_hold
         if self._since_slip >= self._reach:
-            self._growths[-1] = growths
+            self._growths[-1] = np.where(is_held, growths, np.nan)
         largest = [self._largest(hold[:, which], span) for which, span in enumerate(self._spans)]
         over = growths / np.maximum(largest, 1e-12)
         if self.slides:
@@ -130,9 +133,7 @@ class GrowthTracker:
                 self.slides = False
                 return Change(row, False, float(over[0]), 0)
             return None
-        is_new = self._since_slip >= self._spans  # none of the slip before
-        # While a hand closes, load comes to some cells and leaves others, as in a slip.
-        is_new &= self._since_touch >= self._spans + self._n_hold
+        is_new = is_held & (self._since_slip >= self._spans)  # none of the slip before
         if not (found := np.flatnonzero((over > GROWS) & lasts & is_new)).size:
             return None
         self.slides, self._n_slow = True, 0

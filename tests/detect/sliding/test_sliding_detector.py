@@ -199,14 +199,22 @@ def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
     assert end.detected_s <= SLIDE_S[1] + 3 * hop_s
 
 
-def moved(part: float, pads: int = 1, from_s: float = 6.0, takes_s: float = 1.0) -> list[SlipEvent]:
-    """Slips of a hold in which a part of the load of eight taxels moves to the others."""
+def moved(
+    part: float,
+    pads: int = 1,
+    from_s: float = 6.0,
+    takes_s: float = 1.0,
+    back: float = 0.0,
+    back_s: float = 9.0,
+) -> list[SlipEvent]:
+    """Slips of a hold in which some load of eight taxels moves to the others, and a part of it back."""
     channel = {"name": "N", "kind": "normal"}
     places = [{"x_mm": 4.0 * k, "y_mm": 0.0, "pad": k * pads // 16} for k in range(16)]
     document = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxels": places}
     array = build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
     t = np.arange(N)[:, np.newaxis] / RATE_HZ
     away = np.where(np.arange(16) < 8, -part, part) * np.clip((t - from_s) / takes_s, 0, 1)
+    away = away - np.sign(away) * back * np.clip(t - back_s, 0, 1)
     return slips(build_methods(array, DetectParams(), topics=("slip",)).process(hold(5, away)))
 
 
@@ -221,6 +229,8 @@ def test_load_that_moves_over_the_array_is_an_incipient_slip() -> None:
 def test_load_that_moves_while_a_hand_closes_is_no_slip() -> None:
     assert moved(0.9, from_s=1.5, takes_s=0.3) == []  # the press begins at 1 s
     assert moved(0.9, from_s=2.5, takes_s=0.3)[0].kind == "incipient"
+    (slip, *_) = moved(0.9, from_s=1.5, takes_s=0.3, back=0.4, back_s=5.0)
+    assert slip.detected_s == pytest.approx(5.3, abs=0.5)  # the closing hand is not the hold's own tremor
 
 
 @pytest.mark.parametrize("unknown", [True, False])
