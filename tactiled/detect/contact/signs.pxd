@@ -6,7 +6,7 @@ cdef extern from "math.h":
 
 cdef double _LEAST_RATIO, _TINY, _EVEN, _UNKNOWN, _LOADED, _SUDDEN_DROP, _LONG_AGO_S, _LONGEST_S, _KEPT
 cdef long _SHAPE, _RATIO, _OWN, _CHANGES, _TURNS, _SPREADS, _WANDER, _DETAILS, _SINCE, _GROWTH, _ROUGHNESS, _JERK
-cdef long _NOISE, _RIPPLE, _HAND, _SLOW
+cdef long _NOISE, _RIPPLE, _HAND
 
 
 cdef class Signs:
@@ -16,7 +16,6 @@ cdef class Signs:
     cdef public double since_largest_s, steps2, grown_to, log_growth_s, growth_slows
     cdef public double[::1] x, y, scan_load, scan_x, scan_y, over_load, load, shear_x, shear_y, row, taps, past_x, past_y, past_ratio
     cdef public double[::1] past_log_ratio, past_log_load, parts, since, parts_x, parts_y, fast, slow, lag, power, turns
-    cdef public double[::1] quick_part, slow_part, quick, sluggish
     cdef public long long[::1] change_looks, turn_looks, spread_looks, wander_looks, n_taps, pairs
 
     cpdef take(self, double[::1] reading, double[::1] zero)
@@ -27,6 +26,4 @@ cdef class Signs:
     cdef _take_course(self)
     cdef _take_growth(self)
     cdef _take_wander(self, double noise)
-    cdef _take_slow(self, double noise)
-    cdef double _passed(self, long at, double value, double quick, double slow)
     cdef _take_ripple(self)

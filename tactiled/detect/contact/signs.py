@@ -38,9 +38,6 @@ _LONG_AGO_S = 1.0  # prior: times beyond are all the same: longer ones tell what
 # choice: parts of the newest ratio; when it was last below each of them tells in which course it grew.
 _PARTS = (0.5, 0.9, 0.95, 0.98)
 _KEPT = 0.1  # prior: change of the ratio, in parts of it, up to which a course tells how it came about
-# choice: times of means whose difference from means of a quarter shows slow motion: at 0.3 mm/s, friction
-# that differs from place to place takes seconds to change.
-SLOW_S, _QUICKER = (1.0, 4.0), 4.0
 # choice: a ripple of 0.2 to 20 Hz between two leaky means, and the time over which its delays are averaged.
 _RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S = 0.03, 0.8, 1.5
 
@@ -65,8 +62,6 @@ NAMES: tuple[str, ...] = (
     *(f"detail_common_{level}" for level in LEVELS),
     *(f"since_below_{100 * part:.0f}_s" for part in _PARTS),
     *("log_growth_s", "growth_slows"),
-    *(f"{kind}_{t}" for kind in ("wander_slow", "wander_slow_noises") for t in _ms(SLOW_S)),
-    *(f"{kind}_{t}" for kind in ("common_slow", "load_slow") for t in _ms(SLOW_S)),
     *("roughness", "roughness_noises", "load_jerk", "log_ratio_of_drop", "log_noise"),
     *("ripple", "ripple_travels", "acceleration", "is_seen"),
 )
@@ -77,7 +72,6 @@ _CHANGES, _TURNS, _SPREADS = (
 )
 _WANDER, _DETAILS, _SINCE = (NAMES.index(name) for name in ("wander_40ms", "detail_1", "since_below_50_s"))
 _GROWTH, _ROUGHNESS, _JERK = (NAMES.index(name) for name in ("log_growth_s", "roughness", "load_jerk"))
-_SLOW = NAMES.index("wander_slow_1000ms")
 _NOISE, _RIPPLE, _HAND = (NAMES.index(name) for name in ("log_noise", "ripple", "acceleration"))
 
 
@@ -154,9 +148,6 @@ class Signs:
         self.keep_fast, self.keep_slow, self.keep_mean = (
             1.0 - min(1.0, look_s / t) for t in (_RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S)
         )
-        self.quick_part = array("d", [min(1.0, _QUICKER * look_s / t) for t in SLOW_S])
-        self.slow_part = array("d", [min(1.0, look_s / t) for t in SLOW_S])
-        self.quick, self.sluggish = (_zeros(len(SLOW_S) * (2 * n + 3)) for _ in range(2))
         self.is_seen = 1.0 if is_seen else 0.0
         self.ratio_x = self.ratio_y = self.turn = self.ratio = self.growth = self.whole = self.ratio_noise = (
             0.0
@@ -238,7 +229,6 @@ class Signs:
         self._take_course()
         self._take_growth()
         self._take_wander(noise)
-        self._take_slow(noise)
         self._take_ripple()
         row, mean = self.row, self.whole / self.n_taxels
         row[_ROUGHNESS] = roughness / mean
@@ -439,37 +429,6 @@ class Signs:
             row[_DETAILS + kinds + j] = size / relative
             row[_DETAILS + 2 * kinds + j] = sqrt(common_x * common_x + common_y * common_y)
             first += taps
-
-    def _take_slow(self, noise: float) -> None:
-        """Signs of slow motion: taxels that move on their own, all together, and loads, within seconds."""
-        n, row, kinds = self.n_taxels, self.row, len(self.slow_part)
-        width = 2 * n + 3
-        for j in range(kinds):
-            first, squares = j * width, 0.0
-            quick, slow = max(self.quick_part[j], 1.0 / self.n), max(self.slow_part[j], 1.0 / self.n)
-            for k in range(n):
-                part = self.load[k] / self.whole
-                x = self.shear_x[k] / self.whole - part * self.ratio_x
-                y = self.shear_y[k] / self.whole - part * self.ratio_y
-                dx, dy = self._passed(first + k, x, quick, slow), self._passed(first + n + k, y, quick, slow)
-                squares += dx * dx + dy * dy
-            dx = self._passed(first + 2 * n, self.ratio_x, quick, slow)
-            dy = self._passed(first + 2 * n + 1, self.ratio_y, quick, slow)
-            size = sqrt(squares / n)
-            # Of white noise, a leaky mean that takes this part of each look keeps half of it as variance.
-            left = max(noise / self.whole * sqrt(0.5 * self.quick_part[j]), _TINY)
-            row[_SLOW + j] = size * n
-            row[_SLOW + kinds + j] = size / left
-            row[_SLOW + 2 * kinds + j] = sqrt(dx * dx + dy * dy) / max(self.ratio, _LEAST_RATIO)
-            row[_SLOW + 3 * kinds + j] = self._passed(first + 2 * n + 2, log(self.whole), quick, slow)
-
-    def _passed(self, at: int, value: float, quick: float, slow: float) -> float:
-        """Take a value into a quick and a slow mean, and return their difference."""
-        if self.n == 1:
-            self.quick[at] = self.sluggish[at] = value
-        self.quick[at] += quick * (value - self.quick[at])
-        self.sluggish[at] += slow * (value - self.sluggish[at])
-        return self.quick[at] - self.sluggish[at]
 
     def _take_ripple(self) -> None:
         """Signs of a ripple of the loads: its size, and the part of it that travels from taxel to taxel.
