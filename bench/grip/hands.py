@@ -27,7 +27,7 @@ from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import FloatArray
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.suite import DetectParams
-from tactiled.events.types import Event, GripEvent, SlipEvent
+from tactiled.events.types import GripEvent, SlipEvent
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
@@ -121,10 +121,12 @@ def count_reports(world: World) -> HandCount:
     """Count what the filter reports of a world in which nothing slips."""
     has_slipped = np.maximum.accumulate(world.utilisation) >= INCIPIENT_USED
     count = HandCount()
-    events: list[Event] = []
+    grips: list[GripEvent] = []
     for name in SETTINGS:
         params = DetectParams.model_validate({"setting": name}).grip
         events = GripSlip(world.array, params).process(world.block)
+        if name == _AIM_SETTING:
+            grips = [event for event in events if isinstance(event, GripEvent) and event.state != "none"]
         for event in events:
             if not isinstance(event, SlipEvent) or event.state != "onset":
                 continue
@@ -133,8 +135,6 @@ def count_reports(world: World) -> HandCount:
             else:
                 k = min(round((event.detected_s or 0.0) * world.rate_hz), len(has_slipped) - 1)
                 count.onsets[name] += not has_slipped[k]
-    # The same for each setting, while no gross slip is open.
-    grips = [event for event in events if isinstance(event, GripEvent) and event.state != "none"]
     time_s, p_gross = [event.time_s for event in grips], [event.p_gross_300ms for event in grips]
     count.hours = len(time_s) / world.rate_hz / 3600
     count.most_gross = count.gross.copy()

@@ -27,14 +27,14 @@ _EVEN = 0.5  # share of plates with the same friction at every place
 
 @dataclass(frozen=True)
 class Minute:
-    """What was said of a slide or a rest of a minute.
+    """Verdict on a slide or a rest of a minute.
 
     Attributes
     ----------
     told : float
-        Part of the time from 0.5 s after it begins to slide, or after the load is there, that is gross slip.
+        Part of the grip messages that say gross slip, from 0.5 s after the slide began or the load was there.
     p_sliding : float
-        Median in that time.
+        Median of these messages.
     """
 
     slides: bool

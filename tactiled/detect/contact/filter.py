@@ -30,7 +30,7 @@ STATE_SIGNS = (
 )
 """Signs that the second trees are given beside the memory."""
 ROW_NAMES = (*NAMES, *STATE_SIGNS, *MEMORY_NAMES)
-"""Of the signs, then of what the second trees are given, by place."""
+"""Names of the inputs by place: of the first trees, then of the second ones."""
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
 _LEAST_RATIO = 0.02  # physical: that a slide bears: the friction of wet ice
 

@@ -38,10 +38,10 @@ class Learnt(NamedTuple):
     def check(self, names: tuple[str, ...]) -> None:
         """Raise ValueError where the trees were learnt from signs of other names or places."""
         if self.names != names:
-            other = sorted(set(self.names) ^ set(names))
+            other = sorted(set(self.names) ^ set(names)) or ["the same in another order"]
             raise ValueError(
-                f"{'/'.join(FILE)}: the trees were learnt from other signs "
-                f"({', '.join(other) or 'the same in another order'}); learn them anew (./run train slip)"
+                f"{'/'.join(FILE)}: the trees were learnt from other signs ({', '.join(other[:5])}); "
+                "learn them anew (./run train slip)"
             )
 
 

@@ -38,7 +38,7 @@ class ScanInstant(NamedTuple):
 
 
 class _Past(NamedTuple):
-    """What is kept of a scan: see `ContactScan`."""
+    """One scan of the last second; fields as in `ContactScan`."""
 
     time_s: float
     size: float
