@@ -101,9 +101,11 @@ def test_noise_alone_is_no_contact_whatever_its_size() -> None:
         assert contact_states(gate.process(regular_block(np.rint(noise), 100.0))) == []
 
 
-def rest_noise(steps: FloatArray, ok: NDArray[np.bool_] | None = None) -> tuple[FloatArray, list[int]]:
-    """Return the noise (n, channels) after each scan, no less than 50 early, and where it becomes known."""
-    rest, noise, known = RestNoise(steps.shape[1], 50.0), np.empty(steps.shape), []
+def rest_noise(
+    steps: FloatArray, ok: NDArray[np.bool_] | None = None, early: float = 50.0
+) -> tuple[FloatArray, list[int]]:
+    """Return the noise (n, channels) after each scan, and where it becomes known."""
+    rest, noise, known = RestNoise(steps.shape[1], early), np.empty(steps.shape), []
     flags = np.ones(steps.size, dtype=np.uint8) if ok is None else ok.ravel().astype(np.uint8)
     for k in range(len(steps)):
         if rest.take(k * steps.shape[1], steps.ravel(), flags):
@@ -129,7 +131,7 @@ def test_the_rest_noise_is_that_of_the_quietest_whole_group_and_of_medians_befor
     rng = np.random.default_rng(3)
     steps = np.rint(rng.choice([0.3, 5.0, 900.0], (1, 6)) * rng.normal(size=(160, 6)))
     ok: NDArray[np.bool_] = np.asarray(rng.random(steps.shape) >= lost)
-    found, _ = rest_noise(steps, ok)
+    found, _ = rest_noise(steps, ok, early=0.01)
     groups, whole = steps.reshape(10, 16, 6), np.asarray(ok.reshape(10, 16, 6).all(axis=1))
     power = (np.diff(groups, 2, axis=1) ** 2).mean(axis=1) / 6  # of second differences of white noise
     power = np.where(whole, power, np.inf)
@@ -145,7 +147,7 @@ def test_the_rest_noise_is_that_of_the_quietest_whole_group_and_of_medians_befor
     of_each = np.array([spread_median(own, half) for own in bend.T]) / (0.6745 * np.sqrt(6))
     least = of_all * min(1.0, np.exp(3 * 1.63 / np.sqrt(np.isfinite(bend).sum())) / 2)
     expected = np.where(of_each > 2 * of_all, of_each, least)
-    np.testing.assert_allclose(found[9], np.maximum(expected, 50.0), rtol=1e-12)
+    np.testing.assert_allclose(found[9], np.maximum(expected, 0.01), rtol=1e-12)
 
 
 def spread_median(values: FloatArray, half: float) -> float:
