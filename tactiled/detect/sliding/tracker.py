@@ -191,6 +191,6 @@ class SlidingTracker:
         self.slides = False
         odds, self._odds = self._odds, 0.0
         # The window still holds the slide.
-        self._n = self._n % self._hop
+        self._n = self._since_hop = self._n % self._hop
         self._touching[:] = False
         return Change(row, False, odds, 0)

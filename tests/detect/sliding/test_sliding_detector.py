@@ -191,6 +191,19 @@ def test_a_slide_that_begins_with_the_contact_is_not_told_to_begin_before_it() -
     assert onset.onset_s >= contact.time_s - 1 / RATE_HZ
 
 
+def test_the_slide_of_the_next_contact_begins_after_that_contact() -> None:
+    block = hold(0, 4 * roughness_from(2.0))
+    lifted_s, touch_s = 7.0, 7.5
+    t = block.time_s
+    lifted = dataclasses.replace(
+        block, volts=np.where(((t > lifted_s) & (t < touch_s))[:, np.newaxis], 0.0, block.volts)
+    )
+    onset = next(
+        slip for slip in slips(detector().process(lifted)) if slip.state == "onset" and slip.time_s > lifted_s
+    )
+    assert touch_s - 0.5 / RATE_HZ < onset.onset_s < onset.detected_s
+
+
 def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
     # Noise is 2 counts; the ripple moves readings by tens of counts from scan to scan.
     end = slips(detector().process(hold(0, 5 * ridges())))[-1]
