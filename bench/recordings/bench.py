@@ -15,6 +15,7 @@ from bench.recordings.rules import (
     LOG_RULES,
     RIDGES,
     agreement,
+    by_best_of_others,
     by_threshold,
     by_trees,
     contact_by_norm,
@@ -158,10 +159,10 @@ def _ask(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> 
         trees = [pose_errors_of_trees(log) for log in logs] if are_poses else None
         return Found(source, question, len(logs), errors, None, trees, len(logs) - len(errors))
     if question == "contact":
-        said = [ours.contact(log, array) for log in logs]
+        touching = [ours.contact(log, array) for log in logs]
         found = Contacts(
-            [agreement(one, log) for one, log in zip(said, logs, strict=True)],
-            [agreement(one, log, light_is_free=True) for one, log in zip(said, logs, strict=True)],
+            [agreement(one, log) for one, log in zip(touching, logs, strict=True)],
+            [agreement(one, log, light_is_free=True) for one, log in zip(touching, logs, strict=True)],
         )
         by_rule = Contacts(contact_by_norm(logs), contact_by_norm(logs, light_is_free=True))
         return Found(source, question, len(logs), found, by_rule)
@@ -169,8 +170,12 @@ def _ask(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> 
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
         return Found(source, question, len(logs), Periods.count(logs, answers), Periods.count(logs, lines))
-    says = {"slip": ours.slips, "touch": ours.touches, "loss": ours.loses}[question]
-    decisions = Decisions.count(logs, [says(log, array) for log in logs])
+    if question == "slip" and source.growths:
+        said = by_best_of_others(logs, ours.slips_by_growth(logs, array, source.growths))
+    else:
+        says = {"slip": ours.slips, "touch": ours.touches, "loss": ours.loses}[question]
+        said = [says(log, array) for log in logs]
+    decisions = Decisions.count(logs, said)
     of_rule = Decisions.count(logs, by_threshold(logs, LOG_RULES[rule]))
     return Found(source, question, len(logs), decisions, of_rule, Decisions.count(logs, by_trees(logs)))
 

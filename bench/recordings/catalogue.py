@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,6 +29,9 @@ class Source:
         Constants of the daemon that were chosen on this source; empty for none.
     array_file : mapping
         Array file, as a user writes it.
+    growths : list of float
+        Squared growths of load that moves from which an onset is told: each object is judged with the one
+        that is best on the others. Without any, all are judged with the one that ships.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Source:
     asked: dict[Question, str]
     chosen: str
     array_file: dict[str, Any]
+    growths: list[float] = field(default_factory=list)
 
     @property
     def folder(self) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from tactiled.array import Array
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.calibrate.study import Identity, calibrate
 from tactiled.detect.signal.slip_gate import KnownSliding
+from tactiled.detect.sliding import growth
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError
@@ -27,6 +29,15 @@ def slips(log: Log, array: Array) -> bool:
     """Return True where an onset is reported."""
     found = _events(log, array, DetectParams(), ("slip",))
     return any(isinstance(event, SlipEvent) and event.state == "onset" for event in found)
+
+
+def slips_by_growth(logs: Sequence[Log], array: Array, growths: Sequence[float]) -> NDArray[np.bool_]:
+    """Return (growths, logs) where an onset is reported, with each limit of the growth of load that moves."""
+    found = []
+    for limit in growths:
+        with mock.patch.object(growth, "HOLDS_MOVE", limit):
+            found.append([slips(log, array) for log in logs])
+    return np.array(found)
 
 
 def contact(log: Log, array: Array) -> NDArray[np.bool_]:

@@ -79,6 +79,22 @@ def by_threshold(logs: Sequence[Log], score: Callable[[Log], float]) -> list[boo
     return said
 
 
+def by_best_of_others(logs: Sequence[Log], said: NDArray[np.bool_]) -> list[bool]:
+    """Decide for each log by the choice that is best on the other groups.
+
+    Parameters
+    ----------
+    said : (choices, logs) bool
+    """
+    label = np.array([log.label for log in logs])
+    groups = np.array([log.group for log in logs])
+    decided = []
+    for at, group in enumerate(groups):
+        found, quiet = said[:, (groups != group) & label], ~said[:, (groups != group) & ~label]
+        decided.append(bool(said[np.argmax(found.mean(axis=1) + quiet.mean(axis=1)), at]))
+    return decided
+
+
 def agreement(said: NDArray[np.bool_], log: Log, *, light_is_free: bool = False) -> float:
     """Return the part of scans that are said right, mean of pressed and of free ones; 0.5 is chance.
 

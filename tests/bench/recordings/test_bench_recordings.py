@@ -16,6 +16,7 @@ from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
 from bench.recordings.rules import (
     agreement,
+    by_best_of_others,
     by_threshold,
     centre_change,
     contact_by_norm,
@@ -79,6 +80,23 @@ def test_a_threshold_comes_from_other_groups_alone() -> None:
     assert by_threshold(logs, median_change) == [True, False, True, False]
     alone = [log(True, "cup", 5.0), log(False, "cup"), log(True, "pen", 10.0), log(False, "pen", 7.0)]
     assert by_threshold(alone, median_change)[0] is False  # 5 is below what the others say
+
+
+def test_a_choice_is_made_on_other_groups_alone() -> None:
+    logs = [log(True, "cup"), log(False, "cup"), log(True, "pen"), log(False, "pen")]
+    said = np.array([[1, 0, 0, 0], [1, 1, 1, 0]], dtype=np.bool_)
+    # On the pen the second choice is right twice; on the cup the first one is.
+    assert by_best_of_others(logs, said) == [True, True, False, False]
+
+
+def test_a_limit_of_growth_is_one_of_load_that_moves() -> None:
+    pad = build(ArrayFile(name="pad", taxel_count=8, taxel_channels=[TaxelChannel(name="N", kind="normal")]))
+    time_s = np.arange(900)[:, np.newaxis] / 100.0
+    rng = np.random.default_rng(0)
+    moves = 1.0 + 0.1 * np.where(np.arange(8) < 4, -1, 1) * np.clip((time_s - 6.0) / 0.3, 0, 1)
+    readings = np.clip(time_s - 1.0, 0, 1) * moves + 1e-3 * rng.standard_normal((900, 8))
+    said = ours.slips_by_growth([Log("moves", "pen", time_s[:, 0], readings)], pad, [1e2, 1e9])
+    assert said.tolist() == [[True], [False]]
 
 
 def test_the_rules_find_what_they_name() -> None:
