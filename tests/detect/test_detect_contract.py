@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from contact_gate import ContactGate
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from touches import Touch, pieces, run, splits
+from touches import Touch, assert_sound, pieces, run, splits
 
 from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
 from tactiled.detect.base import Detector
@@ -100,21 +99,12 @@ def whole(name: str, array_name: str) -> tuple[ScanBlock, list[Event]]:
     return block, DETECTORS[name](array).process(block)
 
 
-def assert_finite(events: list[Event]) -> None:
-    for event in events:
-        for field in dataclasses.fields(event):
-            value = getattr(event, field.name)
-            assert value is not None
-            if isinstance(value, float):
-                assert math.isfinite(value), f"{field.name} of {event}"
-
-
 @every_detector
 @every_array
 def test_a_slide_gives_events(name: str, array: Array) -> None:
     _, events = whole(name, array.name)
     assert len(events) >= 3
-    assert_finite(events)
+    assert_sound(events)
 
 
 @every_detector
@@ -164,7 +154,7 @@ def test_a_gap_ends_events_and_a_board_that_begins_anew_equals_reset(name: str, 
 def test_constant_readings_give_no_slip_and_finite_events(name: str, array: Array, value: float) -> None:
     block = regular_block(np.full((700, array.n_channels), value), RATES_HZ[array.name])
     events = DETECTORS[name](array).process(block)
-    assert_finite(events)
+    assert_sound(events)
     assert not any(event.topic in ("slip", "texture") for event in events)
 
 
@@ -179,7 +169,7 @@ def test_steps_noise_and_dropouts_of_any_size_give_finite_events(name: str, arra
         rng = np.random.default_rng(seed)
         volts = 1.0 + size * np.sign(rng.normal(size=(400, array.n_channels))).cumsum(axis=0)
         volts[rng.random(volts.shape) < dropped / 5] = np.nan
-        assert_finite(
+        assert_sound(
             make(array).process(regular_block(volts, rate_hz, valid=rng.random(volts.shape) > dropped / 5))
         )
 

@@ -1,6 +1,8 @@
 """Touches with known truth, from a few lines of arithmetic: no emulator, no detector code."""
 
+import dataclasses
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +22,20 @@ from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
 LSB = 3.0 / 4096  # of the 12-bit converter
+
+
+def assert_sound(events: Sequence[Event]) -> None:
+    """Check that numbers are finite, and that no slip begins after it was told."""
+    for event in events:
+        for field in dataclasses.fields(event):
+            value = getattr(event, field.name)
+            assert value is not None
+            if isinstance(value, float):
+                assert math.isfinite(value), f"{field.name} of {event}"
+        if isinstance(event, SlipEvent):
+            assert event.onset_s <= event.time_s <= event.detected_s + 1e-9, event
+            assert event.onset_sd_s >= 0, event
+            assert 0 <= event.confidence <= 1, event
 
 
 @dataclass(frozen=True)
