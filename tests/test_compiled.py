@@ -108,6 +108,7 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 @settings(max_examples=15, deadline=None)
 def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) -> None:
     rng, n, taxels, sides = np.random.default_rng(seed), 40, 3, 4
+    n_mean, lag = int(rng.choice([0, 4])), float(rng.choice([0.0, 0.2]))
     own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
     steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
     ok = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
@@ -118,12 +119,12 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
     gap = data.draw(st.sampled_from(cuts))  # before which scans are missing
     found = []
     for one in both(pressure):
-        levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0)
-        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01)
+        levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean)
+        of = one.Pressure(own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01, lag, 0.1)
         answers = []
         for start, end in itertools.pairwise(cuts):
             if start == gap:
-                of.interrupt(0.7)
+                of.interrupt(0.7, 0.2)
             flat, some = slice(start * 12, end * 12), end - start
             reals, flags = np.zeros(2 * some), np.zeros((3 + taxels) * some, dtype=np.uint8)
             own_readings = readings[start:end] if each else readings

@@ -35,11 +35,17 @@ _CONTACT_OF_RANGE = 1 / 1024
 # prior: part of the range while the noise of a channel is not known: drift and hum of a sensor that is of use
 # are less.
 _EARLY_OF_RANGE = 1 / 64
+# prior: wandering of readings at rest is measured over eight times as long: a second, and a hand leaves the
+# skin alone for so long somewhere.
+_MEAN_S = 0.16
+_FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # tuned: set of a soft skin, where the array file gives no level and no shear over load says that a light load
 # is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one
-# is between those of presses and of holds.
+# is between those of presses and of holds. As much comes back within seconds of any press: foil and silicone
+# read 5 to 15 % of it beside their zero at first.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too
+_LAG_S = 5.0  # prior: seconds; 3, 5 and 8 s tell the same contacts on recordings, but for one run of foil
 # prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
 # what is left of a load below this part of it is rather an object that was lost.
 _SET_OF_SHEARED = 0.05
@@ -134,6 +140,7 @@ class ContactTracker:
         n = max(3, round(params.slope_window_s * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
+        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
         slope_scale = self._grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line)
         self._pressure = Pressure(
             np.concatenate([np.resize(row, most) for row in own]).astype(np.int64),
@@ -144,10 +151,16 @@ class ContactTracker:
             self._grid.volts_per_step,
             slope_scale,
             levels,
-            RestNoise(array.n_channels, early / self._grid.volts_per_step),
+            RestNoise(
+                array.n_channels,
+                early / self._grid.volts_per_step,
+                n_mean if n_mean >= _FEWEST_OF_MEAN else 0,
+            ),
             array.is_field,
             0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
+            0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
+            -math.expm1(-1.0 / (_LAG_S * rate_hz)),
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self._begin()
@@ -161,7 +174,8 @@ class ContactTracker:
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
-        self._pressure.interrupt(math.exp(-n_missing / (_SET_S * self._rate_hz)))
+        gap_s = n_missing / self._rate_hz
+        self._pressure.interrupt(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LAG_S))
         self._begin()
 
     def measure(

@@ -6,7 +6,7 @@ cdef extern from "math.h" nogil:
 
 cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
 cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS
-cdef long _LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED
+cdef long _LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED, _MEANS
 
 
 cdef class Hold:
@@ -18,15 +18,18 @@ cdef class Hold:
 
 
 cdef class RestNoise:
-    cdef public long n_channels, n_scans, n_known
+    cdef public long n_channels, n_scans, n_known, n_mean, n_summed, n_means
     cdef public double early
     cdef public bint is_early
-    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise
+    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise, means, slow_power
+    cdef public long long[::1] n_good
     cdef public unsigned char[::1] ok
 
     cpdef interrupt(self)
 
     cpdef bint take(self, long first, const double[::1] steps, const unsigned char[::1] ok)
+
+    cdef _take_mean(self, long newest)
 
     cdef _take_group(self)
 
@@ -51,14 +54,14 @@ cdef class Levels:
 
 cdef class Pressure:
     cdef public long n_channels, n_taxels, n_sides
-    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan
+    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, lag_of_load, lag_per_scan
     cdef public bint is_begun, is_field
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals, set, pressure, taxel_noise
+    cdef public double[::1] sign, total_weights, line, totals, set, lag, pressure, taxel_noise
 
-    cpdef interrupt(self, double kept)
+    cpdef interrupt(self, double set_kept, double lag_kept)
 
     cpdef take(self, long n, const double[::1] steps, const double[::1] held, const unsigned char[::1] ok, const double[::1] readings, double[::1] reals, unsigned char[::1] flags)
 

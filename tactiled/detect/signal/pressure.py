@@ -35,6 +35,7 @@ _MOST_POOLED = 36  # choice: channels whose second differences are sorted: 500 t
 _SURELY = 3.0  # choice: standard deviations by which the noise of few may be stated too small
 # derived: the noise of groups is stated up to two times too small, and levels allow for that.
 _STATED_SMALL = 2.0
+_MEANS = 8  # choice: whose second differences tell how far readings wander at rest
 # choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
 # times too small (`RestNoise`): this leaves 6 standard deviations.
 CONTACT_SDS = 12.0
@@ -84,6 +85,10 @@ class RestNoise:
     first. It is no less than the rounding noise of the smallest step between two readings. The minimum over
     many groups of 16 scans is about half of the standard deviation.
 
+    Filtered readings wander slowly, and differ little from scan to scan. The same of eight means of some
+    scans each therefore counts, too, where it is more than that of the scans; means of white noise are less.
+    A hand that moves without rest looks alike, which is why `early` is the most that counts.
+
     Before a channel has a whole group, its noise is taken to be that of the channels together, or its own so
     far if that is more than twice as much: a press moves few channels at a time, or all of them in few scans,
     which medians do not see. It is full scale before that can be told.
@@ -91,7 +96,9 @@ class RestNoise:
     Parameters
     ----------
     early : float
-        Least standard deviation in steps of a channel without a group.
+        Least standard deviation in steps of a channel without a group, and the most that is wandering.
+    n_mean : int
+        Scans of a mean; 0 where scans come too slowly to tell wandering from noise.
 
     Attributes
     ----------
@@ -101,18 +108,21 @@ class RestNoise:
         Channels that have a group, -1 while nothing can be told.
     """
 
-    def __init__(self, n_channels: int, early: float) -> None:
+    def __init__(self, n_channels: int, early: float, n_mean: int) -> None:
         n = n_channels
-        self.n_channels, self.early = n, early
+        self.n_channels, self.early, self.n_mean = n, early, n_mean
         self.steps, self.ok = array("d", bytes(8 * n * _GROUP_SCANS)), array("B", bytes(n * _GROUP_SCANS))
         self.bends, self.own = array("d", bytes(8 * n * _GROUP_SCANS)), array("d", bytes(8 * _GROUP_SCANS))
         self.least_power, self.least_step = array("d", [_UNKNOWN**2] * n), array("d", [_INFINITE] * n)
         self.early_noise, self.noise = array("d", [_UNKNOWN] * n), array("d", [_UNKNOWN] * n)
+        self.means, self.n_good = array("d", bytes(8 * n * _MEANS)), array("q", bytes(8 * n))
+        self.slow_power = array("d", [_INFINITE] * n)
         self.n_scans, self.n_known, self.is_early = 0, -1, True
+        self.n_summed, self.n_means = 0, 0
 
     def interrupt(self) -> None:
         """Begin a group anew after missing scans."""
-        self.n_scans = 0
+        self.n_scans, self.n_summed, self.n_means = 0, 0, 0
 
     def take(self, first: int, steps: FloatArray, ok: Flags) -> bool:
         """Take a scan, from `first` on.
@@ -127,6 +137,8 @@ class RestNoise:
             self.steps[at + c] = steps[first + c]
             self.ok[at + c] = ok[first + c]
         self.n_scans += 1
+        if self.n_mean > 0:
+            self._take_mean(at)
         if self.is_early:
             self._take_early()
         elif self.n_scans < _GROUP_SCANS:
@@ -143,8 +155,35 @@ class RestNoise:
             if is_own:
                 step = self.least_step[c] if self.least_step[c] < _INFINITE else 0.0
                 self.noise[c] = sqrt(max(self.least_power[c], step * step / _ROUNDING))
+                if self.slow_power[c] < _INFINITE:
+                    self.noise[c] = max(self.noise[c], min(sqrt(self.slow_power[c]), self.early))
         before, self.n_known = self.n_known, n_known if can_tell else -1
         return self.n_known > before
+
+    def _take_mean(self, newest: int) -> None:
+        """Take the newest scan into the present mean of each channel, and the mean into those before it."""
+        n, place = self.n_channels, (self.n_means % _MEANS) * self.n_channels
+        for c in range(n):
+            if self.n_summed == 0:
+                self.means[place + c] = 0.0
+            self.means[place + c] += self.steps[newest + c] / self.n_mean
+            self.n_good[c] = self.n_good[c] + 1 if self.ok[newest + c] != 0 else 0
+        self.n_summed += 1
+        if self.n_summed < self.n_mean:
+            return
+        self.n_summed = 0
+        self.n_means += 1
+        if self.n_means < _MEANS:
+            return
+        for c in range(n):
+            if self.n_good[c] < _MEANS * self.n_mean:
+                continue
+            power = 0.0
+            for k in range(self.n_means - _MEANS, self.n_means - 2):
+                first, second = self.means[k % _MEANS * n + c], self.means[(k + 1) % _MEANS * n + c]
+                bend = (second - first) - (self.means[(k + 2) % _MEANS * n + c] - second)
+                power += bend * bend
+            self.slow_power[c] = min(self.slow_power[c], power / (_MEANS - 2) / _SECOND_DIFFERENCE)
 
     def _take_group(self) -> None:
         """Take what a whole group shows of the channels that it read."""
@@ -270,9 +309,10 @@ class Pressure:
     """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
-    in a standard linear solid, and only what is beyond it is compared with the levels. A magnet of a skin
-    moves with the skin around it: the set of a field follows the mean pressure of the taxels where that is
-    more than the taxel's own.
+    in a standard linear solid. The skin also lags: a part is left at once, and comes back within seconds.
+    Only what is beyond the larger of the two is compared with the levels. A magnet of a skin moves with the
+    skin around it: set and lag of a field follow the mean pressure of the taxels where that is more than the
+    taxel's own.
 
     Parameters
     ----------
@@ -291,6 +331,8 @@ class Pressure:
         The readings are those of a magnetic field, which a press may raise or lower.
     set_of_load, set_per_scan : float
         Part of a load that a press of any length leaves, and the part of the way to it in a scan.
+    lag_of_load, lag_per_scan : float
+        Part of the largest load that is left at once, and the part of that which comes back in a scan.
     """
 
     def __init__(
@@ -307,6 +349,8 @@ class Pressure:
         is_field: bool,
         set_of_load: float,
         set_per_scan: float,
+        lag_of_load: float,
+        lag_per_scan: float,
     ) -> None:
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
@@ -317,15 +361,19 @@ class Pressure:
         self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
-        self.set, self.pressure, self.taxel_noise = (array("d", bytes(8 * len(counts))) for _ in range(3))
+        self.lag_of_load, self.lag_per_scan = lag_of_load, lag_per_scan
+        zeros = bytes(8 * len(counts))
+        self.set, self.lag = array("d", zeros), array("d", zeros)
+        self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros)
         self.is_begun = False
 
-    def interrupt(self, kept: float) -> None:
-        """Pass over missing scans, after which a part of the set is left."""
+    def interrupt(self, set_kept: float, lag_kept: float) -> None:
+        """Pass over missing scans, after which parts of set and lag are left."""
         self.is_begun = False
         self.rest.interrupt()
         for t in range(self.n_taxels):
-            self.set[t] *= kept
+            self.set[t] *= set_kept
+            self.lag[t] *= lag_kept
 
     def take(
         self,
@@ -382,9 +430,12 @@ class Pressure:
                 loads += max(self.pressure[t], 0.0)
             shared = loads / taxels if self.is_field else 0.0
             for t in range(taxels):
-                set_to = self.set_of_load * max(max(self.pressure[t], shared), 0.0)
-                self.set[t] += self.set_per_scan * (set_to - self.set[t])
-                pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
+                pressed = max(max(self.pressure[t], shared), 0.0)
+                self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
+                left = self.lag[t] - self.lag_per_scan * self.lag[t]
+                self.lag[t] = max(left, self.lag_of_load * pressed)
+                pressure = self.pressure[t] - max(self.set[t], self.lag[t])
+                taxel_noise = self.taxel_noise[t]
                 touches = pressure > levels.contact_at(taxel_noise)
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
                 if touches:

@@ -96,9 +96,21 @@ def test_a_chip_beside_the_press_keeps_the_set_of_the_skin() -> None:
     assert "none" not in [event.state for event in contacts(COUNTS, of_counts)]  # a cell feels its own press
 
 
-def test_a_light_hold_after_a_short_press_goes_on() -> None:
-    events = contacts(COUNTS, readings(press(1.0, 0.06, after_s=5.0), np.ones(4)))
-    assert "none" not in [event.state for event in events]
+def test_a_hold_after_a_short_press_goes_on_and_a_light_one_is_found_again_within_seconds() -> None:
+    firm = contacts(COUNTS, readings(press(1.0, 0.2, after_s=12.0), np.ones(4)))
+    assert "none" not in [event.state for event in firm]
+    light = contacts(COUNTS, readings(press(1.0, 0.1, after_s=12.0), np.ones(4)))
+    lost, again = (event for event in light[2:] if event.state in ("none", "loading"))
+    assert 3.0 < again.time_s - lost.time_s < 7.0
+
+
+def test_what_comes_back_within_seconds_of_a_press_is_no_contact() -> None:
+    load = press(2.0, 0.0, after_s=20.0)
+    released = round(4.0 * RATE_HZ)
+    load[released:] = 0.12 * LOAD * np.exp(-np.arange(len(load) - released) / (4.0 * RATE_HZ))
+    events = contacts(COUNTS, readings(load, np.ones(4)))
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[-1].time_s == pytest.approx(4.0, abs=0.05)
 
 
 def test_the_set_decays() -> None:

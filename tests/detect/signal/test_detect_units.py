@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from contact_gate import ContactGate
 from numpy.typing import NDArray
+from scipy import signal
 from touches import Touch, contact_states
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
@@ -102,10 +103,10 @@ def test_noise_alone_is_no_contact_whatever_its_size() -> None:
 
 
 def rest_noise(
-    steps: FloatArray, ok: NDArray[np.bool_] | None = None, early: float = 50.0
+    steps: FloatArray, ok: NDArray[np.bool_] | None = None, early: float = 50.0, n_mean: int = 0
 ) -> tuple[FloatArray, list[int]]:
     """Return the noise (n, channels) after each scan, and where it becomes known."""
-    rest, noise, known = RestNoise(steps.shape[1], early), np.empty(steps.shape), []
+    rest, noise, known = RestNoise(steps.shape[1], early, n_mean), np.empty(steps.shape), []
     flags = np.ones(steps.size, dtype=np.uint8) if ok is None else ok.ravel().astype(np.uint8)
     for k in range(len(steps)):
         if rest.take(k * steps.shape[1], steps.ravel(), flags):
@@ -148,6 +149,24 @@ def test_the_rest_noise_is_that_of_the_quietest_whole_group_and_of_medians_befor
     least = of_all * min(1.0, np.exp(3 * 1.63 / np.sqrt(np.isfinite(bend).sum())) / 2)
     expected = np.where(of_each > 2 * of_all, of_each, least)
     np.testing.assert_allclose(found[9], np.maximum(expected, 0.01), rtol=1e-12)
+
+
+def test_readings_that_wander_are_as_noisy_as_their_means_and_white_ones_are_not() -> None:
+    rng = np.random.default_rng(5)
+    white = 10.0 * rng.normal(size=(2000, 6))
+    below_1_hz = signal.butter(2, 1.0, fs=100.0, output="sos")
+    wandering = signal.sosfilt(below_1_hz, 100.0 * rng.normal(size=(2000, 6)), axis=0)
+    steps = np.hstack([white, wandering])
+    plain, _ = rest_noise(steps, n_mean=0)
+    slow, _ = rest_noise(steps, n_mean=16)
+    np.testing.assert_array_equal(slow[:, :6], plain[:, :6])
+    means = wandering.reshape(125, 16, 6).mean(axis=1)
+    bends = np.diff(means, 2, axis=0) ** 2 / 6
+    windows = np.lib.stride_tricks.sliding_window_view(bends, 6, axis=0).mean(axis=-1)
+    np.testing.assert_allclose(slow[-1, 6:], np.sqrt(windows.min(axis=0)), rtol=1e-9)
+    assert (slow[-1, 6:] > 10 * plain[-1, 6:]).all()
+    bounded, _ = rest_noise(100 * steps, early=1.0, n_mean=16)
+    np.testing.assert_array_equal(bounded[-1], rest_noise(100 * steps, early=1.0)[0][-1])
 
 
 def spread_median(values: FloatArray, half: float) -> float:
