@@ -109,7 +109,8 @@ class SlidingSlip:
         time_s, valid = float(block.time_s[change.row]), not bool(block.late[change.row])
         if change.is_onset:
             before = [*self._own.values(), *([self._of_first] if self._of_first is not None else [])]
-            if not change.is_gross and not self._grows and time_s - self._gross_end_s < _SETTLES_S:
+            is_settling = time_s - self._gross_end_s < _SETTLES_S
+            if not change.is_gross and not self._grows and (is_settling or self._state == "none"):
                 return []
             onset = self._own[which] = self._onset(time_s, change, valid=valid)
             if any(slip.kind == "gross" or onset.kind == slip.kind for slip in before):

@@ -239,6 +239,25 @@ def test_load_that_moves_over_the_array_is_an_incipient_slip() -> None:
     assert moved(0.2, pads=2) == []  # from one finger to the other: the object is lifted or turned
 
 
+def test_what_moves_before_anything_touches_is_no_slip() -> None:
+    """Zeros of some channels rise while those of others fall: a warm-up, below the level of contact."""
+    drift = (
+        np.where(np.arange(16) < 8, -1.0, 1.0)
+        * 30.0
+        * np.clip((np.arange(N) / RATE_HZ - 2.0) / 0.3, 0, 1)[:, np.newaxis]
+    )
+    noise = 2 * np.random.default_rng(8).standard_normal((N, 16))
+    levels = {"above": 100.0, "below": 60.0, "loading_per_s": 50.0}
+    file = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxel_count": 16, "contact": levels}
+    array = build(parse({**file, "taxel_channels": [{"name": "N", "kind": "normal"}]}, ArrayFile, "test"))
+    found = build_methods(array, DetectParams(), topics=("slip",))
+    assert slips(found.process(regular_block(np.rint(drift + noise), RATE_HZ))) == []
+    pressed = build_methods(array, DetectParams(), topics=("slip",))
+    assert (
+        slips(pressed.process(regular_block(np.rint(500.0 + drift + noise), RATE_HZ)))[0].kind == "incipient"
+    )
+
+
 def test_load_that_moves_while_a_hand_closes_is_no_slip() -> None:
     assert moved(0.9, from_s=1.5, takes_s=0.3) == []  # the press begins at 1 s
     assert moved(0.9, from_s=2.5, takes_s=0.3)[0].kind == "incipient"
