@@ -10,6 +10,7 @@ pad that is mounted at an angle has the direction of the pad's own x axis (``axe
 Readings are in the array's own ``unit`` and within its ``range``; its ``zero`` are the readings without load.
 """
 
+import functools
 import itertools
 import re
 from dataclasses import dataclass
@@ -228,7 +229,7 @@ class Array:
     unit : str
         Unit of the readings.
     low, high : float
-        Limits of the readings; `high` itself is a saturated reading.
+        Limits of the readings; the one that a load drives a channel to is a saturated reading.
     zero : (channels,) float64
         Readings without a load.
     zero_first_s : float
@@ -267,9 +268,17 @@ class Array:
     def in_range(self, readings: FloatArray) -> NDArray[np.bool_]:
         """Return True for readings that are neither saturated nor NaN.
 
-        The lowest reading counts: unloaded taxels of many sensors read exactly 0.
+        The limit without a load counts: unloaded taxels of many sensors read exactly 0, or the most that
+        their converter gives.
         """
-        return np.asarray((readings >= self.low) & (readings < self.high))
+        is_saturated = readings == np.where(self._falls, self.low, self.high)
+        return np.asarray((readings >= self.low) & (readings <= self.high) & ~is_saturated)
+
+    @functools.cached_property
+    def _falls(self) -> NDArray[np.bool_]:
+        """Return which channels fall under load (channels,)."""
+        loads = np.array([kind in ("normal", "side") for kind in self.channel_kind])
+        return np.asarray(loads & (self.sign < 0))
 
     @property
     def n_taxels(self) -> int:

@@ -14,11 +14,17 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
+_MOST_ZEROS = 12  # channels whose zeros are proposed
 
 
 # Readings of which the summary is computed: every scan of a log of 19 minutes of 36 channels at 100 Hz
 # (32 MB), an even part of the scans of a longer one.
 _MOST_VALUES = 1 << 22
+
+
+def percent(part: float) -> str:
+    """Return a part in percent, two digits at least."""
+    return f"{100 * part:.2g} %" if part < 0.1 else f"{100 * part:.0f} %"
 
 
 class LogTally:
@@ -135,9 +141,10 @@ def summary(
         yield f"in contact {tally.contact_s:.1f} s, in slip {tally.slip_s:.1f} s"
         yield from _loaded_zero(array, tally.time_s, tally.readings)
         if tally.contact_s == 0:
+            tare = "" if array.zero_first_s else "--tare-s 0.3 takes the first 0.3 s as zero, "
             yield (
-                "no contact: is the zero right? --tare-s 0.3 takes the first 0.3 s as zero, `sign` in the "
-                "array file turns a channel round, `[contact]` sets the level"
+                f"no contact: is the zero right? {tare}`sign` in the array file turns a channel round, "
+                "`[contact]` sets the level"
             )
         elif tally.slip_s == 0 and "slip" in topics and not sliding_is_given:
             yield (
@@ -161,9 +168,12 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
     pressure = np.nan_to_num(readings - readings[first].mean(axis=0)) @ weights.mean(axis=0)
     low, high = np.quantile(pressure, [_BELOW_SCANS, 1 - _BELOW_SCANS]).tolist()
     if -low > max(_BELOW_RANGE * (array.high - array.low), _BELOW_SPAN * (high - low)):
+        lowest = np.nanmedian(readings[pressure <= low], axis=0)
+        found = ", ".join(f"{zero:.5g}" for zero in lowest[:_MOST_ZEROS])
+        more = ", ..." if len(lowest) > _MOST_ZEROS else ""
         yield (
             f"pressure falls to {-low:.3g} {array.unit} below the zero: was the sensor touched in the first "
-            f"{array.zero_first_s:g} s? Then `zero` must be a number, or one for each channel"
+            f"{array.zero_first_s:g} s? Then write numbers: where it is lowest, zero = [{found}{more}]"
         )
 
 
@@ -190,8 +200,8 @@ def _range_used(tally: LogTally) -> str:
     if tally.low > tally.high:
         return "no readings"
     array = tally.array
-    part = 100 * (tally.high - tally.low) / (array.high - array.low)
-    words = f"readings from {tally.low:g} to {tally.high:g} {array.unit}: {part:.2g} % of the range"
+    part = (tally.high - tally.low) / (array.high - array.low)
+    words = f"readings from {tally.low:g} to {tally.high:g} {array.unit}: {percent(part)} of the range"
     return words + (f"; {tally.n_lost} missing or saturated" if tally.n_lost else "")
 
 

@@ -184,6 +184,10 @@ def test_full_scale_volts_is_a_symmetric_range() -> None:
     counts = array_of(grids=[pad], taxel_channels=[channel], unit="count", range=[0, 1023], zero=500)
     assert counts.full_scale == 1023
     assert counts.in_range(np.array([0.0, 1022.0, 1023.0, -1.0, np.nan])).tolist() == [True] * 2 + [False] * 3
+    falling = array_of(
+        grids=[pad], taxel_channels=[{**channel, "sign": -1}], unit="count", range=[0, 1023], zero=1023
+    )
+    assert falling.in_range(np.array([1.0, 1023.0, 0.0, 1024.0, np.nan])).tolist() == [True] * 2 + [False] * 3
 
 
 @pytest.mark.parametrize("axes_deg", [0.0, 90.0, 180.0, -90.0, 30.0])

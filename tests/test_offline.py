@@ -3,6 +3,7 @@
 import csv
 import itertools
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -531,3 +532,6 @@ def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None
     tally.add_scans(time_s, readings)
     said = list(log_summary.summary(tally, ("contact",), 0.0, sliding_is_given=False))
     assert ("was the sensor touched in the first 0.3 s?" in " ".join(said)) == begins_pressed
+    zeros = re.findall(r"zero = \[([0-9.]+), ", " ".join(said))
+    assert [round(float(zero), -1) for zero in zeros] == ([1000.0] if begins_pressed else [])
+    assert not any("--tare-s" in line for line in said)  # the zero is taken from the beginning already

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.doctor.finding import Finding
 from tactiled.errors import DataError
+from tactiled.log_summary import percent
 from tactiled.recording.table import spacing_of
 
 _AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
@@ -78,7 +79,8 @@ def _range(array: Array, readings: FloatArray) -> Finding:
         beyond = f"{words}, beyond {array.low:g} to {array.high:g}"
         wider = f"range = [{min(low, array.low):.6g}, {max(high, array.high):.6g}], or more"
         return Finding("log: range", "fail", beyond, wider, values)
-    saturated = np.flatnonzero((readings >= array.high).mean(axis=0) > _MOST_SATURATED)
+    at_limit = ~np.isnan(readings) & ~array.in_range(readings)
+    saturated = np.flatnonzero(at_limit.mean(axis=0) > _MOST_SATURATED)
     if saturated.size:
         return Finding(
             "log: range",
@@ -88,7 +90,7 @@ def _range(array: Array, readings: FloatArray) -> Finding:
             values,
         )
     part = (high - low) / (array.high - array.low)
-    return Finding("log: range", "ok", f"{words}, {100 * part:.2g} % of the range", values=values)
+    return Finding("log: range", "ok", f"{words}, {percent(part)} of the range", values=values)
 
 
 def _dead(array: Array, readings: FloatArray) -> Finding:
@@ -133,9 +135,13 @@ def _signs(array: Array, change: FloatArray) -> Finding:
     if not falls.size:
         return Finding("log: signs", "ok", "load channels rise where the log changes most", values=values)
     words = f"fall where the log changes most: {_names(array, falls)}"
-    if len(falls) == int(tells.sum()):
-        return Finding("log: signs", "warn", words, "if that is a press, sign = -1 for that kind", values)
-    remedy = "if that is a press, list each channel in [[channels]], these with the other sign"
+    other = {int(-sign) for sign in array.sign[falls]}
+    if len(falls) == int(tells.sum()) and len(other) == 1:
+        remedy = f"if that is a press, sign = {other.pop()} for that kind"
+    else:
+        remedy = "if that is a press, list each channel in [[channels]], these with the other sign"
+    if array.zero_first_s:
+        remedy += "; if the log begins under load, give zero as numbers instead"
     return Finding("log: signs", "warn", words, remedy, values)
 
 

@@ -81,6 +81,8 @@ def _csv_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
             lines = _bounded_lines(path, stream, n_read)
             reader = csv.reader(lines, delimiter=max(",;\t", key=first_line.count))
             header = [name.strip() for name in next(reader, [])]
+            if header and all(map(_is_number, header)):
+                raise DataError(f"{path}: the first line has numbers only; write a line of names above it")
             time_column = _time_column(path, header, options)
             needed = _chosen(path, header, options.columns, time_column)
             most = _batch_rows(len(needed))
@@ -362,4 +364,13 @@ def _number(cell: str, path: Path, line: int) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise DataError(f"{path}: line {line}: {cell!r} is not a number") from None
+        comma = "; write decimals with a point" if "," in cell else ""
+        raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True

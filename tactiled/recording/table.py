@@ -28,6 +28,8 @@ _MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans d
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
 
+_LEAST_AGREED = 0.6  # a rate that is given, over that of the stamps: half of it is a mistake
+
 # Rows whose median spacing is the scan period, read before the first event: 17 minutes at 100 Hz, and no more
 # readings than 32 MB.
 _AHEAD_ROWS = 100_000
@@ -121,8 +123,7 @@ class TableStream:
         self.n_channels = self._ahead[0][1].shape[1]
         time_s, readings = (np.concatenate(part) for part in list(zip(*self._ahead, strict=True))[:2])
         self.spacing = spacing_of(time_s, readings)
-        is_known = options.rate_hz is not None or options.time_unit is not None
-        if fault := _rate_fault(spacing_of(time_s).period_s, is_known=is_known):
+        if fault := _rate_fault(spacing_of(time_s).period_s, options):
             raise DataError(f"{path}: {fault}")
 
     def __iter__(self) -> Iterator[Checked]:
@@ -179,20 +180,24 @@ def _n_rows(batches: Sequence[Checked]) -> int:
     return sum(len(time_s) for time_s, _, _ in batches)
 
 
-def _rate_fault(spacing_s: float, *, is_known: bool) -> str:
+def _rate_fault(spacing_s: float, options: TableOptions) -> str:
     """Describe an implausible time spacing and its remedy; empty where the times are probably seconds."""
     slowest, fastest = RATES_HZ
     rate_hz = 1 / spacing_s
     rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
     if rate_hz > fastest:
         return f"{rows}, and no board is faster than {fastest:g} Hz; give it in seconds or say --time-unit"
-    if rate_hz < (slowest if is_known else _SLOWEST_LIKELY_HZ):
-        slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
-        return (
-            f"{rows}; time_s is in seconds: if these are milliseconds say --time-unit ms, if they count rows "
-            f"divide by the rate{slow}"
-        )
-    return ""
+    is_known = options.rate_hz is not None or options.time_unit is not None
+    if rate_hz >= (slowest if is_known else _SLOWEST_LIKELY_HZ):
+        return ""
+    unit_hz = rate_hz * SECONDS[options.time_unit or "s"]
+    likely = [unit for unit in SECONDS if _SLOWEST_LIKELY_HZ <= unit_hz / SECONDS[unit] <= fastest]
+    unit = likely[0] if likely else "ms"
+    slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
+    return (
+        f"{rows}; times are taken in {options.time_unit or 'seconds'}: if they are in {unit} say --time-unit "
+        f"{unit}, if they count rows divide by the rate{slow}"
+    )
 
 
 class Spacing(NamedTuple):
@@ -257,7 +262,7 @@ class BlockSplitter:
         self._rate_hz = 1 / spacing.period_s if rate_hz is None else rate_hz
         if rate_hz is not None and (rate_hz * spacing.period_s) ** 2 > spacing.rows:  # nearer to that of rows
             self._rate_hz = rate_hz / spacing.rows
-        if not 0.1 < self._rate_hz * spacing.period_s < 10:
+        if not _LEAST_AGREED < self._rate_hz * spacing.period_s < 1 / _LEAST_AGREED:
             raise DataError(
                 f"a rate of {rate_hz:g} Hz, but rows are {spacing.period_s / spacing.rows:g} s apart: "
                 "omit the rate, or correct time_s"

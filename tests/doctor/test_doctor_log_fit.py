@@ -54,6 +54,11 @@ def test_channels_that_fall_under_load_are_named() -> None:
     channels = [{"name": "X", "kind": "shear_x"}, {"name": "Z", "kind": "normal", "sign": -1}]
     turned = findings(array(taxel_channels=channels), *press(signs=(-1, -1, -1)))["signs"]
     assert turned.verdict == "ok"
+    # A log that begins under load falls, too, whatever the sign is.
+    lifted = findings(array(taxel_channels=channels), *press(signs=(1, 1, 1)))["signs"]
+    assert lifted.remedy.startswith(
+        "if that is a press, sign = 1 for that kind; if the log begins under load"
+    )
 
 
 def test_range_zero_and_dead_channels_are_compared() -> None:

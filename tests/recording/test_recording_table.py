@@ -81,6 +81,8 @@ def test_holes_in_a_table_become_gaps() -> None:
         ("time_s,a\n0,1\n", "at least two"),
         ("time_s,a\n0,1\n0.1\n", "line 3 has 1 cells"),
         ("time_s,a\n0,1\n0.1,x\n", "line 3: 'x' is not a number"),
+        ("time_s;a\n0;1\n0;0,5\n", "line 3: '0,5' is not a number; write decimals with a point"),
+        ("0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
         ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
     ],
@@ -105,10 +107,10 @@ def table(path: Path, spacing_s: float) -> Path:
             1e-12,
             r"1e-12 s apart by time_s, 1e\+12 Hz, and no board is faster than 20000 Hz; .* in seconds",
         ),
-        (28.0, "0.0357143 Hz; time_s is in seconds: if these are milliseconds say --time-unit ms"),  # 35.7 Hz
-        (10.0, "0.1 Hz; .* milliseconds"),  # 100 Hz
+        (28.0, "0.0357143 Hz; times are taken in seconds: if they are in ms say --time-unit ms"),  # 35.7 Hz
+        (10.0, "0.1 Hz; .* --time-unit ms"),  # 100 Hz
         (1.0, "1 Hz; .* if they count rows divide by the rate; if scans are so slow, give --rate 1"),
-        (1e4, "0.0001 Hz; .* milliseconds"),  # microseconds
+        (1e4, "0.0001 Hz; .* --time-unit us"),  # 100 Hz
     ],
 )
 def test_implausible_times_are_refused_with_a_remedy(tmp_path: Path, spacing_s: float, says: str) -> None:
@@ -122,6 +124,18 @@ def test_a_slow_log_is_read_where_its_rate_is_stated(tmp_path: Path) -> None:
     for spacing_s in (1e-12, 28.0):
         with pytest.raises(DataError, match="rows are"):
             read_table(table(tmp_path / "t.npz", spacing_s), 1 / spacing_s)
+
+
+def test_a_unit_that_is_given_wrongly_is_answered_by_another(tmp_path: Path) -> None:
+    path = table(tmp_path / "t.npz", 1.2e4)  # 83 Hz in microseconds
+    with pytest.raises(DataError, match="times are taken in ms: if they are in us say --time-unit us"):
+        read_table(path, time_unit="ms")
+
+
+def test_a_rate_that_is_half_of_that_of_the_stamps_is_refused() -> None:
+    time_s, volts = np.arange(50) / 100.0, np.zeros((50, 2))
+    with pytest.raises(DataError, match=r"a rate of 50 Hz, but rows are 0.01 s apart"):
+        to_blocks(time_s, volts, 50.0, np.isfinite(volts))
 
 
 def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
