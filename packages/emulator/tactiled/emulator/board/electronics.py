@@ -15,7 +15,6 @@ scenes on the whole array, and `PUBLISHED_SENSITIVITY`, for `config/scenes/one-t
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.optimize import brentq
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Readout
@@ -207,13 +206,12 @@ def calibrate(
     v1 = normal_v_per_n[0] * upto_n[0]
     v2 = v1 + normal_v_per_n[1] * (upto_n[1] - upto_n[0])
 
-    def mismatch(c: float) -> float:
-        return v1 * (x1 + c) / x1 - v2 * (x2 + c) / x2
-
-    if mismatch(1e-3) * mismatch(1e3) >= 0:
+    # Both sensitivities ask for the same U: v1 (x1 + c) / x1 = v2 (x2 + c) / x2.
+    flattening = v1 / x1 - v2 / x2
+    if v2 <= v1 or flattening <= 0:
         fault = "normal sensitivities: the second must be smaller than the first, and above 0"
         raise ConfigError("electronics", [fault])
-    c = float(brentq(mismatch, 1e-3, 1e3))
+    c = (v2 - v1) / flattening
     supply = v1 * (x1 + c) / x1
     middle = upto_n[0] / 8 * _AT_REST_3_N - dead_zone_n
     slope = supply * c / (middle + c) ** 2

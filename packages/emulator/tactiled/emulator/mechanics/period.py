@@ -6,7 +6,6 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Readout, Surface, TaxelForces
@@ -148,6 +147,8 @@ def _row(felt: TaxelForces) -> FloatArray:
 
 def _refine(rows: FloatArray) -> FloatArray:
     """Interpolate a period to `FINE` phases by a periodic cubic spline; the first is repeated at the end."""
+    from scipy.interpolate import CubicSpline  # half a second, not needed over a flat surface
+
     table = rows.copy()
     flag = table[:, 4].max()
     if len(table) > 1:

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from tactiled.array import FloatArray
 
@@ -90,5 +89,7 @@ def _first_zero(margin: Callable[[FloatArray], FloatArray], end: float) -> float
         return 0.0 if end < 1 else math.inf
     if lost[0] == 0:
         return 1.0
+    from scipy.optimize import brentq  # a third of a second, which most boards do not need
+
     inside, outside = stretch[lost[0] - 1], stretch[lost[0]]
     return float(brentq(lambda at: float(margin(np.array([at]))[0]), inside, outside, xtol=1e-12))
