@@ -194,6 +194,7 @@ with zmq.Context() as context, context.socket(zmq.SUB) as sock:
 """
 
 
+@pytest.mark.alone
 def test_a_storm_of_subscriptions_under_a_memory_limit_costs_others_nothing(setup: Setup) -> None:
     """The daemon bounds what a client may subscribe to: it stays within its memory, and no scan is lost."""
     scans: list[Message] = []

@@ -15,6 +15,7 @@ import pytest
 pytestmark = pytest.mark.system
 
 
+@pytest.mark.alone
 def test_demo_is_right_or_says_that_the_host_is_too_slow(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tactiled", "demo"],

@@ -15,7 +15,7 @@ from fault_cases import CALM_S, CASES, FaultCase
 
 from tactiled.daemon.board.session import SILENT_PERIODS
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]
 RECOVERS_S = 5.0  # 0.03 to 0.2 s on a quiet machine
 # A status is valid up to twice the silence that is a stall; with a margin for errors of instants.
 OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]
 ROOT = Path(__file__).parents[2]
 FILLED_S = 7.5  # of the scene `hold`
 LEAST_N = 3.6 / (0.45 * 1.1)  # load over friction, once it is filled; the press of 6 N does not bear that

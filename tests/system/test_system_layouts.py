@@ -14,7 +14,7 @@ from patience import PATIENCE_S
 from tactiled.client import Message, Subscription
 from tactiled.wire.layout import load_layout
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]
 
 # Scan rate of the emulated board, and channels, by layout; the array has the same name.
 BOARDS = {

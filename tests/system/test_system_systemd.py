@@ -1,15 +1,30 @@
-"""The shipped unit under a real systemd: what `systemd-analyze` cannot know, and what users rely on."""
+"""The shipped unit and the Debian package under a real systemd: what users rely on.
+
+One module, because one worker of pytest then makes the Debian and the wheels for both.
+"""
 
 import json
 import os
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from nspawn import CHECKOUT, NEW, OLD, UNITS, Container, ContainerError, copy_root, wait_until
+from nspawn import (
+    CHECKOUT,
+    COMMAND_S,
+    NEW,
+    OLD,
+    UNITS,
+    Container,
+    ContainerError,
+    copy_root,
+    make_package,
+    wait_until,
+)
 from patience import PATIENCE_S
 
 from tactiled.client import Fresh, Item, Message, Restarted, Stale, Subscription
@@ -17,6 +32,7 @@ from tactiled.client import Fresh, Item, Message, Restarted, Stale, Subscription
 pytestmark = pytest.mark.system
 LEFT, RIGHT = "TS0001", "TS0002"
 PORTS = {LEFT: 9872, RIGHT: 9874}
+PACKAGES = "/wheels/packages"
 
 
 @pytest.fixture(scope="module")
@@ -362,31 +378,6 @@ def test_reload_takes_what_the_file_says_now(container: Container) -> None:
             configure(container, LEFT)
 
 
-def test_upgrade_while_running(container: Container, capsys: pytest.CaptureFixture[str]) -> None:
-    """Files are replaced under a running daemon, which goes on, and a restart brings the new version.
-
-    A subscriber from before the restart sees the new run and goes on by itself.
-    """
-    with started(container), listening(container) as subscription:
-        until_fresh_scans(subscription)
-        (before,) = container.shown(unit(), "MainPID")
-        try:
-            upgrade(container, NEW)
-            assert container.shown(unit(), "MainPID", "NRestarts") == [before, "0"]
-            began_s = time.monotonic()
-            container.run("systemctl", "restart", unit())
-            until(subscription, lambda item: isinstance(item, Restarted), "restarted")
-            until_fresh_scans(subscription)
-            took_s = time.monotonic() - began_s
-            shown = container.run("/opt/tactiled/bin/pip", "show", "tactiled")
-            assert f"Version: {NEW}" in shown
-            assert container.shown(unit(), "Result", "NRestarts") == ["success", "0"]
-        finally:
-            upgrade(container, OLD)
-    with capsys.disabled():
-        print(f"\nsystemd: restart after an upgrade -> fresh scans again in {took_s:.2f} s")
-
-
 def test_it_records_where_the_configuration_says(container: Container) -> None:
     """The directory that the shipped configuration names is writable inside the hardening."""
     configure(container, LEFT, f'[record]\ndirectory = "/var/lib/tactiled/{LEFT}"\nmin_free_mb = 1.0\n')
@@ -403,3 +394,105 @@ def test_it_records_where_the_configuration_says(container: Container) -> None:
             )
     finally:
         configure(container, LEFT)
+
+
+def test_upgrade_while_running(container: Container, capsys: pytest.CaptureFixture[str]) -> None:
+    """Files are replaced under a running daemon, which goes on, and a restart brings the new version.
+
+    A subscriber from before the restart sees the new run and goes on by itself. This test comes last in the
+    module: the new version stays in the container.
+    """
+    with started(container), listening(container) as subscription:
+        until_fresh_scans(subscription)
+        (before,) = container.shown(unit(), "MainPID")
+        upgrade(container, NEW)
+        assert container.shown(unit(), "MainPID", "NRestarts") == [before, "0"]
+        began_s = time.monotonic()
+        container.run("systemctl", "restart", unit())
+        until(subscription, lambda item: isinstance(item, Restarted), "restarted")
+        until_fresh_scans(subscription)
+        took_s = time.monotonic() - began_s
+        shown = container.run("/opt/tactiled/bin/pip", "show", "tactiled")
+        assert f"Version: {NEW}" in shown
+        assert container.shown(unit(), "Result", "NRestarts") == ["success", "0"]
+    with capsys.disabled():
+        print(f"\nsystemd: restart after an upgrade -> fresh scans again in {took_s:.2f} s")
+
+
+# --- the Debian package: installed without network, runs a board, upgraded, purged clean
+
+
+@pytest.fixture(scope="module")
+def bare(bare_debian: Path, wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
+    """A booted Debian that has never heard of tactiled, and both packages in it."""
+    folder = tmp_path_factory.mktemp("deb")
+    root = folder / "root"
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(make_package, (wheels, wheels), (OLD, NEW)))
+        copy_root(bare_debian, root)
+        with Container(root, wheels) as booted:
+            yield booted
+    except ContainerError as reason:
+        pytest.skip(f"the package is not tested in a container: {reason}")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def found(container: Container) -> set[str]:
+    """All that is named after tactiled in the container, but what dpkg remembers."""
+    apart = ("-path", "/wheels", "-prune", "-o", "-path", "/var/lib/dpkg", "-prune", "-o")
+    return set(container.run("find", "/", "-xdev", *apart, "-name", "*tactiled*", "-print").split())
+
+
+def test_the_package_from_installation_to_purge(bare: Container) -> None:
+    before = found(bare)
+    bare.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{OLD}_*.deb")
+    assert bare.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {OLD}"
+    assert bare.run("id", "-gn", "tactiled").strip() == "tactiled"
+    assert (bare.root / "usr/lib/udev/rules.d/99-tactiled.rules").exists()
+    assert bare.run("dpkg", "--verify", "tactiled") == ""
+    # As docs/service.md says: the example becomes the configuration of a board.
+    example = (bare.root / "etc/tactiled/tactiled.toml.example").read_text()
+    assert "[port]" in example
+    (bare.root / f"etc/tactiled/{LEFT}.toml").write_text(
+        f'[port]\nurl = "/dev/tactiled-{LEFT}"\n'
+        '[publish]\nendpoints = ["ipc://{runtime}/events.ipc"]\n'
+        f'[session]\nboard_serial = "{LEFT}"\n'
+    )
+    (bare.root / "etc/board.toml").write_text(f'board_serial = "{LEFT}"\n')
+    bare.run(
+        "systemd-run", "--quiet", "--unit=board", "--property=StandardOutput=file:/var/tmp/board.jsonl",
+        "tactiled", "emulate", "--scene", "rest", "--board", "/etc/board.toml",
+        "--link", f"/dev/tactiled-{LEFT}",
+    )  # fmt: skip
+    told = bare.root / "var/tmp/board.jsonl"
+    wait_until(lambda: told.exists() and "ready" in told.read_text(), "the board is there")
+    device = json.loads(told.read_text().splitlines()[0])["device"]
+    bare.run("chgrp", "dialout", device)
+    bare.run("chmod", "0660", device)
+    service = unit()
+    bare.run("systemctl", "start", service)
+    message_of(bare, "scan")
+
+    bare.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{NEW}_*.deb")
+    assert bare.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {NEW}"
+    assert bare.shown(service, "ActiveState") == ["active"]
+    assert message_of(bare, "info").data["tactiled_version"] == NEW  # restarted by the upgrade
+
+    bare.run("dpkg", "--remove", "tactiled")
+    assert bare.shown(service, "ActiveState", "LoadState") == ["inactive", "not-found"]
+    assert (bare.root / f"etc/tactiled/{LEFT}.toml").exists()  # until purged
+    bare.run("dpkg", "--purge", "tactiled")
+    bare.run("systemctl", "stop", "board")
+    assert found(bare) == before
+
+
+def message_of(container: Container, topic: str) -> Message:
+    """The next message of a topic."""
+    until_s = time.monotonic() + COMMAND_S
+    with Subscription(f"ipc://{container.seen(f'/run/tactiled/{LEFT}/events.ipc')}") as messages:
+        while (item := messages.next_item(until_s)) is not None:
+            if isinstance(item, Message) and item.topic == topic:
+                return item
+    raise AssertionError(f"no message of topic {topic} within {COMMAND_S:.0f} s")
