@@ -18,7 +18,7 @@ from ports import free_pair
 
 from tactiled.daemon.zmq import zmtp
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]
 ATTACK_S = 2.0
 MOST_MB = 150.0  # resident memory of the daemon, whatever a client does
 SUBSCRIBER = zmtp.GREETING + zmtp.ready("SUB")
@@ -43,10 +43,12 @@ class Sensing:
         return sum(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmHWM"))
 
 
-@pytest.fixture
-def sensing(tmp_path: Path) -> Iterator[Sensing]:
-    port, board, config = free_pair(), tmp_path / "board", tmp_path / "tactiled.toml"
-    events = f"ipc://{tmp_path}/events.ipc"
+@pytest.fixture(scope="module")
+def sensing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Sensing]:
+    """One daemon for all attacks, so that its memory is bounded over them together, too."""
+    folder = tmp_path_factory.mktemp("hostile")
+    port, board, config = free_pair(), folder / "board", folder / "tactiled.toml"
+    events = f"ipc://{folder}/events.ipc"
     config.write_text(
         f'[port]\nurl = "{board}"\n[publish]\nendpoints = ["tcp://127.0.0.1:{port}", "{events}"]\n'
     )
@@ -66,7 +68,9 @@ def sensing(tmp_path: Path) -> Iterator[Sensing]:
         scans.rcvhwm = 0
         scans.subscribe("tactile/TS0001/scan")
         scans.connect(events)
-        yield Sensing(port, daemon.pid, scans)
+        made = Sensing(port, daemon.pid, scans)
+        made.next_seq()  # connected: no test opens a descriptor that stays
+        yield made
 
 
 def flood(port: int, greeting: bytes, piece: bytes) -> None:
