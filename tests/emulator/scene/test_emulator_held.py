@@ -92,7 +92,7 @@ def test_an_early_grip_keeps_the_object_and_a_late_one_loses_it() -> None:
 
 def test_the_same_commands_at_the_same_instants_give_the_same_bits() -> None:
     def play() -> list[tuple[float, bytes]]:
-        simulation = Simulation(load_scene("grasp"), V1, duration_s=6.0)
+        simulation = Simulation(load_scene("grasp"), V1, duration_s=3.0)
         out = []
         for k, arrival in enumerate(simulation):
             if k % 50 == 20:
