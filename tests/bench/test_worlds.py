@@ -21,7 +21,7 @@ def worlds(request: pytest.FixtureRequest) -> list[World]:
 
 @pytest.fixture(scope="module")
 def grasps() -> list[World]:
-    return draw("grasps", range(24))
+    return draw("grasps", range(16))
 
 
 @pytest.mark.parametrize("generator", GENERATORS)

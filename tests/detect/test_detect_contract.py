@@ -29,15 +29,11 @@ from tactiled.samples.block import Gap, ScanBlock, regular_block
 SPEED_MM_S = 4.0
 
 
-def build_slip_detector(array: Array, params: DetectParams) -> Detector:
-    """Make the slip detector of a setting without its texture estimator."""
-    return REGISTRY[params.setting].slip(array, params)
-
-
 def registered() -> dict[str, Callable[[Array], Detector]]:
-    """Return the slip detector, alone and with its texture estimator, of each entry of the suite's registry.
+    """Return the slip detector with its texture estimator of each entry of the suite's registry.
 
-    Settings that share their detectors are checked once, with the default setting in preference.
+    Settings that share their detectors are checked once, with the default setting in preference. The slip
+    detector would get the same blocks alone.
     """
     default = DetectParams().setting
     names: dict[DetectorFactories, Setting] = {REGISTRY[default]: default}
@@ -50,7 +46,6 @@ def registered() -> dict[str, Callable[[Array], Detector]]:
             texture=JointParams(speed_mm_s=SPEED_MM_S, hop_s=1.0),
             wang2019=Wang2019Params(texture=TextureParams(window_s=2.0, settle_s=0.3, speed_mm_s=SPEED_MM_S)),
         )
-        made[f"{setting}-slip"] = functools.partial(build_slip_detector, params=params)
         made[f"{setting}-slip-and-texture"] = functools.partial(build_methods, params=params)
     return made
 
@@ -66,7 +61,7 @@ ONE_TAXEL = build(
         ],
     )
 )
-SLOW = {"balanced-slip": 3, "balanced-slip-and-texture": 3}  # examples of a hypothesis test
+SLOW = {"balanced-slip-and-texture": 3}  # examples of a hypothesis test
 RATES_HZ = {"wang2019-3x3": 100.0, "normal-4x4": 35.7, "xyz-two-pads-4x4": 60.0, "one": 100.0}
 ARRAYS = {name: ONE_TAXEL if name == "one" else load_array(name) for name in RATES_HZ}
 GAP = Gap(5, "missing", 5000)
