@@ -207,14 +207,14 @@ def test_a_scene_that_is_too_slow_keeps_sending_and_reports_overruns(tmp_path: P
                     os.write(fd, START)
                     started = True
                 scans = [frame for frame in frames if isinstance(frame, Scan)]
-                if len(scans) >= 40:
+                if len(scans) >= 60:
                     break
             os.close(fd)
         finally:
             process.terminate()
             out, _ = process.communicate(timeout=30)
         said = Path(err.name).read_text()
-    assert len(scans) >= 40
+    assert len(scans) >= 60
     assert sum(bool(scan.flags & OVERRUN) for scan in scans) > 20
     assert scans[-1].sequence > 2 * len(scans)
     assert '"what": "overrun"' in out
