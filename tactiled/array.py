@@ -229,7 +229,7 @@ class Array:
     unit : str
         Unit of the readings.
     low, high : float
-        Limits of the readings; the one that a load drives a channel to is a saturated reading.
+        Limits of the readings; `high` itself is a saturated reading of a channel that rises under load.
     zero : (channels,) float64
         Readings without a load.
     zero_first_s : float
@@ -268,11 +268,11 @@ class Array:
     def in_range(self, readings: FloatArray) -> NDArray[np.bool_]:
         """Return True for readings that are neither saturated nor NaN.
 
-        The limit without a load counts: unloaded taxels of many sensors read exactly 0, or the most that
-        their converter gives.
+        The lowest reading counts: unloaded taxels of many sensors read exactly 0. So does the highest of
+        channels that fall under load, which read that without one.
         """
-        is_saturated = readings == np.where(self._falls, self.low, self.high)
-        return np.asarray((readings >= self.low) & (readings <= self.high) & ~is_saturated)
+        is_rest = self._falls & (readings == self.high)
+        return np.asarray((readings >= self.low) & (readings < self.high) | is_rest)
 
     @functools.cached_property
     def _falls(self) -> NDArray[np.bool_]:

@@ -59,7 +59,7 @@ cdef class Pressure:
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals, set, lag, pressure, taxel_noise
+    cdef public double[::1] sign, total_weights, line, totals, set, peak, pressure, taxel_noise
 
     cpdef interrupt(self, double set_kept, double lag_kept)
 

@@ -309,10 +309,10 @@ class Pressure:
     """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
-    in a standard linear solid. The skin also lags: a part is left at once, and comes back within seconds.
-    Only what is beyond the larger of the two is compared with the levels. A magnet of a skin moves with the
-    skin around it: set and lag of a field follow the mean pressure of the taxels where that is more than the
-    taxel's own.
+    in a standard linear solid. The skin also lags behind a load that falls: a part of the fall is left at
+    once, and comes back within seconds. Only what is beyond the larger of the two is compared with the
+    levels. A magnet of a skin moves with the skin around it: set and lag of a field follow the mean pressure
+    of the taxels where that is more than the taxel's own.
 
     Parameters
     ----------
@@ -332,7 +332,7 @@ class Pressure:
     set_of_load, set_per_scan : float
         Part of a load that a press of any length leaves, and the part of the way to it in a scan.
     lag_of_load, lag_per_scan : float
-        Part of the largest load that is left at once, and the part of that which comes back in a scan.
+        Part of a fall of the load that is left at once, and the part of that which comes back in a scan.
     """
 
     def __init__(
@@ -363,7 +363,7 @@ class Pressure:
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
         self.lag_of_load, self.lag_per_scan = lag_of_load, lag_per_scan
         zeros = bytes(8 * len(counts))
-        self.set, self.lag = array("d", zeros), array("d", zeros)
+        self.set, self.peak = array("d", zeros), array("d", zeros)
         self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros)
         self.is_begun = False
 
@@ -373,7 +373,7 @@ class Pressure:
         self.rest.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= set_kept
-            self.lag[t] *= lag_kept
+            self.peak[t] *= lag_kept
 
     def take(
         self,
@@ -432,9 +432,9 @@ class Pressure:
             for t in range(taxels):
                 pressed = max(max(self.pressure[t], shared), 0.0)
                 self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
-                left = self.lag[t] - self.lag_per_scan * self.lag[t]
-                self.lag[t] = max(left, self.lag_of_load * pressed)
-                pressure = self.pressure[t] - max(self.set[t], self.lag[t])
+                self.peak[t] = max(self.peak[t] - self.lag_per_scan * self.peak[t], pressed)
+                lag = self.lag_of_load * (self.peak[t] - pressed)
+                pressure = self.pressure[t] - max(self.set[t], lag)
                 taxel_noise = self.taxel_noise[t]
                 touches = pressure > levels.contact_at(taxel_noise)
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
