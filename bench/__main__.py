@@ -22,6 +22,7 @@ BENCHES = {
     "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "recordings": "bench.recordings.bench",
+    "web": "bench.web.bench",
 }
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
 WITH_DATA = ("recordings",)
@@ -51,7 +52,8 @@ def bench(
     over two hours. hold: drops and grip force of a controller that follows the filter's margin, beside fixed
     grips and slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge
     regression. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the
-    model. recordings: public recordings of other groups, beside simple rules and trees.
+    model. recordings: public recordings of other groups, beside simple rules and trees. web: bytes, layout
+    shifts, processor and delay of the live page in Chromium.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

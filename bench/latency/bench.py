@@ -177,7 +177,7 @@ def play_scene(folder: Path, reference: Path) -> Run:
         while time.monotonic() < start_s + end_s:
             time.sleep(0.2)
             for name, process in programs.items():
-                cpu[name].append((time.monotonic() - start_s, _cpu_s(process.pid)))
+                cpu[name].append((time.monotonic() - start_s, cpu_s(process.pid)))
         rss_mb = _rss_mb(programs["daemon"].pid)
         emulator.terminate()
         relay.wait(10)
@@ -222,7 +222,7 @@ def spans_of_phases() -> list[tuple[float, float, str]]:
     return spans
 
 
-def _cpu_s(pid: int) -> float:
+def cpu_s(pid: int) -> float:
     """Processor time of a process with all its threads (proc(5): utime and stime)."""
     try:
         values = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_link import link
 from pages import Robot, robot
 from playwright.sync_api import Page, expect
 from stage import stage
 
+from bench.web.link import link
 from tactiled.client import Message, Subscription
 
 pytestmark = pytest.mark.system

@@ -56,7 +56,7 @@ export class BoardPanel {
     this.lamp = lamp;
     const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
-    if (changed || perf >= this.due.text) { this.due.text = perf + TEXT_S; this._texts(lamp, now); }
+    if (changed || perf >= this.due.text || board.eventCount !== this.drawn.events) { this.due.text = perf + TEXT_S; this._texts(lamp, now); }
     if (changed || board.changed !== this.drawn.changed) {
       this.drawn.changed = board.changed;
       if (this.visible.get(this.canvas) !== false) this.skin.draw(board, lamp.shows ?? lamp.state);

@@ -1,0 +1,1 @@
+"""Cost and delay of the live page in a real browser."""

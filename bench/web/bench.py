@@ -1,0 +1,283 @@
+"""Cost of the live page in a real browser, and how late its sentence is.
+
+Real processes: an emulated board, the daemon, `tactiled web`, and Chromium without a graphics card. The
+demo is played as `tactiled demo --web` plays it, with its pauses without a board; then `stick-slip`, for more
+verdicts in a minute; at last the demo over a slow link. A thread of this process subscribes to the daemon as
+the server does, so that the delay of a verdict is from the arrival of its message at a subscriber to the
+first picture of the browser that has its words.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from bench.latency.bench import CONFIG, cpu_s, wait_for_path
+from bench.report import Aim, BenchOptions, BenchReport, aims_table, at_most, judge, table
+from bench.web.link import Link, link
+from tactiled import child
+from tactiled.array import FloatArray
+from tactiled.client import Message, Subscription
+from tactiled.emulator.scene.description import load_scene
+from tactiled.errors import OperatorError
+from tactiled.progress import ProgressBar
+
+CHROMIUM = shutil.which("chromium")
+CHROMIUM_ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+SLOW_BYTES_S = 50_000
+_PLAY_S, _QUICK_PLAY_S = 60.0, 15.0
+_REST_S = 8.0  # without a board between two plays, as `tactiled demo --web`
+_SETTLE_S = 5.0  # after the start of the page: its history has come and its scripts are compiled
+_START_S = 60.0
+_LOOK_S = 0.2  # interval of looks at the lamp
+_WATCH = """
+  window.shifts = []; window.shown = {};
+  new PerformanceObserver((list) => { for (const entry of list.getEntries()) shifts.push(entry.value); })
+    .observe({ type: "layout-shift", buffered: true });
+  const look = () => {
+    for (const row of document.querySelectorAll(".event[data-seq]")) {
+      const key = `${row.dataset.topic}/${row.dataset.seq}`;
+      if (key in shown) continue;
+      shown[key] = 0;
+      requestAnimationFrame(() => { shown[key] = Date.now() / 1000; }); // the picture with it is made
+    }
+  };
+  document.addEventListener("DOMContentLoaded", () => new MutationObserver(look)
+    .observe(document, { subtree: true, childList: true }));
+"""
+
+
+@dataclass(frozen=True)
+class PageCost:
+    """What one page was seen to do while a scene was played.
+
+    Attributes
+    ----------
+    kb_s : float
+        Bytes that the browser received, 10^3 in a second.
+    shift : float
+        Cumulative layout shift.
+    page_part, browser_part, server_part : float
+        Processor time over time: of the renderer process of the page, of all processes of the browser, and
+        of `tactiled web`.
+    fresh_part : float
+        Part of the looks at the lamp at which it was FRESH, of those with a board.
+    delay_s : (verdicts,) float64
+        From the message of a contact or a slip to the picture with its words.
+    unseen : int
+        Messages of contacts and slips that never were on the page.
+    """
+
+    kb_s: float
+    shift: float
+    page_part: float
+    browser_part: float
+    server_part: float
+    fresh_part: float
+    delay_s: FloatArray
+    unseen: int
+
+    def quantile_ms(self, q: float) -> float:
+        """Quantile of the delay in milliseconds."""
+        return 1e3 * float(np.quantile(self.delay_s, q)) if self.delay_s.size else float("nan")
+
+
+@dataclass(frozen=True)
+class WebResult:
+    """The three parts of the measurement."""
+
+    demo: PageCost
+    verdicts: PageCost
+    slow: PageCost
+
+    def delay_ms(self, q: float) -> float:
+        """Quantile of the delays of both scenes, over a link without a limit."""
+        both = np.concatenate([self.demo.delay_s, self.verdicts.delay_s])
+        return 1e3 * float(np.quantile(both, q)) if both.size else float("nan")
+
+
+def bench_web(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Measure the page in Chromium."""
+    if CHROMIUM is None:
+        raise OperatorError("bench web needs chromium: sudo apt install chromium")
+    seconds = _QUICK_PLAY_S if options.quick else _PLAY_S
+    parts = (("demo", "demo", float("inf")), ("verdicts", "stick-slip", float("inf")),
+             ("slow", "demo", SLOW_BYTES_S))  # fmt: skip
+    found: dict[str, PageCost] = {}
+    with sync_playwright() as playwright:
+        for n, (name, scene, bytes_s) in enumerate(parts):
+            progress.reach(n / len(parts))
+            browser = playwright.chromium.launch(executable_path=CHROMIUM, args=CHROMIUM_ARGUMENTS)
+            found[name] = watch_scene(browser, scene, seconds, bytes_s)
+            browser.close()
+    result = WebResult(**found)
+    text = (
+        f"{seconds:g} s of each; 36 channels at 100 Hz; load average {os.getloadavg()[0]:.1f} on "
+        f"{os.cpu_count()} processors, all processes of the measurement included; Chromium "
+        f"{browser.version} without a graphics card, 1280 x 800."
+    )
+    return BenchReport([text, cost_table(result), aims_table(AIMS, {"measured": result})], result)
+
+
+def watch_scene(browser: Browser, scene: str, seconds: float, bytes_s: float) -> PageCost:
+    """Play a scene again and again, and watch it in the page for some seconds."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-web-")))
+        endpoint, config = f"ipc://{folder}/events.ipc", folder / "tactiled.toml"
+        config.write_text(CONFIG.format(port=folder / "board", endpoint=endpoint))
+        stack.enter_context(_process(folder, "daemon", "run", "--config", str(config)))
+        server = stack.enter_context(_process(folder, "web", "web", "--port", "0", "--events", endpoint))
+        heard = stack.enter_context(_hear(endpoint))
+        stack.enter_context(_board(folder, scene))
+        way = stack.enter_context(link(_address(folder / "web.out"), bytes_s))
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.add_init_script(_WATCH)
+        page.goto(way.url)
+        page.locator(".lamp[data-state=fresh]").wait_for(timeout=1e3 * _START_S)
+        page.wait_for_timeout(1e3 * _SETTLE_S)
+        return _watch(browser, page, way, server.pid, heard, seconds)
+
+
+def _watch(
+    browser: Browser, page: Page, way: Link, server: int, heard: Mapping[str, float], seconds: float
+) -> PageCost:
+    page.evaluate("shifts.length = 0")
+    received, began_s, before = way.received, time.time(), _cpu(browser, server)
+    states = []
+    while time.time() < began_s + seconds:
+        page.wait_for_timeout(1e3 * _LOOK_S)
+        states.append(page.locator(".lamp").get_attribute("data-state"))
+    lasted_s = time.time() - began_s
+    parts = {name: (used - before[name]) / lasted_s for name, used in _cpu(browser, server).items()}
+    kb_s = (way.received - received) / lasted_s / 1e3
+    due = {key: at_s for key, at_s in heard.items() if began_s < at_s < began_s + lasted_s - 1.0}
+    shown: dict[str, float] = page.evaluate("shown")
+    with_board = [state for state in states if state != "none"]
+    return PageCost(
+        kb_s=kb_s, shift=sum(page.evaluate("shifts")), page_part=parts["page"],
+        browser_part=parts["browser"], server_part=parts["server"],
+        fresh_part=with_board.count("fresh") / max(1, len(with_board)),
+        delay_s=np.array([shown[key] - at_s for key, at_s in due.items() if key in shown]),
+        unseen=sum(key not in shown for key in due),
+    )  # fmt: skip
+
+
+def _cpu(browser: Browser, server: int) -> dict[str, float]:
+    """Processor time in seconds."""
+    session = browser.new_browser_cdp_session()
+    processes: list[dict[str, Any]] = session.send("SystemInfo.getProcessInfo")["processInfo"]
+    session.detach()
+    page_s = sum(one["cpuTime"] for one in processes if one["type"] == "renderer")
+    return {"page": page_s, "browser": sum(one["cpuTime"] for one in processes), "server": cpu_s(server)}
+
+
+@contextmanager
+def _process(folder: Path, name: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
+    with (folder / f"{name}.out").open("wb") as out:
+        process = child.start(*arguments, stdout=out, stderr=subprocess.DEVNULL)
+        try:
+            yield process
+        finally:
+            child.end(process)
+
+
+@contextmanager
+def _board(folder: Path, scene: str) -> Iterator[None]:
+    """Play a scene again and again, with pauses without a board."""
+    ended = threading.Event()
+
+    def play() -> None:
+        while not ended.is_set():
+            with _process(folder, "board", "emulate", "--scene", scene, "--link", str(folder / "board")):
+                ended.wait(load_scene(scene).duration_s + 2.0)  # with the start of the process
+            ended.wait(_REST_S)
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    try:
+        wait_for_path(folder / "board")
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextmanager
+def _hear(endpoint: str) -> Iterator[dict[str, float]]:
+    """Note when the messages of contacts and slips arrive, epoch seconds by topic and number."""
+    ended, heard = threading.Event(), dict[str, float]()
+
+    def listen() -> None:
+        with Subscription(endpoint, topics=("contact", "slip")) as subscription:
+            while not ended.is_set():
+                item = subscription.next_item(time.monotonic() + 0.2)
+                if isinstance(item, Message):
+                    heard[f"{item.topic}/{item.data['seq']}"] = time.time()
+
+    thread = threading.Thread(target=listen)
+    thread.start()
+    try:
+        yield heard
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _address(out: Path) -> str:
+    """Wait for the address that the server prints."""
+    until_s = time.monotonic() + _START_S
+    while time.monotonic() < until_s:
+        for line in out.read_text().splitlines():
+            return str(json.loads(line)["url"])
+        time.sleep(0.1)
+    raise OperatorError(f"the page server did not start in {_START_S:g} s: is this machine too busy?")
+
+
+def cost_table(result: WebResult) -> str:
+    """Table with a row for each part."""
+    rows = (("demo", result.demo), ("stick-slip", result.verdicts),
+            (f"demo, link of {SLOW_BYTES_S / 1e3:g} kB/s", result.slow))  # fmt: skip
+    return table(
+        {
+            "scene": name,
+            "to the browser": f"{cost.kb_s:.1f} kB/s",
+            "layout shift": f"{cost.shift:.3f}",
+            "page": f"{100 * cost.page_part:.1f} %",
+            "all of Chromium": f"{100 * cost.browser_part:.1f} %",
+            "server": f"{100 * cost.server_part:.1f} %",
+            "lamp FRESH": f"{100 * cost.fresh_part:.0f} %",
+            "verdict p50 / p99": f"{cost.quantile_ms(0.5):.0f} / {cost.quantile_ms(0.99):.0f} ms",
+            "verdicts": f"{cost.delay_s.size}, {cost.unseen} never shown",
+        }
+        for name, cost in rows
+    )
+
+
+AIMS: tuple[Aim[WebResult], ...] = (
+    at_most("bytes to one browser, demo", 25.0, " kB/s", lambda found: found.demo.kb_s, ".1f"),
+    at_most("cumulative layout shift, demo", 0.05, "", lambda found: found.demo.shift, ".3f"),
+    at_most("verdict after its message, 99 %", 100.0, " ms", lambda found: found.delay_ms(0.99), ".0f"),
+    at_most("processor of the page, demo", 15.0, " %", lambda found: 100 * found.demo.page_part, ".1f"),
+    at_most("processor of the server, demo", 3.0, " %", lambda found: 100 * found.demo.server_part, ".1f"),
+    Aim("lamp FRESH over a slow link", "at least 95 %",
+        lambda found: judge(f"{100 * found.slow.fresh_part:.0f} %", found.slow.fresh_part >= 0.95)),
+)  # fmt: skip
