@@ -14,8 +14,9 @@ from aiohttp import web
 from tactiled.web.feed import Frames
 
 FRAMES_PER_S = 30.0
-_LIVE_FRAMES = 3  # 100 ms: what waits longer would be shown as late
-_IN_FLIGHT = 8  # frames of 270 ms, the way to a browser and back
+TURNS_PER_LIVE_FRAME = 2  # a page that draws faster is no easier to read, and costs twice as much
+_LIVE_FRAMES = 2  # 130 ms: what waits longer would be shown as late
+_IN_FLIGHT = 4  # frames of 270 ms, the way to a browser and back
 _KEPT_FRAMES = 1000  # events of minutes; a browser that is further behind connects again and gets the history
 _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must not stay for ever
 

@@ -114,18 +114,21 @@ class Feed:
         """Return source and board of each status that has come."""
         return [(source, board) for source, board, topic in self._newest if topic == "status" and board]
 
-    def frames(self, now_unix_s: float, now_s: float) -> Frames:
-        """Return what has come since the last call, as two frames; of live topics but scans, the newest."""
+    def frames(self, now_unix_s: float, now_s: float, *, with_live: bool = True) -> Frames:
+        """Return what has come and was not returned yet, as two frames; of live topics but scans, the newest.
+
+        Parameters
+        ----------
+        with_live : bool
+            Return live messages, too; else they wait for the next call.
+        """
         self._forget(now_unix_s)
-        pending, self._pending = self._pending, []
-        newest = {entry.key: entry for entry in pending}
-        kept = [entry.packed for entry in pending if entry.topic not in LIVE]
-        live = [
-            entry.packed
-            for entry in pending
-            if entry.topic == "scan" or (entry.topic in LIVE and newest[entry.key] is entry)
-        ]
-        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live))
+        kept = [entry.packed for entry in self._pending if entry.topic not in LIVE]
+        waiting = [entry for entry in self._pending if entry.topic in LIVE]
+        self._pending = [] if with_live else waiting
+        newest = {entry.key: entry for entry in waiting}
+        live = [entry.packed for entry in waiting if entry.topic == "scan" or newest[entry.key] is entry]
+        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans."""

@@ -5,6 +5,7 @@ The server is a process of its own and a client of the daemon: browsers cannot d
 
 import asyncio
 import contextlib
+import itertools
 import logging
 import signal
 import time
@@ -20,7 +21,7 @@ from tactiled.client import Subscription
 from tactiled.errors import UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.version import __version__
-from tactiled.web.browsers import FRAMES_PER_S, Browser
+from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
 from tactiled.web.commands import DaemonCommands, check_request, parse_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
@@ -167,19 +168,20 @@ class PageServer:
             await runner.cleanup()
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
-        """Send a frame to all browsers at the frame rate.
+        """Send frames to all browsers: events at the frame rate, live messages more rarely.
 
         What has arrived is read once for each frame: waiting for single messages in asyncio takes more
-        processor time, and no browser sees them earlier.
+        processor time.
         """
-        while True:
+        for turn in itertools.count():
             await asyncio.sleep(1 / FRAMES_PER_S)
             for source, subscription in enumerate(subscriptions):
                 for _ in range(_MOST_ITEMS):
                     if (item := subscription.next_item(0.0)) is None:
                         break
                     self._feed.take(source, item)
-            frames = self._feed.frames(time.time(), time.monotonic())
+            with_live = turn % TURNS_PER_LIVE_FRAME == 0
+            frames = self._feed.frames(time.time(), time.monotonic(), with_live=with_live)
             for browser in self._browsers:
                 browser.offer(frames)
             self._log.write_counts(time.monotonic())

@@ -51,6 +51,18 @@ def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:
     assert found == [(0, "scan", 0), (0, "scan", 1), (0, "scan", 2), (0, "status", 2), (1, "status", 9)]
 
 
+def test_live_messages_wait_where_only_events_are_wanted() -> None:
+    feed = Feed()
+    for item in (message("scan", 0), message("slip", 0), message("status", 0)):
+        feed.take(0, item)
+    assert [row[1] for row in rows(feed.frames(NOW_S, 0.0, with_live=False).kept)] == ["slip"]
+    feed.take(0, message("status", 1))
+    assert feed.frames(NOW_S, 0.0, with_live=False) == (None, None)
+    frames = feed.frames(NOW_S, 0.0)
+    assert frames.kept is None
+    assert [(row[1], row[2]["seq"]) for row in rows(frames.live)] == [("scan", 0), ("status", 1)]
+
+
 def test_losses_and_restarts_are_notices() -> None:
     feed = Feed()
     feed.take(2, Lost("slip", "TS1", 3))

@@ -8,7 +8,8 @@ import { connect, perfSeconds, ServerClock } from "./stream.js";
 import { startTheme, switchTheme } from "./theme.js";
 import { eventWords } from "./words.js";
 
-const FRAME_MS = 1000 / 30 - 3; // 30 pictures a second, also where the screen has 60
+const RECORDED_MS = 1000 / 15; // from one picture of a recording to the next
+const SILENT_MS = 100;         // without a frame of the server until the next picture, which shows older data
 const MOST_BOARDS = 16;
 
 const boards = new Map();  // "source/name" -> BoardPanel
@@ -69,15 +70,23 @@ function feed(messages) {
 function onFrame(frame) {
   if (frame.dropped !== undefined) { dropped += frame.dropped; return; }
   feed(frame.m);
+  ask();
 }
 
-let lastDrawn = 0, drawn = 0, counted = perfSeconds();
-function draw(ms) {
+/** Draw with the next frame of the screen. Copying the canvases is most of what the page costs. */
+function ask() {
+  if (asked) return;
+  asked = true;
   requestAnimationFrame(draw);
-  if (ms - lastDrawn < FRAME_MS) return;
+}
+
+let asked = false, silent = 0, lastDrawn = 0, counted = perfSeconds();
+function draw(ms) {
+  asked = false;
+  clearTimeout(silent);
+  silent = setTimeout(ask, player === null ? SILENT_MS : RECORDED_MS);
   const elapsed = Math.min(0.5, (ms - lastDrawn) / 1000);
   lastDrawn = ms;
-  drawn += 1;
   const now = player === null ? clock.at(perfSeconds()) : player.tick(elapsed);
   const replay = player === null ? null : { origin: player.start, words: `Recording ${player.name}. Nothing here is live.` };
   for (const panel of boards.values()) {
@@ -85,8 +94,7 @@ function draw(ms) {
   }
   const perf = perfSeconds();
   if (perf - counted > 2) {
-    document.documentElement.dataset.fps = (drawn / (perf - counted)).toFixed(1);
-    drawn = 0; counted = perf;
+    counted = perf;
     const words = player !== null ? "" : !connected ? "not connected" : dropped ? `connected; this browser missed ${dropped} frames` : "connected";
     document.getElementById("link-words").textContent = words;
   }
@@ -122,7 +130,7 @@ async function start() {
     player.seek(at ? Number(at[1]) : 0);
     addEventListener("hashchange", () => { const to = /[#&]at=([\d.]+)/.exec(location.hash); if (to) player.seek(Number(to[1])); });
   }
-  requestAnimationFrame(draw);
+  ask();
 }
 
 start();
