@@ -2,7 +2,6 @@
 
 import os
 import re
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -87,39 +86,6 @@ def test_newtons_are_those_of_a_calibration(page: Page, tmp_path: Path, forces: 
         words = card.inner_text()
     assert ("Not calibrated" in words) is not forces
     assert bool(re.search("[0-9] N", words)) is forces
-
-
-def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_path: Path) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 6.0)) as endpoint:
-        made.endpoint = endpoint
-        page.goto(made.serve())
-        expect(page.locator(".events")).to_contain_text("no scans for")
-        page.wait_for_timeout(1000)
-        page.get_by_role("button", name="Pause").click()
-        page.wait_for_timeout(500)
-        plot = page.locator(".timeline .u-over")
-        before = plot.screenshot()
-        page.wait_for_timeout(1000)
-        assert plot.screenshot() == before
-        box = plot.bounding_box()
-        assert box is not None
-        page.mouse.move(box["x"] + 0.9 * box["width"], box["y"] + 50)
-        expect(page.locator(".readout")).to_contain_text("load")
-        page.mouse.down()
-        page.mouse.move(box["x"] + box["width"] - 5, box["y"] + 60)
-        page.mouse.up()
-        page.wait_for_timeout(500)
-        assert plot.screenshot() != before
-        page.get_by_role("button", name="Go on").click()
-        with page.expect_download() as download:
-            page.get_by_role("button", name="CSV").click()
-        head, *rows = download.value.path().read_text().splitlines()
-    assert head == "epoch_s,load_V,shear_V,utilisation,p_gross_100ms"
-    instants = [float(row.split(",")[0]) for row in rows]
-    steps = [later - earlier for earlier, later in pairwise(instants)]
-    assert max(steps) > 1.0  # the time without a board ...
-    widest = steps.index(max(steps))
-    assert ",,,," in rows[widest] + rows[widest + 1]  # ... has a row without values
 
 
 LUMINANCE = """([ink, ground]) => {

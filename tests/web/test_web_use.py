@@ -1,5 +1,6 @@
 """Commands, other origins and recordings in a real browser."""
 
+import csv
 import functools
 import http.server
 import threading
@@ -91,6 +92,24 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
             expect(page.get_by_role("button", name="Stop recording")).to_be_visible()
         page.get_by_role("button", name="Stop recording").click()
         expect(page.get_by_role("button", name="Record", exact=True)).to_be_visible()
+
+
+def test_a_mark_of_a_page_that_may_command_is_in_the_stream(live: Robot, page: Page) -> None:
+    url = commanding(live)
+    with Subscription(live.endpoint, topics=("command",)) as subscription:
+        page.goto(f"{url}#token={TOKEN}")
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        page.locator(".mark-text").fill("=first, touch")
+        page.locator("h1").click()
+        page.keyboard.press("m")
+        expect(page.locator(".events .list")).to_contain_text("mark: =first, touch")
+        (given,) = commands_of(subscription, 10.0)
+        assert given["command"] == "mark"
+        page.wait_for_timeout(200)
+        with page.expect_download() as download:
+            page.get_by_role("button", name="CSV").click()
+        rows = list(csv.DictReader(download.value.path().read_text().splitlines()))
+    assert [row["mark"] for row in rows if row["mark"]] == ["'=first, touch"]  # no formula
 
 
 @pytest.mark.parametrize("fragment", ["", "#token=0123456789abcdeX"])

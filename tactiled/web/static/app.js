@@ -2,7 +2,8 @@
 
 import { BoardModel } from "./board.js";
 import { authorization, showCommands, takeToken } from "./commands.js";
-import { announce, BoardPanel, el } from "./panel.js";
+import { announce, el } from "./dom.js";
+import { BoardPanel } from "./panel.js";
 import { Player } from "./replay.js";
 import { connect, perfSeconds, ServerClock } from "./stream.js";
 import { startTheme, switchTheme } from "./theme.js";
@@ -109,6 +110,7 @@ function keys() {
     if (event.key.toLowerCase() === "d") switchTheme();
     if (event.key === "?") help.showModal();
     if (event.key.toLowerCase() === "p") { const panels = [...boards.values()], held = panels[0]?.timeline.end === null; for (const panel of panels) panel.pause(held); }
+    if (event.key.toLowerCase() === "m") for (const panel of boards.values()) if (!panel.root.hidden) panel.mark();
     if (/^[0-9]$/.test(event.key) && boards.size > 1) showBoards([...boards.values()][Number(event.key) - 1] ?? null);
   });
 }

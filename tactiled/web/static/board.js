@@ -1,6 +1,6 @@
 // What is known of one board: newest messages, the last minute for the timeline, the last seconds of readings.
 
-import { ageWords, UNKNOWN_SD } from "./words.js";
+import { ageWords, markText, UNKNOWN_SD } from "./words.js";
 
 export const SPAN_S = 60;        // that a page which opens gets of the past
 const KEEP_S = 600;              // that it keeps
@@ -28,7 +28,8 @@ export class BoardModel {
     this.texture = null;     // newest texture message of this slide
     this.newestScan = null;
     this.scans = [];         // of the last RING_S
-    this.points = { t: [], load: [], shear: [], risk: [], use: [] };
+    this.points = { t: [], load: [], shear: [], risk: [], use: [], sliding: [], rate: [], volts: [] };
+    this.marks = [];         // {at, text, here}; here: this page alone has it
     this.events = [];        // newest last: {at, topic, data}
     this.bands = [];         // contact states: {from, state}
     this.slips = [];         // {from, to, kind, sd, suppressed, direction}
@@ -44,8 +45,9 @@ export class BoardModel {
 
   /** Forget what belongs to instants after `until` or before the window; used by a seek in a recording. */
   rewind() {
-    const kept = { info: this.info, geometry: this.geometry, zero: this.zero, settings: this.settings };
+    const kept = { info: this.info, geometry: this.geometry, zero: this.zero, settings: this.settings, marks: this.marks.filter((mark) => mark.here) };
     Object.assign(this, new BoardModel(this.source, this.name), kept);
+    for (const mark of this.marks) this._list(mark.at, "mark", mark);
   }
 
   /** Take a message. Returns the topic where it was news, for announcements; else null. */
@@ -109,7 +111,14 @@ export class BoardModel {
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
     const now = this.loads();
     if (now.unit !== this.unit) { this.unit = now.unit; for (const key of Object.keys(this.points)) this.points[key] = []; }
-    this._point(scan.timestamp, now.load, now.shear);
+    this._point(scan, now.load, now.shear);
+  }
+
+  /** Mark an instant in this page. */
+  mark(at) {
+    const mark = { at, text: `mark ${1 + this.marks.filter((other) => other.here).length}`, here: true };
+    this.marks.push(mark);
+    this._list(at, "mark", mark);
   }
 
   /** The newest force message, where it states newtons of a calibration; else null. */
@@ -139,12 +148,15 @@ export class BoardModel {
     scan.volts.forEach((v, c) => { this.zero[c] += (v - this.zero[c]) / this.zeroCount; });
   }
 
-  _point(t, load, shear) {
-    const p = this.points;
+  _point(scan, load, shear) {
+    const p = this.points, t = scan.timestamp;
     const fresh = this.grip !== null && Math.abs(this.grip.timestamp - t) < 0.2 && this.grip.state !== "none";
     p.t.push(t); p.load.push(load); p.shear.push(shear);
     p.risk.push(fresh ? this.grip.p_gross_100ms : null);
     p.use.push(fresh ? this.grip.utilisation : null);
+    p.sliding.push(fresh ? this.grip.p_sliding : null);
+    p.rate.push(this.status?.rate_hz ?? null);
+    p.volts.push(scan.valid.every(Boolean) ? scan.volts : scan.volts.map((v, c) => (scan.valid[c] ? v : NaN)));
     if (p.t[0] < t - KEEP_S - 5) {
       let n = 0;
       while (p.t[n] < t - KEEP_S) n += 1;
@@ -182,6 +194,7 @@ export class BoardModel {
       if (data.state === "none") { this.texture = null; this.grip = null; }
     }
     if (topic === "texture") this.texture = data;
+    if (topic === "command" && data.command === "mark" && data.ok) this.marks.push({ at, text: markText(data), here: false });
     this._list(at, topic, data);
     return topic;
   }

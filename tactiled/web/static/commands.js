@@ -46,22 +46,20 @@ function showSetting(field, value) {
 export function showCommands(panel, token) {
   const section = panel.root.querySelector(".commands"), reply = section.querySelector(".reply");
   section.hidden = false;
-  for (const button of section.querySelectorAll("button[data-do]")) {
-    button.addEventListener("click", async () => {
-      const name = button.dataset.do;
-      const label = button.textContent;
-      button.disabled = true;
-      let answer;
-      try {
-        const response = await fetch("/api/command", {
-          method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) },
-          body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields: FIELDS[name](panel.root, panel.board) }),
-        });
-        answer = await response.json();
-      } catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
-      button.disabled = false;
-      reply.dataset.ok = answer.ok;
-      reply.textContent = answer.ok ? `✓ ${label}: done` : `✗ ${label}: refused: ${answer.reason}`;
-    });
-  }
+  panel.give = async (name) => {
+    const button = section.querySelector(`[data-do="${name}"]`), label = button.textContent;
+    button.disabled = true;
+    let answer;
+    try {
+      const response = await fetch("/api/command", {
+        method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) },
+        body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields: FIELDS[name](panel.root, panel.board) }),
+      });
+      answer = await response.json();
+    } catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
+    button.disabled = false;
+    reply.dataset.ok = answer.ok;
+    reply.textContent = answer.ok ? `✓ ${label}: done` : `✗ ${label}: refused: ${answer.reason}`;
+  };
+  for (const button of section.querySelectorAll("button[data-do]")) button.onclick = () => panel.give(button.dataset.do);
 }

@@ -2,7 +2,10 @@
 
 import { drawBar } from "./bar.js";
 import { showSettings } from "./commands.js";
+import { channelCurve, CurveChooser, valueWords } from "./curves.js";
+import { announce, el, facts, fill, put, row } from "./dom.js";
 import { freshness, SteadyLamp } from "./freshness.js";
+import { historyControls } from "./history.js";
 import { Scope, Spectrum, Timeline } from "./plots.js";
 import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
@@ -35,7 +38,9 @@ export class BoardPanel {
     this.timeline = new Timeline(find(".timeline .plot"));
     this.timeline.onHover = (i) => { this.hovered = i; };
     this.hovered = null;
-    historyButtons(find, this);
+    this.chooser = new CurveChooser(find(".curves"), find(".keys"), (curves) => this.timeline.choose(curves));
+    this.give = null;        // gives a command to the daemon, where this page may
+    historyControls(find, this);
     this.scope = new Scope(find(".scope .plot"));
     this.spectrum = new Spectrum(find(".spectrum .plot"));
     this.due = { text: 0, plot: 0, slow: 0 };
@@ -142,17 +147,23 @@ export class BoardPanel {
   _hover() {
     const p = this.board.points, i = this.hovered, at = this.at.readout;
     if (i === null || !(i < p.t.length)) {
-      put(at, `load and shear in ${this.board.unit || "the unit of the array"}; drag to zoom`);
+      put(at, `load and shear in ${this.board.unit || "the unit of the array"}${this.timeline.scaleWords(this.board)}; drag to zoom`);
       return;
     }
-    const value = (v, unit) => (v === null ? NONE : `${sig(v, 3)} ${unit}`), share = (v) => (v === null ? NONE : percent(v));
-    put(at, `${clockWords(p.t[i])}: load ${value(p.load[i], this.board.unit)}, shear ${value(p.shear[i], this.board.unit)}, in use ${share(p.use[i])}, slip in 0.1 s ${share(p.risk[i])}`);
+    put(at, [clockWords(p.t[i]), ...this.timeline.curves.map((curve) => valueWords(curve, this.board, i))].join(", "));
   }
 
   /** Hold the timeline at this instant, or follow the present again. */
   pause(held) {
     if (held) this.timeline.view(this.timeline.span, this.timeline.now);
     else this.timeline.view(Number(this.root.querySelector(".span").value), null);
+  }
+
+  /** Mark an instant: that under the pointer, else the newest shown. The daemon keeps those of now, where it may. */
+  mark() {
+    const { board, timeline } = this, hovered = this.hovered === null ? undefined : board.points.t[this.hovered];
+    if (hovered === undefined && timeline.end === null && this.give !== null) { this.give("mark"); return; }
+    board.mark(hovered ?? timeline.end ?? timeline.now);
   }
 
   _texture(live) {
@@ -203,6 +214,7 @@ export class BoardPanel {
     const taxel = this.skin.chosen;
     const channels = g.taxel_of_channel.map((t, c) => (t === taxel ? c : -1)).filter((c) => c >= 0);
     this.scope.choose(channels);
+    this.chooser.offer(channels.map((c, turn) => channelCurve(c, g.names[c], turn)));
     put(this.at.chosen, `taxel ${taxel}: `);
     const key = channels.map((c, i) => { const s = el("span", `key k${i % 6}`, g.names[c].split(".").pop()); return s; });
     this.at.chosen.replaceChildren(`taxel ${taxel} `, ...key);
@@ -249,54 +261,4 @@ function recorded(board, now, words) {
   if (board.status === null) return lamp; // made from a log that has no board
   const then = freshness(board, now, true);
   return then.state === "fresh" || then.state === "late" ? lamp : { ...lamp, shows: then.state, words: `${words} At this instant: ${then.word}. ${then.words}` };
-}
-
-export function announce(text) {
-  const place = document.getElementById("announce");
-  place.append(el("p", "", text));
-  while (place.children.length > 5) place.firstElementChild.remove();
-}
-
-export function el(tag, kind, text) {
-  const element = document.createElement(tag);
-  if (kind) element.className = kind;
-  if (text !== undefined) element.textContent = text;
-  return element;
-}
-
-/** Write a text only where it has changed: an unchanged page costs no layout. */
-function put(element, text) { if (element.textContent !== text) element.textContent = text; }
-
-function fill(element, key, make) { if (element.dataset.key !== key) { element.dataset.key = key; element.replaceChildren(...make()); } }
-
-function row(tag, cells) { const tr = el("tr"); tr.append(...cells.map((text) => el(tag, "", text))); return tr; }
-
-function facts(list, rows) {
-  if (list.children.length !== rows.length) list.replaceChildren(...rows.map(() => { const d = el("div"); d.append(el("dt"), el("dd", "number")); return d; }));
-  rows.forEach(([name, text], i) => { put(list.children[i].firstElementChild, name); put(list.children[i].lastElementChild, text); });
-}
-
-/** Length, pause and table of the timeline. */
-function historyButtons(find, panel) {
-  const { timeline } = panel, span = find(".span"), pause = find(".pause");
-  span.onchange = () => timeline.view(Number(span.value), null);
-  pause.onclick = () => panel.pause(timeline.end === null);
-  find(".save").onclick = () => save(panel.board);
-  timeline.onView = () => {
-    const paused = timeline.end !== null;
-    pause.setAttribute("aria-pressed", paused);
-    put(pause, paused ? "Go on" : "Pause");
-  };
-}
-
-/** Save the points of the timeline as a table. */
-function save(board) {
-  const p = board.points, cell = (v) => (v === null ? "" : +v.toPrecision(6));
-  const rows = p.t.map((t, i) => [t.toFixed(3), cell(p.load[i]), cell(p.shear[i]), cell(p.use[i]), cell(p.risk[i])].join(","));
-  const text = [`epoch_s,load_${board.unit},shear_${board.unit},utilisation,p_gross_100ms`, ...rows].join("\n");
-  const link = el("a");
-  link.href = URL.createObjectURL(new Blob([`${text}\n`], { type: "text/csv" }));
-  link.download = `${board.name || "board"}.csv`;
-  link.click();
-  URL.revokeObjectURL(link.href);
 }

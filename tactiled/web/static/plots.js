@@ -1,6 +1,7 @@
 // Timeline, scope and spectrum with uPlot.
 
 import uPlot from "/static/uplot/uPlot.esm.js";
+import { seriesOf, valuesOf } from "./curves.js";
 import { colour, onTheme } from "./theme.js";
 import { clockWords, sig } from "./words.js";
 
@@ -30,12 +31,13 @@ function ladder(value) {
 }
 
 export class Timeline extends Plot {
-  constructor(place, height = 236) {
-    const draws = { board: null, origin: 0, top: 1 };
+  constructor(place, height = 218) {
+    const draws = { board: null, origin: 0, top: 1, full: 1, hz: 1 };
     super(place, {
-      data: [[], [], [], [], []],
+      data: [[]],
       padding: [LANES.length * LANE + 8, 6, 0, 0],
-      scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: () => [0, draws.top] }, p: { range: [0, 1.15] } },
+      scales: { x: { time: false, range: (u, min, max) => [min, max] }, y: { range: () => [0, draws.top] }, p: { range: [0, 1.15] },
+        reading: { range: () => [-2 * draws.full, 2 * draws.full] }, hz: { range: () => [0, draws.hz] } },
       axes: [
         axis({ space: 80, size: 28,
           splits: (u, i, min, max) => {
@@ -47,11 +49,7 @@ export class Timeline extends Plot {
         axis({ size: 46, values: (u, ticks) => ticks.map((v) => sig(v, 2)) }),
         axis({ scale: "p", side: 1, size: 36, grid: { show: false }, values: (u, ticks) => ticks.map((v) => (v <= 1 ? `${Math.round(100 * v)}%` : "")) }),
       ],
-      series: [{},
-        { stroke: () => colour("series-1"), width: 1.5, points: { show: false } },
-        { stroke: () => colour("series-2"), width: 1.5, points: { show: false } },
-        { scale: "p", stroke: () => colour("slip"), width: 1.5, points: { show: false }, fill: () => colour("risk-fill") },
-        { scale: "p", stroke: () => colour("muted"), width: 1, dash: [4, 3], points: { show: false } }],
+      series: [{}],
       cursor: { points: { size: 7 }, y: false, drag: { x: true, y: false, setScale: false } },
       select: { show: true },
       hooks: { setSelect: [(u) => this._zoom(u)], setCursor: [(u) => this.onHover(u.cursor.idx ?? null)], drawClear: [(u) => lanesBehind(u, draws.board)], draw: [(u) => lanes(u, draws.board)] },
@@ -60,8 +58,22 @@ export class Timeline extends Plot {
     this.span = 60;
     this.end = null;         // newest instant shown; null: now
     this.now = null;
+    this.curves = [];
     this.onHover = () => {};
     this.onView = () => {};
+  }
+
+  /** Show these curves (see curves.js). */
+  choose(curves) {
+    while (this.plot.series.length > 1) this.plot.delSeries(1);
+    this.curves = curves;
+    for (const curve of curves) this.plot.addSeries(seriesOf(curve));
+  }
+
+  /** What the edges of the curves without an axis are. */
+  scaleWords(board) {
+    const has = (scale) => this.curves.some((curve) => curve.scale === scale);
+    return (has("reading") ? `, channels ±${sig(2 * this.draws.full, 2)} ${board.geometry.unit}` : "") + (has("hz") ? `, rate 0 to ${sig(this.draws.hz, 2)} Hz` : "");
   }
 
   /** Show `span` seconds up to `end` (null: up to now). */
@@ -86,8 +98,10 @@ export class Timeline extends Plot {
     if (board.unit !== this.unit) { this.unit = board.unit; this.draws.top = 10; }
     if (board.unit !== "N") this.draws.top = full * board.geometry?.pressure.length || 1;
     else for (const v of p.load.slice(-100)) if (v > this.draws.top) this.draws.top = ladder(v);
+    this.draws.full = full || 1;
+    this.draws.hz = ladder(1.2 * (board.info?.rate_hz || 100));
     this.plot.batch(() => {
-      this.plot.setData([p.t, p.load, p.shear, p.risk, p.use], false);
+      this.plot.setData([p.t, ...this.curves.map((curve) => valuesOf(curve, board))], false);
       this.plot.setScale("x", { min: end - this.span, max: end });
       this.plot.setScale("y", { min: 0, max: this.draws.top });
     });
@@ -144,6 +158,14 @@ function lanes(u, board) {
     const sd = x(slip.from + slip.sd) - from; // one standard deviation of the onset to either side
     c.beginPath(); c.moveTo(from - sd, y0 + h / 2); c.lineTo(from + sd, y0 + h / 2); c.moveTo(from, y0 - 2 * r); c.lineTo(from, y0 + h + 2 * r); c.stroke();
     if (!slip.suppressed) { c.globalAlpha = 0.35; c.setLineDash([2 * r, 4 * r]); c.beginPath(); c.moveTo(from, top); c.lineTo(from, top + height); c.stroke(); c.setLineDash([]); c.globalAlpha = 1; }
+  }
+  for (const mark of board.marks) {
+    const at = x(mark.at);
+    if (at < left || at > left + width) continue;
+    c.strokeStyle = c.fillStyle = colour("contact"); c.lineWidth = 1.5 * r;
+    c.beginPath(); c.moveTo(at, row(2)); c.lineTo(at, top + height); c.stroke();
+    const text = mark.text.slice(0, 30), wide = c.measureText(text).width + 4 * r;
+    c.fillText(text, at + wide < left + width ? at + 4 * r : at - wide, top + height - 8 * r);
   }
   for (const event of board.events) {
     const at = x(event.at);

@@ -50,6 +50,11 @@ export const REFUSALS = {
   stale: "The answer was late, so it would be of the past: look at the load of the host.",
 };
 
+/** Text of a mark in the stream of the daemon. */
+export function markText(command) {
+  try { return String(JSON.parse(command.arguments).text ?? ""); } catch { return ""; }
+}
+
 /** One line for an event: {kind, text}; kind colours it. The words are those of tactiled/events/words.py. */
 export function eventWords(topic, data) {
   if (topic === "slip") {
@@ -70,10 +75,11 @@ export function eventWords(topic, data) {
     return { kind: "refusal", text: `no groove estimate: ${data.status}` };
   }
   if (topic === "command") {
-    let text = `${data.command} by ${data.who || "?"}`;
-    try { const fields = JSON.parse(data.arguments); if (fields.text) text = `mark: ${fields.text}`; } catch { /* shown without arguments */ }
+    const note = data.command === "mark" ? markText(data) : "";
+    const text = note ? `mark: ${note}` : `${data.command} by ${data.who || "?"}`;
     return { kind: data.ok ? "command" : "refused", text: data.ok ? text : `${text} refused: ${data.reason}` };
   }
+  if (topic === "mark") return { kind: "command", text: `${data.text}, kept in this page only` };
   if (topic === "gap") return { kind: "gap", text: `${data.words}` };
   return { kind: "notice", text: data.words || topic };
 }
