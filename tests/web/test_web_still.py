@@ -45,13 +45,13 @@ def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: 
         for page in pages.values():
             page.evaluate("shifts.length = 0")
         sentences = set()
-        for _ in range(WATCHED_S):
-            page.wait_for_timeout(1000)
+        for _ in range(5 * WATCHED_S):
+            page.wait_for_timeout(200)
             sentences.add(page.locator(".advice").inner_text().split(" since")[0])
         moved = {name: sum(page.evaluate("shifts")) for name, page in pages.items()}
         for page in pages.values():
             page.context.close()
-    assert {"Nothing touches the skin", "Slipping towards +x", "No such port."} <= sentences  # it went on
+    assert {"Holding", "Slipping towards +x", "No such port."} <= sentences  # it went on
     assert max(moved.values()) < MOST_SHIFT, moved
 
 
