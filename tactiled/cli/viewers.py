@@ -38,6 +38,10 @@ _SHORTEST_TOKEN = 16  # characters: 80 bits even where it has letters and digits
     help="Show this recording instead of live boards; several times for the parts of one recording.",
 )  # fmt: skip
 @click.option(
+    "--recordings", type=click.Path(path_type=Path, file_okay=False, exists=True), metavar="DIRECTORY",
+    help="Let the page list, open and download the recordings (.mcap) of this directory.",
+)  # fmt: skip
+@click.option(
     "--allow-commands", is_flag=True, help="Show buttons to who opens the printed address, which has a token."
 )
 @click.option(
@@ -51,6 +55,7 @@ def web(
     host_names: tuple[str, ...],
     arrays: tuple[str, ...],
     files: tuple[Path, ...],
+    recordings: Path | None,
     allow_commands: bool,
     token_file: Path | None,
     keys: Path | None,
@@ -66,8 +71,10 @@ def web(
     need_readable(*files)
     for name in arrays:
         need_named(name, "config/arrays")
-    if files and (endpoints or allow_commands):
-        raise click.UsageError("--file shows a recording: leave out --events and --allow-commands")
+    if files and (endpoints or allow_commands or recordings):
+        raise click.UsageError(
+            "--file shows a recording: leave out --events, --allow-commands and --recordings"
+        )
     endpoints = endpoints or (() if files else ("tcp://127.0.0.1:9872",))
     token = _token(token_file) if allow_commands else ""
     if (
@@ -109,7 +116,8 @@ def web(
                 f"web: every host that reaches {host} can look; the connection is not encrypted", err=True
             )
 
-    run_web(Listening(endpoints, host, port, loaded, keys, Guard(token, host_names), replay), ready)
+    guard = Guard(token, host_names)
+    run_web(Listening(endpoints, host, port, loaded, keys, guard, replay, recordings), ready)
 
 
 @click.command()

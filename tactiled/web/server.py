@@ -18,7 +18,7 @@ from aiohttp import WSCloseCode, web
 
 from tactiled.array import Array
 from tactiled.client import Subscription
-from tactiled.errors import UnavailableError
+from tactiled.errors import DataError, UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.version import __version__
 from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
@@ -26,6 +26,7 @@ from tactiled.web.commands import DaemonCommands, check_request, parse_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
 from tactiled.web.guard import Guard
+from tactiled.web.recordings import RecordingFolder, RecordingRoutes, answer
 from tactiled.web.replay import ReplayFile
 from tactiled.web.static_files import read_static
 
@@ -37,7 +38,6 @@ _MOST_ITEMS = 500  # of one endpoint in a frame, some 20 ms: more wait for the n
 _LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
 _LINGERING_S = 1.0  # for the rest of a request that was refused before its end
 _SETTINGS_S = 1.0  # interval at which a daemon is asked for its settings, which other clients change as well
-_LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
 _LOGGERS = ("aiohttp.server", "aiohttp.web", "asyncio")  # which write about connections and requests
 _HEADERS = {
     # No inline script and no inline style, nothing from elsewhere, and nobody may frame the buttons.
@@ -71,6 +71,8 @@ class Listening:
         Key file of this client, for daemons of other hosts.
     replay : ReplayFile, optional
         Recording to show instead of live boards.
+    recordings : Path, optional
+        Directory of recordings that the page lists and opens.
     """
 
     endpoints: Sequence[str]
@@ -80,6 +82,7 @@ class Listening:
     keys: Path | None = None
     guard: Guard = field(default_factory=Guard)
     replay: ReplayFile | None = None
+    recordings: Path | None = None
 
 
 class PageServer:
@@ -95,6 +98,8 @@ class PageServer:
         self._log = RateLimitedLog(logger)
         self._connections = Connections(self._crowded)
         self._settings: dict[tuple[int, str], dict[str, Any]] = {}
+        folder = None if params.recordings is None else RecordingFolder(params.recordings, params.arrays)
+        self._recordings = RecordingRoutes(folder, params.replay)
 
     def application(self) -> web.Application:
         """Return the routes."""
@@ -103,8 +108,8 @@ class PageServer:
         app.router.add_get("/api/session", self._session)
         app.router.add_get("/api/live", self._live)
         app.router.add_post("/api/command", self._command)
-        app.router.add_get("/api/replay", self._replay)
         app.router.add_get("/static/{name:.*}", self._file)
+        self._recordings.add_to(app)
         return app
 
     async def run(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
@@ -225,11 +230,14 @@ class PageServer:
 
     async def _file(self, request: web.Request) -> web.StreamResponse:
         file = self._static.get(request.match_info["name"])
-        return _answer(404, "there is no such file") if file is None else file.answer(request)
+        return answer(404, "there is no such file") if file is None else file.answer(request)
 
     async def _session(self, request: web.Request) -> web.StreamResponse:
         """Describe this server to the page. `commands` is true only with the right token."""
-        replay = self._params.replay
+        try:
+            replay = await self._recordings.chosen(request)
+        except DataError as error:
+            return answer(404, str(error))
         refusal = self._params.guard.refuse_command(request.headers.get("Authorization"))
         return web.json_response(
             {
@@ -237,6 +245,7 @@ class PageServer:
                 "endpoints": list(self._params.endpoints),
                 "commands": not refusal and replay is None,
                 "replay": None if replay is None else replay.summary(),
+                "recordings": self._recordings.are_listed,
             }
         )
 
@@ -275,41 +284,21 @@ class PageServer:
 
     async def _command(self, request: web.Request) -> web.StreamResponse:
         if refusal := self._params.guard.refuse_command(request.headers.get("Authorization")):
-            return _answer(403, refusal)
+            return answer(403, refusal)
         if request.content_type != "application/json":
-            return _answer(415, "send JSON")
+            return answer(415, "send JSON")
         try:
             async with asyncio.timeout(IDLE_S):
                 body = await request.read()
             source, do, fields = check_request(parse_request(body), len(self._commands))
         except TimeoutError:
-            return _answer(408, f"the request was not complete within {IDLE_S:g} s")
+            return answer(408, f"the request was not complete within {IDLE_S:g} s")
         except ValueError as error:
-            return _answer(400, str(error))
+            return answer(400, str(error))
         reply = await self._commands[source].send(do, fields)
         if reply.ok and "board" in fields:
             await self._ask_settings(source, fields["board"])
         return web.json_response({"ok": reply.ok, "reason": reply.reason, "do": do})
-
-    async def _replay(self, request: web.Request) -> web.StreamResponse:
-        """Return the messages of a stretch of the recording, ``?from=SECONDS&to=SECONDS``."""
-        replay = self._params.replay
-        if replay is None:
-            return _answer(404, "this page is live")
-        try:
-            from_s, to_s = float(request.query["from"]), float(request.query["to"])
-        except (KeyError, ValueError):
-            return _answer(400, "give from and to in seconds")
-        if not 0.0 <= to_s - from_s <= _LONGEST_CHUNK_S:
-            return _answer(400, f"ask for at most {_LONGEST_CHUNK_S:g} s at once")
-        thin = request.query.get("thin") == "1"
-        answer = web.Response(text=replay.stretch(from_s, to_s, thin=thin), content_type="application/json")
-        answer.enable_compression()  # where the client asks for it
-        return answer
-
-
-def _answer(status: int, reason: str) -> web.Response:
-    return web.json_response({"ok": False, "reason": reason}, status=status)
 
 
 def run_web(params: Listening, ready: Callable[[str], None]) -> None:

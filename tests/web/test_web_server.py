@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import json
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 from frames import rows
+from page_server import Act, serve_page
 from yarl import URL
 
 from tactiled.detect.contact.slip_detector import SETTINGS
@@ -22,24 +23,11 @@ from tactiled.web.guard import Guard
 from tactiled.web.server import MOST_BROWSERS, Listening, PageServer, run_web
 
 TOKEN = "0123456789abcdef"
-Act = Callable[[aiohttp.ClientSession, str], Awaitable[None]]
 
 
 def serve(tmp_path: Path, act: Act, token: str = "") -> None:
     """Run a server on a daemon that does not exist, and act on it."""
-
-    async def main() -> None:
-        stop, address = asyncio.Event(), asyncio.get_running_loop().create_future()
-        params = Listening([f"ipc://{tmp_path}/events.ipc"], port=0, guard=Guard(token))
-        serving = asyncio.create_task(PageServer(params).run(address.set_result, stop))
-        try:
-            async with aiohttp.ClientSession() as session:
-                await act(session, await address)
-        finally:
-            stop.set()
-            await serving
-
-    asyncio.run(main())
+    serve_page(Listening([f"ipc://{tmp_path}/events.ipc"], port=0, guard=Guard(token)), act)
 
 
 def test_every_answer_forbids_scripts_of_others(tmp_path: Path) -> None:

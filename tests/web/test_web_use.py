@@ -49,7 +49,7 @@ def test_buttons_show_the_acknowledgement_or_the_reason(live: Robot, page: Page)
         expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
         assert TOKEN not in page.url  # not in the history, nor in a link that is copied
         page.locator(".mark-text").fill("first touch")
-        page.get_by_role("button", name="Mark").click()
+        page.get_by_role("button", name="Mark with note").click()
         expect(page.locator(".reply")).to_have_attribute("data-ok", "true")
         expect(page.locator(".events .list")).to_contain_text("mark: first touch")
         page.get_by_role("button", name="Inhibit").click()

@@ -4,6 +4,7 @@ import { BoardModel } from "./board.js";
 import { authorization, showCommands, takeToken } from "./commands.js";
 import { announce, el } from "./dom.js";
 import { BoardPanel } from "./panel.js";
+import { listRecordings, recordingQuery } from "./recordings.js";
 import { Player } from "./replay.js";
 import { connect, perfSeconds, ServerClock } from "./stream.js";
 import { startTheme, switchTheme } from "./theme.js";
@@ -110,6 +111,7 @@ function keys() {
     if (event.key.toLowerCase() === "d") switchTheme();
     if (event.key === "?") help.showModal();
     if (event.key.toLowerCase() === "p") { const panels = [...boards.values()], held = panels[0]?.timeline.end === null; for (const panel of panels) panel.pause(held); }
+    if (event.key.toLowerCase() === "r" && !document.getElementById("list").hidden) listRecordings();
     if (event.key.toLowerCase() === "m") for (const panel of boards.values()) if (!panel.root.hidden) panel.mark();
     if (/^[0-9]$/.test(event.key) && boards.size > 1) showBoards([...boards.values()][Number(event.key) - 1] ?? null);
   });
@@ -119,10 +121,17 @@ async function start() {
   startTheme();
   keys();
   token = takeToken();
+  const query = recordingQuery();
+  if (query) document.getElementById("waiting").textContent = "Reading the recording\u2026";
   while (session === null) {
-    try { session = await (await fetch("/api/session", { headers: authorization(token) })).json(); }
+    try { session = await (await fetch(`/api/session?${query}`, { headers: authorization(token) })).json(); }
     catch { await new Promise((resolve) => setTimeout(resolve, 1000)); }
   }
+  const list = document.getElementById("list");
+  document.getElementById("live").hidden = !query;
+  list.hidden = !session.recordings && !query;
+  list.onclick = listRecordings;
+  if (session.ok === false) { document.getElementById("waiting").textContent = session.reason; return; }
   document.getElementById("subtitle").textContent = session.replay === null ? "live" : `recording ${session.replay.name}`;
   if (session.replay === null) {
     connect(clock, onFrame, (open) => { connected = open; });

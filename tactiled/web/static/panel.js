@@ -101,7 +101,7 @@ export class BoardPanel {
     const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
     const said = live && now !== null ? verdict(board, now) : { level: "free", sentence: lamp.words, sure: "" };
     at.lamp.dataset.level = said.level;
-    put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now)) : ageWords(lamp.age));
+    put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now).slice(0, 10)) : ageWords(lamp.age));
     put(at.advice, said.sentence);
     const slips = said.level === "gross" || said.level === "partial"; // a warning on the host can wait
     put(at.sure, live && lamp.words && !slips ? lamp.words : said.sure);

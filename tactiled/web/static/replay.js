@@ -1,6 +1,7 @@
 // A recording in the live view: fetches stretches ahead of the position, and feeds them as time goes by.
 
 import { SPAN_S } from "./board.js";
+import { recordingQuery } from "./recordings.js";
 import { colour, fit, onTheme } from "./theme.js";
 
 const STRETCH_S = 5;
@@ -67,7 +68,7 @@ export class Player {
   }
 
   async copy() {
-    const link = `${location.origin}${location.pathname}#at=${this.position.toFixed(3)}`;
+    const link = `${location.origin}${location.pathname}${location.search}#at=${this.position.toFixed(3)}`;
     history.replaceState(null, "", link);
     const button = document.getElementById("copy");
     try { await navigator.clipboard.writeText(link); button.textContent = "Copied"; } catch { button.textContent = "In the address bar"; }
@@ -103,7 +104,7 @@ export class Player {
   }
 
   async _stretch(from, to, thin) {
-    const response = await fetch(`/api/replay?from=${from}&to=${to}&thin=${thin ? 1 : 0}`);
+    const response = await fetch(`/api/replay?from=${from}&to=${to}&thin=${thin ? 1 : 0}&${recordingQuery()}`);
     if (!response.ok) throw new Error(`HTTP ${response.status}`);
     return (await response.json()).m;
   }

@@ -1,0 +1,124 @@
+"""Recordings of a directory: listed, sent and opened, and nothing else of the disk."""
+
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from page_server import serve_page
+from pages import robot
+from playwright.sync_api import Page, expect
+from recordings import record, simulated_reads
+from stage import stage
+from yarl import URL
+
+from tactiled.web import recordings
+from tactiled.web.server import Listening
+
+NAME = "tactile-20260102T030405.678Z.mcap"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with a recording, what is none, and a file beside the directory."""
+    folder = tmp_path_factory.mktemp("all") / "recordings"
+    folder.mkdir()
+    record(folder / NAME, simulated_reads(8.0, "demo"))
+    (folder / "no.mcap").write_bytes(b"nothing")
+    (folder / "keys.toml").write_text("secret")
+    (folder.parent / "beside.mcap").write_bytes(b"secret")
+    (folder / "link.mcap").symlink_to(folder.parent / "beside.mcap")
+    (folder / "folder.mcap").mkdir()
+    return folder
+
+
+def serve(folder: Path | None, asked: list[tuple[str, str]]) -> list[tuple[int, Any]]:
+    """Ask a server; give each status with the JSON or the octets of the answer."""
+    answers: list[tuple[int, Any]] = []
+
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        for method, path in asked:
+            async with session.request(method, URL(url + path, encoded=True)) as answer:
+                is_json = answer.content_type == "application/json"
+                answers.append((answer.status, await answer.json() if is_json else await answer.read()))
+
+    serve_page(Listening([], port=0, recordings=folder), act)
+    return answers
+
+
+def test_the_recordings_of_the_directory_are_listed_and_sent_as_they_are(folder: Path) -> None:
+    (_, listed), (status, octets) = serve(
+        folder, [("GET", "api/recordings"), ("GET", f"api/recordings/{NAME}")]
+    )
+    assert {row["name"] for row in listed} == {NAME, "no.mcap"}
+    (row,) = [row for row in listed if row["name"] == NAME]
+    assert (row["bytes"], row["opens"]) == ((folder / NAME).stat().st_size, True)
+    assert (status, octets) == (200, (folder / NAME).read_bytes())
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../beside.mcap", "..%2Fbeside.mcap", "%2E%2E%2Fbeside.mcap", "link.mcap", "keys.toml", "folder.mcap",
+     "..", "", "%00", "x" * 5000, "{folder}/../beside.mcap", "recordings%2Fno.mcap"],
+)  # fmt: skip
+def test_no_name_leads_to_another_file(folder: Path, name: str) -> None:
+    named = name.format(folder=str(folder).replace("/", "%2F"))
+    answers = serve(folder, [("GET", f"api/recordings/{named}"), ("GET", f"api/session?recording={named}")])
+    assert [status for status, _ in answers] == [404, 404]
+    assert all(b"secret" not in str(body).encode() for _, body in answers)
+
+
+def test_nothing_is_written(folder: Path) -> None:
+    asked = [(method, f"api/recordings/{NAME}") for method in ("POST", "PUT", "DELETE")]
+    assert [status for status, _ in serve(folder, asked)] == [405] * 3
+    assert [status for status, _ in serve(None, [("GET", "api/recordings")])] == [404]
+
+
+def test_a_recording_is_opened_beside_the_live_boards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    query = f"recording={NAME}"
+    asked = [
+        f"api/session?{query}",
+        f"api/replay?{query}&from=0&to=2",
+        "api/session",
+        "api/replay?from=0&to=2",
+    ]
+    opened, stretch, live, none = serve(folder, [("GET", path) for path in asked])
+    assert opened[1]["replay"]["name"] == NAME
+    assert opened[1]["recordings"] is live[1]["recordings"] is True
+    topics = [row[1] for row in stretch[1]["m"]]
+    assert topics[0] == "geometry"  # of the array in the head of the file
+    assert topics.count("scan") > 100
+    assert live[1]["replay"] is None
+    assert none[0] == 404
+    (no,) = serve(folder, [("GET", "api/session?recording=no.mcap")])
+    assert no[0] == 404
+    assert "not a recording" in no[1]["reason"]
+    assert str(folder) not in no[1]["reason"]
+    monkeypatch.setattr(recordings, "_LARGEST_BYTES", 1000)
+    (large,) = serve(folder, [("GET", f"api/session?{query}")])
+    assert "larger" in large[1]["reason"]
+
+
+@pytest.mark.system
+def test_a_person_opens_a_recording_and_comes_back(folder: Path, page: Page, tmp_path: Path) -> None:
+    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as made.endpoint:
+        url = made.serve("--recordings", str(folder))
+        page.goto(url)
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        page.keyboard.press("r")
+        page.get_by_role("link", name=f"Open {NAME}").click()
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
+        page.locator("body").press("End")
+        expect(page.locator(".advice")).to_contain_text("slip", ignore_case=True)
+        page.keyboard.press("m")
+        expect(page.locator(".events .list")).to_contain_text("mark 1")
+        page.locator("#copy").click()
+        expect(page.locator("#copy")).not_to_have_text("Copy link")
+        assert page.url.startswith(f"{url}?recording={NAME}#at=")
+        page.locator("body").press("Home")
+        expect(page.locator("#clock")).to_contain_text("0.00 /")
+        expect(page.locator(".events .list")).to_contain_text("mark 1")  # a seek does not forget it
+        page.get_by_role("link", name="Live").click()
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        page.goto(f"{url}?recording=no.mcap")
+        expect(page.locator("#waiting")).to_contain_text("not a recording")
