@@ -19,7 +19,7 @@ def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_pat
         made.endpoint = endpoint
         page.goto(made.serve())
         expect(page.locator(".events")).to_contain_text("no scans for")
-        page.wait_for_timeout(1000)
+        page.wait_for_timeout(3500)  # it is held, and nothing that came before is still on its way
         page.get_by_role("button", name="Pause").click()
         page.wait_for_timeout(500)
         plot = page.locator(".timeline .u-over")

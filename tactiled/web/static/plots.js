@@ -65,9 +65,13 @@ export class Timeline extends Plot {
 
   /** Show these curves (see curves.js). */
   choose(curves) {
-    while (this.plot.series.length > 1) this.plot.delSeries(1);
     this.curves = curves;
-    for (const curve of curves) this.plot.addSeries(seriesOf(curve));
+    this.plot.batch(() => { // curves and their values at once: the pointer may stand on them
+      while (this.plot.series.length > 1) this.plot.delSeries(1);
+      for (const curve of curves) this.plot.addSeries(seriesOf(curve));
+      const { board } = this.draws;
+      this.plot.setData(board === null ? [[], ...curves.map(() => [])] : [board.points.t, ...curves.map((curve) => valuesOf(curve, board))], false);
+    });
   }
 
   /** What the edges of the curves without an axis are. */
