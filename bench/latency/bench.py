@@ -184,12 +184,12 @@ def play_scene(folder: Path, reference: Path) -> Run:
     return matched(relayed, heard, start_s, cpu, rss_mb)
 
 
-def wait_for_path(path: Path) -> None:
+def wait_for_path(path: Path, within_s: float = _START_S) -> None:
     """Wait until a path exists."""
-    until_s = time.monotonic() + _START_S
+    until_s = time.monotonic() + within_s
     while not path.exists():
         if time.monotonic() > until_s:
-            raise OperatorError(f"{path} did not appear in {_START_S:g} s: is this machine too busy?")
+            raise OperatorError(f"{path} did not appear in {within_s:g} s: is this machine too busy?")
         time.sleep(0.02)
 
 

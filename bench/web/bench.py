@@ -7,6 +7,7 @@ the server does, so that the delay of a verdict is from the arrival of its messa
 first picture of the browser that has its words.
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -47,7 +48,7 @@ SLOW_BYTES_S = 50_000
 _PLAY_S, _QUICK_PLAY_S = 60.0, 15.0
 _REST_S = 8.0  # without a board between two plays, as `tactiled demo --web`
 _SETTLE_S = 5.0  # after the start of the page: its history has come and its scripts are compiled
-_START_S = 60.0
+_START_S = 120.0
 _LOOK_S = 0.2  # interval of looks at the lamp
 _WATCH = """
   window.shifts = []; window.shown = {};
@@ -144,10 +145,10 @@ def watch_scene(browser: Browser, scene: str, seconds: float, bytes_s: float) ->
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-web-")))
         endpoint, config = f"ipc://{folder}/events.ipc", folder / "tactiled.toml"
         config.write_text(CONFIG.format(port=folder / "board", endpoint=endpoint))
+        stack.enter_context(_board(folder, scene))
         stack.enter_context(_process(folder, "daemon", "run", "--config", str(config)))
         server = stack.enter_context(_process(folder, "web", "web", "--port", "0", "--events", endpoint))
         heard = stack.enter_context(_hear(endpoint))
-        stack.enter_context(_board(folder, scene))
         way = stack.enter_context(link(_address(folder / "web.out"), bytes_s))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.add_init_script(_WATCH)
@@ -203,18 +204,21 @@ def _process(folder: Path, name: str, *arguments: str) -> Iterator["subprocess.P
 @contextmanager
 def _board(folder: Path, scene: str) -> Iterator[None]:
     """Play a scene again and again, with pauses without a board."""
-    ended = threading.Event()
+    link_path, ended = folder / "board", threading.Event()
 
     def play() -> None:
         while not ended.is_set():
-            with _process(folder, "board", "emulate", "--scene", scene, "--link", str(folder / "board")):
-                ended.wait(load_scene(scene).duration_s + 2.0)  # with the start of the process
+            link_path.unlink(missing_ok=True)
+            with _process(folder, "board", "emulate", "--scene", scene, "--link", str(link_path)):
+                with contextlib.suppress(OperatorError):  # the next one may do better
+                    wait_for_path(link_path, _START_S)
+                ended.wait(load_scene(scene).duration_s)
             ended.wait(_REST_S)
 
     thread = threading.Thread(target=play)
     thread.start()
     try:
-        wait_for_path(folder / "board")
+        wait_for_path(link_path, _START_S)
         yield
     finally:
         ended.set()

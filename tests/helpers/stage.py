@@ -1,27 +1,31 @@
 """A publisher of events of a scene that are computed before: it needs little of a processor."""
 
 import functools
+import itertools
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
+import numpy as np
 import zmq
 from messages import STATUS
 from recordings import SOURCE, simulated_reads
 
 from tactiled.events.codec import encode
-from tactiled.events.types import Event, ForceEvent, InfoEvent, ScanEvent, StatusEvent
+from tactiled.events.types import Event, ForceEvent, GripEvent, InfoEvent, ScanEvent, StatusEvent
 from tactiled.pipeline import Pipeline
 
 PAUSE_S = 3.0  # between two plays, without a board
-FORCE = ForceEvent(
-    time_s=0.0, fx_n=-4.0, fz_n=15.0, fx_sd_n=0.3, fy_sd_n=0.3, fz_sd_n=0.4, x_mm=3.6, y_mm=3.6,
-    calibration="finger-7", valid=True,
-)  # fmt: skip
+N_PER_V = 1.5  # of a calibration in which load and shear have one scale, so that friction stays as it is
 _STATUS_S = 0.1
+_LAST_S = 0.1  # of a play, played again and again by a board that holds
+
+Then = Literal["again", "gone", "hold"]
+"""After a play: the next one, after a pause without a board; no board; or its last instants for ever."""
 
 
 @functools.lru_cache
@@ -59,7 +63,7 @@ def info(array_id: str = "wang2019-3x3") -> InfoEvent:
 
 
 class Stage:
-    """Boards that play scenes again and again on one endpoint.
+    """Boards that play scenes on one endpoint.
 
     Parameters
     ----------
@@ -67,14 +71,20 @@ class Stage:
     plays : sequence of (board, scene, duration_s)
     forces : bool
         State a force beside each scan, as a calibration of this array would.
+    then : {"again", "gone", "hold"}
     """
 
     def __init__(
-        self, endpoint: str, plays: Sequence[tuple[str, str, float]], *, forces: bool = False
+        self, endpoint: str, plays: Sequence[tuple[str, str, float]], *, forces: bool, then: Then
     ) -> None:
         self._endpoint = endpoint
-        self._plays = [(board, events_of(scene, duration_s)) for board, scene, duration_s in plays]
+        self._plays = []
+        for board, scene, duration_s in plays:
+            # A scene is computed once for all plays that end within it.
+            computed = events_of(scene, max(12.0, duration_s))
+            self._plays.append((board, [play for play in computed if play[0] <= duration_s]))
         self._forces = forces
+        self._then = then
         self._seq: dict[tuple[str, str, int], int] = {}
         self.ended = threading.Event()
 
@@ -93,28 +103,58 @@ class Stage:
     ) -> Iterator[list[tuple[bytes, bytes]]]:
         """Yield what is due, each time it is asked."""
         status_s = info_s = 0.0
-        run = 0
-        while True:
-            run += 1  # as a daemon that was restarted: what is open at the end of a play has no end
-            began_s, waiting = time.time(), iter(events)
+        play_s = events[-1][0]
+        last = [
+            event for at_s, event in events if at_s > play_s - _LAST_S and event.topic in ("scan", "grip")
+        ]
+        for run in itertools.count(1):  # as a daemon that was restarted: what is open at the end has no end
+            began_s, waiting, held = time.time(), iter(events), itertools.cycle(last)
             following = next(waiting, None)
-            while (since_s := time.time() - began_s) < events[-1][0] + PAUSE_S:
-                due = []
+            while (since_s := time.time() - began_s) < play_s + PAUSE_S or self._then != "again":
+                due: list[Event] = []
                 while following is not None and following[0] <= since_s:
-                    event = following[1]
-                    if isinstance(event, ScanEvent) and self._forces:
-                        due.append(self._message(board, replace(FORCE, time_s=event.time_s), began_s, run))
-                    due.append(self._message(board, event, began_s, run))
+                    due.append(following[1])
                     following = next(waiting, None)
+                stays = following is None and self._then == "hold"
+                if stays:
+                    due += [self._now(next(held), since_s), self._now(next(held), since_s)]
                 if since_s - status_s > _STATUS_S or since_s < status_s:
                     status_s = since_s
-                    due.append(
-                        self._message(board, self._status(since_s, following is not None), began_s, run)
-                    )
+                    due.append(self._status(since_s, following is not None or stays))
+                messages = [
+                    self._message(board, stated, began_s, run)
+                    for event in due
+                    for stated in self._stated(event)
+                ]
                 if since_s - info_s > 1.0 or since_s < info_s or info_s == 0.0:
                     info_s = since_s
-                    due.append(self._message(board, replace(info(), board_serial=board), time.time(), run))
-                yield due
+                    messages.append(
+                        self._message(board, replace(info(), board_serial=board), time.time(), run)
+                    )
+                yield messages
+
+    @staticmethod
+    def _now(event: Event, since_s: float) -> Event:
+        """Event of before, at this instant."""
+        if isinstance(event, ScanEvent):
+            return replace(event, time_s=since_s, index=round(100 * since_s))
+        return replace(event, time_s=since_s)
+
+    def _stated(self, event: Event) -> list[Event]:
+        """Event as the daemon would state it, after the force of its scan where there is a calibration."""
+        if not self._forces or not isinstance(event, ScanEvent | GripEvent):
+            return [event]
+        if isinstance(event, GripEvent):
+            return [replace(event, unit="N")]
+        array = SOURCE.array
+        felt = np.array(event.volts) - array.zero
+        x, y = (float((weights @ felt).sum()) for weights in array.shear_weights())
+        load = float((array.normal_weights() @ felt).sum())
+        force = ForceEvent(
+            time_s=event.time_s, fx_n=-N_PER_V * x, fy_n=-N_PER_V * y, fz_n=N_PER_V * load, fx_sd_n=0.3,
+            fy_sd_n=0.3, fz_sd_n=0.4, x_mm=3.6, y_mm=3.6, calibration="finger-7", valid=True,
+        )  # fmt: skip
+        return [force, event]
 
     @staticmethod
     def _status(since_s: float, plays: bool) -> StatusEvent:
@@ -128,10 +168,12 @@ class Stage:
 
 
 @contextmanager
-def stage(folder: Path, *plays: tuple[str, str, float], forces: bool = False) -> Iterator[str]:
+def stage(
+    folder: Path, *plays: tuple[str, str, float], forces: bool = False, then: Then = "again"
+) -> Iterator[str]:
     """Play scenes while the context lasts; gives the endpoint."""
     endpoint = f"ipc://{folder}/stage.ipc"
-    made = Stage(endpoint, plays, forces=forces)
+    made = Stage(endpoint, plays, forces=forces, then=then)
     thread = threading.Thread(target=made.run)
     thread.start()
     try:

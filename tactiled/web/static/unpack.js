@@ -1,4 +1,5 @@
-// MessagePack of the frames of the server (feed.py), without the types that they do not use.
+// MessagePack of the frames of the server (feed.py), without the types that they do not use. The reader of the
+// package @msgpack/msgpack is twelve modules with an encoder; a test compares these lines with Python's msgpack.
 
 const FLOATS = 1; // extension: the readings of a scan, 32-bit floats
 const texts = new TextDecoder();
