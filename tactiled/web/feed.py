@@ -127,7 +127,9 @@ class Feed:
         waiting = [entry for entry in self._pending if entry.topic in LIVE]
         self._pending = [] if with_live else waiting
         newest = {entry.key: entry for entry in waiting}
-        live = [entry.packed for entry in waiting if entry.topic == "scan" or newest[entry.key] is entry]
+        # Scans last: the page draws their loads in the unit of the newest force message.
+        others = [entry.packed for entry in waiting if entry.topic != "scan" and newest[entry.key] is entry]
+        live = others + [entry.packed for entry in waiting if entry.topic == "scan"]
         return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:

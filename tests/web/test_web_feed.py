@@ -37,7 +37,7 @@ def test_events_and_live_messages_are_in_two_frames() -> None:
         feed.take(0, item)
     frames = feed.frames(NOW_S, 5.0)
     assert [(row[1], row[3]) for row in rows(frames.kept)] == [("slip", False), ("slip", True)]
-    assert [row[1] for row in rows(frames.live)] == ["scan", "status"]
+    assert [row[1] for row in rows(frames.live)] == ["status", "scan"]
     assert feed.frames(NOW_S, 5.0) == (None, None)
 
 
@@ -48,7 +48,7 @@ def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:
         feed.take(0, message("status", n))
     feed.take(1, message("status", 9))
     found = [(row[0], row[1], row[2]["seq"]) for row in rows(feed.frames(NOW_S, 0.0).live)]
-    assert found == [(0, "scan", 0), (0, "scan", 1), (0, "scan", 2), (0, "status", 2), (1, "status", 9)]
+    assert found == [(0, "status", 2), (1, "status", 9), (0, "scan", 0), (0, "scan", 1), (0, "scan", 2)]
 
 
 def test_live_messages_wait_where_only_events_are_wanted() -> None:
@@ -60,7 +60,7 @@ def test_live_messages_wait_where_only_events_are_wanted() -> None:
     assert feed.frames(NOW_S, 0.0, with_live=False) == (None, None)
     frames = feed.frames(NOW_S, 0.0)
     assert frames.kept is None
-    assert [(row[1], row[2]["seq"]) for row in rows(frames.live)] == [("scan", 0), ("status", 1)]
+    assert [(row[1], row[2]["seq"]) for row in rows(frames.live)] == [("status", 1), ("scan", 0)]
 
 
 def test_losses_and_restarts_are_notices() -> None:
