@@ -107,6 +107,11 @@ def test_a_board_that_does_not_run_is_stale_with_its_reason(state: str) -> None:
     assert daemon.status(state=state, valid=False, reason="unplugged") == []
 
 
+def test_a_status_without_words_is_stale_for_an_unknown_reason() -> None:
+    daemon = Daemon(topics=("slip",))
+    assert daemon.status(state=3, valid=False, reason=None, age_s=3.0) == [Stale("unknown: unknown", 3.0)]
+
+
 def test_after_a_sleep_the_backlog_is_stale_before_its_first_message() -> None:
     daemon = Daemon(topics=("slip", "scan"))
     daemon.status()
@@ -252,13 +257,18 @@ GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "
         [b"tactile/b/slip", msgpack.packb({b"v": 1})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"v": 2})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"v": [1]})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"v": True})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"v": 1.0})],
+        [b"tactile/b/\xff", msgpack.packb(GOOD)],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": -1})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": 1.0})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": 2**63})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"seq": True})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": math.nan})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"timestamp": "now"})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"board": None})],
         [b"tactile/b/slip", msgpack.packb(GOOD | {"run": "a"})],
+        [b"tactile/b/slip", msgpack.packb(GOOD | {"run": -1})],
         [b"tactile/b/slip", msgpack.packb({**GOOD, "run": None})],
         [b"tactile/b/slip", msgpack.packb(GOOD) + b"\0"],
     ],

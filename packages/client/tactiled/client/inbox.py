@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from tactiled.client.catchup import CatchUp
 from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
-from tactiled.client.parse import message_of, parse_map
+from tactiled.client.parse import is_count, message_of, parse_map
 
 _CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
 
@@ -159,7 +159,10 @@ class Inbox:
         """Message, None for one that was not subscribed, or the reason why it is malformed."""
         if len(parts) != 2:
             return Malformed(f"{len(parts)} frames, not 2")
-        path = parts[0].decode(errors="replace").split("/")
+        try:
+            path = parts[0].decode().split("/")
+        except UnicodeDecodeError:
+            return Malformed("topic is not UTF-8")
         if len(path) != 3 or path[0] != "tactile":
             return Malformed(f"topic {path[0][:40]!r} is not tactile/BOARD/TOPIC")
         topic = path[2]
@@ -181,7 +184,7 @@ class Inbox:
             return self._stale(f"reading {age_s:.1f} s behind: messages wait, or the clocks differ", age_s)
         if status.data.get("valid") is not True:
             known_s = status.data.get("age_s")
-            reason = f"{status.data.get('state')}: {status.data.get('reason')}"
+            reason = f"{_text(status.data, 'state')}: {_text(status.data, 'reason')}"
             return self._stale(reason, known_s if isinstance(known_s, float) else age_s)
         if self._state == "fresh":
             return []
@@ -208,13 +211,15 @@ class Inbox:
         return [Stale(reason, silent_s)]
 
 
+def _text(status: dict[str, Any], key: str) -> str:
+    """Text in a field of a status, which an invalid status may lack."""
+    text = status.get(key)
+    return text if isinstance(text, str) else "unknown"
+
+
 def _sent(status: dict[str, Any]) -> dict[str, int]:
     """Numbers of messages by topic from a status; empty where they are invalid."""
     sent = status.get("sent")
     if not isinstance(sent, dict):
         return {}
-    return {
-        topic: count
-        for topic, count in sent.items()
-        if isinstance(topic, str) and type(count) is int and 0 <= count < 2**63
-    }
+    return {topic: count for topic, count in sent.items() if isinstance(topic, str) and is_count(count)}

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import msgpack
 
@@ -21,17 +21,23 @@ def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
         return Malformed(f"{name}: not msgpack ({type(error).__name__})")
     if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
         return Malformed(f"{name}: not a map with string keys")
-    if data.get("v") != MESSAGE_VERSION:
-        return Malformed(f"{name}: version {data.get('v')!r:.20}, this client reads {MESSAGE_VERSION}")
+    version = data.get("v")
+    if type(version) is not int or version != MESSAGE_VERSION:
+        return Malformed(f"{name}: version {version!r:.20}, this client reads {MESSAGE_VERSION}")
     return data
+
+
+def is_count(value: Any) -> TypeGuard[int]:
+    """Return True for a whole number from 0 on that clients with integers of 64 bits can hold."""
+    return type(value) is int and 0 <= value < 2**63
 
 
 def message_of(topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> Message | Malformed:
     """Make a message from a map that was received at `now_s`; never raises."""
     seq, stamp, board, run = data.get("seq"), data.get("timestamp"), data.get("board"), data.get("run")
-    if type(seq) is not int or seq < 0 or type(stamp) is not float or not math.isfinite(stamp):
+    if not is_count(seq) or type(stamp) is not float or not math.isfinite(stamp):
         return Malformed(f"{topic}: seq or timestamp is missing or no number")
-    if not isinstance(board, str) or type(run) is not int:
+    if not isinstance(board, str) or not is_count(run):
         return Malformed(f"{topic}: board or run is missing, or not what it should be")
     key = evidence_key(topic)
     evidence = data.get(key)
