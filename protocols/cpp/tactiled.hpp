@@ -1,0 +1,299 @@
+// Client of tactiled: events as they happen, with their age and with notice of losses, and commands.
+//
+//     tactiled::Subscription events("ipc:///run/tactiled/all/events.ipc", {"slip"});
+//     tactiled::Slip slip;
+//     for (;;) {
+//         const tactiled::Item* item = events.next(tactiled::monotonic_s() + 0.1);
+//         if (item && item->kind == tactiled::Kind::STALE) hold_without_touch(item->reason);
+//         if (item && item->kind == tactiled::Kind::MESSAGE && item->message.read(slip) && events.fresh() &&
+//             slip.valid && std::abs(item->message.age_s(tactiled::monotonic_s())) < 0.2) tighten();
+//     }
+//
+// The same rules as tactiled.client in Python; docs/native.md says how to use and build it. This file has the
+// sockets; what becomes of their messages is in tactiled_inbox.hpp. Objects belong to one thread at a time
+// and start none; ZeroMQ has one of its own for each of them.
+//
+// Needs C++17 and Linux, libzmq and cppzmq (4.9), msgpack-cxx (4.1).
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <initializer_list>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "tactiled_sockets.hpp"
+
+namespace tactiled {
+
+// Receives items from a daemon.
+class Subscription {
+public:
+    // `topics`: "slip", "grip", "contact", "scan", "status", ...; empty for all. Throws Error for an endpoint
+    // or a file of keys that is wrong; a daemon that is not there shows as Kind::STALE.
+    explicit Subscription(const std::string& endpoint = DEFAULT_ENDPOINT,
+                          std::vector<std::string> topics = {}, const Options& options = {})
+        : Subscription(endpoint, Wanted{std::move(topics), options.board},
+                       options.control.value_or(control_endpoint(endpoint)), options)
+    {
+    }
+
+    // Next item, or nullptr where there is none before `until_s` (`monotonic_s()`), or where a signal
+    // interrupted. The item is valid until the next call.
+    const Item* next(double until_s = INF)
+    {
+        for (;;) {
+            if (const Item* item = read())
+                return item;
+            if (monotonic_s() >= until_s ||
+                !detail::wait({&events_, &requests_}, std::min(until_s, deadline_s())))
+                return nullptr;
+        }
+    }
+
+    // Next item without waiting, or nullptr for none. The item is valid until the next call.
+    const Item* poll()
+    {
+        const Item* item = read();
+        if (!item && descriptor_)
+            descriptor_->set_deadline(deadline_s());
+        return item;
+    }
+
+    // Descriptor for poll, epoll or an event loop. When it is readable, call `poll` until it returns nullptr:
+    // only then does it become readable again.
+    int fd()
+    {
+        if (!descriptor_)
+            descriptor_.emplace(std::initializer_list<zmq::socket_t*>{&events_, &requests_});
+        descriptor_->set_deadline(deadline_s());
+        return descriptor_->fd();
+    }
+
+    // True while tactile data may be acted on: between FRESH and STALE, and with a recent status.
+    bool fresh() const { return inbox_.is_fresh(monotonic_s()); }
+
+    std::uint64_t lost() const { return inbox_.lost(); }            // messages that cannot be recovered
+    std::uint64_t recovered() const { return inbox_.recovered(); }  // messages that were missed and recovered
+    std::uint64_t malformed() const { return inbox_.malformed(); }
+
+private:
+    Subscription(const std::string& endpoint, const Wanted& wanted, const std::string& control,
+                 const Options& options)
+        : events_(detail::connect_events(context_, endpoint, wanted, options.keys)),
+          inbox_(wanted, options.stale_after_s, monotonic_s(), !control.empty(), detail::random_hex(8))
+    {
+        if (!control.empty())
+            requests_ = detail::connect_requests(context_, control, options.keys);
+    }
+
+    // Next item; nullptr once both sockets have nothing to read.
+    const Item* read()
+    {
+        for (;;) {
+            if (const Item* item = items_.take())
+                return item;
+            bool is_busy = take_replies();
+            is_busy = receive() || is_busy;
+            inbox_.tick(monotonic_s(), items_);
+            // A reply may have come while ZeroMQ was sending, which would then not make the descriptor
+            // readable.
+            is_busy = send_requests() || is_busy;
+            if (!is_busy && items_.empty())
+                return nullptr;
+        }
+    }
+
+    bool take_replies()
+    {
+        bool has_come = false;
+        while (requests_.handle() && detail::take(requests_, parts_[0])) {
+            while (parts_[0].more() && detail::take(requests_, parts_[0])) {}
+            inbox_.answer(detail::view(parts_[0]), monotonic_s(), unix_s(), items_);
+            has_come = true;
+        }
+        return has_come;
+    }
+
+    // Read at most one message.
+    bool receive()
+    {
+        if (!detail::take(events_, parts_[0]))
+            return false;
+        std::size_t count = 1;
+        for (bool more = parts_[0].more(); more; ++count)
+            more = detail::take(events_, parts_[count == 1 ? 1 : 2]) && parts_[count == 1 ? 1 : 2].more();
+        const Frames frames{count, detail::view(parts_[0]),
+                            count > 1 ? detail::view(parts_[1]) : std::string_view()};
+        inbox_.receive(frames, monotonic_s(), unix_s(), items_);
+        return true;
+    }
+
+    // Send pending requests while the daemon is connected; true where one was sent.
+    bool send_requests()
+    {
+        bool has_sent = false;
+        while (!inbox_.requests().unsent().empty()) {
+            msgpack::sbuffer payload;
+            inbox_.requests().unsent().front().pack(payload);
+            if (!requests_.handle() || !detail::send(requests_, payload))
+                break;
+            inbox_.requests().sent();
+            has_sent = true;
+        }
+        return has_sent;
+    }
+
+    // Instant at which something is due although nothing arrives.
+    double deadline_s()
+    {
+        const double due_s = inbox_.deadline_s();
+        return inbox_.requests().unsent().empty() ? due_s : std::min(due_s, monotonic_s() + detail::RETRY_S);
+    }
+
+    zmq::context_t context_;
+    zmq::socket_t events_, requests_;  // requests_ has no handle where nothing is requested
+    zmq::message_t parts_[3];          // topic, payload, and what should not be there
+    Inbox inbox_;
+    Items items_;
+    std::optional<detail::Descriptor> descriptor_;
+};
+
+// Reply of the daemon to a command.
+struct Reply {
+    bool ok = false;
+    std::string reason;   // for a refusal; empty where `ok`
+    std::string payload;  // msgpack map (protocols/control.md)
+};
+
+// Sends commands to a daemon, one at a time.
+//
+//     tactiled::Commander daemon("ipc:///run/tactiled/all/events.ipc");
+//     daemon.send("inhibit", "duration_s", 0.4);  // our own motion must not count as slip
+//
+// A command without a reply is sent again with the same session and id. The daemon carries it out once,
+// however often it arrives, so the loss of a reply never repeats a command.
+class Commander {
+public:
+    static constexpr double TIMEOUT_S =
+        5.0;  // the slowest reply, to a rate that the board does not accept, takes 3 s
+    static constexpr double AGAIN_S =
+        0.5;  // a reply takes a millisecond, that to a change of rate some 100 ms
+
+    // `endpoint` is that for events. Commands are accepted over ipc, and over TCP with keys or where the
+    // daemon's configuration allows them. Throws Error as for Subscription.
+    explicit Commander(const std::string& endpoint = DEFAULT_ENDPOINT, const Options& options = {})
+        : endpoint_(options.control.value_or(control_endpoint(endpoint))),
+          who_(options.who),
+          socket_(detail::connect_requests(context_, endpoint_, options.keys)),
+          session_(detail::random_hex(32))
+    {
+    }
+
+    // Send a command and wait for the reply. Fields are pairs of name and value: numbers, texts, vectors,
+    // maps. Throws Error where no reply came in time; the command may have been carried out all the same.
+    template <class... Fields> Reply send(const std::string& command, const Fields&... fields)
+    {
+        begin(command, fields...);
+        for (;;) {
+            if (const Reply* reply = poll())
+                return *reply;
+            detail::wait({&socket_}, deadline_s());
+        }
+    }
+
+    // Send a command without waiting; `poll` has its reply. The reply to one before is dropped.
+    template <class... Fields> void begin(const std::string& command, const Fields&... fields)
+    {
+        static_assert(sizeof...(Fields) % 2 == 0, "fields are pairs of name and value");
+        id_ = session_.substr(0, 8) + "-" + std::to_string(++number_);
+        request_.clear();
+        msgpack::packer<msgpack::sbuffer> packer(request_);
+        packer.pack_map(static_cast<std::uint32_t>(5 + sizeof...(Fields) / 2));
+        packer.pack("v").pack(1).pack("session").pack(session_).pack("id").pack(id_).pack("do").pack(command);
+        packer.pack("who").pack(who_);
+        (packer.pack(fields), ...);
+        until_s_ = monotonic_s() + TIMEOUT_S;
+        again_s_ = 0.0;
+        poll_socket();
+    }
+
+    // Reply to the newest command, once; nullptr while there is none. Call it from time to time, because it
+    // sends again what was lost. Throws Error where no reply came in time.
+    const Reply* poll()
+    {
+        if (id_.empty())
+            return nullptr;
+        const bool has_come = poll_socket();
+        if (has_come)
+            id_.clear();
+        else if (monotonic_s() >= until_s_) {
+            id_.clear();
+            throw Error(endpoint_ +
+                        ": no answer; is tactiled running there, and has it the key of this client?");
+        }
+        if (descriptor_)
+            descriptor_->set_deadline(deadline_s());
+        return has_come ? &reply_ : nullptr;
+    }
+
+    // Descriptor for poll, epoll or an event loop. When it is readable, call `poll`.
+    int fd()
+    {
+        if (!descriptor_)
+            descriptor_.emplace(std::initializer_list<zmq::socket_t*>{&socket_});
+        descriptor_->set_deadline(deadline_s());
+        return descriptor_->fd();
+    }
+
+private:
+    double deadline_s() const
+    {
+        return id_.empty() ? INF : std::min(until_s_, std::max(again_s_, monotonic_s() + detail::RETRY_S));
+    }
+
+    // Send what is due, and take replies until one is that of the newest command.
+    bool poll_socket()
+    {
+        if (monotonic_s() >= again_s_ && detail::send(socket_, request_))
+            again_s_ = monotonic_s() + AGAIN_S;
+        while (detail::take(socket_, part_)) {
+            while (part_.more() && detail::take(socket_, part_)) {}
+            if (is_reply())
+                return true;
+        }
+        return false;
+    }
+
+    bool is_reply()
+    {
+        std::string fault;
+        msgpack::object map;
+        if (!detail::parse_map(detail::view(part_), "reply", zone_, map, fault))
+            return false;
+        const msgpack::object *id = detail::find(map, "id"), *reason = detail::find(map, "reason");
+        if (!id || !detail::is_text(*id) || detail::text_of(*id) != id_)
+            return false;
+        reply_.ok = detail::is_true(detail::find(map, "ok"));
+        reply_.reason = reason && detail::is_text(*reason) ? std::string(detail::text_of(*reason)) : "";
+        reply_.payload = detail::view(part_);
+        return true;
+    }
+
+    std::string endpoint_, who_;
+    zmq::context_t context_;
+    zmq::socket_t socket_;
+    zmq::message_t part_;
+    std::string session_, id_;  // id of the command that waits for its reply; empty for none
+    std::uint64_t number_ = 0;
+    double until_s_ = 0.0, again_s_ = 0.0;
+    msgpack::sbuffer request_;
+    msgpack::zone zone_;
+    Reply reply_;
+    std::optional<detail::Descriptor> descriptor_;
+};
+
+}  // namespace tactiled

@@ -1,0 +1,238 @@
+// Received frames and passing time in, items out: messages, losses, staleness, malformed data.
+//
+// The rules are those of tactiled.client.inbox; tests/client/test_client_native.py plays the same streams to
+// both. Two conditions make old data look new. Silence: daemon, cable or board is gone, and the last message
+// stays the newest. Backlog: this program has paused, and messages wait, each of which was fresh when it was
+// sent. Data are therefore fresh only while a status says so that is recent by both clocks.
+//
+// Pure: no input, no output, no clock. Memory is used again: nothing is allocated for a message in order,
+// once the longest of its topic has come.
+#pragma once
+
+#include <algorithm>
+#include <cstdint>
+#include <cstdio>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "tactiled_catchup.hpp"
+
+namespace tactiled {
+
+constexpr double STALE_AFTER_S = 0.5;  // five periods of the status
+
+// Frames of one message of ZeroMQ: how many there are, and the first two.
+struct Frames {
+    std::size_t count;
+    std::string_view topic, payload;
+};
+
+// Converts raw frames and passing time to items.
+class Inbox {
+public:
+    static constexpr double CLOCKS_PART = 5e-4;  // largest difference in rate of two hosts' crystals: five
+                                                 // times the 100 ppm of a bad one
+
+    // `stale_after_s`: silence, or age of the newest status, that counts as stale. `catch_up`: request missed
+    // messages; `requests` has them, `answer` takes the replies.
+    Inbox(const Wanted& wanted, double stale_after_s, double now_s, bool catch_up, std::string name)
+        : wanted_(wanted),
+          catch_up_(catch_up, now_s, wanted, std::move(name)),
+          stale_after_s_(stale_after_s),
+          status_s_(now_s),
+          lead_at_s_(now_s)
+    {
+    }
+
+    CatchUp& requests() { return catch_up_; }
+    std::uint64_t lost() const { return catch_up_.lost(); }
+    std::uint64_t recovered() const { return catch_up_.recovered(); }
+    std::uint64_t malformed() const { return malformed_; }
+
+    // True while the last status is valid and recent, so that tactile data may be acted on.
+    bool is_fresh(double now_s) const { return state_ == State::FRESH && now_s < status_s_ + stale_after_s_; }
+
+    // Time of the next `tick`, monotonic seconds.
+    double deadline_s() const { return std::min(catch_up_.deadline_s(), silence_due_s()); }
+
+    // Add the items from a received message, whatever it contains.
+    void receive(const Frames& frames, double now_s, double unix_s, Items& out)
+    {
+        tick(now_s, out);  // after a pause, stale comes before the messages that waited
+        bool is_malformed = !parse(frames, now_s, unix_s);
+        if (!is_malformed && is_message_ && !catch_up_.has_room(message_)) {
+            reason_ = message_.topic + ": more boards and topics than any daemon has";
+            is_malformed = true;
+        }
+        if (is_malformed) {
+            report_malformed(out);
+            return;
+        }
+        if (!is_message_)
+            return;
+        catch_up_.watch_run(message_, out);
+        if (message_.topic == "status") {
+            watch_age(now_s, unix_s, out);
+            expect_sent(now_s, out);
+            catch_up_.status_read(message_.board, out);
+        }
+        if (wanted_.has_topic(message_.topic)) {
+            message_.payload = frames.payload;
+            catch_up_.place(message_, now_s, out);
+        }
+    }
+
+    // Add the items from a reply of the daemon, whatever it contains.
+    void answer(std::string_view payload, double now_s, double unix_s, Items& out)
+    {
+        if (detail::parse_map(payload, "reply", zone_, map_, reason_))
+            catch_up_.answer(map_, payload, now_s, unix_s, out);
+        else
+            report_malformed(out);
+    }
+
+    // Add the items that follow from silence and from passed deadlines.
+    void tick(double now_s, Items& out)
+    {
+        catch_up_.tick(now_s, out);
+        if (now_s < silence_due_s())
+            return;
+        const double silent_s = now_s - status_s_;
+        turn_stale(
+            words("no status read for %.1f s: is tactiled running, or is this client too slow?", silent_s),
+            silent_s, out);
+    }
+
+private:
+    enum class State { UNKNOWN, FRESH, STALE };
+
+    // Time at which silence counts as stale; inf when that was reported already.
+    double silence_due_s() const { return state_ == State::STALE ? INF : status_s_ + stale_after_s_; }
+
+    // Parse into `message_`, or take note that it was not subscribed; false with a reason where it is
+    // malformed.
+    bool parse(const Frames& frames, double now_s, double unix_s)
+    {
+        is_message_ = false;
+        if (frames.count != 2) {
+            reason_ = std::to_string(frames.count) + " frames, not 2";
+            return false;
+        }
+        if (!detail::is_utf8(frames.topic)) {
+            reason_ = "topic is not UTF-8";
+            return false;
+        }
+        const std::string_view path = frames.topic;
+        const std::size_t first = path.find('/'), last = path.rfind('/');
+        if (path.substr(0, first) != "tactile" || first == last || path.find('/', first + 1) != last) {
+            reason_ = "topic '" + std::string(path.substr(0, first)) + "' is not tactile/BOARD/TOPIC";
+            return false;
+        }
+        const std::string_view topic = path.substr(last + 1);
+        if (topic != "status" && !wanted_.has_topic(topic))
+            return true;
+        if (!detail::parse_map(frames.payload, topic, zone_, map_, reason_) ||
+            !detail::read_head(topic, map_, now_s, unix_s, message_, reason_))
+            return false;
+        // Until the daemon has a hello of its board, its status has no board name.
+        is_message_ = wanted_.has_board(message_.board) || (message_.board.empty() && topic == "status");
+        return true;
+    }
+
+    void report_malformed(Items& out)
+    {
+        ++malformed_;
+        out.add(Kind::MALFORMED).reason = reason_;
+    }
+
+    // Take note of the numbers of messages that a status says were sent.
+    void expect_sent(double now_s, Items& out)
+    {
+        const msgpack::object* sent = detail::find(map_, "sent");
+        if (!sent || sent->type != msgpack::type::MAP)
+            return;
+        for (std::uint32_t n = 0; n < sent->via.map.size; ++n) {
+            const auto& entry = sent->via.map.ptr[n];
+            if (detail::is_text(entry.key) && detail::is_count(&entry.val) &&
+                wanted_.has_topic(detail::text_of(entry.key)))
+                catch_up_.expect(message_.board, detail::text_of(entry.key), entry.val.via.u64, now_s, out);
+        }
+    }
+
+    void watch_age(double now_s, double unix_s, Items& out)
+    {
+        status_s_ = now_s;
+        const double age_s = std::max(unix_s - message_.timestamp, behind_s(now_s));
+        if (age_s > stale_after_s_) {
+            turn_stale(words("reading %.1f s behind: messages wait, or the clocks differ", age_s), age_s,
+                       out);
+        } else if (!detail::is_true(detail::find(map_, "valid"))) {
+            const msgpack::object* known_s = detail::find(map_, "age_s");
+            turn_stale(text("state") + ": " + text("reason"),
+                       detail::is_number(known_s) ? known_s->via.f64 : age_s, out);
+        } else if (state_ != State::FRESH) {
+            state_ = State::FRESH;
+            out.add(Kind::FRESH);
+        }
+    }
+
+    // Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
+    double behind_s(double now_s)
+    {
+        const msgpack::object* uptime_s = detail::find(map_, "uptime_s");
+        if (!detail::is_number(uptime_s))
+            return 0.0;
+        const double lead_s =
+            now_s - uptime_s->via.f64;  // offset of both clocks plus the waiting time of this status
+        const double allowed_s = least_lead_s_ + CLOCKS_PART * (now_s - lead_at_s_);
+        if (lead_run_ != message_.run || lead_s < allowed_s) {
+            lead_run_ = message_.run;
+            least_lead_s_ = lead_s;
+            lead_at_s_ = now_s;
+            return 0.0;
+        }
+        return lead_s - allowed_s;
+    }
+
+    void turn_stale(std::string reason, double silent_s, Items& out)
+    {
+        if (state_ == State::STALE)
+            return;
+        state_ = State::STALE;
+        Item& item = out.add(Kind::STALE);
+        item.reason = std::move(reason);
+        item.silent_s = silent_s;
+    }
+
+    // Text in a field of the present status.
+    std::string text(const char* key) const
+    {
+        const msgpack::object* value = detail::find(map_, key);
+        return value && detail::is_text(*value) ? std::string(detail::text_of(*value)) : "unknown";
+    }
+
+    static std::string words(const char* format, double seconds)
+    {
+        char text[512];  // the largest float has 309 digits before the point
+        std::snprintf(text, sizeof text, format, seconds);
+        return text;
+    }
+
+    Wanted wanted_;
+    CatchUp catch_up_;
+    double stale_after_s_, status_s_;
+    State state_ = State::UNKNOWN;
+    std::optional<std::int64_t> lead_run_;  // run, least lead of a status, and when
+    double least_lead_s_ = 0.0, lead_at_s_;
+    std::uint64_t malformed_ = 0;
+    // Of the message that is read now; members, so that their memory is used again.
+    msgpack::zone zone_;
+    msgpack::object map_;
+    Message message_;
+    bool is_message_ = false;
+    std::string reason_;
+};
+
+}  // namespace tactiled
