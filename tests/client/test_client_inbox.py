@@ -237,7 +237,7 @@ def test_boards_and_topics_are_chosen() -> None:
     assert kinds(daemon.status(state="no-device", valid=False, reason="no such port")) == ["Stale"]
 
 
-GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "run": 1}
+GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "run": 1, "detected": 1.0}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tactiled.client.items import Item, Key, Lost, Message, Recovered, Restarted
-from tactiled.client.parse import message_of
+from tactiled.client.parse import is_count, message_of
 
 # Longest delay of a message behind a hole, over ZeroMQ: more than a reconnection to the daemon takes (0.1 s),
 # and little enough for a controller.
@@ -179,8 +179,8 @@ class CatchUp:
         line = None if key is None else self._lines[key]
         if key is None or line is None or line.asked != id_:
             return []  # given up meanwhile
-        messages, next_seq = reply.get("messages"), reply.get("next_seq")
-        same_run = reply.get("run") == self._runs.get(key[0])
+        messages, next_seq, run = reply.get("messages"), reply.get("next_seq"), reply.get("run")
+        same_run = is_count(run) and run == self._runs.get(key[0])
         if reply.get("ok") is not True or not same_run or not isinstance(messages, list):
             return self._settle(key, line, line.hole_end, now_s)
         before = line.next_seq
