@@ -96,7 +96,7 @@ GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "
 
 def with_field(packed: bytes) -> bytes:
     """Pack a good message with one more field, given as msgpack."""
-    return bytes([0x80 | len(GOOD) + 1]) + msgpack.packb(GOOD)[1:] + msgpack.packb("more") + packed
+    return b"".join([bytes([0x80 | len(GOOD) + 1]), msgpack.packb(GOOD)[1:], msgpack.packb("more"), packed])
 
 
 @pytest.mark.parametrize(
@@ -139,7 +139,7 @@ def test_a_reply_is_cut_into_its_messages(native_inbox: Path) -> None:
     """Arrays with heads of every size, and a map with keys that no daemon sends."""
     recorded = RecordedInbox()
     recorded.tick()
-    kept = {f"tactile/b/t{n}": GOOD | {"board": "b"} for n in range(20)}
+    kept: dict[Any, Any] = {f"tactile/b/t{n}": GOOD | {"board": "b"} for n in range(20)}
     recorded.answer(
         msgpack.packb(
             {"v": 1, "id": "x", "do": "state", "messages": {"": GOOD, b"": 5, **kept, "slip": GOOD}}
@@ -156,6 +156,48 @@ def test_a_reply_is_cut_into_its_messages(native_inbox: Path) -> None:
                 bytes([0x87]) + msgpack.packb(reply)[1:] + msgpack.packb("messages") + head + missed
             )
     assert recorded.inbox.catch_up.recovered == 9
+    assert_same(native_inbox, recorded)
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        *({"next_seq": value} for value in (-1, 0, 2, 2**64 - 1, 1.5, True, None)),
+        *({"run": value} for value in (2, 1.0, True, None, -1)),
+        *({"ok": value} for value in (False, 1, None)),
+        *({"more": value} for value in (True, 1)),
+        *({"id": value} for value in ("", "events-00c0ffee-9", 3, None)),
+        *({"do": value} for value in ("state", "other", None)),
+        *(
+            {"messages": value}
+            for value in ([], {}, None, [GOOD], [5, GOOD | {"seq": 2}, {}], {"slip": GOOD})
+        ),
+        *({"v": value} for value in (2, True)),
+    ],
+    ids=str,
+)
+def test_both_take_the_same_replies(native_inbox: Path, odd: dict[str, Any]) -> None:
+    recorded = RecordedInbox()
+    recorded.tick()
+    (asked,) = recorded.send()
+    recorded.answer(msgpack.packb({"v": 1, "id": asked["id"], "do": "state", "messages": {}}))
+    for seq in (0, 4):
+        recorded.receive([b"tactile/TS0001/slip", msgpack.packb(GOOD | {"seq": seq})])
+    (asked,) = recorded.send()
+    missed = [GOOD | {"seq": seq} for seq in (1, 2)]
+    reply = {
+        "v": 1,
+        "id": asked["id"],
+        "do": "events",
+        "ok": True,
+        "run": 1,
+        "messages": missed,
+        "next_seq": 4,
+    }
+    for _ in range(2):
+        recorded.answer(msgpack.packb(reply | odd))
+    recorded.now_s += 2 * HOLD_S
+    recorded.tick()
     assert_same(native_inbox, recorded)
 
 
