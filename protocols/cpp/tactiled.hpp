@@ -45,18 +45,21 @@ public:
     // interrupted. The item is valid until the next call.
     const Item* next(double until_s = INF)
     {
+        pollfd waits[] = {{events_fd_, POLLIN, 0}, {requests_fd_, POLLIN, 0}};
         for (;;) {
             if (const Item* item = read())
                 return item;
-            if (monotonic_s() >= until_s ||
-                !detail::wait({&events_, &requests_}, std::min(until_s, deadline_s())))
+            if (monotonic_s() >= until_s || !detail::wait(waits, std::min(until_s, deadline_s())))
                 return nullptr;
+            may_receive_ = waits[0].revents != 0;
+            may_have_reply_ = may_have_reply_ || waits[1].revents != 0;
         }
     }
 
     // Next item without waiting, or nullptr for none. The item is valid until the next call.
     const Item* poll()
     {
+        may_receive_ = may_have_reply_ = true;
         const Item* item = read();
         if (!item && descriptor_)
             descriptor_->set_deadline(deadline_s());
@@ -68,7 +71,7 @@ public:
     int fd()
     {
         if (!descriptor_)
-            descriptor_.emplace(std::initializer_list<zmq::socket_t*>{&events_, &requests_});
+            descriptor_.emplace(std::initializer_list<int>{events_fd_, requests_fd_});
         descriptor_->set_deadline(deadline_s());
         return descriptor_->fd();
     }
@@ -88,34 +91,35 @@ private:
     {
         if (!control.empty())
             requests_ = detail::connect_requests(context_, control, options.keys);
+        events_fd_ = detail::fd_of(events_);
+        requests_fd_ = detail::fd_of(requests_);
     }
 
-    // Next item; nullptr once both sockets have nothing to read.
+    // Next item; nullptr once nothing can be read.
     const Item* read()
     {
         for (;;) {
             if (const Item* item = items_.take())
                 return item;
-            bool is_busy = take_replies();
-            is_busy = receive() || is_busy;
+            if (may_have_reply_)
+                take_replies();
+            may_receive_ = may_receive_ && receive();
             inbox_.tick(monotonic_s(), items_);
-            // A reply may have come while ZeroMQ was sending, which would then not make the descriptor
-            // readable.
-            is_busy = send_requests() || is_busy;
-            if (!is_busy && items_.empty())
+            // While ZeroMQ sends, or tries to, it takes note of replies that have come, and signals them no
+            // more.
+            may_have_reply_ = !inbox_.requests().unsent().empty();
+            const bool has_sent = send_requests();
+            if (items_.empty() && !may_receive_ && !has_sent)
                 return nullptr;
         }
     }
 
-    bool take_replies()
+    void take_replies()
     {
-        bool has_come = false;
         while (requests_.handle() && detail::take(requests_, parts_[0])) {
             while (parts_[0].more() && detail::take(requests_, parts_[0])) {}
             inbox_.answer(detail::view(parts_[0]), monotonic_s(), unix_s(), items_);
-            has_come = true;
         }
-        return has_come;
     }
 
     // Read at most one message.
@@ -156,7 +160,10 @@ private:
 
     zmq::context_t context_;
     zmq::socket_t events_, requests_;  // requests_ has no handle where nothing is requested
-    zmq::message_t parts_[3];          // topic, payload, and what should not be there
+    int events_fd_ = -1, requests_fd_ = -1;
+    // A descriptor is signalled once; from then on, a socket is read until it has nothing more.
+    bool may_receive_ = true, may_have_reply_ = true;
+    zmq::message_t parts_[3];  // topic, payload, and what should not be there
     Inbox inbox_;
     Items items_;
     std::optional<detail::Descriptor> descriptor_;
@@ -201,7 +208,8 @@ public:
         for (;;) {
             if (const Reply* reply = poll())
                 return *reply;
-            detail::wait({&socket_}, deadline_s());
+            pollfd waits[] = {{detail::fd_of(socket_), POLLIN, 0}};
+            detail::wait(waits, deadline_s());
         }
     }
 
@@ -244,7 +252,7 @@ public:
     int fd()
     {
         if (!descriptor_)
-            descriptor_.emplace(std::initializer_list<zmq::socket_t*>{&socket_});
+            descriptor_.emplace(std::initializer_list<int>{detail::fd_of(socket_)});
         descriptor_->set_deadline(deadline_s());
         return descriptor_->fd();
     }

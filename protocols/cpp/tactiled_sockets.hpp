@@ -3,6 +3,7 @@
 // Needs Linux, libzmq and cppzmq (4.9).
 #pragma once
 
+#include <poll.h>
 #include <sys/epoll.h>
 #include <sys/stat.h>
 #include <sys/timerfd.h>
@@ -10,8 +11,10 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cerrno>
 #include <cmath>
 #include <cstdint>
+#include <ctime>
 #include <fstream>
 #include <initializer_list>
 #include <iterator>
@@ -204,39 +207,33 @@ inline bool send(zmq::socket_t& socket, const msgpack::sbuffer& payload)
 
 inline std::string_view view(const zmq::message_t& part) { return {part.data<char>(), part.size()}; }
 
-// Wait for one of the sockets until an instant at most; false where a signal interrupted.
-inline bool wait(std::initializer_list<zmq::socket_t*> sockets, double until_s)
+// Descriptor of a socket that is signalled when something arrives after all was read; -1 without a handle.
+inline int fd_of(zmq::socket_t& socket) { return socket.handle() ? socket.get(zmq::sockopt::fd) : -1; }
+
+// Wait for one of the descriptors, of which -1 is none, until an instant at most; false where a signal
+// interrupted. Once all was read from a socket, this is enough, and takes less time than the poll of ZeroMQ.
+template <std::size_t N> bool wait(pollfd (&waits)[N], double until_s)
 {
-    zmq::pollitem_t items[2];
-    std::size_t n = 0;
-    for (zmq::socket_t* socket : sockets)
-        if (socket->handle())
-            items[n++] = {socket->handle(), 0, ZMQ_POLLIN, 0};
-    const double wait_ms = std::ceil(1000 * (until_s - monotonic_s()));
-    const long timeout_ms =
-        wait_ms < 1e6 ? std::max(0L, static_cast<long>(wait_ms)) : 1'000'000;  // again after that
-    try {
-        zmq::poll(items, n, std::chrono::milliseconds(timeout_ms));
-    } catch (const zmq::error_t& error) {
-        if (error.num() == EINTR)
-            return false;
-        throw;
-    }
-    return true;
+    const double wait_s =
+        std::min(std::max(until_s - monotonic_s(), 0.0), 1e6);  // after that, it is called again
+    timespec left{};
+    left.tv_sec = static_cast<time_t>(wait_s);
+    left.tv_nsec = static_cast<long>(1e9 * (wait_s - std::floor(wait_s)));
+    return ppoll(waits, N, &left, nullptr) >= 0;
 }
 
 // One file descriptor that is readable when a socket may have something to read, or when an instant has
 // passed.
 class Descriptor {
 public:
-    explicit Descriptor(std::initializer_list<zmq::socket_t*> sockets)
+    explicit Descriptor(std::initializer_list<int> fds)
         : epoll_(epoll_create1(EPOLL_CLOEXEC)),
           timer_(timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC | TFD_NONBLOCK))
     {
         add(timer_);
-        for (zmq::socket_t* socket : sockets)
-            if (socket->handle())
-                add(socket->get(zmq::sockopt::fd));
+        for (const int fd : fds)
+            if (fd >= 0)
+                add(fd);
     }
     Descriptor(const Descriptor&) = delete;
     Descriptor& operator=(const Descriptor&) = delete;
