@@ -83,6 +83,20 @@ def test_a_hole_that_many_messages_wait_behind_is_given_up(native_inbox: Path) -
     assert_same(native_inbox, recorded)
 
 
+@pytest.mark.parametrize("behind_s", [0.4, 16.0])
+def test_a_backlog_shows_by_clocks_that_differ_in_rate(native_inbox: Path, behind_s: float) -> None:
+    """After hours, and where the wall clock tells no backlog, because it was set."""
+    recorded = RecordedInbox(now_s=0.0)
+    for hour in range(10):
+        recorded.now_s = 3600.0 * hour
+        recorded.receive(frames_of(hour, time_s=recorded.now_s, uptime_s=3600.0 * (1 - 2e-4) * hour))
+    uptime_s = 3600.0 * (1 - 2e-4) * hour - behind_s
+    recorded.receive(frames_of(10, time_s=recorded.now_s, uptime_s=uptime_s))
+    stale = [row for row in recorded.outcomes[-1]["items"] if row[0] == "Stale"]
+    assert bool(stale) == (behind_s > 1.0)
+    assert_same(native_inbox, recorded)
+
+
 def test_many_boards_use_bounded_memory(native_inbox: Path) -> None:
     recorded = RecordedInbox(topics=("status",))
     for number in range(1100):
@@ -184,7 +198,7 @@ def test_both_take_the_same_replies(native_inbox: Path, odd: dict[str, Any]) -> 
     for seq in (0, 4):
         recorded.receive([b"tactile/TS0001/slip", msgpack.packb(GOOD | {"seq": seq})])
     (asked,) = recorded.send()
-    missed = [GOOD | {"seq": seq} for seq in (1, 2)]
+    missed = [GOOD | {"seq": seq} for seq in (0, 1, 2, 1, 4, 5)]  # those of the hole count
     reply = {
         "v": 1,
         "id": asked["id"],
