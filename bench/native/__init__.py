@@ -1,0 +1,1 @@
+"""Latency and cost of the client of C++, beside a bare `zmq_recv`."""

@@ -1,0 +1,263 @@
+"""Latency of scans at the client of C++ beside a bare `zmq_recv`, and the cost of a scan.
+
+Two processes of `receive.cpp` have a publisher each, which send scans in turn, 5 ms apart, so that the
+programs do not compete for the processors. The client has read the scan into its structure when it notes the
+time; the other program has its bytes. Latency is from before the send to that instant, wake-up included.
+"""
+
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgpack
+import numpy as np
+import zmq
+
+from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, at_most, judge, over_runs, table
+from tactiled.array import FloatArray
+from tactiled.errors import OperatorError
+from tactiled.events.codec import encode
+from tactiled.events.endpoints import control_endpoint
+from tactiled.events.types import Event, ScanEvent, Sent, StatusEvent
+from tactiled.progress import ProgressBar
+
+PROGRAMS = "client", "bare"
+_REPEATS, _SCANS = 5, 2000
+_QUICK_REPEATS, _QUICK_SCANS = 1, 500
+_PERIOD_S = 0.01  # scans at 100 Hz
+_STATUS_EVERY = 10  # scans
+_SETTLE = 100  # scans that are left out at the beginning: caches, the first answer to the client
+_COST_SCANS = 100_000
+_BOARD, _RUN = "TS0001", 7
+_HEADERS = Path(__file__).parents[2] / "protocols" / "cpp"
+_SCAN = ScanEvent(
+    time_s=0.0, index=1, volts=tuple(1.0 + 0.01 * k for k in range(36)), valid=(True,) * 36, time_sd_s=2e-5,
+    age_s=0.004, late=False,
+)  # fmt: skip
+_STATUS = StatusEvent(
+    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.004, clock_sd_s=2e-5,
+    clock_rate_ppm=21.4, rate_hz=100.0, scans=123456, frames_corrupt=3, scans_missing=2, scans_duplicate=0,
+    restarts=1, bytes_in=9876543, bytes_framed=9876000, bytes_discarded=500, bytes_pending=43, connects=1,
+    contact="holding", slipping=False, uptime_s=1234.5,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class NativeRun:
+    """One run of both programs.
+
+    Attributes
+    ----------
+    latency_us : mapping of str to (scans,) float64
+        By program.
+    processor_us : mapping of str to float
+        Processor time of the process over its scans.
+    """
+
+    latency_us: dict[str, FloatArray]
+    processor_us: dict[str, float]
+
+    def ratio(self, q: float) -> float:
+        """Quantile of the client's latency over that of the bare receiver."""
+        client, bare = (float(np.quantile(self.latency_us[name], q)) for name in PROGRAMS)
+        return client / bare
+
+
+@dataclass(frozen=True)
+class NativeCost:
+    """Cost of a scan in the inbox and its reading into the structure, in a loop without sockets."""
+
+    scan_us: float
+    """Processor time."""
+    allocations: float
+    of_msgpack: float
+    """Allocations of msgpack's parser, for one walk and two times unpacking."""
+
+
+@dataclass(frozen=True)
+class NativeResults:
+    """Runs of the bench, and the cost in a loop."""
+
+    runs: Sequence[NativeRun]
+    cost: NativeCost
+
+
+def bench_native(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+    """Measure the client of C++."""
+    repeats, n_scans = (_QUICK_REPEATS, _QUICK_SCANS) if options.quick else (_REPEATS, _SCANS)
+    runs = []
+    with tempfile.TemporaryDirectory(prefix="tactiled-native-") as name:
+        receive = compile_receiver(Path(name))
+        for repeat in range(repeats):
+            progress.reach(repeat / repeats)
+            folder = Path(name) / str(repeat)
+            folder.mkdir()
+            runs.append(run_once(folder, receive, n_scans))
+        found = NativeResults(runs, measure_cost(Path(name), receive))
+    load, _, _ = os.getloadavg()
+    text = (
+        f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; load average {load:.1f} on {os.cpu_count()} "
+        "processors. Latency: from before the send to the scan in its structure (tactiled.hpp), or to its "
+        "bytes (zmq_recv). Ratios are within a run: median over the runs, and their range."
+    )
+    aims = aims_table(AIMS, {"measured": found})
+    return BenchReport([text, _latency_table(runs), _cost_text(found.cost), aims], found)
+
+
+def compile_receiver(folder: Path) -> Path:
+    """Compile both programs, which are one."""
+    compiler = shutil.which("c++")
+    headers = [Path("/usr/include") / name for name in ("zmq.hpp", "msgpack.hpp")]
+    if compiler is None or not all(header.exists() for header in headers):
+        raise OperatorError(
+            "bench native needs sudo apt install g++ cppzmq-dev libmsgpack-cxx-dev libzmq3-dev"
+        )
+    program, source = folder / "receive", Path(__file__).with_name("receive.cpp")
+    flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-Wl,--wrap=malloc", f"-I{_HEADERS}"]
+    subprocess.run([compiler, *flags, "-o", program, source, "-lzmq"], check=True)
+    return program
+
+
+def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
+    """Publish to both programs until they have their scans."""
+    endpoints = {name: f"ipc://{folder}/{name}-events" for name in PROGRAMS}
+    with zmq.Context() as context:
+        publishers = [_Publisher(context, endpoint) for endpoint in endpoints.values()]
+        programs = [
+            subprocess.Popen([receive, name, endpoint, str(n_scans)], stdout=subprocess.PIPE, text=True)
+            for name, endpoint in endpoints.items()
+        ]
+        try:
+            _publish(publishers, programs)
+            printed = [program.communicate()[0] for program in programs]
+        finally:
+            for program in programs:
+                program.kill()
+                program.wait()
+            for publisher in publishers:
+                publisher.close()
+    latency_us, processor_us = {}, {}
+    for name, publisher, text in zip(PROGRAMS, publishers, printed, strict=True):
+        _, *lines, used_us = text.splitlines()  # the first line says "ready"
+        rows = [line.split() for line in lines]
+        latency_us[name] = np.array([int(at_ns) - publisher.sent_ns[int(seq)] for seq, at_ns in rows]) / 1e3
+        latency_us[name] = latency_us[name][_SETTLE:]
+        processor_us[name] = float(used_us) / len(rows)
+    return NativeRun(latency_us, processor_us)
+
+
+class _Publisher:
+    """Publisher for one program, which answers its questions about what it missed: nothing."""
+
+    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
+        self._events, self._control = context.socket(zmq.PUB), context.socket(zmq.ROUTER)
+        self._events.bind(endpoint)
+        self._control.bind(control_endpoint(endpoint))
+        self.sent_ns: list[int] = []
+        """Time before the send of each scan, by sequence number."""
+        self._statuses = 0
+
+    def send_scan(self) -> None:
+        """Send a scan."""
+        frames = self._frames(_SCAN, len(self.sent_ns))
+        self.sent_ns.append(time.monotonic_ns())
+        self._events.send_multipart(frames)
+
+    def send_status(self) -> None:
+        """Send a status, and answer what was asked."""
+        status = replace(_STATUS, uptime_s=time.monotonic(), sent=Sent(scan=len(self.sent_ns)))
+        self._events.send_multipart(self._frames(status, self._statuses))
+        self._statuses += 1
+        while self._control.poll(0):
+            who, payload = self._control.recv_multipart()
+            asked = msgpack.unpackb(payload)
+            reply = {"v": 1, "id": asked["id"], "do": asked["do"], "ok": True, "run": _RUN, "messages": {}}
+            self._control.send_multipart([who, msgpack.packb(reply)])
+
+    @staticmethod
+    def _frames(event: Event, seq: int) -> tuple[bytes, bytes]:
+        event = replace(event, time_s=time.monotonic())
+        return encode(event, seq=seq, board=_BOARD, unix_offset_s=time.time() - time.monotonic(), run=_RUN)
+
+    def close(self) -> None:
+        """Close the sockets."""
+        self._events.close(0)
+        self._control.close(0)
+
+
+def _publish(publishers: Sequence[_Publisher], programs: Sequence["subprocess.Popen[str]"]) -> None:
+    """Send scans to both in turn until the programs have printed what they received."""
+    next_s, turn = time.monotonic(), 0
+    while any(program.poll() is None for program in programs):
+        next_s += _PERIOD_S / len(publishers)
+        time.sleep(max(0.0, next_s - time.monotonic()))
+        publisher = publishers[turn % len(publishers)]
+        publisher.send_scan()
+        turn += 1
+        if turn // len(publishers) % _STATUS_EVERY == 0:
+            publisher.send_status()
+
+
+def measure_cost(folder: Path, receive: Path) -> NativeCost:
+    """Play scans through the inbox in a loop."""
+    with (folder / "scans").open("wb") as out:
+        for seq in range(_COST_SCANS):
+            _, payload = encode(_SCAN, seq=seq, board=_BOARD, unix_offset_s=1.7e9, run=_RUN)
+            out.write(b"%d\n" % len(payload) + payload)
+    done = subprocess.run([receive, "cost", folder / "scans"], capture_output=True, text=True, check=True)
+    scan_us, with_new, with_malloc, of_msgpack = map(float, done.stdout.split())
+    return NativeCost(scan_us, with_new + with_malloc, of_msgpack)
+
+
+def _latency_table(runs: Sequence[NativeRun]) -> str:
+    rows = []
+    for name, label in zip(PROGRAMS, ("tactiled.hpp", "zmq_recv"), strict=True):
+        latencies = [run.latency_us[name] for run in runs]
+        row = {"program": label}
+        for words, q in (("p50", 0.5), ("p99", 0.99)):
+            values = [float(np.quantile(one, q)) for one in latencies]
+            row[f"latency {words} (us)"] = over_runs(values, ".0f")
+        row["processor (us a scan)"] = over_runs([run.processor_us[name] for run in runs], ".0f")
+        rows.append(row)
+    return table(rows)
+
+
+def _cost_text(cost: NativeCost) -> str:
+    return (
+        f"In a loop without sockets, {_COST_SCANS} scans of 36 channels: {cost.scan_us:.1f} us of processor "
+        "time a scan, through the inbox and into its structure. "
+        f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
+    )
+
+
+def _ratio(q: float, limit: float) -> Aim[NativeResults]:
+    def measure(found: NativeResults) -> Reading:
+        ratios = [run.ratio(q) for run in found.runs]
+        return judge(over_runs(ratios, ".2f"), bool(np.median(ratios) <= limit))
+
+    return Aim(f"p{100 * q:.0f} of the client over zmq_recv", f"at most {limit:g}", measure)
+
+
+def _added_us(found: NativeResults) -> float:
+    """Processor time of a scan at the client beyond that of the bare receiver."""
+    return float(np.median([run.processor_us["client"] - run.processor_us["bare"] for run in found.runs]))
+
+
+AIMS: tuple[Aim[NativeResults], ...] = (
+    _ratio(0.5, 1.1),
+    _ratio(0.99, 1.5),
+    at_most("a scan in a loop", 20.0, " us", lambda found: found.cost.scan_us, ".1f"),
+    at_most("processor time of a scan beyond zmq_recv", 20.0, " us", _added_us, ".1f"),
+    at_most(
+        "allocations of a scan beyond those of msgpack",
+        0.0,
+        "",
+        lambda found: found.cost.allocations - found.cost.of_msgpack,
+        ".2f",
+    ),
+)
