@@ -1,0 +1,207 @@
+"""The client of C++ beside a real daemon and an emulated board, in processes of their own."""
+
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import pytest
+from cpp import ROOT, compile_native, need_native
+from patience import PATIENCE_S
+from ports import free_pair
+
+pytestmark = pytest.mark.system
+
+
+@pytest.fixture(scope="module")
+def native_client(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    need_native()
+    source = ROOT / "tests" / "helpers" / "native_client.cpp"
+    return compile_native(source, tmp_path_factory.mktemp("native") / "native_client")
+
+
+class Program:
+    """Client in a process, with the lines that it has printed."""
+
+    def __init__(self, *command: str | Path) -> None:
+        self.lines: list[str] = []
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        self.lines.extend(iter(self._process.stdout.readline, ""))
+
+    def say(self, line: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+
+    def until(self, enough: Callable[[list[list[str]]], bool], what: str, first: int = 0) -> list[list[str]]:
+        """Wait for lines from the first on, as words; return them."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not enough(words := [line.split() for line in self.lines[first:]]):
+            assert time.monotonic() < until_s, f"never: {what}; last {self.lines[-3:]}"
+            assert self._process.poll() is None, f"ended, without {what}"
+            time.sleep(0.02)
+        return words
+
+    def kill(self) -> None:
+        """End the program, which still runs."""
+        assert self._process.poll() is None
+        self._process.kill()
+        self.close()
+
+    def close(self) -> int:
+        """End the input; return the exit code."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.close()
+        code = self._process.wait(PATIENCE_S)
+        self._reader.join()
+        self._process.stdout.close()
+        return code
+
+
+@contextmanager
+def process(*arguments: str | Path) -> Iterator["subprocess.Popen[str]"]:
+    command = [sys.executable, "-m", "tactiled", *map(str, arguments)]
+    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as child:
+        try:
+            yield child
+        finally:
+            child.kill()
+
+
+@contextmanager
+def board(folder: Path) -> Iterator[None]:
+    """Emulated board on a pty: an object that sticks and slips."""
+    with process("emulate", "--scene", "stick-slip", "--link", folder / "board") as emulator:
+        assert emulator.stdout is not None
+        assert json.loads(emulator.stdout.readline())["what"] == "ready"
+        yield
+
+
+def has(kind: str, *fields: str) -> Callable[[list[list[str]]], bool]:
+    """Any line of a kind whose words, after `fresh`, begin so."""
+    return lambda lines: any(words[0] == kind and [*fields] == words[2 : 2 + len(fields)] for words in lines)
+
+
+@pytest.mark.parametrize(("transport", "waits"), [("ipc", "fd"), ("tcp", "next")])
+def test_events_commands_and_a_restart(
+    native_client: Path, tmp_path: Path, transport: str, waits: str
+) -> None:
+    endpoint = f"ipc://{tmp_path}/events.ipc" if transport == "ipc" else f"tcp://127.0.0.1:{free_pair()}"
+    config = tmp_path / "tactiled.toml"
+    config.write_text(
+        f'port.url = "{tmp_path}/board"\n'
+        f'[publish]\nendpoints = ["{endpoint}"]\nallow_commands_over_tcp = true\n'
+    )
+    client = Program(native_client, endpoint, waits)
+    try:
+        client.until(has("Stale"), "stale without a daemon")
+        with board(tmp_path):
+            with process("run", "--config", config):
+                client.until(has("Fresh"), "fresh")
+                client.until(has("Message", "slip"), "a slip")
+                lines = client.until(has("Message", "grip"), "a grip message")
+                scans = [words for words in lines if words[2:3] == ["scan"]]
+                assert {words[-1] for words in scans} == {"36"}
+                client.say("inhibit duration_s 1.0")  # a float without a fraction
+                client.until(has("Message", "command"), "the command as an event")
+                assert ["Reply", "1"] in client.until(has("Reply"), "a reply")
+                client.say("inhibit duration_s -1")
+                refused = client.until(lambda all_: sum(w[0] == "Reply" for w in all_) == 2, "a refusal")
+                assert any(words[:2] == ["Reply", "0"] and "duration_s:" in words for words in refused)
+            first = len(client.lines)
+            client.until(has("Stale"), "stale without the daemon", first)
+            with process("run", "--config", config):
+                lines = client.until(has("Message", "scan"), "a scan of the second run", first)
+                assert has("Restarted")(lines)
+                client.until(has("Fresh"), "fresh again", first)
+                client.say("mark")
+                client.until(has("Reply"), "a reply of the second run", first)
+    finally:
+        code = client.close()
+    assert code == 0
+    assert_in_order([line.split() for line in client.lines])
+
+
+def assert_in_order(lines: list[list[str]]) -> None:
+    """Messages of a topic have growing numbers in each run, without a hole; nothing is malformed or lost."""
+    kinds = {words[0] for words in lines}
+    assert kinds <= {"Message", "Recovered", "Restarted", "Stale", "Fresh", "Reply"}
+    newest: dict[tuple[str, ...], int] = {}
+    for words in lines:
+        if words[0] == "Restarted":
+            newest = {key: seq for key, seq in newest.items() if key[1] != words[2]}
+        elif words[0] in ("Message", "Recovered"):
+            key, seq = (words[2], words[3]), int(words[4])  # topic and board
+            assert seq == newest.get(key, seq - 1) + 1, words
+            newest[key] = seq
+
+
+def test_a_client_with_keys_is_admitted_where_others_are_not(native_client: Path, tmp_path: Path) -> None:
+    port, keys = free_pair(), tmp_path / "left.toml"
+    with process("keys", "make", "left", "--folder", tmp_path / "keys", "--out", keys) as making:
+        assert making.wait(PATIENCE_S) == 0
+    config = tmp_path / "tactiled.toml"
+    config.write_text(
+        f'port.url = "{tmp_path}/board"\n'
+        f'[publish]\nendpoints = ["tcp://0.0.0.0:{port}"]\nkeys = "{tmp_path}/keys"\n'
+    )
+    endpoint = f"tcp://127.0.0.1:{port}"
+    client, stranger = Program(native_client, endpoint, "fd", keys), Program(native_client, endpoint, "fd")
+    try:
+        with process("run", "--config", config):
+            client.until(has("Message", "status"), "a status")
+            client.say("inhibit duration_s 0.5")
+            client.until(lambda lines: ["Reply", "1"] in lines, "a reply")
+    finally:
+        assert client.close() == stranger.close() == 0
+    assert {line.split()[0] for line in stranger.lines} == {"Stale"}
+
+
+def test_keys_that_others_can_read_are_refused(native_client: Path, tmp_path: Path) -> None:
+    keys = tmp_path / "left.toml"
+    for text, mode, words in (("", 0o600, "public_key is missing"), ("", 0o644, "others can read")):
+        keys.write_text(text)
+        keys.chmod(mode)
+        done = subprocess.run(
+            [native_client, "tcp://127.0.0.1:1", "fd", keys], capture_output=True, text=True, check=False
+        )
+        assert words in done.stderr
+
+
+FILLED_S = 7.5  # of the scene `hold`
+LEAST_N = 3.6 / (0.45 * 1.1)  # load over friction, once it is filled; the press of 6 N does not bear that
+
+
+def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
+    need_native()
+    example = compile_native(ROOT / "examples" / "hold.cpp", tmp_path / "hold")
+    endpoint = f"ipc://{tmp_path}/events.ipc"
+    config = tmp_path / "hold.toml"
+    config.write_text(f'port.url = "{tmp_path}/board"\npublish.endpoints = ["{endpoint}"]\n')
+    control = tmp_path / "control"
+    scene = ("--scene", "hold", "--link", tmp_path / "board", "--control", f"unix://{control}", "--scans")
+    with process("emulate", *scene) as emulator, ExitStack() as others:
+        assert emulator.stdout is not None
+        assert json.loads(emulator.stdout.readline())["what"] == "ready"
+        controller = Program(example, control, endpoint)
+        others.callback(controller.kill)
+        others.enter_context(process("run", "--config", config))
+        reports = (json.loads(line) for line in emulator.stdout)
+        t0_s = next(report["t0_s"] for report in reports if report["what"] == "scene")
+        scan = next(reports)
+        while scan["what"] != "scan" or scan["began_s"] < t0_s + FILLED_S:
+            if scan["what"] == "overrun":
+                pytest.skip("this host is too slow for an emulated board in real time")
+            scan = next(reports)
+        assert not scan["fallen"]
+        assert LEAST_N < scan["grip_n"] < 2.5 * LEAST_N
