@@ -1,0 +1,76 @@
+"""The client of C++ as others build it: installed, found by CMake and pkg-config, without a warning."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from cpp import HEADERS, ROOT, WARNINGS, compile_native, need_native
+
+from tactiled.version import __version__
+
+EXAMPLE = ROOT / "examples" / "hold.cpp"
+LISTS = """
+cmake_minimum_required(VERSION 3.16)
+project(controller CXX)
+find_package(tactiled 0.1 REQUIRED)
+add_executable(hold hold.cpp other.cpp)
+target_link_libraries(hold tactiled::client)
+"""
+OTHER = "#include <tactiled.hpp>\nbool is_open(tactiled::Subscription& events) { return events.poll(); }\n"
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=240)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Prefix of an installation."""
+    need_native("cmake", "pkg-config")
+    folder = tmp_path_factory.mktemp("installed")
+    run("cmake", "-S", HEADERS, "-B", folder / "build", cwd=folder)
+    run("cmake", "--install", folder / "build", "--prefix", folder / "prefix", cwd=folder)
+    return folder / "prefix"
+
+
+def test_cmake_finds_it(installed: Path, tmp_path: Path) -> None:
+    (tmp_path / "CMakeLists.txt").write_text(LISTS)
+    (tmp_path / "hold.cpp").write_text(EXAMPLE.read_text())
+    (tmp_path / "other.cpp").write_text(OTHER)  # two files of one program include the header
+    flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
+    run("cmake", "-B", "build", f"-DCMAKE_PREFIX_PATH={installed}", flags, cwd=tmp_path)
+    run("cmake", "--build", "build", cwd=tmp_path)
+    assert (tmp_path / "build" / "hold").exists()
+
+
+def test_pkg_config_finds_it(installed: Path, tmp_path: Path) -> None:
+    environ = ("env", f"PKG_CONFIG_PATH={installed}/share/pkgconfig", "pkg-config")
+    flags = run(*environ, "--cflags", "--libs", "tactiled", cwd=tmp_path).split()
+    run("c++", *WARNINGS, EXAMPLE, *flags, "-o", "hold", cwd=tmp_path)
+    assert run(*environ, "--modversion", "tactiled", cwd=tmp_path).strip() == __version__
+
+
+@pytest.mark.parametrize("header", sorted(HEADERS.glob("*.hpp")), ids=lambda header: header.name)
+def test_each_header_includes_what_it_needs(header: Path, tmp_path: Path) -> None:
+    need_native()
+    (tmp_path / "only.cpp").write_text(f'#include "{header.name}"\nint main() {{}}\n')
+    compile_native(tmp_path / "only.cpp", tmp_path / "only", "-fsyntax-only")
+
+
+def test_the_page_compiles(tmp_path: Path) -> None:
+    need_native()
+    blocks = re.findall(
+        r"^```cpp\n(.*?)^```", (ROOT / "docs" / "native.md").read_text(), re.MULTILINE | re.DOTALL
+    )
+    assert len(blocks) >= 3
+    for number, block in enumerate(blocks):
+        source = tmp_path / f"{number}.cpp"
+        source.write_text(block)
+        compile_native(source, tmp_path / str(number), "-fsyntax-only")
+
+
+def test_the_example_has_30_lines() -> None:
+    assert len(EXAMPLE.read_text().splitlines()) <= 30
