@@ -276,9 +276,9 @@ class Array:
 
     @functools.cached_property
     def _falls(self) -> NDArray[np.bool_]:
-        """Return which channels fall under load (channels,)."""
+        """Return which channels fall under load (channels,); a press may move a field either way."""
         loads = np.array([kind in ("normal", "side") for kind in self.channel_kind])
-        return np.asarray(loads & (self.sign < 0))
+        return np.asarray(loads & (self.sign < 0) & (self.unit != "uT"))
 
     @property
     def n_taxels(self) -> int:

@@ -14,7 +14,6 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
-_MOST_ZEROS = 12  # channels whose zeros are proposed
 
 
 # Readings of which the summary is computed: every scan of a log of 19 minutes of 36 channels at 100 Hz
@@ -168,12 +167,14 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
     pressure = np.nan_to_num(readings - readings[first].mean(axis=0)) @ weights.mean(axis=0)
     low, high = np.quantile(pressure, [_BELOW_SCANS, 1 - _BELOW_SCANS]).tolist()
     if -low > max(_BELOW_RANGE * (array.high - array.low), _BELOW_SPAN * (high - low)):
-        lowest = np.nanmedian(readings[pressure <= low], axis=0)
-        found = ", ".join(f"{zero:.5g}" for zero in lowest[:_MOST_ZEROS])
-        more = ", ..." if len(lowest) > _MOST_ZEROS else ""
+        at_lowest = readings[pressure <= low]
+        lowest = [
+            float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in at_lowest.T
+        ]
+        found = ", ".join(f"{zero:.5g}" for zero in lowest)
         yield (
             f"pressure falls to {-low:.3g} {array.unit} below the zero: was the sensor touched in the first "
-            f"{array.zero_first_s:g} s? Then write numbers: where it is lowest, zero = [{found}{more}]"
+            f"{array.zero_first_s:g} s? Then write numbers: where it is lowest, zero = [{found}]"
         )
 
 

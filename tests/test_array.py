@@ -188,6 +188,8 @@ def test_full_scale_volts_is_a_symmetric_range() -> None:
         grids=[pad], taxel_channels=[{**channel, "sign": -1}], unit="count", range=[0, 1023], zero=1023
     )
     assert falling.in_range(np.array([0.0, 1023.0, 1024.0, np.nan])).tolist() == [True] * 2 + [False] * 2
+    field = array_of(grids=[pad], taxel_channels=[{**channel, "sign": -1}], unit="uT", range=[-5000, 5000])
+    assert field.in_range(np.array([4999.0, 5000.0])).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("axes_deg", [0.0, 90.0, 180.0, -90.0, 30.0])

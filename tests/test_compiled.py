@@ -119,9 +119,9 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
     gap = data.draw(st.sampled_from(cuts))  # before which scans are missing
     found = []
     for one in both(pressure):
-        levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean)
+        levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean, 300.0)
         of = one.Pressure(
-            own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01, lag, 0.1
+            own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01, lag, 0.1, 0.3
         )
         answers = []
         for start, end in itertools.pairwise(cuts):

@@ -51,7 +51,7 @@ def biotac_sp(folder: Path) -> Iterator[Log]:
         for path in numbered(folder / "csvs" / kind, "*.csv"):
             readings = rows(path, header=True)
             time_s = np.arange(len(readings)) / 100.0
-            group = path.stem.rstrip("0123456789")
+            group = path.stem.rstrip("0123456789").replace("strippes", "striped")  # one log is misspelt
             yield Log(f"{kind}/{path.stem}", group, time_s, readings, label=kind != "t")
 
 

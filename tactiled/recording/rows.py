@@ -81,8 +81,11 @@ def _csv_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
             lines = _bounded_lines(path, stream, n_read)
             reader = csv.reader(lines, delimiter=max(",;\t", key=first_line.count))
             header = [name.strip() for name in next(reader, [])]
-            if header and all(map(_is_number, header)):
-                raise DataError(f"{path}: the first line has numbers only; write a line of names above it")
+            if header and all(map(_is_number, header)) and not _counts(header):
+                raise DataError(
+                    f"{path}: the first line has numbers only; write a line of names above it, or in its "
+                    "place where it is the header"
+                )
             time_column = _time_column(path, header, options)
             needed = _chosen(path, header, options.columns, time_column)
             most = _batch_rows(len(needed))
@@ -366,6 +369,11 @@ def _number(cell: str, path: Path, line: int) -> float:
     except ValueError:
         comma = "; write decimals with a point" if "," in cell else ""
         raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
+
+
+def _counts(header: Sequence[str]) -> bool:
+    """Return True for the numbers of columns, from 0 or from 1, which programs write in place of names."""
+    return any(list(header) == [str(first + k) for k in range(len(header))] for first in (0, 1))
 
 
 def _is_number(cell: str) -> bool:

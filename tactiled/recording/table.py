@@ -28,7 +28,7 @@ _MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans d
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
 
-_LEAST_AGREED = 0.6  # a rate that is given, over that of the stamps: half of it is a mistake
+_LEAST_AGREED = 0.8  # a rate that is given, over that of the stamps: waiting times would be wrong by as much
 
 # Rows whose median spacing is the scan period, read before the first event: 17 minutes at 100 Hz, and no more
 # readings than 32 MB.
@@ -191,12 +191,14 @@ def _rate_fault(spacing_s: float, options: TableOptions) -> str:
     if rate_hz >= (slowest if is_known else _SLOWEST_LIKELY_HZ):
         return ""
     unit_hz = rate_hz * SECONDS[options.time_unit or "s"]
+    given = options.time_unit or "s"
     likely = [unit for unit in SECONDS if _SLOWEST_LIKELY_HZ <= unit_hz / SECONDS[unit] <= fastest]
-    unit = likely[0] if likely else "ms"
+    unit = next((unit for unit in likely if unit != given), "")
+    other = f"if they are in {unit} say --time-unit {unit}, " if unit else ""
     slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
     return (
-        f"{rows}; times are taken in {options.time_unit or 'seconds'}: if they are in {unit} say --time-unit "
-        f"{unit}, if they count rows divide by the rate{slow}"
+        f"{rows}; times are taken in {options.time_unit or 'seconds'}: {other}if they count rows divide by "
+        f"the rate{slow}"
     )
 
 

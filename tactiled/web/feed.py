@@ -86,7 +86,8 @@ class Feed:
                 return
             self._message(source, message, recovered=isinstance(item, Recovered))
         elif isinstance(item, Lost):
-            words = f"{item.count} {item.topic} messages were lost on the way"
+            lost = "message was" if item.count == 1 else "messages were"
+            words = f"{item.count} {item.topic} {lost} lost on the way"
             self._notice(source, item.board, "lost", words)
         elif isinstance(item, Restarted):
             words = "the daemon was restarted"

@@ -82,7 +82,7 @@ def test_holes_in_a_table_become_gaps() -> None:
         ("time_s,a\n0,1\n0.1\n", "line 3 has 1 cells"),
         ("time_s,a\n0,1\n0.1,x\n", "line 3: 'x' is not a number"),
         ("time_s;a\n0;1\n0;0,5\n", "line 3: '0,5' is not a number; write decimals with a point"),
-        ("0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names"),
+        ("0.0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names above it"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
         ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
     ],
@@ -130,6 +130,12 @@ def test_a_unit_that_is_given_wrongly_is_answered_by_another(tmp_path: Path) -> 
     path = table(tmp_path / "t.npz", 1.2e4)  # 83 Hz in microseconds
     with pytest.raises(DataError, match="times are taken in ms: if they are in us say --time-unit us"):
         read_table(path, time_unit="ms")
+
+
+def test_a_header_that_counts_the_columns_is_one(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("0,1\n5.5,6\n7,8.5\n9,9\n")
+    _, readings = read_table(tmp_path / "t.csv", rate_hz=100.0)
+    np.testing.assert_array_equal(readings, [[5.5, 6.0], [7.0, 8.5], [9.0, 9.0]])
 
 
 def test_a_rate_that_is_half_of_that_of_the_stamps_is_refused() -> None:

@@ -1,6 +1,7 @@
 """Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
 
 import asyncio
+import dataclasses
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -159,7 +160,8 @@ def test_a_run_that_ros_cannot_hold_ends_nothing() -> None:
     node = FakeNode()
     bridge = bridge_with(node)
     bridge.take(ENDPOINT, now(STATUS))
-    bridge.take(ENDPOINT, now(STATUS, run=2**63))
+    message = now(STATUS)
+    bridge.take(ENDPOINT, dataclasses.replace(message, data={**message.data, "run": 2**63}))
     bridge.diagnose()
     assert [values["run"] for topic, values in node.written if topic == "/tactile/TS0001/status"] == [0]
 

@@ -39,6 +39,8 @@ _EARLY_OF_RANGE = 1 / 64
 # skin alone for so long somewhere.
 _MEAN_S = 0.16
 _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
+# prior: of the noise before it is known, that wandering is at most: 1/128 of the range
+_WANDER_OF_EARLY = 0.5
 # tuned: set of a soft skin, where the array file gives no level and no shear over load says that a light load
 # is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one
 # is between those of presses and of holds. As much comes back within seconds of any press: foil and silicone
@@ -46,6 +48,7 @@ _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too
 _LAG_S = 5.0  # prior: seconds; 3, 5 and 8 s tell the same contacts on recordings, but for one run of foil
+_RISE_S = 0.2  # choice: a reading that is wrong once moves the lag by a twentieth of it at 100 Hz
 # prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
 # what is left of a load below this part of it is rather an object that was lost.
 _SET_OF_SHEARED = 0.05
@@ -84,7 +87,8 @@ class PressureMeasurement:
     loading_volts_s : (n,) float64
         Slope above which the load rises.
     level_falls : (n,) bool
-        The noise became known: a contact that is seen from this scan on may have begun before.
+        The noise became known, or the skin has come back: a contact that is seen from this scan on may have
+        begun before.
     """
 
     taxel_touches: NDArray[np.bool_]
@@ -154,13 +158,15 @@ class ContactTracker:
             RestNoise(
                 array.n_channels,
                 early / self._grid.volts_per_step,
-                n_mean if n_mean >= _FEWEST_OF_MEAN else 0,
+                n_mean,
+                _WANDER_OF_EARLY * early / self._grid.volts_per_step,
             ),
             array.is_field,
             0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
             0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_LAG_S * rate_hz)),
+            -math.expm1(-1.0 / (_RISE_S * rate_hz)),
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self._begin()

@@ -19,9 +19,9 @@ cdef class Hold:
 
 cdef class RestNoise:
     cdef public long n_channels, n_scans, n_known, n_mean, n_summed, n_means
-    cdef public double early
+    cdef public double early, most_wander
     cdef public bint is_early
-    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise, means, slow_power
+    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise, means, slow_power, wander
     cdef public long long[::1] n_good
     cdef public unsigned char[::1] ok
 
@@ -53,8 +53,8 @@ cdef class Levels:
 
 
 cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides
-    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, lag_of_load, lag_per_scan
+    cdef public long n_channels, n_taxels, n_sides, n_hidden
+    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, lag_of_load, lag_per_scan, rise_per_scan
     cdef public bint is_begun, is_field
     cdef public Levels levels
     cdef public RestNoise rest

@@ -87,7 +87,8 @@ class RestNoise:
 
     Filtered readings wander slowly, and differ little from scan to scan. The same of eight means of some
     scans each therefore counts, too, where it is more than that of the scans; means of white noise are less.
-    A hand that moves without rest looks alike, which is why `early` is the most that counts.
+    A hand that moves without rest looks alike, which is why `most_wander` is the most that counts. The least
+    of many windows is a fifth of the standard deviation.
 
     Before a channel has a whole group, its noise is taken to be that of the channels together, or its own so
     far if that is more than twice as much: a press moves few channels at a time, or all of them in few scans,
@@ -96,9 +97,11 @@ class RestNoise:
     Parameters
     ----------
     early : float
-        Least standard deviation in steps of a channel without a group, and the most that is wandering.
+        Least standard deviation in steps of a channel without a group.
     n_mean : int
         Scans of a mean; 0 where scans come too slowly to tell wandering from noise.
+    most_wander : float
+        Most standard deviation in steps that is taken for wandering.
 
     Attributes
     ----------
@@ -108,15 +111,15 @@ class RestNoise:
         Channels that have a group, -1 while nothing can be told.
     """
 
-    def __init__(self, n_channels: int, early: float, n_mean: int) -> None:
+    def __init__(self, n_channels: int, early: float, n_mean: int, most_wander: float) -> None:
         n = n_channels
-        self.n_channels, self.early, self.n_mean = n, early, n_mean
+        self.n_channels, self.early, self.n_mean, self.most_wander = n, early, n_mean, most_wander
         self.steps, self.ok = array("d", bytes(8 * n * _GROUP_SCANS)), array("B", bytes(n * _GROUP_SCANS))
         self.bends, self.own = array("d", bytes(8 * n * _GROUP_SCANS)), array("d", bytes(8 * _GROUP_SCANS))
         self.least_power, self.least_step = array("d", [_UNKNOWN**2] * n), array("d", [_INFINITE] * n)
         self.early_noise, self.noise = array("d", [_UNKNOWN] * n), array("d", [_UNKNOWN] * n)
         self.means, self.n_good = array("d", bytes(8 * n * _MEANS)), array("q", bytes(8 * n))
-        self.slow_power = array("d", [_INFINITE] * n)
+        self.slow_power, self.wander = array("d", [_INFINITE] * n), array("d", bytes(8 * n))
         self.n_scans, self.n_known, self.is_early = 0, -1, True
         self.n_summed, self.n_means = 0, 0
 
@@ -130,7 +133,8 @@ class RestNoise:
         Returns
         -------
         bool
-            More of the noise became known: a pressure below a level before may be above it now.
+            More of the noise became known, or readings wander less than was thought: a pressure below a level
+            before may be above it now.
         """
         n, at = self.n_channels, self.n_scans * self.n_channels
         for c in range(n):
@@ -146,19 +150,23 @@ class RestNoise:
         if self.n_scans == _GROUP_SCANS:
             self._take_group()
             self.n_scans, self.is_early = 0, False
-        n_known, can_tell = 0, False
+        n_known, can_tell, falls = 0, False, False
         for c in range(n):
             is_own = self.least_power[c] < _UNKNOWN * _UNKNOWN
             can_tell = can_tell or self.early_noise[c] < _UNKNOWN
             n_known += 1 if is_own else 0
-            self.noise[c] = self.early_noise[c]
+            noise = self.early_noise[c]
             if is_own:
                 step = self.least_step[c] if self.least_step[c] < _INFINITE else 0.0
-                self.noise[c] = sqrt(max(self.least_power[c], step * step / _ROUNDING))
+                noise = sqrt(max(self.least_power[c], step * step / _ROUNDING))
+                wandered = self.wander[c]
                 if self.slow_power[c] < _INFINITE:
-                    self.noise[c] = max(self.noise[c], min(sqrt(self.slow_power[c]), self.early))
+                    self.wander[c] = min(sqrt(self.slow_power[c]), self.most_wander)
+                falls = falls or wandered > max(noise, self.wander[c])
+                noise = max(noise, self.wander[c])
+            self.noise[c] = noise
         before, self.n_known = self.n_known, n_known if can_tell else -1
-        return self.n_known > before
+        return falls or self.n_known > before
 
     def _take_mean(self, newest: int) -> None:
         """Take the newest scan into the present mean of each channel, and the mean into those before it."""
@@ -333,6 +341,8 @@ class Pressure:
         Part of a load that a press of any length leaves, and the part of the way to it in a scan.
     lag_of_load, lag_per_scan : float
         Part of a fall of the load that is left at once, and the part of that which comes back in a scan.
+    rise_per_scan : float
+        Part of the way to a larger load that the skin follows in a scan: a single wrong reading is none.
     """
 
     def __init__(
@@ -351,6 +361,7 @@ class Pressure:
         set_per_scan: float,
         lag_of_load: float,
         lag_per_scan: float,
+        rise_per_scan: float,
     ) -> None:
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
@@ -361,15 +372,15 @@ class Pressure:
         self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
-        self.lag_of_load, self.lag_per_scan = lag_of_load, lag_per_scan
+        self.lag_of_load, self.lag_per_scan, self.rise_per_scan = lag_of_load, lag_per_scan, rise_per_scan
         zeros = bytes(8 * len(counts))
         self.set, self.peak = array("d", zeros), array("d", zeros)
         self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros)
-        self.is_begun = False
+        self.is_begun, self.n_hidden = False, 0
 
     def interrupt(self, set_kept: float, lag_kept: float) -> None:
         """Pass over missing scans, after which parts of set and lag are left."""
-        self.is_begun = False
+        self.is_begun, self.n_hidden = False, 0
         self.rest.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= set_kept
@@ -398,15 +409,15 @@ class Pressure:
         reals : (2 * n,) float64
             Slope for each taxel in contact, and slope above which the load rises.
         flags : ((3 + taxels) * n,) uint8
-            Some taxel touches, all are released, more of the noise became known, taxels that touch (n,
-            taxels).
+            Some taxel touches, all are released, a contact may have begun before it is seen, taxels that
+            touch (n, taxels).
         """
         channels, taxels, n_line = self.n_channels, self.n_taxels, len(self.line)
         levels, rest, noise = self.levels, self.rest, self.rest.noise
         each = 0 if len(readings) == taxels else taxels
         for i in range(n):
             row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
-            loads = 0.0
+            loads, is_hidden = 0.0, False
             becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
@@ -432,11 +443,14 @@ class Pressure:
             for t in range(taxels):
                 pressed = max(max(self.pressure[t], shared), 0.0)
                 self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
-                self.peak[t] = max(self.peak[t] - self.lag_per_scan * self.peak[t], pressed)
-                lag = self.lag_of_load * (self.peak[t] - pressed)
+                self.peak[t] -= self.lag_per_scan * self.peak[t]
+                self.peak[t] += self.rise_per_scan * max(pressed - self.peak[t], 0.0)
+                lag = self.lag_of_load * max(self.peak[t] - pressed, 0.0)
                 pressure = self.pressure[t] - max(self.set[t], lag)
                 taxel_noise = self.taxel_noise[t]
                 touches = pressure > levels.contact_at(taxel_noise)
+                if self.pressure[t] - self.set[t] > levels.contact_at(taxel_noise):
+                    is_hidden = True
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
                 if touches:
                     n_touching += 1
@@ -452,7 +466,9 @@ class Pressure:
                 self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
             flags[n + i] = 1 if n_released == taxels else 0
-            flags[2 * n + i] = 1 if becomes_known else 0
+            # What the lag hid for longer than a press takes did not begin when the lag was over.
+            flags[2 * n + i] = 1 if becomes_known or (self.n_hidden >= n_line and n_touching > 0) else 0
+            self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
             of_each = max(1.0, 1.0 * n_touching)
             reals[i] = risen * self.slope_scale / of_each
             reals[n + i] = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)

@@ -48,7 +48,7 @@ _STOPS, _STOPS_S = 2.0, 0.3
 # recording of a magnetic skin, 95 % have more; a press that is felt by the normal channels alone has less.
 _SHEAR_PART = 0.2
 # tuned: of loads that move: squared growth over the noise that an onset exceeds in any hold. Set on a public
-# recording of an electrode finger (BioTacSP-DoS), where all but one of its twelve objects choose it for the
+# recording of an electrode finger (BioTacSP-DoS), where all but one of its eleven objects get it from the
 # others: 400 finds 242 of 262 slips and is wrong in 4 of 44 touches, 450 finds 239 and is wrong in 3, 500
 # finds 228 and is wrong in 2.
 HOLDS_MOVE = 450.0

@@ -97,7 +97,7 @@ function draw(ms) {
   const perf = perfSeconds();
   if (perf - counted > 2) {
     counted = perf;
-    const words = player !== null ? "" : !connected ? "not connected" : dropped ? `connected; this browser missed ${dropped} frames` : "connected";
+    const words = player !== null ? "" : !connected ? "page not connected" : dropped ? `page connected; it missed ${dropped} frames` : "page connected";
     document.getElementById("link-words").textContent = words;
   }
 }

@@ -99,7 +99,7 @@ export class BoardPanel {
   _texts(lamp, now) {
     const { board, at } = this;
     const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
-    const said = live && now !== null ? verdict(board, now) : { level: "free", sentence: lamp.words, sure: "" };
+    const said = live && now !== null ? verdict(board, now, lamp.state === "replay") : { level: "free", sentence: lamp.words, sure: "" };
     at.lamp.dataset.level = said.level;
     put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now).slice(0, 10)) : ageWords(lamp.age));
     put(at.advice, said.sentence);
@@ -126,7 +126,7 @@ export class BoardPanel {
     facts(this.at.loads, [
       ["load", now === null ? NONE : limit + pm(now.load, now.loadSd, unit)],
       ["shear", now === null || now.shear === null ? NONE : pm(now.shear, now.shearSd, unit)],
-      ["towards", now === null || !(now.shear > LEAST * (unit === "N" ? 1 : this.skin.full)) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
+      ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full))) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
       ["centre", centre],
     ]);
     put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated: tactiled calibrate" : `${force.calibration}${force.valid ? "" : ", not valid"}`);

@@ -12,23 +12,25 @@ export function way(deg, sd = 0) {
 /**
  * Verdict on the contact at instant `now`, from the newest messages of a board that is FRESH or LATE.
  * Returns {level, sentence, sure}; `level` is free, good, near, partial or gross and colours the sentence.
+ * A recording asks for nothing: there, nobody can act any more.
  */
-export function verdict(board, now) {
+export function verdict(board, now, isRecorded = false) {
   const { slip } = board;
   const grip = board.current(board.grip);
   const contact = board.touch?.state ?? board.status?.contact ?? "none";
   const state = slip === null ? contact : slip.kind === "gross" ? "sliding" : "shearing";
   const sure = chances(grip, state, slip);
+  const todo = isRecorded ? "" : ": tighten";
   if (state === "sliding" || state === "shearing") {
     const towards = slip === null ? "" : way(slip.direction_deg, slip.direction_sd_deg);
-    const words = (state === "sliding" ? "Slipping" : "Beginning to slip") + (towards && ` towards ${towards}`) + (slip === null ? "" : ` since ${since(now - slip.onset)}`);
+    const words = (state === "sliding" ? "Slipping" : "Beginning to slip") + (towards && ` towards ${towards}`) + (slip === null ? "" : ` for ${duration(now - slip.onset)}`);
     if (slip?.suppressed) return { level: "good", sentence: `${words}, as announced (${slip.suppressed})`, sure };
     if (slip !== null && !slip.valid) return { level: "near", sentence: `${words}: do not act on it`, sure: "The readings were late or incomplete." };
-    return { level: state === "sliding" ? "gross" : "partial", sentence: `${words}: tighten`, sure };
+    return { level: state === "sliding" ? "gross" : "partial", sentence: words + todo, sure };
   }
   if (state === "none") return { level: "free", sentence: "Nothing touches the skin", sure };
-  if (state === "unknown") return { level: "near", sentence: "Touching, may hold or slip: lift once", sure: sure || "The beginning of this contact was not seen." };
-  if (grip?.valid && (grip.utilisation > NEAR || grip.p_gross_100ms > LIKELY)) return { level: "near", sentence: "Holding near the friction limit: tighten", sure };
+  if (state === "unknown") return { level: "near", sentence: "Touching, may hold or slip" + (isRecorded ? "" : ": lift once"), sure: sure || "The beginning of this contact was not seen." };
+  if (grip?.valid && (grip.utilisation > NEAR || grip.p_gross_100ms > LIKELY)) return { level: "near", sentence: "Holding near the friction limit" + todo, sure };
   return { level: "good", sentence: state === "loading" ? "Being pressed" : "Holding", sure };
 }
 
@@ -38,12 +40,13 @@ function chances(grip, state, slip) {
   if (grip === null || grip.state === "none") return slip === null ? "" : `${percent(slip.confidence)} sure`;
   if (grip.state === "unknown") return "";
   if (state === "sliding") return `${percent(grip.p_sliding)} sure that all of the contact slides`;
+  if (state === "shearing" && slip !== null) return `${percent(slip.confidence)} sure that a part of the contact slips`;
   return `${percent(grip.utilisation)} of the friction limit in use, slip within 0.1 s: ${percent(grip.p_gross_100ms)}`;
 }
 
 export const percent = (share) => `${Math.round(100 * share)} %`;
 
-function since(seconds) {
+function duration(seconds) {
   const s = Math.max(0, seconds);
   return s < 10 ? `${s.toFixed(1)} s` : s < 100 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
 }

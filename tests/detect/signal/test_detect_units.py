@@ -103,10 +103,14 @@ def test_noise_alone_is_no_contact_whatever_its_size() -> None:
 
 
 def rest_noise(
-    steps: FloatArray, ok: NDArray[np.bool_] | None = None, early: float = 50.0, n_mean: int = 0
+    steps: FloatArray,
+    ok: NDArray[np.bool_] | None = None,
+    early: float = 50.0,
+    n_mean: int = 0,
+    most: float = 1e9,
 ) -> tuple[FloatArray, list[int]]:
     """Return the noise (n, channels) after each scan, and where it becomes known."""
-    rest, noise, known = RestNoise(steps.shape[1], early, n_mean), np.empty(steps.shape), []
+    rest, noise, known = RestNoise(steps.shape[1], early, n_mean, most), np.empty(steps.shape), []
     flags = np.ones(steps.size, dtype=np.uint8) if ok is None else ok.ravel().astype(np.uint8)
     for k in range(len(steps)):
         if rest.take(k * steps.shape[1], steps.ravel(), flags):
@@ -165,8 +169,8 @@ def test_readings_that_wander_are_as_noisy_as_their_means_and_white_ones_are_not
     windows = np.lib.stride_tricks.sliding_window_view(bends, 6, axis=0).mean(axis=-1)
     np.testing.assert_allclose(slow[-1, 6:], np.sqrt(windows.min(axis=0)), rtol=1e-9)
     assert (slow[-1, 6:] > 10 * plain[-1, 6:]).all()
-    bounded, _ = rest_noise(100 * steps, early=1.0, n_mean=16)
-    np.testing.assert_array_equal(bounded[-1], rest_noise(100 * steps, early=1.0)[0][-1])
+    bounded, _ = rest_noise(steps, n_mean=16, most=0.1)
+    np.testing.assert_array_equal(bounded[-1], np.maximum(plain[-1], 0.1))
 
 
 def spread_median(values: FloatArray, half: float) -> float:
