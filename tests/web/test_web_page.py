@@ -109,6 +109,7 @@ def test_every_slip_message_is_on_the_page(live: Robot, page: Page) -> None:
     assert set(published[:1]) <= set(shown)
 
 
+@pytest.mark.alone
 def test_a_slow_link_shows_fresh_data(page: Page, tmp_path: Path) -> None:
     with (
         robot(tmp_path) as made,

@@ -32,6 +32,7 @@ PAIRS = [
 ]  # fmt: skip
 
 
+@pytest.mark.alone
 def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: Path) -> None:
     with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 20.0)) as endpoint:
         made.endpoint = endpoint
@@ -47,7 +48,7 @@ def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: 
         sentences = set()
         for _ in range(5 * WATCHED_S):
             page.wait_for_timeout(200)
-            sentences.add(page.locator(".advice").inner_text().split(" since")[0])
+            sentences.add(page.locator(".advice").inner_text().split(" for ")[0])
         moved = {name: sum(page.evaluate("shifts")) for name, page in pages.items()}
         for page in pages.values():
             page.context.close()
