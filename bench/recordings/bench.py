@@ -273,8 +273,8 @@ _LEAST_AGREEMENT = 0.95
 AIMS = (
     _aim("gratings", "24 of 24, 0 wrong", "FabricSlide", "period", _periods(0, 24)),
     _aim(
-        "materials, two of them woven (of a period whose it is, is not asked)",
-        "at most 3 of 40 with a period",
+        "materials, of which two are woven",
+        "at most 3 of 40 with a period, the machine's included",
         "BioTac_slide_20_50",
         "period",
         _periods(3, 0),

@@ -134,6 +134,15 @@ def velostat(folder: Path) -> Iterator[Log]:
             yield Log(name, name, readings[:, 1], readings[:, :1], forces=forces)
 
 
+def optical_finger(folder: Path) -> Iterator[Log]:
+    """A soft finger that is pressed on a force sensor, filtered by its maker; columns fz, s0 to s3, time."""
+    for path in numbered(folder / "skin/datasets/squishy-skin/raw-data/simplified", "*.csv"):
+        table = rows(path, header=True)
+        forces = np.full((len(table), 3), np.nan)
+        forces[:, 2] = table[:, 0]
+        yield Log(path.stem, path.stem, table[:, 5], table[:, 1:5], forces=forces)
+
+
 def uskin(folder: Path) -> Iterator[Log]:
     """Boxes that two fingers hold and a robot moves, until some are dropped; rows spread over the run."""
     for path in sorted(folder.glob("t*/data_sample_*/meta_data.csv")):
@@ -197,6 +206,7 @@ READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "Tactaxis": tactaxis,
     "SDH-2": sdh2,
     "velostat": velostat,
+    "tactileforce": optical_finger,
     "uSkin": uskin,
     "TAMS array": tams,
     "iCub": icub,

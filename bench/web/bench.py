@@ -69,7 +69,7 @@ _WATCH = """
 
 @dataclass(frozen=True)
 class PageCost:
-    """What one page was seen to do while a scene was played.
+    """Bytes, movement, delay and processor time of one page while a scene was played.
 
     Attributes
     ----------

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -14,17 +13,7 @@ from typing import Any
 
 from patience import PATIENCE_S
 
-CHROMIUM = shutil.which("chromium")
 NO_CHROMIUM = "needs chromium: sudo apt install chromium"
-CHROMIUM_ARGUMENTS = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 CONFIG = """\
 [port]
 url = "{folder}/board"

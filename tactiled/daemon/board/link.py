@@ -145,7 +145,7 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline of a ping that is about to be written; it uses no other command.
+        """Tell the pipeline of a command that is about to be written; only pings concern it.
 
         Parameters
         ----------

@@ -87,8 +87,7 @@ class RestNoise:
 
     Filtered readings wander slowly, and differ little from scan to scan. The same of eight means of some
     scans each therefore counts, too, where it is more than that of the scans; means of white noise are less.
-    A hand that moves without rest looks alike, which is why `most_wander` is the most that counts. The least
-    of many windows is a fifth of the standard deviation.
+    A hand that moves without rest looks alike, which is why `most_wander` is the most that counts.
 
     Before a channel has a whole group, its noise is taken to be that of the channels together, or its own so
     far if that is more than twice as much: a press moves few channels at a time, or all of them in few scans,
