@@ -22,26 +22,21 @@ export function historyControls(find, panel) {
   };
 }
 
-/** All points that are kept, as comma-separated values: the curves of every board, chosen channels, and marks. */
+/** All points that are kept, as comma-separated values: the curves of every board and chosen channels. A mark has a row. */
 function table({ board, chooser }) {
   const curves = [...CURVES, ...chooser.curves.filter((curve) => curve.channel !== undefined)];
   const unit = (curve) => (curve.scale === "y" ? `_${board.unit}` : curve.scale === "reading" ? `_${board.geometry.unit}` : "");
   const cell = (v) => (v === null || v === undefined ? "" : +v.toPrecision(6));
-  const marks = marksOfRows(board);
-  const rows = board.points.t.map((t, i) => [t.toFixed(3), ...curves.map((curve) => cell(valueAt(curve, board, i))), marks.get(i) ?? ""].join(","));
-  return `${["epoch_s", ...curves.map((curve) => curve.column + unit(curve)), "mark"].join(",")}\n${rows.join("\n")}\n`;
+  const points = board.points.t.map((at, i) => ({ at, cells: [...curves.map((curve) => cell(valueAt(curve, board, i))), ""] }));
+  const marks = board.marks.map(({ at, text }) => ({ at, cells: [...curves.map(() => ""), quoted(text)] }));
+  const rows = [...points, ...marks].sort((a, b) => a.at - b.at);
+  const head = ["epoch_s", ...curves.map((curve) => curve.column + unit(curve)), "mark"];
+  return `${head.join(",")}\n${rows.map(({ at, cells }) => [at.toFixed(3), ...cells].join(",")).join("\n")}\n`;
 }
 
-/** Quoted texts of the marks by the row of the first point at or after each; the last row for later ones. */
-function marksOfRows({ points, marks }) {
-  const found = new Map();
-  for (const { at, text } of marks) {
-    const i = points.t.findIndex((t) => t >= at), row = i < 0 ? points.t.length - 1 : i;
-    if (row > 0 || at >= points.t[0]) found.set(row, found.has(row) ? `${found.get(row)}; ${text}` : text);
-  }
-  // A spreadsheet must not take a text that others wrote for a formula.
-  for (const [row, text] of found) found.set(row, `"${text.replace(/^[=+\-@\t\r]/, "'$&").replaceAll('"', '""')}"`);
-  return found;
+/** A text as a cell. A spreadsheet must not take what others wrote for a formula. */
+function quoted(text) {
+  return `"${text.replace(/^[=+\-@\t\r]/, "'$&").replaceAll('"', '""')}"`;
 }
 
 /** The timeline as it is shown, below the board, the span and the names of the curves. */
