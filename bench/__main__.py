@@ -1,16 +1,17 @@
 """``./run bench NAME``: measure, and print the tables of `docs/measured.md`."""
 
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
 import click
 
-from bench.report import BenchOptions, BenchReport
+from bench.report import BenchOptions, as_json
 from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-# Name of a bench to its module; each has a function `bench_NAME(progress, options) -> BenchReport`.
+# Name of a bench to its module; each has a function `bench_NAME(progress, options)`.
 BENCHES = {
     "clock": "bench.clock",
     "latency": "bench.latency.bench",
@@ -32,7 +33,7 @@ WITH_DATA = ("recordings",)
 @click.command()
 @click.argument("names", type=click.Choice(list(BENCHES)), nargs=-1, required=True, metavar="NAME...")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
-@click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine, tables and numbers.")
+@click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine and tables.")
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
@@ -61,28 +62,19 @@ def bench(
 
     Example: ./run bench slip --quick --json slip.json
     """
-    options = BenchOptions(quick, numbers, dask, data)
-    for name in names:
-        check_options(name, options)
+    for option, value, benches in (("--dask", dask, WITH_JOBS), ("--data", data, WITH_DATA)):
+        if value is not None and not set(names) <= set(benches):
+            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")
     if numbers is not None and len(names) > 1:
         raise click.UsageError("--json writes one file: give one bench")
     for name in names:
         measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
         with ProgressBar(f"bench {name}", None) as progress:
-            report: BenchReport = measure(progress, options)
-        report.write(name, options)
-        heading = f"## `./run bench {name}`\n\n" if len(names) > 1 else ""
-        click.echo(f"{heading}{report.text}\n" if heading else report.text)
-
-
-def check_options(name: str, options: BenchOptions) -> None:
-    """Refuse options that a bench does not have."""
-    for option, is_given, benches in (
-        ("--dask", options.dask is not None, WITH_JOBS),
-        ("--data", options.data is not None, WITH_DATA),
-    ):
-        if is_given and name not in benches:
-            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")
+            sections: Sequence[str] = measure(progress, BenchOptions(quick, dask, data))
+        if numbers is not None:
+            numbers.write_text(as_json(name, quick, sections))
+        heading = [f"## `./run bench {name}`"] if len(names) > 1 else []
+        click.echo("\n\n".join([*heading, *sections]) + "\n" * len(heading))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.report import BenchOptions, BenchReport, rms, seeds_in_words, table
+from bench.report import BenchOptions, rms, seeds_in_words, table
 from tactiled.array import FloatArray, load_array
 from tactiled.daemon.board.asking import Pinging
 from tactiled.emulator.board.identity import EmulatedBoardParams
@@ -59,7 +59,7 @@ _LINES = (
 )
 
 
-def bench_clock(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_clock(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Table of timing errors over several lines."""
     progress.begin(len(_LINES))
     seeds, rows = 2 if options.quick else 10, []
@@ -84,7 +84,7 @@ def bench_clock(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         f"{_DURATION_S:g} s for each line, without and with pings; a board that answers a ping within "
         f"{1e3 * _ANSWER_S[0]:g} to {1e3 * _ANSWER_S[1]:g} ms"
     )
-    return BenchReport([title, table(rows)])
+    return [title, table(rows)]
 
 
 def timing(

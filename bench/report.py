@@ -1,36 +1,20 @@
-"""Report of a bench: tables, aims and numbers, in one form for all benches.
+"""Tables and aims in one form for all benches, and the JSON that says when and where they were measured.
 
-A bench is a function ``bench_NAME(progress, options) -> BenchReport`` in the module that `bench.__main__`
-lists. It measures records (frozen dataclasses or named tuples, one for each row or case) and returns:
+A bench is a function ``bench_NAME(progress, options)`` in the module that `bench.__main__` lists. It returns
+paragraphs and Markdown tables in the order of printing. `table` makes a table from rows; a row maps each
+heading to the words in its cell, so that both stand in one line of the code::
 
-sections
-    Paragraphs and Markdown tables, in the order of printing. `table` makes one from rows; a row maps each
-    heading to the words in its cell, so that both stand in one line of the code::
+    table({"model": s.name, "cost (ms/s)": f"{s.cost_ms:.1f}"} for s in scores)
 
-        table({"model": s.name, "cost (ms/s)": f"{s.cost_ms:.1f}"} for s in scores)
+An `Aim` has a name, its limit in words, and `measure`: a function from what was measured to a `Reading`
+(words, and "met", "open" or "MISSED"). `aims_table` applies the same aims to every thing measured::
 
-aims
-    One table from `aims_table`. An `Aim` has a name, its limit in words, and `measure`: a function from what
-    was measured to a `Reading` (words, and "met", "open" or "MISSED"). The same aims are applied to every
-    column of the table: several settings side by side, or one column "measured"::
-
-        AIMS = (
-            at_most("processor time of a simulated second", 5.0, " ms", lambda found: found.cost_ms, ".1f"),
-            never("answers where there are no grooves", lambda found: [t.is_ok for t in found.flat]),
-            Aim("direction within one stated sigma", "68 % within 5 points", measure_coverage),
-        )
-        aims_table(AIMS, {"quick": found["quick"], "balanced": found["balanced"]})
-
-    `at_most` and `never` make the common kinds. Aims that exist for each noise or each method come from a
-    function that returns an `Aim`, called in a comprehension. What was measured of one setting is one object
-    of the bench: a dataclass that holds its records.
-numbers
-    Anything made of dataclasses, named tuples, mappings, sequences and numpy values; `plain` turns it into
-    JSON without NaN or infinity.
-
-`BenchReport.write` writes the JSON that is asked for; `bench.__main__` prints `BenchReport.text`. The
-JSON of every bench says when, where and from which commit it was measured (`provenance`), and has the
-sections, tables as rows, beside the numbers.
+    AIMS = (
+        at_most("processor time of a simulated second", 5.0, " ms", lambda found: found.cost_ms, ".1f"),
+        never("answers where there are no grooves", lambda found: [t.is_ok for t in found.flat]),
+        Aim("direction within one stated sigma", "68 % within 5 points", measure_coverage),
+    )
+    aims_table(AIMS, {"quick": found["quick"], "balanced": found["balanced"]})
 """
 
 import json
@@ -39,10 +23,10 @@ import platform
 import subprocess
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Generic, Literal, NamedTuple, TypeVar
+from typing import Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,42 +48,19 @@ class BenchOptions:
     ----------
     quick : bool
         Fewer seeds and cases.
-    json : Path, optional
-        File to write.
-    data : Path, optional
-        Folder with data of others.
     dask : str, optional
         Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
+    data : Path, optional
+        Folder with data of others.
     """
 
     quick: bool = False
-    json: Path | None = None
     dask: str | None = None
     data: Path | None = None
 
 
-@dataclass(frozen=True)
-class BenchReport:
-    """Text and numbers of a bench."""
-
-    sections: Sequence[str]
-    numbers: object = None
-
-    @property
-    def text(self) -> str:
-        """Sections with an empty line between them."""
-        return "\n\n".join(self.sections)
-
-    def write(self, name: str, options: BenchOptions) -> None:
-        """Write the JSON if the options ask for it."""
-        if options.json is not None:
-            sections = [part.rows if isinstance(part, Table) else part for part in self.sections]
-            document = provenance(name, options) | {"sections": sections, "numbers": plain(self.numbers)}
-            options.json.write_text(json.dumps(document, allow_nan=False))
-
-
-def provenance(name: str, options: BenchOptions) -> dict[str, object]:
-    """Name, commit, date and machine of a measurement."""
+def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
+    """Return the sections, tables as rows, with name, commit, date and machine of the measurement."""
     git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=40", "--dirty"]
     commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
     models = [
@@ -107,9 +68,9 @@ def provenance(name: str, options: BenchOptions) -> dict[str, object]:
         for line in Path("/proc/cpuinfo").read_text().splitlines()
         if line.startswith("model name")
     ]
-    return {
+    document = {
         "bench": name,
-        "quick": options.quick,
+        "quick": is_quick,
         "commit": commit,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
@@ -119,7 +80,14 @@ def provenance(name: str, options: BenchOptions) -> dict[str, object]:
             "python": platform.python_version(),
             "path_of_a_scan": compiled.path_words(),
         },
+        "sections": [part.rows if isinstance(part, Table) else part for part in sections],
     }
+    return json.dumps(document)
+
+
+def load_words() -> str:
+    """``load average 0.5 on 2 processors``."""
+    return f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
 
 
 class Reading(NamedTuple):
@@ -159,6 +127,19 @@ def at_most(name: str, limit: float, unit: str, value: Callable[[T], float], for
         return judge(f"{number:{form}}{unit}" if np.isfinite(number) else NONE, bool(number <= limit))
 
     return Aim(name, f"at most {limit:g}{unit}", measure)
+
+
+def median_aim(
+    name: str, limit: float, values: Callable[[T], Sequence[float]], form: str, *, is_least: bool = False
+) -> Aim[T]:
+    """Aim that the median over repeats is at most, or at least, a limit; their range is said, too."""
+
+    def measure(found: T) -> Reading:
+        repeats = values(found)
+        median = np.median(repeats)
+        return judge(over_runs(repeats, form), bool(median >= limit if is_least else median <= limit))
+
+    return Aim(name, f"at {'least' if is_least else 'most'} {limit:g}", measure)
 
 
 def never(name: str, happened: Callable[[T], int | Sequence[bool]]) -> Aim[T]:
@@ -215,21 +196,6 @@ def counted(results: Iterable[T], progress: ProgressBar, name: str, seconds: flo
     return found
 
 
-def plain(value: Any) -> Any:
-    """Convert to plain JSON: dataclasses and named tuples to objects, numbers that are not finite to null."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return plain(value._asdict())
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple | range):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
 def ratio(cases: Iterable[bool]) -> str:
     """``3 of 40``."""
     known = list(cases)
@@ -255,9 +221,3 @@ def rms(values: ArrayLike) -> float:
     """Root mean square; NaN where there are no values."""
     known = np.asarray(values, dtype=np.float64)
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
-
-
-def spread(values: ArrayLike, digits: int) -> str:
-    """Mean and standard deviation."""
-    known = np.asarray(values, dtype=np.float64)
-    return f"{np.mean(known):.{digits}f} ± {np.std(known):.{digits}f}" if known.size else NONE

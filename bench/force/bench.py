@@ -30,7 +30,6 @@ from bench.report import (
     NONE,
     Aim,
     BenchOptions,
-    BenchReport,
     Reading,
     aims_table,
     at_most,
@@ -71,7 +70,7 @@ class ForceFound:
         return [one for one in self.scores if one.case == case]
 
 
-def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_force(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Errors, intervals, holds and cost over drawn rigs.
 
     Quick: 4 rigs instead of 12, calibrated for 15 and 60 s.
@@ -90,32 +89,29 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     return report(ForceFound(scores, holds, magnets, *_costs_us()), cases, n)
 
 
-def report(found: ForceFound, cases: Sequence[Case], n: int) -> BenchReport:
+def report(found: ForceFound, cases: Sequence[Case], n: int) -> list[str]:
     """Put what was measured on `n` rigs into words."""
-    return BenchReport(
-        [
-            f"{n} rigs drawn at random ({seeds_in_words(n, REPORTED_FROM)}), 1 mV of noise, normal forces "
-            "to 20 N and shear to 12 N. Each is calibrated by one motion and scored on 30 s of holds and "
-            "30 s of presses that wander over the array. Errors are rms over scans and rigs, in percent "
-            "of the range.",
-            aims_table(AIMS, {"measured": found}),
-            f"The cost is that of scans in a loop. Of scans that come every 10 ms, as live, it is "
-            f"{found.live_cost_us:.0f} us: other programs have emptied the caches.",
-            "Normal force, by duration and kind of the calibration.",
-            table(_row(case, found, "normal") for case in cases),
-            "Shear, likewise.",
-            table(_row(case, found, "shear") for case in cases),
-            "Intervals of 90 % and centre of pressure of tactiled, over scans above 0.4 N (centre: 1 N).",
-            table(_intervals(case, found) for case in cases),
-            "A hold of 15 N for an hour; the skin warms by 10 K within 31 minutes, and the sensitivity "
-            "changes by 0.1 to 0.5 % a kelvin.",
-            table(_hold_row(one) for one in found.holds),
-            "Skins over five magnetometers, drawn at random, calibrated by 60 s of wandering presses and "
-            "scored on holds. Ridge: on readings and squares.",
-            table(_magnet_row(one) for one in found.magnets),
-        ],
-        numbers=found,
-    )
+    return [
+        f"{n} rigs drawn at random ({seeds_in_words(n, REPORTED_FROM)}), 1 mV of noise, normal forces "
+        "to 20 N and shear to 12 N. Each is calibrated by one motion and scored on 30 s of holds and "
+        "30 s of presses that wander over the array. Errors are rms over scans and rigs, in percent "
+        "of the range.",
+        aims_table(AIMS, {"measured": found}),
+        f"The cost is that of scans in a loop. Of scans that come every 10 ms, as live, it is "
+        f"{found.live_cost_us:.0f} us: other programs have emptied the caches.",
+        "Normal force, by duration and kind of the calibration.",
+        table(_row(case, found, "normal") for case in cases),
+        "Shear, likewise.",
+        table(_row(case, found, "shear") for case in cases),
+        "Intervals of 90 % and centre of pressure of tactiled, over scans above 0.4 N (centre: 1 N).",
+        table(_intervals(case, found) for case in cases),
+        "A hold of 15 N for an hour; the skin warms by 10 K within 31 minutes, and the sensitivity "
+        "changes by 0.1 to 0.5 % a kelvin.",
+        table(_hold_row(one) for one in found.holds),
+        "Skins over five magnetometers, drawn at random, calibrated by 60 s of wandering presses and "
+        "scored on holds. Ridge: on readings and squares.",
+        table(_magnet_row(one) for one in found.magnets),
+    ]
 
 
 def _costs_us() -> tuple[float, float]:

@@ -18,7 +18,6 @@ from bench.report import (
     NONE,
     Aim,
     BenchOptions,
-    BenchReport,
     Reading,
     aims_table,
     judge,
@@ -51,7 +50,7 @@ class GripFound:
         return [both[kind] for both in self.scores.values()]
 
 
-def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Scores of the filter, each generator left out once.
 
     Quick: 24 worlds of each to learn from, which teach little.
@@ -78,21 +77,17 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             found = [row for some in _counted(pool.map(_courses, jobs), progress, name) for row in some]
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     measured = GripFound(scores, scan_costs())
-    return BenchReport(
-        [
-            f"{size.worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
-            f"score on (seeds from {REPORTED_FROM}).",
-            aims_table(AIMS, {"measured": measured}),
-            "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
-            "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
-            "after they begin. Below half: state gross in worlds that never use half of the limit.",
-            score_table(scores),
-            "Processor time of a scan while shear grows, 100 Hz. Hot: scan after scan; live: a scan each "
-            "10 ms.",
-            table(cost_rows(measured.costs)),
-        ],
-        numbers=scores,
-    )
+    return [
+        f"{size.worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
+        f"score on (seeds from {REPORTED_FROM}).",
+        aims_table(AIMS, {"measured": measured}),
+        "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
+        "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
+        "after they begin. Below half: state gross in worlds that never use half of the limit.",
+        score_table(scores),
+        "Processor time of a scan while shear grows, 100 Hz. Hot: scan after scan; live: a scan each 10 ms.",
+        table(cost_rows(measured.costs)),
+    ]
 
 
 def _counted(found: Iterator[Any], progress: ProgressBar, what: str) -> Iterator[Any]:

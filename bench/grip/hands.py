@@ -16,7 +16,6 @@ from bench.report import (
     NONE,
     Aim,
     BenchOptions,
-    BenchReport,
     Reading,
     aims_table,
     judge,
@@ -68,7 +67,7 @@ class HandCount:
         self.most_gross |= other.most_gross
 
 
-def bench_hands(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Alarms and slip events an hour of hands below half of the limit.
 
     Quick: 12 minutes instead of two hours.
@@ -91,20 +90,18 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     for count in counts.values():
         everything.add(count)
     rows = {**counts, "all": everything}
-    return BenchReport(
-        [
-            f"{n - left_out} random worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
-            f"{left_out} used half of the limit or more and were left out), "
-            f"{everything.hours:.1f} h in contact.",
-            aims_table(AIMS, {"measured": everything}),
-            f"Alarms an hour: p_gross_300ms above a threshold. In brackets: of them after the first "
-            f"{_EARLY_S:g} s of the contact.",
-            table(_alarm_row(hand, count) for hand, count in rows.items()),
-            "False slip events an hour, by setting: onsets where less than a tenth of the area has slipped "
-            "so far / gross slips.",
-            table(_event_row(hand, count) for hand, count in rows.items()),
-        ]
-    )
+    return [
+        f"{n - left_out} random worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
+        f"{left_out} used half of the limit or more and were left out), "
+        f"{everything.hours:.1f} h in contact.",
+        aims_table(AIMS, {"measured": everything}),
+        f"Alarms an hour: p_gross_300ms above a threshold. In brackets: of them after the first "
+        f"{_EARLY_S:g} s of the contact.",
+        table(_alarm_row(hand, count) for hand, count in rows.items()),
+        "False slip events an hour, by setting: onsets where less than a tenth of the area has slipped "
+        "so far / gross slips.",
+        table(_event_row(hand, count) for hand, count in rows.items()),
+    ]
 
 
 def _measure(seeds: range) -> list[tuple[str, HandCount | None]]:

@@ -26,7 +26,6 @@ from bench.report import (
     NONE,
     Aim,
     BenchOptions,
-    BenchReport,
     Reading,
     aims_table,
     counted,
@@ -108,7 +107,7 @@ def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     return play(scenes, array, [make(scene) for scene in scenes], messages).results()
 
 
-def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Drops over grip of fixed grips, of tightening on slip events, and of the margin.
 
     Quick: 40 grasps of each instead of 120 or 1000.
@@ -128,24 +127,20 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> BenchReport:
     return report(found)
 
 
-def report(found: Mapping[Arm, Sequence[GraspResult]]) -> BenchReport:
+def report(found: Mapping[Arm, Sequence[GraspResult]]) -> list[str]:
     """Make the tables."""
     chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(TARGET, 2))
-    return BenchReport(
-        [
-            f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
-            "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
-            "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
-            aims_table(AIMS, {f"margin, target {TARGET:g}": found[chosen]}),
-            table(_row(arm, some) for arm, some in found.items()),
-            f"The margin with target {TARGET:g}, by event.",
-            table(
-                {"event": event, **_numbers([r for r in found[chosen] if r.event == event])}
-                for event in EVENTS
-            ),
-        ],
-        {in_words(arm): some for arm, some in found.items()},
-    )
+    return [
+        f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
+        "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
+        "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
+        aims_table(AIMS, {f"margin, target {TARGET:g}": found[chosen]}),
+        table(_row(arm, some) for arm, some in found.items()),
+        f"The margin with target {TARGET:g}, by event.",
+        table(
+            {"event": event, **_numbers([r for r in found[chosen] if r.event == event])} for event in EVENTS
+        ),
+    ]
 
 
 def dropped(some: Sequence[GraspResult]) -> float:

@@ -7,31 +7,39 @@ machines differ; the spread over repeats shows what the comparison is worth.
 """
 
 import json
-import os
-import shutil
-import signal
-import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from bench.processes import (
+    PYTHON,
+    TACTILED,
+    compile_program,
+    cpu_s,
+    daemon_config,
+    free_port,
+    rss_mb,
+    running,
+    wait_for_path,
+)
 from bench.report import (
     Aim,
     BenchOptions,
-    BenchReport,
     Reading,
     aims_table,
     at_most,
     judge,
+    load_words,
+    median_aim,
     never,
     over_runs,
     table,
@@ -47,15 +55,13 @@ from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
 
 SCENE = str(Path(__file__).with_name("scene.toml"))
+REFERENCE = Path(__file__).with_name("reference.c")
 PHASES = ("rest", "contact", "sliding")
 _REPEATS, _QUICK_REPEATS = 3, 1
-_START_S = 30.0  # a cold start of the interpreter on a busy machine
 # Left out at the beginning of each phase: the start of the processes, and the time until the first fit.
 _SETTLE_S = 4.0
-_TICKS_HZ = os.sysconf("SC_CLK_TCK")
 _LAYOUT = load_layout("board-v1")
 _ADC_VOLTS = 3.0 / 4096  # of the emulated board
-CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
 
 
 @dataclass(frozen=True)
@@ -89,7 +95,7 @@ class Run:
     reference: Mapping[str, PhaseLatency]
     loop_lag_s: Mapping[str, float]
     fits_late: int
-    rss_mb: float
+    memory_mb: float
     """Resident memory of the daemon at the end, 10^6 bytes."""
 
     def ratio(self, phase: str, q: float) -> float:
@@ -97,100 +103,49 @@ class Run:
         return self.daemon[phase].quantile_ms(q) / self.reference[phase].quantile_ms(q)
 
 
-def bench_latency(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the latency of both programs."""
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
     runs = []
     with tempfile.TemporaryDirectory(prefix="tactiled-latency-") as name:
-        reference = compile_reference(Path(name))
+        reference = compile_program(Path(name), REFERENCE)
         for repeat in range(repeats):
             progress.reach(repeat / repeats)
             folder = Path(name) / str(repeat)
             folder.mkdir()
             runs.append(play_scene(folder, reference))
-    load, _, _ = os.getloadavg()
-    text = (
-        f"{repeats} runs; load average {load:.1f} on {os.cpu_count()} processors. Ratios "
-        "are within a run: median over the runs, and their range."
-    )
-    return BenchReport([text, _latency_table(runs), aims_table(AIMS, {"measured": runs})])
-
-
-def compile_reference(folder: Path) -> Path:
-    """Compile the reference."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        raise OperatorError("bench latency needs a C compiler: sudo apt install gcc")
-    program = folder / "reference"
-    source = Path(__file__).with_name("reference.c")
-    subprocess.run([compiler, "-O2", "-Wall", "-Werror", "-o", program, source], check=True)
-    return program
-
-
-@contextmanager
-def _process(*command: str | Path, wait_for: str = "ready") -> Iterator[subprocess.Popen[str]]:
-    """Process that has printed a line with some words, ended at the end of the block."""
-    process = subprocess.Popen(
-        list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-    )
-    assert process.stdout is not None  # asked for above
-    try:
-        if wait_for and wait_for not in (line := process.stdout.readline()):
-            raise OperatorError(f"{command[0]} did not start: {line!r}")
-        yield process
-    finally:
-        process.send_signal(signal.SIGTERM)
-        try:
-            process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        process.stdout.close()
+    text = f"{repeats} runs; {load_words()}. Ratios are within a run: median over the runs, and their range."
+    return [text, _latency_table(runs), aims_table(AIMS, {"measured": runs})]
 
 
 def play_scene(folder: Path, reference: Path) -> Run:
     """Play the scene once through both programs."""
     board, daemon_link, reference_link = folder / "board", folder / "daemon", folder / "reference"
     endpoint, port = f"ipc://{folder}/events", free_port()
-    config = folder / "tactiled.toml"
-    config.write_text(CONFIG.format(port=daemon_link, endpoint=endpoint))
+    config = daemon_config(folder / "tactiled.toml", daemon_link, endpoint)
     relayed, heard = folder / "relayed", folder / "heard"
-    python = (sys.executable, "-m")
     cpu: dict[str, list[tuple[float, float]]] = {"daemon": [], "reference": []}
     end_s = scene_end_s()
     with ExitStack() as stack:
-        stack.enter_context(_process(*python, "bench.latency.listen", endpoint, str(port), heard))
-        emulator = stack.enter_context(
-            _process(*python, "tactiled", "emulate", "--scene", SCENE, "--link", board, wait_for="")
-        )
+        listen = (*PYTHON, "bench.latency.listen", endpoint, str(port), heard)
+        stack.enter_context(running(*listen, ready="ready"))
+        emulator = stack.enter_context(running(*TACTILED, "emulate", "--scene", SCENE, "--link", board))
         wait_for_path(board)
-        relay = stack.enter_context(
-            _process(*python, "bench.latency.relay", board, daemon_link, reference_link, relayed)
-        )
+        pass_on = (*PYTHON, "bench.latency.relay", board, daemon_link, reference_link, relayed)
+        relay = stack.enter_context(running(*pass_on, ready="ready"))
         programs = {
-            "reference": stack.enter_context(_process(reference, reference_link, str(port))),
-            "daemon": stack.enter_context(
-                _process(*python, "tactiled", "run", "--config", config, wait_for="")
-            ),
+            "reference": stack.enter_context(running(reference, reference_link, str(port), ready="ready")),
+            "daemon": stack.enter_context(running(*TACTILED, "run", "--config", config)),
         }
         start_s = _scene_start_s(emulator)
         while time.monotonic() < start_s + end_s:
             time.sleep(0.2)
             for name, process in programs.items():
                 cpu[name].append((time.monotonic() - start_s, cpu_s(process.pid)))
-        rss_mb = _rss_mb(programs["daemon"].pid)
+        memory_mb = rss_mb(programs["daemon"].pid)
         emulator.terminate()
         relay.wait(10)
-    return matched(relayed, heard, start_s, cpu, rss_mb)
-
-
-def wait_for_path(path: Path, within_s: float = _START_S) -> None:
-    """Wait until a path exists."""
-    until_s = time.monotonic() + within_s
-    while not path.exists():
-        if time.monotonic() > until_s:
-            raise OperatorError(f"{path} did not appear in {within_s:g} s: is this machine too busy?")
-        time.sleep(0.02)
+    return matched(relayed, heard, start_s, cpu, memory_mb)
 
 
 def _scene_start_s(emulator: subprocess.Popen[str]) -> float:
@@ -222,15 +177,6 @@ def spans_of_phases() -> list[tuple[float, float, str]]:
     return spans
 
 
-def cpu_s(pid: int) -> float:
-    """Processor time of a process with all its threads (proc(5): utime and stime)."""
-    try:
-        values = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    except OSError:
-        return 0.0
-    return (int(values[11]) + int(values[12])) / _TICKS_HZ
-
-
 class _SentScan(NamedTuple):
     """Scan that the relay passed on, and when it wrote it to each program."""
 
@@ -239,17 +185,12 @@ class _SentScan(NamedTuple):
     written_s: Mapping[str, float]
 
 
-def _rss_mb(pid: int) -> float:
-    """Resident memory of a process in 10^6 bytes (proc(5): statm)."""
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
 def matched(
     relayed: Path,
     heard: Path,
     start_s: float,
     cpu: Mapping[str, Sequence[tuple[float, float]]],
-    rss_mb: float = float("nan"),
+    memory_mb: float = float("nan"),
 ) -> Run:
     """Match frames and messages of a run."""
     decoder, sent = Decoder(_LAYOUT), list[_SentScan]()
@@ -297,7 +238,7 @@ def matched(
         lag[phase] = max(
             (value for at_s, value in lags if any(begin <= at_s < end for begin, end in spans)), default=0.0
         )
-    return Run(found["daemon"], found["reference"], lag, fits_late, rss_mb)
+    return Run(found["daemon"], found["reference"], lag, fits_late, memory_mb)
 
 
 def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[float, float]]) -> float:
@@ -306,14 +247,6 @@ def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[floa
     total_s = sum(end - begin for begin, end in spans)
     used_s = sum(float(np.diff(np.interp([begin, end], times, used))[0]) for begin, end in spans)
     return used_s / total_s
-
-
-def free_port() -> int:
-    """Return a UDP port that is free."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def _latency_table(runs: Sequence[Run]) -> str:
@@ -336,16 +269,19 @@ def _latency_table(runs: Sequence[Run]) -> str:
     return table(rows)
 
 
-def _ratio_aim(phase: str, name: str, q: float, limit: float) -> Aim[Sequence[Run]]:
-    def measure(runs: Sequence[Run]) -> Reading:
-        values = [run.ratio(phase, q) for run in runs]
-        return judge(over_runs(values, ".1f"), bool(np.median(values) <= limit))
+def _ratio_aim(phase: str, percent: int, limit: float) -> Aim[Sequence[Run]]:
+    def ratios(runs: Sequence[Run]) -> list[float]:
+        return [run.ratio(phase, percent / 100) for run in runs]
 
-    return Aim(f"{name} of tactiled over C, {phase}", f"at most {limit:g}", measure)
+    return median_aim(f"p{percent} of tactiled over C, {phase}", limit, ratios, ".1f")
 
 
 def _longest_turn_ms(runs: Sequence[Run], phase: str) -> float:
     return 1e3 * max(run.loop_lag_s[phase] for run in runs)
+
+
+def _cpu_ratios(phase: str, runs: Sequence[Run]) -> list[float]:
+    return [run.daemon[phase].cpu_part / max(run.reference[phase].cpu_part, 1e-9) for run in runs]
 
 
 def _turn_over_rest(runs: Sequence[Run]) -> Reading:
@@ -355,8 +291,8 @@ def _turn_over_rest(runs: Sequence[Run]) -> Reading:
 
 
 AIMS: tuple[Aim[Sequence[Run]], ...] = (
-    *(_ratio_aim(phase, "p50", 0.5, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
-    *(_ratio_aim(phase, "p99", 0.99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
+    *(_ratio_aim(phase, 50, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
+    *(_ratio_aim(phase, 99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
     at_most(
         "longest turn of the loop while sliding, on a quiet machine",
         5.0,
@@ -367,4 +303,15 @@ AIMS: tuple[Aim[Sequence[Run]], ...] = (
     Aim("the same, on any machine", "at most 3 times that at rest", _turn_over_rest),
     never("scans lost", lambda runs: sum(one.lost for run in runs for one in run.daemon.values())),
     never("groove fits late", lambda runs: sum(run.fits_late for run in runs)),
+    at_most(
+        "memory of the daemon after the slide (RSS)",
+        70.0,
+        " MB",
+        lambda runs: float(np.median([run.memory_mb for run in runs])),
+        ".0f",
+    ),
+    *(
+        median_aim(f"processor of tactiled over C, {phase}", limit, partial(_cpu_ratios, phase), ".1f")
+        for phase, limit in (("rest", 3.0), ("sliding", 8.0))
+    ),
 )

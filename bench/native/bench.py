@@ -5,12 +5,11 @@ programs do not compete for the processors. The client has read the scan into it
 time; the other program has its bytes. Latency is from before the send to that instant, wake-up included.
 """
 
-import os
-import shutil
 import subprocess
 import tempfile
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,7 +17,8 @@ import msgpack
 import numpy as np
 import zmq
 
-from bench.report import Aim, BenchOptions, BenchReport, Reading, aims_table, at_most, judge, over_runs, table
+from bench.processes import compile_program
+from bench.report import Aim, BenchOptions, aims_table, at_most, load_words, median_aim, over_runs, table
 from tactiled.array import FloatArray
 from tactiled.errors import OperatorError
 from tactiled.events.codec import encode
@@ -87,7 +87,7 @@ class NativeResults:
     cost: NativeCost
 
 
-def bench_native(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the client of C++."""
     repeats, n_scans = (_QUICK_REPEATS, _QUICK_SCANS) if options.quick else (_REPEATS, _SCANS)
     runs = []
@@ -98,49 +98,47 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             folder = Path(name) / str(repeat)
             folder.mkdir()
             runs.append(run_once(folder, receive, n_scans))
-        found = NativeResults(runs, measure_cost(Path(name), receive))
-    load, _, _ = os.getloadavg()
+        cost = measure_cost(Path(name), receive)
     text = (
-        f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; load average {load:.1f} on {os.cpu_count()} "
-        "processors. Latency: from before the send to the scan in its structure (tactiled.hpp), or to its "
-        "bytes (zmq_recv). Ratios are within a run: median over the runs, and their range."
+        f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
+        "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). Ratios are within a "
+        "run: median over the runs, and their range."
     )
-    aims = aims_table(AIMS, {"measured": found})
-    return BenchReport([text, _latency_table(runs), _cost_text(found.cost), aims], found)
+    cost_text = (
+        f"In a loop without sockets, {_COST_SCANS} scans of 36 channels: {cost.scan_us:.1f} us of processor "
+        "time a scan, through the inbox and into its structure. "
+        f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
+    )
+    aims = aims_table(AIMS, {"measured": NativeResults(runs, cost)})
+    return [text, _latency_table(runs), cost_text, aims]
 
 
 def compile_receiver(folder: Path) -> Path:
     """Compile both programs, which are one."""
-    compiler = shutil.which("c++")
     headers = [Path("/usr/include") / name for name in ("zmq.hpp", "msgpack.hpp")]
-    if compiler is None or not all(header.exists() for header in headers):
+    if not all(header.exists() for header in headers):
         raise OperatorError(
             "bench native needs sudo apt install g++ cppzmq-dev libmsgpack-cxx-dev libzmq3-dev"
         )
-    program, source = folder / "receive", Path(__file__).with_name("receive.cpp")
-    flags = ["-std=c++17", "-O2", "-Wall", "-Wextra", "-Werror", "-Wl,--wrap=malloc", f"-I{_HEADERS}"]
-    subprocess.run([compiler, *flags, "-o", program, source, "-lzmq"], check=True)
-    return program
+    source = Path(__file__).with_name("receive.cpp")
+    return compile_program(folder, source, "-std=c++17", "-Wl,--wrap=malloc", f"-I{_HEADERS}", "-lzmq")
 
 
 def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
     """Publish to both programs until they have their scans."""
     endpoints = {name: f"ipc://{folder}/{name}-events" for name in PROGRAMS}
-    with zmq.Context() as context:
+    with ExitStack() as stack:
+        context = stack.enter_context(zmq.Context())
         publishers = [_Publisher(context, endpoint) for endpoint in endpoints.values()]
-        programs = [
-            subprocess.Popen([receive, name, endpoint, str(n_scans)], stdout=subprocess.PIPE, text=True)
-            for name, endpoint in endpoints.items()
-        ]
-        try:
-            _publish(publishers, programs)
-            printed = [program.communicate()[0] for program in programs]
-        finally:
-            for program in programs:
-                program.kill()
-                program.wait()
-            for publisher in publishers:
-                publisher.close()
+        programs = []
+        for name, endpoint in endpoints.items():
+            command = [str(receive), name, endpoint, str(n_scans)]
+            programs.append(stack.enter_context(subprocess.Popen(command, stdout=subprocess.PIPE, text=True)))
+            stack.callback(programs[-1].kill)
+        for publisher in publishers:
+            stack.callback(publisher.close)
+        _publish(publishers, programs)
+        printed = [program.communicate()[0] for program in programs]
     latency_us, processor_us = {}, {}
     for name, publisher, text in zip(PROGRAMS, publishers, printed, strict=True):
         _, *lines, used_us = text.splitlines()  # the first line says "ready"
@@ -227,20 +225,11 @@ def _latency_table(runs: Sequence[NativeRun]) -> str:
     return table(rows)
 
 
-def _cost_text(cost: NativeCost) -> str:
-    return (
-        f"In a loop without sockets, {_COST_SCANS} scans of 36 channels: {cost.scan_us:.1f} us of processor "
-        "time a scan, through the inbox and into its structure. "
-        f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
-    )
+def _ratio(percent: int, limit: float) -> Aim[NativeResults]:
+    def ratios(found: NativeResults) -> list[float]:
+        return [run.ratio(percent / 100) for run in found.runs]
 
-
-def _ratio(q: float, limit: float) -> Aim[NativeResults]:
-    def measure(found: NativeResults) -> Reading:
-        ratios = [run.ratio(q) for run in found.runs]
-        return judge(over_runs(ratios, ".2f"), bool(np.median(ratios) <= limit))
-
-    return Aim(f"p{100 * q:.0f} of the client over zmq_recv", f"at most {limit:g}", measure)
+    return median_aim(f"p{percent} of the client over zmq_recv", limit, ratios, ".2f")
 
 
 def _added_us(found: NativeResults) -> float:
@@ -249,8 +238,8 @@ def _added_us(found: NativeResults) -> float:
 
 
 AIMS: tuple[Aim[NativeResults], ...] = (
-    _ratio(0.5, 1.1),
-    _ratio(0.99, 1.5),
+    _ratio(50, 1.1),
+    _ratio(99, 1.5),
     at_most("a scan in a loop", 20.0, " us", lambda found: found.cost.scan_us, ".1f"),
     at_most("processor time of a scan beyond zmq_recv", 20.0, " us", _added_us, ".1f"),
     at_most(

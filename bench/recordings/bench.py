@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.recordings import ours
 from bench.recordings.catalogue import Question, Source, how_to_get, sources
-from bench.recordings.log import FloatArray, Log
+from bench.recordings.log import Log
 from bench.recordings.ours import ForceErrors
 from bench.recordings.rules import (
     LOG_RULES,
@@ -23,7 +23,8 @@ from bench.recordings.rules import (
     strongest_line_hz,
 )
 from bench.recordings.sources import READERS
-from bench.report import NONE, Aim, BenchOptions, BenchReport, Reading, aims_table, judge, table
+from bench.report import NONE, Aim, BenchOptions, Reading, aims_table, judge, table
+from tactiled.array import FloatArray
 from tactiled.progress import ProgressBar
 
 _RIGHT = 0.05  # of the period
@@ -108,7 +109,7 @@ class Found:
     n_refused: int = 0
 
 
-def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Score every source whose checkout is in the folder of the data; say how to get the others."""
     if options.data is None or not options.data.is_dir():
         raise click.UsageError(
@@ -139,9 +140,7 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> BenchRepor
     ]
     if missing:
         sections.append("Not there:\n\n    " + "\n    ".join(missing))
-    return BenchReport(
-        sections, numbers=[(one.source.name, one.question, one.ours, one.rule, one.trees) for one in found]
-    )
+    return sections
 
 
 def _measure(source: Source, data: Path) -> Iterator[Found]:

@@ -11,9 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.errors import DataError
-
-FloatArray = NDArray[np.float64]
 
 _PRESSED = 0.05  # of the range of the force: beyond drift and creep of the force sensor
 _FREE = 0.005  # of the range of the force: between the two, a light touch is neither right nor wrong

@@ -7,8 +7,8 @@ from unittest import mock
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recordings.log import FloatArray, Log
-from tactiled.array import Array
+from bench.recordings.log import Log
+from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.calibrate.study import Identity, calibrate
 from tactiled.detect.signal.slip_gate import KnownSliding
@@ -90,15 +90,11 @@ class ForceErrors:
         Rms over the range of the axis; ridge regression in the same folds.
     inside : (axes,) float64
         Part of the 90 % intervals that hold the force.
-    late_s, late_sd_s : float
-        Offset of the clocks that was found.
     """
 
     ours: FloatArray
     ridge: FloatArray
     inside: FloatArray
-    late_s: float
-    late_sd_s: float
 
 
 def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> ForceErrors | None:
@@ -125,6 +121,4 @@ def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> F
         ours=np.sqrt((left_out**2).mean(axis=0)) / spread,
         ridge=(ridge(log, study.time_s, study.reference, used) if ridge else study.baseline[used]) / spread,
         inside=(np.abs(left_out) < _Z90 * study.sd[:, used]).mean(axis=0),
-        late_s=study.late_s,
-        late_sd_s=study.late_sd_s,
     )

@@ -9,7 +9,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.recordings.log import FloatArray, Log
+from bench.recordings.log import Log
+from tactiled.array import FloatArray
 from tactiled.calibrate.folds import folds, segments
 
 _LEVELS = 200  # thresholds that are tried, at the quantiles of the scores

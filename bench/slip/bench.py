@@ -7,7 +7,7 @@ questions (`score`). Everything is measured on seeds on which nothing was set.
 import itertools
 from collections.abc import Iterator, Sequence
 
-from bench.report import BENCH_WORKERS, BenchOptions, BenchReport, counted, grouped, seeds_in_words, table
+from bench.report import BENCH_WORKERS, BenchOptions, counted, grouped, seeds_in_words, table
 from bench.slip.cases import (
     RANDOM,
     REPORTED_FROM,
@@ -50,7 +50,7 @@ N_SCENES, N_QUICK_SCENES = 5, 1  # seeds of each family
 _BATCH = 12
 
 
-def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Answers of each setting, by kind of world and noise.
 
     Quick: 48 random worlds instead of 240, one seed of each family instead of five, a tenth of the minutes.
@@ -73,10 +73,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> BenchReport:
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
-    return BenchReport(
-        [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long, len(read))],
-        {"cases": [_as_numbers(one) for one in events], "gratings": gratings, "minutes": long},
-    )
+    return [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long, len(read))]
 
 
 def read_worlds(seeds: range) -> list[CaseEvents]:
@@ -129,9 +126,3 @@ def _of_minutes(found: Sequence[Minute], n: int) -> Iterator[str]:
 
 def _in_words(group: str) -> str:
     return "Random worlds" if group == RANDOM else f"Families at {group}"
-
-
-def _as_numbers(one: CaseEvents) -> dict[str, object]:
-    case = one.case
-    truth = {"gross_s": case.gross_s, "tenth_s": case.tenth_s, "direction_deg": case.direction_deg}
-    return {"group": case.group, "name": case.name, **truth, "events": one.by_name}

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from bench.report import (
     BENCH_WORKERS,
     BenchOptions,
-    BenchReport,
     aims_table,
     counted,
     grouped,
@@ -145,7 +144,7 @@ def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
     }
 
 
-def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Error over bound, table 2, windows that break the model, slides, and cost."""
     sizes = QUICK if options.quick else FULL
     parts, cost_s = _parts(sizes), 5 + 0.3 * sizes.repeats
@@ -158,16 +157,13 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             found = pool.map(part.work, *zip(*part.jobs, strict=True))
             some = counted(found, progress, name, part.seconds / len(part.jobs))
             trials[name] = list(itertools.chain.from_iterable(some))
-    return BenchReport(
-        [
-            *_sections(trials, sizes),
-            "Cost of one fit (6.5 Hz, 20 dB):",
-            costs,
-            "Aims, worst case of what was measured; open: too few windows to tell.",
-            aims_table(AIMS, {"measured": trials}),
-        ],
-        {"sizes": sizes} | trials,
-    )
+    return [
+        *_sections(trials, sizes),
+        "Cost of one fit (6.5 Hz, 20 dB):",
+        costs,
+        "Aims, worst case of what was measured; open: too few windows to tell.",
+        aims_table(AIMS, {"measured": trials}),
+    ]
 
 
 def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[str]:

@@ -9,9 +9,7 @@ first picture of the browser that has its words.
 
 import contextlib
 import json
-import os
 import shutil
-import subprocess
 import tempfile
 import threading
 import time
@@ -24,10 +22,9 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from bench.latency.bench import CONFIG, cpu_s, wait_for_path
-from bench.report import Aim, BenchOptions, BenchReport, aims_table, at_most, judge, table
+from bench.processes import START_S, TACTILED, cpu_s, daemon_config, next_line, running, wait_for_path
+from bench.report import Aim, BenchOptions, aims_table, at_most, judge, load_words, table
 from bench.web.link import Link, link
-from tactiled import child
 from tactiled.array import FloatArray
 from tactiled.client import Message, Subscription
 from tactiled.emulator.scene.description import load_scene
@@ -48,7 +45,6 @@ SLOW_BYTES_S = 50_000
 _PLAY_S, _QUICK_PLAY_S = 60.0, 15.0
 _REST_S = 8.0  # without a board between two plays, as `tactiled demo --web`
 _SETTLE_S = 5.0  # after the start of the page: its history has come and its scripts are compiled
-_START_S = 120.0
 _LOOK_S = 0.2  # interval of looks at the lamp
 _WATCH = """
   window.shifts = []; window.shown = {};
@@ -116,7 +112,7 @@ class WebResult:
         return 1e3 * float(np.quantile(both, q)) if both.size else float("nan")
 
 
-def bench_web(progress: ProgressBar, options: BenchOptions) -> BenchReport:
+def bench_web(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the page in Chromium."""
     if CHROMIUM is None:
         raise OperatorError("bench web needs chromium: sudo apt install chromium")
@@ -132,28 +128,27 @@ def bench_web(progress: ProgressBar, options: BenchOptions) -> BenchReport:
             browser.close()
     result = WebResult(**found)
     text = (
-        f"{seconds:g} s of each; 36 channels at 100 Hz; load average {os.getloadavg()[0]:.1f} on "
-        f"{os.cpu_count()} processors, all processes of the measurement included; Chromium "
-        f"{browser.version} without a graphics card, 1280 x 800."
+        f"{seconds:g} s of each; 36 channels at 100 Hz; {load_words()}, all processes of "
+        f"the measurement included; Chromium {browser.version} without a graphics card, 1280 x 800."
     )
-    return BenchReport([text, cost_table(result), aims_table(AIMS, {"measured": result})], result)
+    return [text, cost_table(result), aims_table(AIMS, {"measured": result})]
 
 
 def watch_scene(browser: Browser, scene: str, seconds: float, bytes_s: float) -> PageCost:
     """Play a scene again and again, and watch it in the page for some seconds."""
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-web-")))
-        endpoint, config = f"ipc://{folder}/events.ipc", folder / "tactiled.toml"
-        config.write_text(CONFIG.format(port=folder / "board", endpoint=endpoint))
-        stack.enter_context(_board(folder, scene))
-        stack.enter_context(_process(folder, "daemon", "run", "--config", str(config)))
-        server = stack.enter_context(_process(folder, "web", "web", "--port", "0", "--events", endpoint))
+        endpoint = f"ipc://{folder}/events.ipc"
+        config = daemon_config(folder / "tactiled.toml", folder / "board", endpoint)
+        stack.enter_context(_board(folder / "board", scene))
+        stack.enter_context(running(*TACTILED, "run", "--config", config))
+        server = stack.enter_context(running(*TACTILED, "web", "--port", "0", "--events", endpoint))
         heard = stack.enter_context(_hear(endpoint))
-        way = stack.enter_context(link(_address(folder / "web.out"), bytes_s))
+        way = stack.enter_context(link(json.loads(next_line(server))["url"], bytes_s))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.add_init_script(_WATCH)
         page.goto(way.url)
-        page.locator(".lamp[data-state=fresh]").wait_for(timeout=1e3 * _START_S)
+        page.locator(".lamp[data-state=fresh]").wait_for(timeout=1e3 * START_S)
         page.wait_for_timeout(1e3 * _SETTLE_S)
         return _watch(browser, page, way, server.pid, heard, seconds)
 
@@ -192,33 +187,23 @@ def _cpu(browser: Browser, server: int) -> dict[str, float]:
 
 
 @contextmanager
-def _process(folder: Path, name: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
-    with (folder / f"{name}.out").open("wb") as out:
-        process = child.start(*arguments, stdout=out, stderr=subprocess.DEVNULL)
-        try:
-            yield process
-        finally:
-            child.end(process)
-
-
-@contextmanager
-def _board(folder: Path, scene: str) -> Iterator[None]:
+def _board(link_path: Path, scene: str) -> Iterator[None]:
     """Play a scene again and again, with pauses without a board."""
-    link_path, ended = folder / "board", threading.Event()
+    ended = threading.Event()
 
     def play() -> None:
         while not ended.is_set():
             link_path.unlink(missing_ok=True)
-            with _process(folder, "board", "emulate", "--scene", scene, "--link", str(link_path)):
+            with running(*TACTILED, "emulate", "--scene", scene, "--link", link_path):
                 with contextlib.suppress(OperatorError):  # the next one may do better
-                    wait_for_path(link_path, _START_S)
+                    wait_for_path(link_path)
                 ended.wait(load_scene(scene).duration_s)
             ended.wait(_REST_S)
 
     thread = threading.Thread(target=play)
     thread.start()
     try:
-        wait_for_path(link_path, _START_S)
+        wait_for_path(link_path)
         yield
     finally:
         ended.set()
@@ -244,16 +229,6 @@ def _hear(endpoint: str) -> Iterator[dict[str, float]]:
     finally:
         ended.set()
         thread.join()
-
-
-def _address(out: Path) -> str:
-    """Wait for the address that the server prints."""
-    until_s = time.monotonic() + _START_S
-    while time.monotonic() < until_s:
-        for line in out.read_text().splitlines():
-            return str(json.loads(line)["url"])
-        time.sleep(0.1)
-    raise OperatorError(f"the page server did not start in {_START_S:g} s: is this machine too busy?")
 
 
 def cost_table(result: WebResult) -> str:

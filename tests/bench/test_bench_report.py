@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,18 +15,15 @@ from click.testing import CliRunner
 from bench.__main__ import bench
 from bench.report import (
     Aim,
-    BenchOptions,
-    BenchReport,
     aims_table,
+    as_json,
     at_most,
     counts_in_words,
     grouped,
     judge,
     never,
-    plain,
     ratio,
     rms,
-    spread,
     table,
 )
 
@@ -65,41 +61,10 @@ def test_rows_become_a_table() -> None:
     assert table([]) == "(no rows)"
 
 
-class Place(NamedTuple):
-    """A measured value inside another."""
-
-    row: int
-    column: float
-
-
-def test_json_has_no_nan_and_names_every_field() -> None:
-    value = {
-        "timing": Timing(float("inf"), [True]),
-        3: (np.float64(1.5), float("nan"), np.int64(2)),
-        "place": Place(1, np.nan),
-        "bool": np.bool_(True),
-        "array": np.array([[1.0, np.inf]]),
-        "seeds": range(2),
-    }
-    assert json.loads(json.dumps(plain(value), allow_nan=False)) == {
-        "timing": {"latency_ms": None, "missed": [True]},
-        "3": [1.5, None, 2],
-        "place": {"row": 1, "column": None},
-        "bool": True,
-        "array": [[1.0, None]],
-        "seeds": [0, 1],
-    }
-
-
-def test_json_that_is_asked_for_says_when_and_where(tmp_path: Path) -> None:
-    report = BenchReport(["a", table([{"n": "1"}])], {"x": 1})
-    assert report.text == "a\n\n| n |\n|---|\n| 1 |"
-    report.write("clock", BenchOptions())
-    assert list(tmp_path.iterdir()) == []
-    report.write("clock", BenchOptions(json=tmp_path / "json"))
-    found = json.loads((tmp_path / "json").read_text())
+def test_json_says_when_and_where() -> None:
+    found = json.loads(as_json("clock", False, ["a", table([{"n": "1"}])]))
     assert (found["bench"], found["quick"]) == ("clock", False)
-    assert (found["sections"], found["numbers"]) == (["a", [{"n": "1"}]], {"x": 1})
+    assert found["sections"] == ["a", [{"n": "1"}]]
     assert datetime.fromisoformat(found["date"]).tzinfo is not None
     assert found["machine"]["processors"] == os.cpu_count()
     assert found["commit"].startswith(commit())
@@ -115,8 +80,6 @@ def test_words_of_cells() -> None:
     assert ratio([True, False, True]) == "2 of 3"
     assert counts_in_words(["b", "a", "a"]) == "a 2, b 1"
     assert counts_in_words([]) == "-"
-    assert spread([1.0, 3.0], 1) == "2.0 ± 1.0"
-    assert spread([], 1) == "-"
     assert rms([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))
     assert np.isnan(rms([]))
     assert grouped([3, 1, 5, 2], lambda n: n % 2) == {1: [3, 1, 5], 0: [2]}

@@ -53,7 +53,7 @@ def test_rms_errors_are_pooled_over_rigs(scored: ForceScore) -> None:
 def test_the_report_has_a_row_for_each_case(scored: ForceScore) -> None:
     scores = [scored, replace(scored, case=MAIN)]
     found = ForceFound(scores, [HoldScore(1, 0.9, 1.0, 0.1, 0.2)], [], 30.0, 90.0)
-    text = report(found, [SHORT, MAIN], 1).text
+    text = "".join(report(found, [SHORT, MAIN], 1))
     assert text.count(str(SHORT)) >= 3
     assert text.count(str(MAIN)) >= 3
     assert str(Case(seconds=15.0, moments=False)).endswith("no moments")

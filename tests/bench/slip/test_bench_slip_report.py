@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.report import BenchOptions, plain
+from bench.report import BenchOptions
 from bench.slip import bench as slip_bench
 from bench.slip import minutes
 from bench.slip.bench import bench_slip, read_scene
@@ -52,7 +52,7 @@ def test_a_table_answers_every_question_for_each_setting(
     assert cells(text, "rests called gross")[1].endswith("of 1")
 
 
-def test_the_bench_prints_all_tables_and_its_numbers_are_json(
+def test_the_bench_prints_all_tables(
     slide: list[CaseEvents], taps: list[CaseEvents], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = next(one for one in draw_worlds(range(20_000, 20_012)) if one.slips)
@@ -65,14 +65,10 @@ def test_the_bench_prints_all_tables_and_its_numbers_are_json(
     monkeypatch.setattr(slip_bench, "N_QUICK_SLIDES", 1)
     monkeypatch.setattr(slip_bench, "N_QUICK_RESTS", 1)
     monkeypatch.setattr(minutes, "_LENGTH_S", 3.0)  # of a minute
-    report = bench_slip(ProgressBar("slips", None), BenchOptions(quick=True))
-    assert report.text.count("| question") == 1 + len(NOISES_V)
-    assert "Random worlds: 4 cases, 4 with gross slip." in report.text  # one of each batch
-    numbers = plain(report.numbers)
-    assert len(numbers["cases"]) == 4 + len(slide) + len(taps)
-    assert set(numbers["cases"][0]["events"]) == set(NAMES)
-    assert [one["slides"] for one in numbers["minutes"]] == [True, False]
-    assert all(0 <= one["told"] <= 1 and 0 < one["p_sliding"] < 1 for one in numbers["minutes"])
+    text = "\n".join(bench_slip(ProgressBar("slips", None), BenchOptions(quick=True)))
+    assert text.count("| question") == 1 + len(NOISES_V)
+    assert "Random worlds: 4 cases, 4 with gross slip." in text  # one of each batch
+    assert "Slides and rests of a minute (seeds 7000..7001" in text
 
 
 class _InPlace:
