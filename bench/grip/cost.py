@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build, load_array
+from bench.worlds.arrays import square_array
+from tactiled.array import Array, load_array
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -30,7 +31,8 @@ class ScanCost(NamedTuple):
 
 def scan_costs() -> dict[str, ScanCost]:
     """Return the cost by array."""
-    arrays = {SHIPPED: load_array(SHIPPED)} | {f"{side} x {side}": _square(side) for side in SIDES}
+    squares = {f"{n} x {n}": square_array("xyz", n, 4.0, full_scale_volts=8.0) for n in SIDES}
+    arrays = {SHIPPED: load_array(SHIPPED)} | squares
     return {name: _measure(array) for name, array in arrays.items()}
 
 
@@ -38,22 +40,6 @@ def _measure(array: Array) -> ScanCost:
     touch = _touch(array)
     blocks = [touch[k : k + 1] for k in range(len(touch))]
     return ScanCost(_spent_us(array, blocks, 0.0), _spent_us(array, blocks, 1.0 / RATE_HZ))
-
-
-def _square(side: int) -> Array:
-    places = [4.0 * k for k in range(side)]
-    return build(
-        ArrayFile(
-            name="square",
-            grids=[Grid(x_mm=places, y_mm=places)],
-            taxel_channels=[
-                TaxelChannel(name="x", kind="shear_x"),
-                TaxelChannel(name="y", kind="shear_y"),
-                TaxelChannel(name="z", kind="normal"),
-            ],
-            full_scale_volts=8.0,
-        )
-    )
 
 
 def _touch(array: Array) -> ScanBlock:

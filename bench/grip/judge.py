@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.worlds.world import World
+from tactiled.array import FloatArray
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 
-FloatArray = NDArray[np.float64]
 RECALLS = (0.6, 0.7, 0.8, 0.9)
 _EARLY_S, _LATE_S = 0.1, 0.3  # of an alarm about the beginning of gross slip, within which it is found
 _OFF_S = 0.08

@@ -28,9 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 
-FloatArray = NDArray[np.float64]
 RATE_HZ = 100.0  # the board's
 LEVEL_VOLTS = 1.2  # of a hold of 20 N
 AMPLITUDE_VOLTS = 0.02  # of the ripple at 1.2 mm: the paper's curves

@@ -21,12 +21,11 @@ from bench.texture.signal import (
     LEVEL_VOLTS,
     RATE_HZ,
     ArrayResponse,
-    FloatArray,
     Wave,
     scan_times_s,
     sensed_by,
 )
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 
 SNR_DB = 30.0  # 20 mV of ripple over 0.45 mV of noise: the emulated board has 0.3
 SPEED_MM_S = 1.5

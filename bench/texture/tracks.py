@@ -15,7 +15,6 @@ import numpy as np
 
 from bench.texture.signal import (
     RATE_HZ,
-    FloatArray,
     Grating,
     Wave,
     bound,
@@ -37,6 +36,7 @@ from bench.texture.trials import (
     slip_at,
     turns_off,
 )
+from tactiled.array import FloatArray
 from tactiled.detect.grooves.params import JointParams
 from tactiled.events.types import TextureEvent
 

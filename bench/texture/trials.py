@@ -12,9 +12,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.texture.signal import RATE_HZ, Bound, FloatArray, Grating, Wave, bound, draw_grating, readings
+from bench.texture.signal import RATE_HZ, Bound, Grating, Wave, bound, draw_grating, readings
 from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
-from tactiled.array import Array, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout

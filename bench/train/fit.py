@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
 from bench.train.rows import Looks
+from tactiled.array import FloatArray
 from tactiled.detect.contact import memory
 from tactiled.detect.contact.fast import Memory
 from tactiled.detect.contact.filter import LOAD_CHANGE, ROW_NAMES, STATE_SIGNS
@@ -15,7 +16,6 @@ from tactiled.detect.contact.friction import kept_load
 from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
 
-FloatArray = NDArray[np.float64]
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
 
 

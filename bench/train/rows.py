@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.worlds.world import World
+from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import HORIZONS_S, ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.signs import LOOK_S, NAMES
 
-FloatArray = NDArray[np.float64]
 _ACCELERATION = NAMES.index("acceleration")
 _RATIO = NAMES.index("ratio")
 # Parts of the worlds in which the hand announces its acceleration, or the log begins within a contact: each

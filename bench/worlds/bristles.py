@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.worlds.arrays import places_mm
 from bench.worlds.hands import GRAVITY, STEP_S, HandPlan, plan
 from bench.worlds.sensors import Drawn, Forces, measure
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
-
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 HANDS = (
     "carry", "carry", "carry", "carry", "carry", "carry", "carry", "slide", "creep", "slow-pull", "slow-pull",
@@ -126,9 +125,8 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
 
 def places(side: int, pitch: float) -> tuple[FloatArray, FloatArray]:
     """Places (nodes,) of the bristles in mm, taxel by taxel."""
-    middles = pitch * (np.arange(side) - (side - 1) / 2)
+    taxel_x, taxel_y = places_mm(side, pitch)
     own = pitch * ((np.arange(_SIDE) + 0.5) / _SIDE - 0.5)
-    taxel_x, taxel_y = (a.ravel() for a in np.meshgrid(middles, middles))
     own_x, own_y = (a.ravel() for a in np.meshgrid(own, own))
     return (taxel_x[:, None] + own_x).ravel(), (taxel_y[:, None] + own_y).ravel()
 

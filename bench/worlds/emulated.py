@@ -9,14 +9,13 @@ from scipy.ndimage import median_filter
 from bench.hold.batch import RATE_HZ
 from bench.worlds.sensors import runs
 from bench.worlds.world import World, onsets, tenths_s
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import START_N
 from tactiled.samples.block import regular_block
 
 __all__ = ["RATE_HZ", "TOUCHING_N", "Played", "world_of"]
 
-FloatArray = NDArray[np.float64]
 
 TOUCHING_N = 0.03 * START_N
 _GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
@@ -66,7 +65,6 @@ def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played,
         hand=hand,
         seed=seed,
         rate_hz=RATE_HZ,
-        noise_mv=1e3 * scene.electronics.noise_v,
         array=array,
         block=regular_block(played.volts, RATE_HZ),
         utilisation=used,

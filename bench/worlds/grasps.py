@@ -10,17 +10,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.hold.batch import ALL_SLIDES, HeldBatch
 from bench.hold.play import MOST_N, least_n
 from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
 from bench.worlds.world import World
-from tactiled.array import Array, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import HOLD_S, LIFTED_S, START_N, hold
-
-FloatArray = NDArray[np.float64]
 
 _SCANS = round(HOLD_S * RATE_HZ)
 _CATCHES = 0.8  # share of grippers that grip harder when the object slides

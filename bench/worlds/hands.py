@@ -8,9 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 STEP_S = 0.002  # of integration, of all generators but "laws"
 GRAVITY = 9.81

@@ -20,18 +20,17 @@ gross slip begins where all taxels together bear 0.985 of their limits (`GROSS_A
 approach 1), and ends when the object has stopped.
 """
 
-import functools
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.arrays import places_mm, square_array
+from bench.worlds.hands import smooth
 from bench.worlds.world import World, onsets, tenths_s
-from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, build
+from tactiled.array import FloatArray
 from tactiled.samples.block import regular_block
-
-FloatArray = NDArray[np.float64]
 
 LAWS = ("mindlin", "iwan", "dahl", "lugre")
 HELD_OUT_LAW = "dahl-2"
@@ -39,7 +38,9 @@ HANDS = (
     "pull", "pull", "drag", "drag", "twist", "ease", "ease", "falling-friction", "fill",
     "lift", "sway", "tap", "hum", "drift", "rest",
 )  # fmt: skip
+RATES_HZ = (50.0, 100.0, 100.0, 100.0, 100.0, 250.0)
 GROSS_AT = 0.985
+_SIDE = 3  # taxels along each side of the array
 _STEP_S = 0.002
 _RINGS = 24
 _STOPPED_MM_S = 0.5
@@ -57,47 +58,31 @@ class Population:
     ----------
     most_used : float, optional
         Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
-    side : int
-        Taxels along each side of the array.
     """
 
     laws: tuple[str, ...] = LAWS
     hands: tuple[str, ...] = HANDS
     duration_s: float = 8.0
     most_used: float | None = None
-    side: int = 3
-    rates_hz: tuple[float, ...] = (50.0, 100.0, 100.0, 100.0, 100.0, 250.0)
 
 
 USUAL = Population()
 
 
-@dataclass
-class _Drawn:
-    """Everything about one world but its time series."""
-
-    seed: int
-    law: str
-    hand: str
-    values: dict[str, Any] = field(default_factory=dict)
-
-
 def draw_worlds(seeds: range, population: Population = USUAL) -> list[World]:
     """Simulate a batch of worlds; all that a population leaves open is drawn from the seed."""
     drawn = [_draw(seed, population) for seed in seeds]
-    found = _simulate(drawn)
-    return [_measured(one, *parts) for one, parts in zip(drawn, found, strict=True)]
+    return [_measured(v, *parts) for v, parts in zip(drawn, _simulate(drawn), strict=True)]
 
 
-def _draw(seed: int, population: Population) -> _Drawn:
+def _draw(seed: int, population: Population) -> dict[str, Any]:
+    """Everything about one world but its time series."""
     rng = np.random.default_rng([14, seed])
     law, hand = str(rng.choice(population.laws)), str(rng.choice(population.hands))
     duration_s = population.duration_s
-    v: dict[str, Any] = {"duration_s": duration_s, "side": population.side, "rates_hz": population.rates_hz}
-    v["rng"] = rng
+    v: dict[str, Any] = {"seed": seed, "law": law, "hand": hand, "duration_s": duration_s, "rng": rng}
     pitch = rng.uniform(3.0, 4.5)
-    places = pitch * (np.arange(population.side) - (population.side - 1) / 2)
-    x, y = (a.ravel() for a in np.meshgrid(places, places))
+    x, y = places_mm(_SIDE, pitch)
     v["x"], v["y"] = x, y
     n = len(x)
     dome = np.maximum(1.0 - rng.uniform(0.0, 0.6) * (x**2 + y**2) / (2 * pitch**2), 0.1)
@@ -130,13 +115,7 @@ def _draw(seed: int, population: Population) -> _Drawn:
     v["damping"] = 2 * damping_ratio * v["mass"] * frequency
     v["hand_damping"] = 2 * damping_ratio * np.sqrt(v["hand_n_mm"] * v["mass"])
     _plan_hand(v, hand, rng, duration_s, population.most_used)
-    return _Drawn(seed, law, hand, v)
-
-
-def _smooth(t: FloatArray, start: float, length: float) -> FloatArray:
-    """Minimum-jerk course from 0 to 1."""
-    s = np.clip((t - start) / length, 0.0, 1.0)
-    return np.asarray(s**3 * (10 - 15 * s + 6 * s**2))
+    return v
 
 
 def _ramp(t: FloatArray, start: float, length: float) -> FloatArray:
@@ -150,17 +129,17 @@ def _plan_hand(
     t = np.arange(round(duration_s / _STEP_S), dtype=np.float64) * np.float64(_STEP_S)
     capacity = v["mu"] * v["load_n"]
     touch = rng.uniform(0.25, 0.45)
-    load = _smooth(t, _TOUCH_S, touch)
+    load = smooth(t, _TOUCH_S, touch)
     pull, turn, friction = np.zeros_like(t), np.zeros_like(t), np.ones_like(t)
     begin = rng.uniform(1.3, 2.5)
     rate = np.exp(rng.uniform(np.log(0.2), np.log(50.0)))  # N/s
     size = rng.uniform(0.2, 1.8)
     length = float(np.clip(size * capacity / rate, 0.02, duration_s))
-    shape = _smooth if rng.random() < 0.5 else _ramp
+    shape = smooth if rng.random() < 0.5 else _ramp
     if hand in ("pull", "drag", "twist"):
         pull = size * shape(t, begin, length)
         if rng.random() < 0.5:  # and back, at some time
-            pull = pull * (1 - _smooth(t, begin + length + rng.uniform(0.3, 2.0), rng.uniform(0.2, 1.0)))
+            pull = pull * (1 - smooth(t, begin + length + rng.uniform(0.3, 2.0), rng.uniform(0.2, 1.0)))
         if hand == "drag":
             pull = 2 * pull  # in travel: the force follows a curve that flattens
         if hand == "twist":
@@ -170,19 +149,19 @@ def _plan_hand(
         pull = rng.uniform(0.2, 0.92) * shape(t, begin, length)
     else:
         held = rng.uniform(0.15, 0.7)
-        pull = held * _smooth(t, begin, rng.uniform(0.2, 0.8))
+        pull = held * smooth(t, begin, rng.uniform(0.2, 0.8))
     late = rng.uniform(3.5, 5.0)
     if hand == "ease":
         left = held * rng.uniform(0.5, 1.5)
         load = load * (1 - (1 - min(left, 0.95)) * shape(t, late, rng.uniform(0.2, 3.0)))
     elif hand == "falling-friction":
         left = held * rng.uniform(0.6, 1.4)
-        friction = 1 - (1 - min(left, 1.0)) * _smooth(t, late, rng.uniform(0.5, 3.0))
+        friction = 1 - (1 - min(left, 1.0)) * smooth(t, late, rng.uniform(0.5, 3.0))
     elif hand == "fill":
         pull = pull + rng.uniform(0.1, 1.0) * _ramp(t, late - 1.5, rng.uniform(2.0, 5.0))
     elif hand in ("sway", "lift"):
         swing = held * rng.uniform(0.05, 0.6)
-        pull = pull + swing * np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * (t - begin)) * _smooth(t, begin, 1.0)
+        pull = pull + swing * np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * (t - begin)) * smooth(t, begin, 1.0)
         load = load * (1 + rng.uniform(0, 0.15) * np.sin(2 * np.pi * rng.uniform(0.5, 3.0) * t))
     elif hand == "tap":
         # One to five in the 5 s of a usual world, as often in longer ones.
@@ -209,19 +188,19 @@ def _plan_hand(
     v["angle"] = rng.uniform(0, 2 * np.pi)
 
 
-def _simulate(drawn: list[_Drawn]) -> list[tuple[FloatArray, ...]]:
+def _simulate(drawn: list[dict[str, Any]]) -> list[tuple[FloatArray, ...]]:
     """Integrate all worlds; loads (n, T), shears (n, 2, T), utilisation, speed and limit (n,) of each."""
 
     def stack(name: str) -> FloatArray:
-        return np.array([d.values[name] for d in drawn])
+        return np.array([v[name] for v in drawn])
 
-    n_steps = round(drawn[0].values["duration_s"] / _STEP_S)
+    n_steps = round(drawn[0]["duration_s"] / _STEP_S)
     x, y, part = stack("x"), stack("y"), stack("part")
     load, pull, turn, course = stack("load"), stack("pull"), stack("turn"), stack("mu_course")
     angle, mass, damping, hand = stack("angle"), stack("mass"), stack("damping"), stack("hand_n_mm")
     mu_taxel, kinetic, stribeck = stack("mu_taxel"), stack("kinetic"), stack("stribeck_mm_s")
     stiffness, exponent, full = stack("stiffness"), stack("exponent"), stack("load_n")
-    laws = np.array([d.law for d in drawn])
+    laws = stack("law")
     ringed = np.flatnonzero(np.isin(laws, ["mindlin", "iwan"]))
     smooth = np.flatnonzero(np.isin(laws, ["dahl", "lugre", HELD_OUT_LAW]))
     kappa, phi = _curve(stack("power")[ringed])
@@ -293,7 +272,7 @@ def _curve(power: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _measured(
-    drawn: _Drawn,
+    v: dict[str, Any],
     load: FloatArray,
     shear: FloatArray,
     utilisation: FloatArray,
@@ -301,7 +280,6 @@ def _measured(
     limit: FloatArray,
 ) -> World:
     """Readings of a drawn sensor, and the truth at its scans."""
-    v = drawn.values
     rng: np.random.Generator = v["rng"]
     gross = _gross(utilisation, speed)
     n_taxels, whole, pressed = len(v["x"]), shear.sum(axis=2).T, load.sum(axis=1)
@@ -336,7 +314,7 @@ def _measured(
     creep = rng.uniform(0, 0.04)
     t = np.arange(len(volts)) * _STEP_S
     volts = volts * (1 + creep * np.log1p(np.maximum(t - _TOUCH_S, 0) / 0.3))[:, None]
-    rate_hz = float(rng.choice(v["rates_hz"]))
+    rate_hz = float(rng.choice(RATES_HZ))
     at = np.arange(0, v["duration_s"], 1 / rate_hz) / _STEP_S  # in steps of integration
     at = at[at < len(volts) - 1 + _WHOLE]
     picks = np.floor(at + _WHOLE).astype(int)
@@ -357,12 +335,11 @@ def _measured(
     friction = np.where(touching, relative * limit / np.maximum(pressed, 1e-9), np.nan)
     return World(
         generator="laws",
-        seed=drawn.seed,
-        law=drawn.law,
-        hand=drawn.hand,
+        seed=v["seed"],
+        law=v["law"],
+        hand=v["hand"],
         rate_hz=rate_hz,
-        noise_mv=noise_mv,
-        array=_array(kind, v["side"]),
+        array=square_array("xyz" if kind == "xyz" else "sides", _SIDE, 3.7),
         block=regular_block(volts, rate_hz),
         utilisation=utilisation[picks],
         gross=gross[picks],
@@ -384,21 +361,3 @@ def _gross(utilisation: FloatArray, speed: FloatArray) -> NDArray[np.bool_]:
         is_gross = u >= GROSS_AT or (is_gross and s > _STOPPED_MM_S)
         gross[k] = is_gross
     return gross
-
-
-@functools.cache
-def _array(kind: str, side: int) -> Array:
-    channels = (
-        [
-            TaxelChannel(name="x", kind="shear_x"),
-            TaxelChannel(name="y", kind="shear_y"),
-            TaxelChannel(name="z", kind="normal"),
-        ]
-        if kind == "xyz"
-        else [
-            TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=(180.0 + 90 * k) % 360) for k in range(4)
-        ]
-    )
-    places_mm = [3.7 * (k - (side - 1) / 2) for k in range(side)]
-    grid = Grid(x_mm=places_mm, y_mm=places_mm)
-    return build(ArrayFile(name=f"random-{kind}-{side}x{side}", grids=[grid], taxel_channels=channels))

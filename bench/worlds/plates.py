@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.hold.batch import ALL_SLIDES
 from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
@@ -32,7 +31,6 @@ from tactiled.emulator.scene.families.parts import (
 )
 from tactiled.emulator.scene.truth import Truth
 
-FloatArray = NDArray[np.float64]
 Document = dict[str, Any]
 
 _ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit

@@ -1,20 +1,24 @@
 """Readings of a drawn sensor from the forces on its taxels, and the truth at its scans."""
 
-import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from bench.worlds.arrays import square_array
 from bench.worlds.world import World, onsets, tenths_s
-from tactiled.array import Array, ArrayFile, Grid, TaxelChannel, Unit, build
+from tactiled.array import FloatArray
 from tactiled.samples.block import regular_block
-
-FloatArray = NDArray[np.float64]
 
 RATES_HZ = (30.0, 60.0, 100.0, 100.0, 100.0, 200.0, 250.0)
 KINDS = ("counts", "pillars", "sides")
+_FILES: dict[str, dict[str, Any]] = {
+    "counts": {"kind": "xyz", "unit": "count", "range": (-32768.0, 32767.0)},
+    "pillars": {"kind": "xyz", "unit": "N", "range": (-10.0, 10.0)},
+    "sides": {"kind": "sides", "unit": "V", "range": (-8.0, 8.0)},
+}
 _NOISE, _IDEAL_NOISE = (3e-4, 1e-2), (5e-5, 1e-3)  # of the usual reading
 _MOST = 0.8  # of the range, so that usual loads never saturate
 _GROSS_S = 0.02  # a contact that slides for a shorter time did not slide
@@ -22,7 +26,6 @@ _STICK_S = 0.04  # and one that rests for a shorter time went on
 _CREEP_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0)  # a power law of time as a sum of exponentials
 # Part of the worlds in which the noise grows at some time, as beside a motor that starts; by what at most.
 _LOUDER, _MOST_LOUDER = 0.15, 30.0
-_XYZ = ("shear_x", "shear_y", "normal")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +94,7 @@ def measure(drawn: Drawn, forces: Forces) -> World:
     rng = drawn.rng
     kind = str(rng.choice(KINDS))
     ratio = rng.lognormal(0, 0.15)  # reading of shear over that of load, where the forces are equal
-    array = _array(kind, drawn.side, round(drawn.pitch_mm, 2))
+    array = square_array(side=drawn.side, pitch_mm=round(drawn.pitch_mm, 2), **_FILES[kind])
     taxel = forces.usual_n / array.n_taxels
     gain = {
         # a taxel with its part of the load reads an eighth of the range, and uneven ones up to all of it
@@ -134,7 +137,6 @@ def measure(drawn: Drawn, forces: Forces) -> World:
         hand=drawn.hand,
         seed=drawn.seed,
         rate_hz=rate_hz,
-        noise_mv=1e3 * noise,
         array=array,
         block=regular_block(sampled, rate_hz, channel_offset_s=offset_s),
         utilisation=used[at].astype(np.float64),
@@ -229,26 +231,3 @@ def _drift(rng: np.random.Generator, time_s: FloatArray, like: FloatArray) -> Fl
     size, phase = rng.normal(0, rng.uniform(0, 0.01), like.shape[1]), rng.uniform(0, 2 * np.pi, like.shape[1])
     turn = 2 * np.pi / rng.uniform(60.0, 400.0)
     return np.asarray(size * (np.sin(turn * time_s[:, np.newaxis] + phase) - np.sin(phase)))
-
-
-@functools.cache
-def _array(kind: str, side: int, pitch_mm: float) -> Array:
-    channels = (
-        [TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=(180.0 + 90 * k) % 360) for k in range(4)]
-        if kind == "sides"
-        else [TaxelChannel(name=f"F{axis}", kind=axis) for axis in _XYZ]
-    )
-    places_mm = [pitch_mm * (k - (side - 1) / 2) for k in range(side)]
-    units: dict[str, tuple[Unit, tuple[float, float]]] = {
-        "counts": ("count", (-32768.0, 32767.0)), "pillars": ("N", (-10.0, 10.0)), "sides": ("V", (-8.0, 8.0))
-    }  # fmt: skip
-    unit, limits = units[kind]
-    return build(
-        ArrayFile(
-            name=f"{kind}-{side}x{side}",
-            unit=unit,
-            range=limits,
-            grids=[Grid(x_mm=places_mm, y_mm=places_mm)],
-            taxel_channels=channels,
-        )
-    )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 SHAPES = ("flat", "flat", "sphere", "cylinder", "edge", "rib", "bumps")
 _LEVELS = 40  # loads of a table, evenly spaced in their square root

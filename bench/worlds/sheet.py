@@ -10,15 +10,14 @@ hand that holds its position relaxes, and the readings creep with a power of tim
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.worlds.arrays import places_mm
 from bench.worlds.bristles import ALMOST, AT_LIMIT, KEEP, MOST_OF, MOVES_MM_S, TOUCHING
 from bench.worlds.hands import STEP_S, HandPlan, plan
 from bench.worlds.sensors import Drawn, Forces, measure
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
-
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 HANDS = (
     "slow-pull", "slow-pull", "slow-pull", "slow-pull", "fast-pull", "fast-pull", "fast-pull", "twist",
@@ -81,8 +80,7 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
     bears = mu * table.usual_n
     adhesion = np.full(len(x), sticky * bears / max(int(area.sum()), 1))
     ground = bears / max(int(area.sum()), 1) / np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
-    middles = pitch * (np.arange(side) - (side - 1) / 2)
-    taxel_x, taxel_y = (a.ravel() for a in np.meshgrid(middles, middles))
+    taxel_x, taxel_y = places_mm(side, pitch)
     near = np.exp(-((taxel_x[:, None] - x) ** 2 + (taxel_y[:, None] - y) ** 2) / (2 * (0.35 * pitch) ** 2))
     scalars = {
         "usual": table.usual_n, "bears": bears, "ground": ground, "mu": mu * (1 - sticky),

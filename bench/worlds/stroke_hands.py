@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.worlds.hands import smooth
-
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 STEP_S = 0.004
 _NEAREST = 0.97  # utilisation of rests; load changes leave it below 0.975, the tremor below 0.985

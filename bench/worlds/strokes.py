@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.arrays import places_mm
 from bench.worlds.bristles import AT_LIMIT, MOVES_MM_S, TOUCHING
 from bench.worlds.sensors import Drawn, Forces, measure
 from bench.worlds.stroke_hands import STEP_S, Piece, draw_pieces
 from bench.worlds.world import World
-
-FloatArray = NDArray[np.float64]
+from tactiled.array import FloatArray
 
 HANDS = (
     *("stroke",) * 4, *("strokes",) * 3, *("grooves",) * 2, *("steps",) * 3, *("ease",) * 3,
@@ -109,8 +109,7 @@ def _world(seed: int, minutes: float, hands: tuple[str, ...]) -> World:
 
 
 def _draw(rng: np.random.Generator, law: str, grooved: bool, side: int, pitch: float) -> _Contact:
-    middles = pitch * (np.arange(side) - (side - 1) / 2)
-    x, y = (a.ravel() for a in np.meshgrid(middles, middles))
+    x, y = places_mm(side, pitch)
     n = len(x)
     unevenness = int(rng.integers(3))  # of the loads: hardly any, some, much
     spread = (rng.uniform(-0.01, 0.03), rng.uniform(0.1, 0.3), rng.uniform(0.3, 0.7))[unevenness]

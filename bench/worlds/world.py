@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.samples.block import ScanBlock
-
-FloatArray = NDArray[np.float64]
 
 INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share (1 - u)^(2/3)
 
@@ -21,8 +19,6 @@ class World:
     ----------
     generator, law, hand : str
         Physics; contact law or shape of the object; what the hand does.
-    noise_mv : float
-        White noise, thousandths of the unit of the readings.
     utilisation : (n,) float64
         Shear of all places of the contact over what they bear; 1 while all of it slides, 0 without contact.
     gross : (n,) bool
@@ -50,7 +46,6 @@ class World:
     hand: str
     seed: int
     rate_hz: float
-    noise_mv: float
     array: Array
     block: ScanBlock
     utilisation: FloatArray

@@ -41,14 +41,6 @@ def test_truth_stays_within_physics(worlds: list[World]) -> None:
     assert not all(world.slips for world in worlds)
 
 
-def test_other_arrays_and_rates_are_drawn_alike() -> None:
-    few = draw_worlds(range(20_000, 20_002), Population(side=2, rates_hz=(1000.0,)))
-    for world in few:
-        assert world.array.n_taxels == 4
-        assert world.block.volts.shape == (len(world.utilisation), world.array.n_channels)
-        assert len(world.block) == pytest.approx(8000, abs=2)
-
-
 def truth(world: World) -> Course:
     """Answers that are the truth and foresee it."""
     at = np.arange(len(world.block))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from bench.texture.signal import FloatArray, Grating, Wave, bound, draw_grating, readings
+from bench.texture.signal import Grating, Wave, bound, draw_grating, readings
 from bench.texture.trials import joint
-from tactiled.array import load_array
+from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.outcome import GrooveAnswer
 
 _FINEST = 2.0  # turns a millimetre: a period of 0.5 mm

@@ -13,7 +13,6 @@ from bench.texture.signal import (
     PERIODS_MM,
     ArrayResponse,
     Bound,
-    FloatArray,
     Grating,
     Wave,
     bound,
@@ -25,7 +24,7 @@ from bench.texture.signal import (
     turns,
     wave_volts,
 )
-from tactiled.array import load_array
+from tactiled.array import FloatArray, load_array
 
 ARRAY = load_array("wang2019-3x3")
 
