@@ -12,7 +12,7 @@ import numpy as np
 from bench.report import Aim, Reading, grouped, judge, never
 from bench.texture.plates import DRAWN_WINDOWS_S, Plate
 from bench.texture.spoiled import GROOVELESS
-from bench.texture.tables import CONFIDENCE, SPEEDS, TrialSet, by_plate, first_answers, windows_of
+from bench.texture.tables import CONFIDENCE, SPEEDS, TrialSet, windows_of
 from bench.texture.tracks import NOTICED_S, Strays
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
@@ -76,8 +76,8 @@ def _rarely_wrong_slides(found: Found) -> Reading:
 
 
 def _first(found: Found) -> Reading:
-    firsts = by_plate(first_answers(found["plates"])).get(_FIRST_PLATE, {})
-    after_s = [t.after_s for t in firsts["balanced"].all] if firsts else []
+    wanted = ("balanced", *_FIRST_PLATE)
+    after_s = [t.after_s for t in found["plates"] if (t.name, t.period.true, t.angle.true) == wanted]
     if not after_s:
         return _NOTHING
     return judge(f"{max(after_s):.1f} s, latest of {len(after_s)}", max(after_s) <= _FIRST_S)

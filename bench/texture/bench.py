@@ -6,8 +6,7 @@ the model, two gratings in view among them (`spoiled`); slides that are followed
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,17 +34,17 @@ from bench.texture.tracks import (
     STRAYS,
     WHITE,
     change_trials,
-    stray_trials,
+    stray_trial,
     track_trials,
 )
 from bench.texture.trials import (
     MEMORIES,
     MISFIT_S,
     Trial,
-    coloured_trials,
-    grid_trials,
-    misfit_trials,
-    two_wave_trials,
+    coloured_trial,
+    grid_trial,
+    misfit_trial,
+    two_wave_trial,
 )
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
@@ -54,41 +53,21 @@ WINDOWS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 SNRS_DB = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
 COLOURED_SEED = 5001  # seeds of reports from here on; nothing is tuned on them
 _TWO_WAVES_S, _SHORT_S, _SHORT_SNR_DB = 10.0, 4.0, 20.0
-_BATCH = 50  # coloured windows at a time, so that both workers end together
-_SLIDES = 5  # followed slides at a time, likewise
+_BATCH = 5  # calls at a time, so that all workers end together
 
 
-@dataclass(frozen=True)
-class TextureSizes:
-    """How much is measured; seeds are 0 to n - 1 everywhere but in coloured noise.
+class TextureSizes(NamedTuple):
+    """How much is measured; seeds are 0 to n - 1 everywhere but in coloured noise."""
 
-    Attributes
-    ----------
-    trials : int
-        Windows a cell of the grid.
-    coloured : int
-        Windows in noise of each colour.
-    scenes : int
-        Slides a plate.
-    drawn : int
-        Plates drawn at random, a slide each.
-    misfits : int
-        Windows of each kind, speed known and not; so for two waves.
-    tracks : int
-        Slides of each kind that are followed, and slides over each change of grooves.
-    arrays : int
-        Arrays of each kind of strays, a slide each, speed known and not.
-    """
-
-    trials: int
-    coloured: int
+    trials: int  # windows a cell of the grid
+    coloured: int  # windows in noise of each colour
     plates: Sequence[Plate]
-    scenes: int
-    drawn: int
-    misfits: int
-    tracks: int
-    arrays: int
-    repeats: int
+    scenes: int  # slides a plate
+    drawn: int  # plates drawn at random, a slide each
+    misfits: int  # windows of each kind, speed known and not; so for two waves
+    tracks: int  # slides of each kind that are followed, and slides over each change of grooves
+    arrays: int  # arrays of each kind of strays, a slide each, speed known and not
+    repeats: int  # of the cost
 
 
 # A fine plate, and one that the procedure mostly refuses.
@@ -102,61 +81,47 @@ FULL = TextureSizes(
     trials=80, coloured=3400, plates=PLATES, scenes=5, drawn=40, misfits=30, tracks=40, arrays=400, repeats=10
 )
 
-
-class BenchPart(NamedTuple):
-    """Work that the worker processes share, and the seconds that two of them take (for the progress bar)."""
-
-    seconds: float
-    work: Callable[..., list[Trial]]
-    jobs: Sequence[tuple[Any, ...]]
+Work = Callable[..., Trial | list[Trial]]
 
 
-def _parts(sizes: TextureSizes) -> dict[str, BenchPart]:
-    def known_and_not(names: Iterable[str], *fields: float) -> list[tuple[Any, ...]]:
-        return [(name, *fields, is_known) for name in names for is_known in (True, False)]
-
-    cells = [(cell,) for cell in itertools.product(WINDOWS_S, SNRS_DB, (True, False))]
-    n, two_waves = sizes.misfits, known_and_not(spoiled.TWO_WAVES, _TWO_WAVES_S, spoiled.SNR_DB)
-    two_waves += known_and_not(spoiled.TWO_WAVES_SHORT, _SHORT_S, _SHORT_SNR_DB)
+def _parts(sizes: TextureSizes) -> dict[str, tuple[Work, list[tuple[Any, ...]]]]:
+    """Parts of the bench: a function that makes trials, and the arguments of each call."""
+    either = (True, False)
+    two_waves = [
+        *((name, _TWO_WAVES_S, spoiled.SNR_DB) for name in spoiled.TWO_WAVES),
+        *((name, _SHORT_S, _SHORT_SNR_DB) for name in spoiled.TWO_WAVES_SHORT),
+    ]
     coloured = range(COLOURED_SEED, COLOURED_SEED + sizes.coloured)
-    batches = [coloured[first : first + _BATCH] for first in range(0, len(coloured), _BATCH)]
-    plates = list(itertools.product(sizes.plates, range(sizes.scenes)))
-    tracked = [range(first, min(first + _SLIDES, sizes.tracks)) for first in range(0, sizes.tracks, _SLIDES)]
-    strayed = [range(first, min(first + _SLIDES, sizes.arrays)) for first in range(0, sizes.arrays, _SLIDES)]
+    product, windows, slides = itertools.product, range(sizes.misfits), range(sizes.tracks)
+    spoils = spoiled.MISFITS | spoiled.GROOVELESS
     return {
-        "grid": BenchPart(1.15 * sizes.trials, partial(grid_trials, sizes.trials), cells),
-        "coloured noise": BenchPart(
-            0.028 * sizes.coloured, coloured_trials, list(itertools.product(MEMORIES, batches))
+        "grid": (grid_trial, list(product(WINDOWS_S, SNRS_DB, either, range(sizes.trials)))),
+        "coloured noise": (coloured_trial, list(product(MEMORIES, coloured))),
+        "plates": (paper_plate_trials, list(product(sizes.plates, range(sizes.scenes)))),
+        "drawn plates": (drawn_plate_trials, [(seed,) for seed in range(sizes.drawn)]),
+        "misfits": (misfit_trial, list(product(spoils, either, windows))),
+        "two waves": (
+            two_wave_trial,
+            [(*kind, is_known, seed) for kind, is_known, seed in product(two_waves, either, windows)],
         ),
-        "plates": BenchPart(2.2 * len(plates), paper_plate_trials, plates),
-        "drawn plates": BenchPart(
-            1.0 * sizes.drawn, drawn_plate_trials, [(seed,) for seed in range(sizes.drawn)]
-        ),
-        "misfits": BenchPart(
-            1.2 * n, partial(misfit_trials, n), known_and_not(spoiled.MISFITS | spoiled.GROOVELESS)
-        ),
-        "two waves": BenchPart(0.5 * n, partial(two_wave_trials, n), two_waves),
-        "tracks": BenchPart(
-            8.0 * sizes.tracks, track_trials, list(itertools.product((*WHITE, *COLOURED, *STRAYS), tracked))
-        ),
-        "strays": BenchPart(0.45 * sizes.arrays, stray_trials, list(itertools.product(STRAY_KINDS, strayed))),
-        "changes": BenchPart(1.0 * sizes.tracks, change_trials, list(itertools.product(CHANGES, tracked))),
+        "tracks": (track_trials, list(product((*WHITE, *COLOURED, *STRAYS), slides))),
+        "strays": (stray_trial, list(product(STRAY_KINDS, range(sizes.arrays), either))),
+        "changes": (change_trials, list(product(CHANGES, slides))),
     }
 
 
 def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Error over bound, table 2, windows that break the model, slides, and cost."""
     sizes = QUICK if options.quick else FULL
-    parts, cost_s = _parts(sizes), 5 + 0.3 * sizes.repeats
-    progress.begin(cost_s + sum(part.seconds for part in parts.values()))
+    parts = {name: (work, _batches(calls)) for name, (work, calls) in _parts(sizes).items()}
+    progress.begin(1 + sum(len(batches) for _, batches in parts.values()))
     trials: dict[str, list[Trial]] = {}
     with executor(BENCH_WORKERS, options.dask) as pool:
         costs = pool.submit(cost_table, sizes.repeats).result()  # nothing else at work, one thread
-        progress.advance("cost", cost_s)
-        for name, part in parts.items():
-            found = pool.map(part.work, *zip(*part.jobs, strict=True))
-            some = counted(found, progress, name, part.seconds / len(part.jobs))
-            trials[name] = list(itertools.chain.from_iterable(some))
+        progress.advance("cost")
+        for name, (work, batches) in parts.items():
+            found = counted(pool.map(partial(_run, work), batches), progress, name)
+            trials[name] = list(itertools.chain.from_iterable(found))
     return [
         *_sections(trials, sizes),
         "Cost of one fit (6.5 Hz, 20 dB):",
@@ -164,6 +129,15 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "Aims, worst case of what was measured; open: too few windows to tell.",
         aims_table(AIMS, {"measured": trials}),
     ]
+
+
+def _batches(calls: Sequence[tuple[Any, ...]]) -> list[Sequence[tuple[Any, ...]]]:
+    return [calls[first : first + _BATCH] for first in range(0, len(calls), _BATCH)]
+
+
+def _run(work: Work, calls: Sequence[tuple[Any, ...]]) -> list[Trial]:
+    found = [work(*arguments) for arguments in calls]
+    return [trial for one in found for trial in (one if isinstance(one, list) else [one])]
 
 
 def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[str]:

@@ -22,22 +22,22 @@ from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import GroovedPlate, Scene, SlidePhase, paper_scenes
-from tactiled.emulator.scene.truth import Truth
+from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.wire.layout import load_layout
 
 Plate = tuple[float, float]  # period (mm) and angle (degrees)
-# Table 2 of the paper: frequency (Hz), period (mm), angle (degrees); "-" where not given or not legible.
-PUBLISHED: dict[tuple[float, float], dict[str, tuple[str, str, str]]] = {
-    (0.9, 0): {"simulation": ("1.11", "0.90", NONE), "experiment": ("1.06", "0.95", NONE)},
-    (1.2, 0): {"simulation": ("0.78", "1.12 1.14", "0.00"), "experiment": ("0.83", "1.20 1.25", "0.48")},
-    (1.5, 0): {"simulation": ("0.67", "1.50", NONE), "experiment": ("0.67", "1.50", NONE)},
-    (1.2, 15): {"simulation": (NONE, "1.31", "11.51"), "experiment": (NONE, "1.22", "13.59")},
-    (1.2, 30): {"simulation": (NONE, "1.16", "29.12"), "experiment": (NONE, "1.30", "29.90")},
-    (1.2, 45): {"simulation": (NONE, "1.14", "44.10"), "experiment": (NONE, "1.31", "45.47")},
-    (1.2, 60): {"simulation": (NONE, NONE, "62.53"), "experiment": (NONE, NONE, "61.50")},
+# Experiments of table 2 of the paper: period (mm) and angle (degrees) that were found; "-" where not given.
+PUBLISHED: dict[Plate, tuple[str, str]] = {
+    (0.9, 0): ("0.95", NONE),
+    (1.2, 0): ("1.20 1.25", "0.48"),
+    (1.5, 0): ("1.50", NONE),
+    (1.2, 15): ("1.22", "13.59"),
+    (1.2, 30): ("1.30", "29.90"),
+    (1.2, 45): ("1.31", "45.47"),
+    (1.2, 60): (NONE, "61.50"),
 }
 PLATES: tuple[Plate, ...] = tuple(PUBLISHED)
 PERIODS_MM = (0.8, 2.5)
@@ -51,24 +51,33 @@ _HOLD_S, _SLIDE_S = 5.0, 13.0  # as long as slip detection and the longest windo
 
 
 @dataclass(frozen=True)
-class ScenePlay:
-    """A scene played once: readings (n, channels), their instants (n,), events and truth."""
+class PlateSlide:
+    """A slide over a plate, played once.
+
+    Attributes
+    ----------
+    volts : (n, channels) float64
+    time_s : (n,) float64
+    onset : SlipEvent
+        The onset that is nearest to the true one: there may be a false alarm on the press before.
+    procedure : list of TextureEvent
+        Answers of the published procedure.
+    truth : TrueSlip
+    """
 
     volts: FloatArray
     time_s: FloatArray
-    events: list[Event]
-    truth: Truth
+    onset: SlipEvent
+    procedure: list[TextureEvent]
+    truth: TrueSlip
 
-    def slips(self, state: str) -> list[SlipEvent]:
-        """Slip events of one state: "onset" or "end"."""
-        return [e for e in self.events if isinstance(e, SlipEvent) and e.state == state]
-
-    def textures(self) -> list[TextureEvent]:
-        """Texture events of the full windows while sliding."""
-        return [e for e in self.events if isinstance(e, TextureEvent) and e.status != "no-slip"]
+    @property
+    def first_scan(self) -> int:
+        """Scan at which windows begin."""
+        return int(np.searchsorted(self.time_s, self.onset.detected_s + _SETTLE_S))
 
 
-def play(scene: Scene, seed: int) -> ScenePlay:
+def play(scene: Scene, seed: int) -> PlateSlide:
     """Play a scene with noise and taxels of seed + 1, and a random offset of its plate along x."""
     if isinstance(scene.surface, GroovedPlate):
         offset_mm = float(np.random.default_rng(seed).uniform(0, scene.surface.period_mm))
@@ -87,22 +96,26 @@ def play(scene: Scene, seed: int) -> ScenePlay:
                 times.append(output.time_s)
             elif isinstance(output, Event):
                 events.append(output)
-    return ScenePlay(np.array(volts), np.array(times), events, simulation.truth)
+    truth = simulation.truth.slips[0]
+    onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]
+    onset = min(onsets, key=lambda one: abs(one.onset_s - truth.onset_s))
+    answers = [e for e in events if isinstance(e, TextureEvent) and e.status != "no-slip"]
+    return PlateSlide(np.array(volts), np.array(times), onset, answers, truth)
 
 
 def paper_plate_trials(plate: Plate, seed: int) -> list[Trial]:
     """Windows of one slide over a plate of the paper: the procedure, the joint fit, and first answers."""
     scene = paper_scenes()[f"experiment-d{plate[0]:.2f}-a{plate[1]}"].with_changes(contact="periodic")
     slide, wave = play(scene, seed), Wave(*plate, _SPEED_MM_S)
-    begin, end = _first_scan(slide), int(np.searchsorted(slide.time_s, slide.truth.slips[0].end_s))
+    end = int(np.searchsorted(slide.time_s, slide.truth.end_s))
     fields = {"seed": seed, "is_speed_known": True}
     trials = [
         compare(event, wave, name="procedure", window_s=_PAPER_WINDOWS_S[0], **fields)
-        for event in slide.textures()
+        for event in slide.procedure
     ]
     for window_s in _PAPER_WINDOWS_S:
         n = round(window_s * RATE_HZ)
-        for first in range(begin, end - n + 1, n):
+        for first in range(slide.first_scan, end - n + 1, n):
             fit = _fit(slide, first, window_s, _SPEED_MM_S)
             trials.append(compare(fit, wave, name=f"joint, {window_s:g} s", window_s=window_s, **fields))
     return trials + [_first_answer(slide, wave, preset, seed) for preset in PRESETS]
@@ -122,7 +135,7 @@ def drawn_plate_trials(seed: int) -> list[Trial]:
     trials = []
     for window_s in DRAWN_WINDOWS_S:
         for is_known in (True, False):
-            fit = _fit(slide, _first_scan(slide), window_s, _SPEED_MM_S if is_known else 0.0)
+            fit = _fit(slide, slide.first_scan, window_s, _SPEED_MM_S if is_known else 0.0)
             fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_known}
             trials.append(compare(fit, wave, name="drawn plate", **fields))
     return [*trials, replace(_first_answer(slide, wave, "balanced", seed), name="drawn plates")]
@@ -136,32 +149,23 @@ def _drawn_scene(wave: Wave) -> Scene:
     return scene.with_changes(contact="periodic", phases=phases)
 
 
-def _true_onset(slide: ScenePlay) -> SlipEvent:
-    """Return the onset event nearest to the true one: there may be a false alarm on the press before."""
-    return min(slide.slips("onset"), key=lambda onset: abs(onset.onset_s - slide.truth.slips[0].onset_s))
-
-
-def _first_scan(slide: ScenePlay) -> int:
-    return int(np.searchsorted(slide.time_s, _true_onset(slide).detected_s + _SETTLE_S))
-
-
 _OFFSET_S = EmulatedBoardParams().channel_step_s * np.arange(ARRAY.n_channels, dtype=np.float64)
 
 
-def _fit(slide: ScenePlay, first: int, window_s: float, speed_mm_s: float) -> GrooveAnswer | Refusal:
-    onset, volts = _true_onset(slide), slide.volts[first : first + round(window_s * RATE_HZ)]
+def _fit(slide: PlateSlide, first: int, window_s: float, speed_mm_s: float) -> GrooveAnswer | Refusal:
+    onset, volts = slide.onset, slide.volts[first : first + round(window_s * RATE_HZ)]
     return joint_fit(ARRAY, volts, _OFFSET_S, speed_mm_s, onset.direction_deg, onset.direction_sd_deg)
 
 
-def _first_answer(slide: ScenePlay, wave: Wave, preset: Preset, seed: int) -> Trial:
+def _first_answer(slide: PlateSlide, wave: Wave, preset: Preset, seed: int) -> Trial:
     """First answer online, and the time from the true onset to the scan that completed it."""
-    onset_s = slide.truth.slips[0].onset_s
+    onset_s = slide.truth.onset_s
     until = int(np.searchsorted(slide.time_s, onset_s + _LONGEST_S))
     events = online_answers(
         JointParams(preset=preset, speed_mm_s=_SPEED_MM_S),
         slide.volts[:until],
         _OFFSET_S,
-        _true_onset(slide),
+        slide.onset,
         start_s=float(slide.time_s[0]),
     )
     answer = next((event for event in events if event.status == "ok"), None)

@@ -12,6 +12,7 @@ one wave under pads that are pressed unevenly does: the hardest to tell.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,12 +121,12 @@ def _harmonics(window: SpoiledWindow, rng: np.random.Generator) -> None:
     """Add the second and third at 50 % and 30 %: square ridges."""
     first = window.sensed.amplitude_volts[:, :1]
     phases = rng.uniform(-np.pi, np.pi, (len(window.sensed.phase_rad), 3))
-    window.sensed = _with(window, amplitude_volts=first * [1.0, 0.5, 0.3], phase_rad=phases)
+    window.sensed = replace(window.sensed, amplitude_volts=first * [1.0, 0.5, 0.3], phase_rad=phases)
 
 
 def _gains(window: SpoiledWindow, rng: np.random.Generator) -> None:
     gain = np.exp(rng.uniform(-np.log(10) / 2, np.log(10) / 2, len(window.phase_off_rad)))
-    window.sensed = _with(window, amplitude_volts=window.sensed.amplitude_volts * gain[:, None])
+    window.sensed = replace(window.sensed, amplitude_volts=window.sensed.amplitude_volts * gain[:, None])
 
 
 def _unlike(window: SpoiledWindow, rng: np.random.Generator) -> None:
@@ -133,42 +134,33 @@ def _unlike(window: SpoiledWindow, rng: np.random.Generator) -> None:
     window.phase_off_rad = 0.1 * rng.standard_normal(len(window.phase_off_rad))
 
 
-def _unlike_taxels(reach_mm: float) -> Spoil:
+def _unlike_taxels(window: SpoiledWindow, rng: np.random.Generator, *, reach_mm: float) -> None:
     """Let channels of a taxel stray alike by 0.1 rad rms, as neighbours do within `reach_mm` (Gaussian)."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        places = np.column_stack([window.sensed.x_mm, window.sensed.y_mm])
-        apart = np.linalg.norm(places[:, None] - places, axis=-1)
-        alike = np.exp(-((apart / reach_mm) ** 2) / 2) if reach_mm else (apart == 0).astype(np.float64)
-        value, vector = np.linalg.eigh(alike)
-        window.phase_off_rad = 0.1 * vector @ (np.sqrt(value.clip(0)) * rng.standard_normal(len(value)))
-
-    return spoil
+    places = np.column_stack([window.sensed.x_mm, window.sensed.y_mm])
+    apart = np.linalg.norm(places[:, None] - places, axis=-1)
+    alike = np.exp(-((apart / reach_mm) ** 2) / 2) if reach_mm else (apart == 0).astype(np.float64)
+    value, vector = np.linalg.eigh(alike)
+    window.phase_off_rad = 0.1 * vector @ (np.sqrt(value.clip(0)) * rng.standard_normal(len(value)))
 
 
-def _speed_ripple(part: float, frequency_hz: float) -> Spoil:
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        rad_s, phase = 2 * np.pi * frequency_hz, rng.uniform(0, 2 * np.pi)
-        time_s = window.time_s[:, None] + window.sensed.offset_s
-        window.travel_mm += SPEED_MM_S * part / rad_s * np.sin(rad_s * time_s + phase)
+def _speed_ripple(
+    window: SpoiledWindow, rng: np.random.Generator, *, part: float, frequency_hz: float
+) -> None:
+    rad_s, phase = 2 * np.pi * frequency_hz, rng.uniform(0, 2 * np.pi)
+    time_s = window.time_s[:, None] + window.sensed.offset_s
+    window.travel_mm += SPEED_MM_S * part / rad_s * np.sin(rad_s * time_s + phase)
 
-    return spoil
 
-
-def _accelerating(*, is_given: bool) -> Spoil:
+def _accelerating(window: SpoiledWindow, _rng: np.random.Generator, *, is_given: bool) -> None:
     """Let the speed grow from 0.7 to 1.3 of itself; where it is given, at each tenth of a second."""
-
-    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
-        length_s = len(window.time_s) / RATE_HZ
-        time_s = window.time_s[:, None] - window.time_s.mean() + window.sensed.offset_s
-        window.travel_mm += SPEED_MM_S * 0.3 * time_s**2 / length_s
-        if is_given:
-            every = round(RATE_HZ / 10)
-            middles_s = (np.arange(0, len(window.time_s), every) + every / 2) / RATE_HZ
-            speeds = SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
-            window.given_mm_s = [(k * every, float(speed)) for k, speed in enumerate(speeds)]
-
-    return spoil
+    length_s = len(window.time_s) / RATE_HZ
+    time_s = window.time_s[:, None] - window.time_s.mean() + window.sensed.offset_s
+    window.travel_mm += SPEED_MM_S * 0.3 * time_s**2 / length_s
+    if is_given:
+        every = round(RATE_HZ / 10)
+        middles_s = (np.arange(0, len(window.time_s), every) + every / 2) / RATE_HZ
+        speeds = SPEED_MM_S * (1 + 0.6 * (middles_s - window.time_s.mean()) / length_s)
+        window.given_mm_s = [(k * every, float(speed)) for k, speed in enumerate(speeds)]
 
 
 def _wrong_speed(window: SpoiledWindow, _rng: np.random.Generator) -> None:
@@ -181,15 +173,11 @@ def _creep(window: SpoiledWindow, rng: np.random.Generator) -> None:
     window.added_volts -= size * np.exp(-window.time_s / 1.5)[:, None]
 
 
-def _hum(part: float) -> Spoil:
+def _hum(window: SpoiledWindow, rng: np.random.Generator, *, part: float) -> None:
     """Add mains of 50 Hz, rectified, over a board 0.9 % off: an alias at 0.9 Hz."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        time_s = window.time_s[:, None] + window.sensed.offset_s
-        hum = np.sin(2 * np.pi * 100.9 * time_s + rng.uniform(0, 2 * np.pi))
-        window.added_volts += part * (AMPLITUDE_VOLTS * hum)
-
-    return spoil
+    time_s = window.time_s[:, None] + window.sensed.offset_s
+    hum = np.sin(2 * np.pi * 100.9 * time_s + rng.uniform(0, 2 * np.pi))
+    window.added_volts += part * (AMPLITUDE_VOLTS * hum)
 
 
 def _dead(window: SpoiledWindow, rng: np.random.Generator) -> None:
@@ -200,50 +188,32 @@ def _dead(window: SpoiledWindow, rng: np.random.Generator) -> None:
     window.valid[:, lost] = False
 
 
-def _saturated(*, is_flagged: bool) -> Spoil:
+def _saturated(window: SpoiledWindow, _rng: np.random.Generator, *, is_flagged: bool) -> None:
     """Press a taxel so hard that half of each ripple is beyond the range."""
-
-    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
-        window.level_volts[4 * 4 : 4 * 5] = RANGE_VOLTS
-        window.valid[:, 4 * 4 : 4 * 5] = not is_flagged
-
-    return spoil
+    window.level_volts[4 * 4 : 4 * 5] = RANGE_VOLTS
+    window.valid[:, 4 * 4 : 4 * 5] = not is_flagged
 
 
 def _tilted(window: SpoiledWindow, _rng: np.random.Generator) -> None:
     x = window.sensed.x_mm - window.sensed.x_mm.mean()
     size = window.sensed.amplitude_volts * (1 + 0.9 * x / np.abs(x).max())[:, None]
-    window.sensed = _with(window, amplitude_volts=size)
+    window.sensed = replace(window.sensed, amplitude_volts=size)
 
 
-def _curved(radius_mm: float) -> Spoil:
-    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
-        window.bend_mm = radius_mm
-
-    return spoil
+def _curved(window: SpoiledWindow, _rng: np.random.Generator, *, radius_mm: float) -> None:
+    window.bend_mm = radius_mm
 
 
-def _jittered(part: float) -> Spoil:
+def _jittered(window: SpoiledWindow, rng: np.random.Generator, *, part: float) -> None:
     """Misplace each ridge by so many periods, rms."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        ridges = np.arange(-2000, 2001)
-        off = part * rng.standard_normal(len(ridges))
-        window.wander = lambda phase: np.interp(phase, ridges, off)
-
-    return spoil
+    ridges = np.arange(-2000, 2001)
+    off = part * rng.standard_normal(len(ridges))
+    window.wander = lambda phase: np.interp(phase, ridges, off)
 
 
-def _ripple_of(size_volts: float) -> Spoil:
-    def spoil(window: SpoiledWindow, _rng: np.random.Generator) -> None:
-        size = np.full_like(window.sensed.amplitude_volts, size_volts)
-        window.sensed = _with(window, amplitude_volts=size)
-
-    return spoil
-
-
-def _with(window: SpoiledWindow, **changes: FloatArray) -> ArrayResponse:
-    return ArrayResponse(**vars(window.sensed) | changes)
+def _ripple_of(window: SpoiledWindow, _rng: np.random.Generator, *, size_volts: float) -> None:
+    size = np.full_like(window.sensed.amplitude_volts, size_volts)
+    window.sensed = replace(window.sensed, amplitude_volts=size)
 
 
 MISFITS: dict[str, Spoil] = {
@@ -251,46 +221,42 @@ MISFITS: dict[str, Spoil] = {
     "harmonics of 50 and 30 %": _harmonics,
     "gains differ tenfold": _gains,
     "phases of taxels differ by 0.1 rad": _unlike,
-    "the same, channels of a taxel alike": _unlike_taxels(0.0),
-    "the same, neighbours alike too (3.65 mm)": _unlike_taxels(3.65),
-    "speed ripples 5 % at 7 Hz": _speed_ripple(0.05, 7.0),
-    "speed ripples 30 % at 0.7 Hz": _speed_ripple(0.30, 0.7),
-    "speed grows from 70 to 130 %, mean given": _accelerating(is_given=False),
-    "the same, given each 0.1 s": _accelerating(is_given=True),
+    "the same, channels of a taxel alike": partial(_unlike_taxels, reach_mm=0.0),
+    "the same, neighbours alike too (3.65 mm)": partial(_unlike_taxels, reach_mm=3.65),
+    "speed ripples 5 % at 7 Hz": partial(_speed_ripple, part=0.05, frequency_hz=7.0),
+    "speed ripples 30 % at 0.7 Hz": partial(_speed_ripple, part=0.30, frequency_hz=0.7),
+    "speed grows from 70 to 130 %, mean given": partial(_accelerating, is_given=False),
+    "the same, given each 0.1 s": partial(_accelerating, is_given=True),
     "given speed 3 % too high": _wrong_speed,
     "creep of ten ripples in 1.5 s": _creep,
-    "aliased mains at 0.9 Hz, a ripple large": _hum(1.0),
-    "aliased mains at 0.9 Hz, a fifth": _hum(0.2),
+    "aliased mains at 0.9 Hz, a ripple large": partial(_hum, part=1.0),
+    "aliased mains at 0.9 Hz, a fifth": partial(_hum, part=0.2),
     "two taxels and five channels dead": _dead,
-    "a taxel saturated half the time, flagged": _saturated(is_flagged=True),
-    "the same, not flagged": _saturated(is_flagged=False),
+    "a taxel saturated half the time, flagged": partial(_saturated, is_flagged=True),
+    "the same, not flagged": partial(_saturated, is_flagged=False),
     "tilted: ripple 10 to 190 % along x": _tilted,
-    "grooves bent, radius 300 mm": _curved(300.0),
-    "grooves bent, radius 100 mm": _curved(100.0),
-    "ridges misplaced by 5 % of the period": _jittered(0.05),
-    "ridges misplaced by 20 % of the period": _jittered(0.20),
-    "ripple of one converter step": _ripple_of(LSB_VOLTS),
+    "grooves bent, radius 300 mm": partial(_curved, radius_mm=300.0),
+    "grooves bent, radius 100 mm": partial(_curved, radius_mm=100.0),
+    "ridges misplaced by 5 % of the period": partial(_jittered, part=0.05),
+    "ridges misplaced by 20 % of the period": partial(_jittered, part=0.20),
+    "ripple of one converter step": partial(_ripple_of, size_volts=LSB_VOLTS),
 }
 
-_flat = _ripple_of(0.0)  # noise alone
+_flat = partial(_ripple_of, size_volts=0.0)  # noise alone
 
 
-def _sand_paper(grain_mm: float) -> Spoil:
+def _sand_paper(window: SpoiledWindow, rng: np.random.Generator, *, grain_mm: float) -> None:
     """Put a random isotropic surface under a skin that averages over `grain_mm` (Gaussian correlation)."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        _flat(window, rng)
-        n_waves = 300
-        per_mm = rng.standard_normal((n_waves, 2)) / grain_mm  # rad/mm: spectrum of exp(-r^2 / 2 grain^2)
-        phase = rng.uniform(0, 2 * np.pi, n_waves)
-        sensed = window.sensed
-        for taxel in np.unique(np.column_stack([sensed.x_mm, sensed.y_mm]), axis=0):
-            mine = (sensed.x_mm == taxel[0]) & (sensed.y_mm == taxel[1])
-            x = taxel[0] + window.travel_mm[:, mine].mean(axis=1)
-            field = np.cos(np.outer(x, per_mm[:, 0]) + taxel[1] * per_mm[:, 1] + phase).sum(axis=1)
-            window.added_volts[:, mine] += (AMPLITUDE_VOLTS / np.sqrt(n_waves) * field)[:, None]
-
-    return spoil
+    _flat(window, rng)
+    n_waves = 300
+    per_mm = rng.standard_normal((n_waves, 2)) / grain_mm  # rad/mm: spectrum of exp(-r^2 / 2 grain^2)
+    phase = rng.uniform(0, 2 * np.pi, n_waves)
+    sensed = window.sensed
+    for taxel in np.unique(np.column_stack([sensed.x_mm, sensed.y_mm]), axis=0):
+        mine = (sensed.x_mm == taxel[0]) & (sensed.y_mm == taxel[1])
+        x = taxel[0] + window.travel_mm[:, mine].mean(axis=1)
+        field = np.cos(np.outer(x, per_mm[:, 0]) + taxel[1] * per_mm[:, 1] + phase).sum(axis=1)
+        window.added_volts[:, mine] += (AMPLITUDE_VOLTS / np.sqrt(n_waves) * field)[:, None]
 
 
 def _load_swings(window: SpoiledWindow, rng: np.random.Generator) -> None:
@@ -302,8 +268,8 @@ def _load_swings(window: SpoiledWindow, rng: np.random.Generator) -> None:
 
 GROOVELESS: dict[str, Spoil] = {
     "flat plate": _flat,
-    "sand paper, grain 0.3 mm": _sand_paper(0.3),
-    "sand paper, grain 1 mm": _sand_paper(1.0),
+    "sand paper, grain 0.3 mm": partial(_sand_paper, grain_mm=0.3),
+    "sand paper, grain 1 mm": partial(_sand_paper, grain_mm=1.0),
     "load that swings at one frequency": _load_swings,
 }
 
@@ -331,54 +297,43 @@ def _add_grating(
     window.added_volts += part * size_volts * np.cos(2 * np.pi * turns + phase_rad[sensed.kind])
 
 
-def _crossed(part: float, *, is_alike: bool = False) -> Spoil:
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        tilt_deg = float(rng.uniform(*_TILTS_DEG) * rng.choice([-1, 1]))
-        window.wave = replace(window.wave, angle_deg=tilt_deg)
-        _add_grating(window, rng, replace(window.wave, angle_deg=-tilt_deg), part, is_alike=is_alike)
-
-    return spoil
+def _crossed(window: SpoiledWindow, rng: np.random.Generator, *, part: float, is_alike: bool = False) -> None:
+    tilt_deg = float(rng.uniform(*_TILTS_DEG) * rng.choice([-1, 1]))
+    window.wave = replace(window.wave, angle_deg=tilt_deg)
+    _add_grating(window, rng, replace(window.wave, angle_deg=-tilt_deg), part, is_alike=is_alike)
 
 
-def _faster(times: float, part: float) -> Spoil:
+def _faster(window: SpoiledWindow, rng: np.random.Generator, *, times: float, part: float) -> None:
     """Put another grating under the skin whose ripple has so many times the frequency."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        period_mm = np.inf
-        while period_mm > _COARSEST_MM:
-            angle_deg, finer_deg = float(rng.uniform(*_EITHER_DEG)), float(rng.uniform(*_EITHER_DEG))
-            finer_mm = float(rng.uniform(*_FINER_MM))
-            narrower = float(np.cos(np.radians(angle_deg)) / np.cos(np.radians(finer_deg)))
-            period_mm = times * finer_mm * narrower
-        finer = replace(window.wave, period_mm=finer_mm, angle_deg=finer_deg)
-        window.wave = replace(window.wave, period_mm=period_mm, angle_deg=angle_deg)
-        _add_grating(window, rng, finer, part)
-
-    return spoil
+    period_mm = np.inf
+    while period_mm > _COARSEST_MM:
+        angle_deg, finer_deg = float(rng.uniform(*_EITHER_DEG)), float(rng.uniform(*_EITHER_DEG))
+        finer_mm = float(rng.uniform(*_FINER_MM))
+        narrower = float(np.cos(np.radians(angle_deg)) / np.cos(np.radians(finer_deg)))
+        period_mm = times * finer_mm * narrower
+    finer = replace(window.wave, period_mm=finer_mm, angle_deg=finer_deg)
+    window.wave = replace(window.wave, period_mm=period_mm, angle_deg=angle_deg)
+    _add_grating(window, rng, finer, part)
 
 
-def _in_step(part: float, times: float = 1.0) -> Spoil:
+def _in_step(window: SpoiledWindow, rng: np.random.Generator, *, part: float, times: float = 1.0) -> None:
     """Let all channels swing together at or beside the grooves' frequency, as on an eccentric roller."""
-
-    def spoil(window: SpoiledWindow, rng: np.random.Generator) -> None:
-        turns = times * window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
-        size = part * AMPLITUDE_VOLTS
-        window.added_volts += size * np.cos(2 * np.pi * (turns + rng.uniform(0, 1)))
-
-    return spoil
+    turns = times * window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
+    size = part * AMPLITUDE_VOLTS
+    window.added_volts += size * np.cos(2 * np.pi * (turns + rng.uniform(0, 1)))
 
 
 TWO_WAVES: dict[str, Spoil] = {
-    "crossed, alike": _crossed(1.0),
-    "crossed, second at 30 %": _crossed(0.3),
-    "crossed, second at 10 %": _crossed(0.1),
-    "second of 1.7 times the frequency, at 50 %": _faster(1.7, 0.5),
-    "second of twice the frequency, at 50 %": _faster(2.0, 0.5),
-    "second of three times the frequency, at 50 %": _faster(3.0, 0.5),
-    "all in step at the grooves' frequency, at 30 %": _in_step(0.3),
-    "all in step at the grooves' frequency, at 10 %": _in_step(0.1),
-    "all in step, 2 % beside that, at 30 %": _in_step(0.3, 1.02),
-    "crossed, second at 30 %, sensed alike": _crossed(0.3, is_alike=True),
+    "crossed, alike": partial(_crossed, part=1.0),
+    "crossed, second at 30 %": partial(_crossed, part=0.3),
+    "crossed, second at 10 %": partial(_crossed, part=0.1),
+    "second of 1.7 times the frequency, at 50 %": partial(_faster, times=1.7, part=0.5),
+    "second of twice the frequency, at 50 %": partial(_faster, times=2.0, part=0.5),
+    "second of three times the frequency, at 50 %": partial(_faster, times=3.0, part=0.5),
+    "all in step at the grooves' frequency, at 30 %": partial(_in_step, part=0.3),
+    "all in step at the grooves' frequency, at 10 %": partial(_in_step, part=0.1),
+    "all in step, 2 % beside that, at 30 %": partial(_in_step, part=0.3, times=1.02),
+    "crossed, second at 30 %, sensed alike": partial(_crossed, part=0.3, is_alike=True),
 }
 TWO_WAVES_SHORT = (  # those that are also seen in short, noisy windows, as first answers have them
     "crossed, second at 30 %",

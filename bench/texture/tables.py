@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from bench.report import NONE, Table, counts_in_words, grouped, rms, table
-from bench.texture.plates import PUBLISHED, Plate
+from bench.texture.plates import PUBLISHED
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
@@ -72,14 +72,6 @@ def first_answers(trials: Iterable[Trial]) -> list[Trial]:
     return [t for t in trials if not np.isnan(t.after_s)]
 
 
-def by_plate(trials: Iterable[Trial]) -> dict[Plate, dict[str, TrialSet]]:
-    """Trials by plate and method."""
-    return {
-        plate: {name: TrialSet(some) for name, some in grouped(mine, lambda t: t.name).items()}
-        for plate, mine in grouped(trials, lambda t: (t.period.true, t.angle.true)).items()
-    }
-
-
 def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> Table:
     """Windows down, noise across: error over bound of the angle / of the period (answered)."""
     cells = grouped(trials, lambda t: (t.window_s, t.snr_db))
@@ -135,8 +127,8 @@ def plate_groups(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
     """Windows over the plates of the paper, by plate and method, with what the paper has for each."""
 
     def name(t: Trial) -> str:
-        published = PUBLISHED[t.period.true, t.angle.true]["experiment"]
-        paper = f" (paper: {published[1]} mm, {published[2]} deg)" if t.name == "procedure" else ""
+        period_mm, angle_deg = PUBLISHED[t.period.true, t.angle.true]
+        paper = f" (paper: {period_mm} mm, {angle_deg} deg)" if t.name == "procedure" else ""
         return f"{t.period.true:.2f} mm, {t.angle.true:g} deg: {t.name}{paper}"
 
     return grouped(windows_of(trials), name)

@@ -6,8 +6,6 @@ Gratings, motions and noise are drawn, as those of the grid are; odd seeds are g
 seen as it would be live, and each of its answers is one of the windows that are counted.
 """
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -74,62 +72,59 @@ COLOURED = tuple(TrackKind(15.0, memory) for memory in MEMORIES)
 STRAYS = tuple(TrackKind(20.0, 0.0, stray_rad) for stray_rad in (0.05, 0.1, 0.15, 0.2, 0.3))
 
 
-def track_trials(kind: TrackKind, seeds: Sequence[int]) -> list[Trial]:
-    """Answers and refusals of slides over one grating each.
+def track_trials(kind: TrackKind, seed: int) -> list[Trial]:
+    """Answers and refusals of a slide over one grating.
 
     Those of `_COMPARED_S` have their bound, where the noise is white and phases do not stray.
     """
+    numbers = (kind.snr_db + 100, 100 * kind.memory, 100 * kind.stray_rad)
+    rng = np.random.default_rng([seed, *(round(number) for number in numbers)])
+    grating = draw_grating(ARRAY, rng, _COMPARED_S[0], kind.snr_db, MIN_PERIODS)
+    time_s = scan_times_s(SLIDE_S)
+    grating = replace(grating, time_s=time_s)
+    gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+    strays = kind.stray_rad * rng.standard_normal(ARRAY.n_channels)
+    grating = _strayed(grating, gain, strays if kind.stray_rad else None)
+    is_known = seed % 2 == 1
     trials = []
-    for seed in seeds:
-        numbers = (kind.snr_db + 100, 100 * kind.memory, 100 * kind.stray_rad)
-        rng = np.random.default_rng([seed, *(round(number) for number in numbers)])
-        grating = draw_grating(ARRAY, rng, _COMPARED_S[0], kind.snr_db, MIN_PERIODS)
-        time_s = scan_times_s(SLIDE_S)
-        grating = replace(grating, time_s=time_s)
-        gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
-        strays = kind.stray_rad * rng.standard_normal(ARRAY.n_channels)
-        grating = _strayed(grating, gain, strays if kind.stray_rad else None)
-        is_known = seed % 2 == 1
-        for event in _answers(grating, readings(grating, rng, kind.memory), is_known=is_known):
-            end_s = round(event.time_s + 1 / RATE_HZ, 3)
-            used_s = time_s[(time_s >= end_s - _LONGEST_S - 1e-9) & (time_s < end_s - 1e-9)]
-            least = None
-            if event.status == "ok" and kind in WHITE and end_s in _COMPARED_S:
-                least = bound(grating.wave, grating.sensed, used_s, is_speed_known=is_known)
-            fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": end_s}
-            fields |= {"snr_db": kind.snr_db, "periods": grating.periods * len(used_s) / len(time_s)}
-            trials.append(compare(event, grating.wave, least, **fields))
+    for event in _answers(grating, readings(grating, rng, kind.memory), is_known=is_known):
+        end_s = round(event.time_s + 1 / RATE_HZ, 3)
+        used_s = time_s[(time_s >= end_s - _LONGEST_S - 1e-9) & (time_s < end_s - 1e-9)]
+        least = None
+        if event.status == "ok" and kind in WHITE and end_s in _COMPARED_S:
+            least = bound(grating.wave, grating.sensed, used_s, is_speed_known=is_known)
+        fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": end_s}
+        fields |= {"snr_db": kind.snr_db, "periods": grating.periods * len(used_s) / len(time_s)}
+        trials.append(compare(event, grating.wave, least, **fields))
     return trials
 
 
-def change_trials(name: str, seeds: Sequence[int]) -> list[Trial]:
-    """Slides whose grooves change; `after_s` is the time until the old answer no longer stands."""
+def change_trials(name: str, seed: int) -> list[Trial]:
+    """Slide whose grooves change; `after_s` is the time until the old answer no longer stands.
+
+    There is no trial where there is no answer to lose.
+    """
     longer, more_deg = CHANGES[name]
-    trials = []
-    for seed in seeds:
-        rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
+    grating = draw_grating(ARRAY, rng, CHANGE_S, CHANGE_SNR_DB, _CHANGE_PERIODS)
+    while grating.wave.period_mm > CHANGE_PERIODS_MM[1]:
         grating = draw_grating(ARRAY, rng, CHANGE_S, CHANGE_SNR_DB, _CHANGE_PERIODS)
-        time_s = scan_times_s(SLIDE_S)
-        while grating.wave.period_mm > CHANGE_PERIODS_MM[1]:
-            grating = draw_grating(ARRAY, rng, CHANGE_S, CHANGE_SNR_DB, _CHANGE_PERIODS)
-        grating = replace(grating, time_s=time_s)
-        old = grating.wave
-        new = replace(old, period_mm=old.period_mm * longer, angle_deg=old.angle_deg + more_deg)
-        volts = readings(grating, rng)
-        later = time_s >= CHANGE_S
-        for wave, sign in ((old, -1), (new, 1)):
-            volts[later] += sign * wave_volts(wave, grating.sensed, time_s[later])
-        events = _answers(grating, volts, is_known=seed % 2 == 1)
-        before = [e for e in events if e.time_s < CHANGE_S]
-        if not before or before[-1].status != "ok":
-            continue  # there is no answer to lose
-        after = [e for e in events if e.time_s >= CHANGE_S]
-        lost = [e for e in after if e.status != "ok" or _is_nearer(e, new, old)]
-        last = after[-1]
-        fields = {"name": name, "seed": seed, "is_speed_known": seed % 2 == 1, "window_s": SLIDE_S}
-        after_s = lost[0].answered_s - CHANGE_S if lost else np.inf
-        trials.append(compare(last, new, after_s=after_s, **fields))
-    return trials
+    time_s = scan_times_s(SLIDE_S)
+    grating, old = replace(grating, time_s=time_s), grating.wave
+    new = replace(old, period_mm=old.period_mm * longer, angle_deg=old.angle_deg + more_deg)
+    volts = readings(grating, rng)
+    later = time_s >= CHANGE_S
+    for wave, sign in ((old, -1), (new, 1)):
+        volts[later] += sign * wave_volts(wave, grating.sensed, time_s[later])
+    events = _answers(grating, volts, is_known=seed % 2 == 1)
+    before = [e for e in events if e.time_s < CHANGE_S]
+    if not before or before[-1].status != "ok":
+        return []
+    after = [e for e in events if e.time_s >= CHANGE_S]
+    lost = [e for e in after if e.status != "ok" or _is_nearer(e, new, old)]
+    after_s = lost[0].answered_s - CHANGE_S if lost else np.inf
+    fields = {"name": name, "seed": seed, "is_speed_known": seed % 2 == 1, "window_s": SLIDE_S}
+    return [compare(after[-1], new, after_s=after_s, **fields)]
 
 
 def _is_nearer(event: TextureEvent, new: Wave, old: Wave) -> bool:
@@ -157,19 +152,16 @@ STRAY_KINDS = (
 )
 
 
-def stray_trials(kind: Strays, seeds: Sequence[int]) -> list[Trial]:
-    """Fit one window of an array for each seed, the speed known and not."""
-    trials = []
-    for seed, is_known in itertools.product(seeds, (True, False)):
-        rng = np.random.default_rng([seed, is_known, *(round(1000 * rad) for rad in kind)])
-        stray_rad = kind.channel_rad * rng.standard_normal(ARRAY.n_channels)
-        stray_rad += kind.taxel_rad * rng.standard_normal(ARRAY.n_taxels)[ARRAY.channel_taxel]
-        gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
-        grating = draw_grating(ARRAY, rng, STRAYED_S, STRAYED_SNR_DB, MIN_PERIODS)
-        answer = joint(grating, readings(_strayed(grating, gain, stray_rad), rng), is_known, DIRECTION_SD_DEG)
-        fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
-        trials.append(compare(answer, grating.wave, periods=grating.periods, **fields))
-    return trials
+def stray_trial(kind: Strays, seed: int, is_known: bool) -> Trial:
+    """Fit one window of an array."""
+    rng = np.random.default_rng([seed, is_known, *(round(1000 * rad) for rad in kind)])
+    stray_rad = kind.channel_rad * rng.standard_normal(ARRAY.n_channels)
+    stray_rad += kind.taxel_rad * rng.standard_normal(ARRAY.n_taxels)[ARRAY.channel_taxel]
+    gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+    grating = draw_grating(ARRAY, rng, STRAYED_S, STRAYED_SNR_DB, MIN_PERIODS)
+    answer = joint(grating, readings(_strayed(grating, gain, stray_rad), rng), is_known, DIRECTION_SD_DEG)
+    fields = {"name": kind.name, "seed": seed, "is_speed_known": is_known, "window_s": STRAYED_S}
+    return compare(answer, grating.wave, periods=grating.periods, **fields)
 
 
 def _strayed(grating: Grating, gain: FloatArray, stray_rad: FloatArray | None) -> Grating:

@@ -143,11 +143,6 @@ def joint_fit(
     return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(array), motion, WaveParams()))
 
 
-def grid_trials(n_trials: int, cell: tuple[float, float, bool]) -> list[Trial]:
-    """Trials of one cell of the grid, seeds 0 to n_trials - 1."""
-    return [grid_trial(*cell, seed) for seed in range(n_trials)]
-
-
 def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
     """Ask the joint fit for a drawn grating in white noise."""
     rng = np.random.default_rng([seed, round(10 * window_s), round(snr_db) + 100, is_speed_known])
@@ -157,17 +152,8 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
     least = None
     if answer.status == "ok":
         least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
-    return compare(
-        answer,
-        grating.wave,
-        least,
-        name="white noise",
-        seed=seed,
-        window_s=window_s,
-        is_speed_known=is_speed_known,
-        snr_db=snr_db,
-        periods=grating.periods,
-    )
+    fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_speed_known, "snr_db": snr_db}
+    return compare(answer, grating.wave, least, name="white noise", periods=grating.periods, **fields)
 
 
 def noise_name(memory: float) -> str:
@@ -175,29 +161,19 @@ def noise_name(memory: float) -> str:
     return f"AR(1), {memory:g}"
 
 
-def coloured_trials(memory: float, seeds: Sequence[int]) -> list[Trial]:
-    """Ask the joint fit for short windows of a few periods in autocorrelated noise.
+def coloured_trial(memory: float, seed: int) -> Trial:
+    """Ask the joint fit for a short window of a few periods in autocorrelated noise.
 
     There phases are told apart worst, and windows are cheap. Such noise (an autoregression of order 1 in each
     channel) has its power where ripples are slow, and lends false lines. Odd seeds are given the speed.
     """
-    trials = []
-    for seed in seeds:
-        rng = np.random.default_rng([seed, round(100 * memory)])
-        window_s, snr_db = float(rng.choice(COLOURED_WINDOWS_S)), float(rng.choice(COLOURED_SNRS_DB))
-        is_known = seed % 2 == 1
-        grating = draw_grating(ARRAY, rng, window_s, snr_db, MIN_PERIODS, _SLOW_HZ)
-        answer = joint(grating, readings(grating, rng, memory), is_known)
-        fields = {"seed": seed, "window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
-        trials.append(
-            compare(answer, grating.wave, name=noise_name(memory), is_speed_known=is_known, **fields)
-        )
-    return trials
-
-
-def misfit_trials(n_windows: int, name: str, is_speed_known: bool) -> list[Trial]:
-    """Ask the online estimator for windows that break the model in one way, seeds 0 to n_windows - 1."""
-    return [misfit_trial(name, is_speed_known, seed) for seed in range(n_windows)]
+    rng = np.random.default_rng([seed, round(100 * memory)])
+    window_s, snr_db = float(rng.choice(COLOURED_WINDOWS_S)), float(rng.choice(COLOURED_SNRS_DB))
+    is_known = seed % 2 == 1
+    grating = draw_grating(ARRAY, rng, window_s, snr_db, MIN_PERIODS, _SLOW_HZ)
+    answer = joint(grating, readings(grating, rng, memory), is_known)
+    fields = {"seed": seed, "window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
+    return compare(answer, grating.wave, name=noise_name(memory), is_speed_known=is_known, **fields)
 
 
 def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
@@ -206,17 +182,9 @@ def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     window = model_window(ARRAY, rng, MISFIT_S)
     (MISFITS | GROOVELESS)[name](window, rng)
     event = _full_window(window, rng, MISFIT_S, is_speed_known)
-    trial = compare(
-        event, window.wave, name=name, seed=seed, window_s=MISFIT_S, is_speed_known=is_speed_known
-    )
+    fields = {"name": name, "seed": seed, "window_s": MISFIT_S, "is_speed_known": is_speed_known}
+    trial = compare(event, window.wave, **fields)
     return replace(trial, is_wrong=True) if name in GROOVELESS and trial.status == "ok" else trial
-
-
-def two_wave_trials(
-    n_windows: int, name: str, window_s: float, snr_db: float, is_speed_known: bool
-) -> list[Trial]:
-    """Ask the online estimator for windows with two waves in view, seeds 0 to n_windows - 1."""
-    return [two_wave_trial(name, window_s, snr_db, is_speed_known, seed) for seed in range(n_windows)]
 
 
 def two_wave_trial(name: str, window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:

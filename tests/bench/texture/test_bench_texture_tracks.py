@@ -7,7 +7,7 @@ from bench.texture.tracks import NOTICED_S, TrackKind, change_trials, track_tria
 
 
 def test_every_answer_of_a_slide_is_a_window_and_some_have_a_bound() -> None:
-    trials = track_trials(TrackKind(30.0), [1])
+    trials = track_trials(TrackKind(30.0), 1)
     ends_s = [t.window_s for t in trials]
     assert np.diff(ends_s) == pytest.approx(np.full(len(ends_s) - 1, 0.2))
     assert ends_s[-1] == pytest.approx(12.2)  # the answer comes 0.4 s later
@@ -17,11 +17,11 @@ def test_every_answer_of_a_slide_is_a_window_and_some_have_a_bound() -> None:
         assert not trial.is_wrong
         assert abs(trial.angle.error) < 5 * trial.angle.bound
         assert trial.angle.sd == pytest.approx(trial.angle.bound, rel=0.3)
-    assert track_trials(TrackKind(30.0), [1]) == trials
+    assert track_trials(TrackKind(30.0), 1) == trials
 
 
 def test_a_change_is_withdrawn_in_time_and_answered_anew() -> None:
-    (trial,) = change_trials("angle 10 degrees more", [1])
+    (trial,) = change_trials("angle 10 degrees more", 1)
     assert 0.0 < trial.after_s <= NOTICED_S
     assert trial.status == "ok"
     assert not trial.is_wrong

@@ -13,7 +13,7 @@ from bench.texture.spoiled import model_window
 from bench.texture.tables import TrialSet
 from bench.texture.trials import (
     Trial,
-    coloured_trials,
+    coloured_trial,
     compare,
     grid_trial,
     misfit_trial,
@@ -108,8 +108,8 @@ def test_clean_windows_are_answered_near_the_bound() -> None:
 
 
 def test_coloured_windows_are_slow_ripples_of_three_periods() -> None:
-    found = coloured_trials(0.9, range(100_001, 100_009))
-    (again,) = coloured_trials(0.9, [100_001])
+    found = [coloured_trial(0.9, seed) for seed in range(100_001, 100_009)]
+    again = coloured_trial(0.9, 100_001)
     assert (found[0].status, found[0].period.error) == (again.status, again.period.error)
     assert all(t.periods >= 3 for t in found)
     assert all(t.periods / t.window_s < 5 for t in found)
