@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from bench.recordings import ours
 from bench.recordings.catalogue import Question, Source, how_to_get, sources
 from bench.recordings.log import Log
-from bench.recordings.ours import ForceErrors
 from bench.recordings.rules import (
     LOG_RULES,
     RIDGES,
@@ -97,16 +97,40 @@ class Contacts:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """Answers of the daemon, of the rule and of trees to one question on the logs of one source."""
+class Errors:
+    """Errors of forces over their ranges, by axis, of each log.
+
+    Attributes
+    ----------
+    of_logs : sequence of (axes,) float64
+    inside : sequence of (axes,) float64
+        Parts of the 90 % intervals that hold the force; empty where there are no intervals.
+    """
+
+    of_logs: Sequence[FloatArray]
+    inside: Sequence[FloatArray] = ()
+    n_refused: int = 0
+
+    def __str__(self) -> str:
+        words = [[f"{100 * x:.2f} %" for x in one] for one in self.of_logs]
+        for of_log, inside in zip(words, self.inside, strict=False):
+            of_log[:] = [f"{x} ({100 * part:.0f} %)" for x, part in zip(of_log, inside, strict=True)]
+        said = _each_log([", ".join(one) for one in words], [float(one.mean()) for one in self.of_logs])
+        return said + (f", {self.n_refused} refused" if self.n_refused else "")
+
+
+class Found(NamedTuple):
+    """Answers of the daemon, of the rule and of trees to one question on the logs of one source.
+
+    Each is one of `Periods`, `Decisions`, `Contacts` and `Errors`, the last also without trees.
+    """
 
     source: Source
     question: Question
     n_logs: int
-    ours: Periods | Decisions | Contacts | Sequence[ForceErrors]
-    rule: Periods | Decisions | Contacts | None = None
-    trees: Decisions | Sequence[FloatArray] | None = None
-    n_refused: int = 0
+    ours: Any
+    rule: Any
+    trees: Any = NONE
 
 
 def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
@@ -146,69 +170,50 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
 def _measure(source: Source, data: Path) -> Iterator[Found]:
     logs = list(READERS[source.name](data / source.folder))
     for question, rule in source.asked.items():
-        yield _ask(question, rule, source, logs)
+        yield Found(source, question, len(logs), *_answers(question, rule, source, logs))
 
 
-def _ask(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> Found:
+def _answers(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> tuple[Any, ...]:
+    """Return the answers of the daemon, of the rule and, where there are some, of trees."""
     array = source.array
     if question in ("force", "poses"):
         are_poses = question == "poses"
         studies = [ours.forces(log, array, RIDGES[rule], are_poses=are_poses) for log in logs]
         errors = [one for one in studies if one is not None]
-        trees = [pose_errors_of_trees(log) for log in logs] if are_poses else None
-        return Found(source, question, len(logs), errors, None, trees, len(logs) - len(errors))
+        mine = Errors([e.ours for e in errors], [e.inside for e in errors], len(logs) - len(errors))
+        both = (mine, Errors([e.ridge for e in errors]))
+        return (*both, Errors([pose_errors_of_trees(log) for log in logs])) if are_poses else both
     if question == "contact":
         touching = [ours.contact(log, array) for log in logs]
-        found = Contacts(
-            [agreement(one, log) for one, log in zip(touching, logs, strict=True)],
-            [agreement(one, log, light_is_free=True) for one, log in zip(touching, logs, strict=True)],
+        agreements = (
+            [agreement(one, log, light_is_free=is_free) for one, log in zip(touching, logs, strict=True)]
+            for is_free in (False, True)
         )
-        by_rule = Contacts(contact_by_norm(logs), contact_by_norm(logs, light_is_free=True))
-        return Found(source, question, len(logs), found, by_rule)
+        by_rule = (contact_by_norm(logs, light_is_free=is_free) for is_free in (False, True))
+        return Contacts(*agreements), Contacts(*by_rule)
     if question == "period":
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]
-        return Found(source, question, len(logs), Periods.count(logs, answers), Periods.count(logs, lines))
+        return Periods.count(logs, answers), Periods.count(logs, lines)
     if question == "slip" and source.growths:
         said = by_best_of_others(logs, ours.slips_by_growth(logs, array, source.growths))
     else:
         says = {"slip": ours.slips, "touch": ours.touches, "loss": ours.loses}[question]
         said = [says(log, array) for log in logs]
-    decisions = Decisions.count(logs, said)
-    of_rule = Decisions.count(logs, by_threshold(logs, LOG_RULES[rule]))
-    return Found(source, question, len(logs), decisions, of_rule, Decisions.count(logs, by_trees(logs)))
+    all_said = (said, by_threshold(logs, LOG_RULES[rule]), by_trees(logs))
+    return tuple(Decisions.count(logs, one) for one in all_said)
 
 
 def _row(one: Found) -> dict[str, str]:
-    source, rule = one.source, one.source.asked[one.question]
-    row = {"source": source.name, "sensor": source.sensor, "asked": one.question, "logs": f"{one.n_logs}"}
-    if isinstance(one.ours, Periods | Decisions | Contacts):
-        return row | {
-            "tactiled": str(one.ours),
-            "simple rule": f"{rule}: {one.rule}",
-            "trees": NONE if one.trees is None else str(one.trees),
-        }
-    mine = _each_log(
-        [
-            ", ".join(
-                f"{100 * x:.2f} % ({100 * inside:.0f} %)" for x, inside in zip(e.ours, e.inside, strict=True)
-            )
-            for e in one.ours
-        ],
-        [float(e.ours.mean()) for e in one.ours],
-    )
-    trees = NONE if one.trees is None or isinstance(one.trees, Decisions) else _percent(one.trees)
-    return row | {
-        "tactiled": mine + (f", {one.n_refused} refused" if one.n_refused else ""),
-        "simple rule": f"{rule}: {_percent([e.ridge for e in one.ours])}",
-        "trees": trees,
+    return {
+        "source": one.source.name,
+        "sensor": one.source.sensor,
+        "asked": one.question,
+        "logs": f"{one.n_logs}",
+        "tactiled": str(one.ours),
+        "simple rule": f"{one.source.asked[one.question]}: {one.rule}",
+        "trees": str(one.trees),
     }
-
-
-def _percent(errors: Sequence[FloatArray]) -> str:
-    return _each_log(
-        [", ".join(f"{100 * x:.2f} %" for x in one) for one in errors], [float(one.mean()) for one in errors]
-    )
 
 
 def _each_log(words: Sequence[str], values: Sequence[float]) -> str:
@@ -231,41 +236,30 @@ def _aim(
 
 
 def _periods(most_wrong: int, least_right: int) -> Callable[[Found], bool]:
-    def is_met(one: Found) -> bool:
-        assert isinstance(one.ours, Periods)
-        return one.ours.right >= least_right and one.ours.wrong <= most_wrong
-
-    return is_met
+    return lambda one: one.ours.right >= least_right and one.ours.wrong <= most_wrong
 
 
 def _slips(least: int, most_false: int) -> Callable[[Found], bool]:
-    def is_met(one: Found) -> bool:
-        assert isinstance(one.ours, Decisions)
-        return one.ours.found >= least and one.ours.false <= most_false
-
-    return is_met
+    return lambda one: one.ours.found >= least and one.ours.false <= most_false
 
 
 def _beats_rule(one: Found) -> bool:
-    assert isinstance(one.ours, Decisions)
-    assert isinstance(one.rule, Decisions)
-    return one.ours.found > one.rule.found and one.ours.false < one.rule.false
+    return bool(one.ours.found > one.rule.found and one.ours.false < one.rule.false)
 
 
 def _agrees(one: Found) -> bool:
-    assert isinstance(one.ours, Contacts)
-    return min(one.ours.agreement) >= _LEAST_AGREEMENT
+    return bool(min(one.ours.agreement) >= _LEAST_AGREEMENT)
 
 
 def _below_ridge(one: Found) -> bool:
-    assert not isinstance(one.ours, Periods | Decisions | Contacts)
-    return all((e.ours < e.ridge).all() and (np.abs(e.inside - 0.9) <= 0.05).all() for e in one.ours)
+    pairs = zip(one.ours.of_logs, one.rule.of_logs, strict=True)
+    holds = all((np.abs(inside - 0.9) <= 0.05).all() for inside in one.ours.inside)
+    return holds and all((ours < ridge).all() for ours, ridge in pairs)
 
 
 def _at_most_trees(one: Found) -> bool:
-    assert not isinstance(one.ours, Periods | Decisions | Contacts)
-    assert isinstance(one.trees, list)
-    return all(bool((e.ours <= trees).all()) for e, trees in zip(one.ours, one.trees, strict=True))
+    pairs = zip(one.ours.of_logs, one.trees.of_logs, strict=True)
+    return all(bool((ours <= trees).all()) for ours, trees in pairs)
 
 
 _LEAST_AGREEMENT = 0.95

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.slip.resting import LOADS, loaded
-from bench.slip.scenes import ALL_QUIET, ALL_SLIPPING, ARRAY, PlayedScene, play
+from bench.slip.scenes import ARRAY, FAMILIES, FirstSlip, PlayedScene, play
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
@@ -107,34 +107,27 @@ def from_world(world: World) -> Case:
 
 
 SCENES: Mapping[str, Callable[[int], PlayedScene]] = {
-    name: partial(play, name, family)
-    for name, family in (ALL_SLIPPING | ALL_QUIET | {load: partial(loaded, load) for load in LOADS}).items()
+    name: partial(play, family)
+    for name, family in (FAMILIES | {load: partial(loaded, load) for load in LOADS}).items()
 }
 """Families and resting loads: seed to a played scene."""
 
 
-def in_mv(noise_v: float) -> str:
-    """Return a noise in words."""
-    return f"{1e3 * noise_v:g} mV"
-
-
 def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
     """Make a case of a played scene, read with some noise."""
-    slip = played.slip
-    # The sticking share of a ball's area is (1 - utilisation)^(2/3).
-    used = 1.0 - (1.0 - np.clip(played.slipping_share, 0.0, 1.0)) ** 1.5
-    direction_deg = None if slip is None else slip.direction_deg
+    slip = played.slip or FirstSlip(np.nan, np.inf, np.inf, np.inf, None)
     return Case(
-        group=in_mv(noise_v),
+        group=f"{1e3 * noise_v:g} mV",
         name=name,
         array=ARRAY,
-        block=played.read(noise_v, draw=1),
-        utilisation=used,
-        gross_s=np.inf if slip is None else slip.gross_s,
-        gross_end_s=np.inf if slip is None else slip.end_s,
-        tenth_s=np.inf if slip is None else slip.incipient_s,
-        direction_deg=np.nan if direction_deg is None else direction_deg,
-        shear_s=np.nan if slip is None else slip.shear_s,
+        block=played.read(noise_v),
+        # The sticking share of a ball's area is (1 - utilisation)^(2/3).
+        utilisation=1.0 - (1.0 - np.clip(played.slipping_share, 0.0, 1.0)) ** 1.5,
+        gross_s=slip.gross_s,
+        gross_end_s=slip.end_s,
+        tenth_s=slip.incipient_s,
+        direction_deg=np.nan if slip.direction_deg is None else slip.direction_deg,
+        shear_s=slip.shear_s,
     )
 
 
@@ -144,12 +137,12 @@ def draw_reported(seeds: range) -> list[World]:
     return draw_worlds(seeds, Population(laws=(HELD_OUT_LAW,)) if is_held_out else USUAL)
 
 
-OTHERS: Mapping[str, Callable[[Array], Detector]] = {
-    "wang2019": lambda array: build_suite(
-        array, DetectParams(setting="wang2019"), topics=("slip", "contact")
-    ),
-}
-"""Detectors beside the contact filter; another one needs a line here."""
+def _wang2019(array: Array) -> Detector:
+    return build_suite(array, DetectParams(setting="wang2019"), topics=("slip", "contact"))
+
+
+OTHERS: Mapping[str, Callable[[Array], Detector]] = {"wang2019": _wang2019}
+"""Detectors beside the contact filter; another one needs an entry here."""
 
 NAMES = (*SETTINGS, *OTHERS)
 
@@ -167,10 +160,8 @@ def run_case(case: Case) -> CaseEvents:
     params = {name: DetectParams.model_validate({"setting": name}).grip for name in SETTINGS}
     detectors: dict[str, Detector] = {name: GripSlip(case.array, grip) for name, grip in params.items()}
     detectors |= {name: build(case.array) for name, build in OTHERS.items()}
-    return CaseEvents(
-        case,
-        {
-            name: [event for event in detector.process(case.block) if isinstance(event, SlipEvent)]
-            for name, detector in detectors.items()
-        },
-    )
+    by_name = {
+        name: [event for event in detector.process(case.block) if isinstance(event, SlipEvent)]
+        for name, detector in detectors.items()
+    }
+    return CaseEvents(case, by_name)

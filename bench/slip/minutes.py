@@ -48,8 +48,8 @@ def read_minute(seed: int, slides: bool) -> Minute | None:
     rng = np.random.default_rng([31, seed])
     unevenness = 0.0 if rng.random() < _EVEN else log_uniform(rng, 0.01, 0.15)
     noise_v = log_uniform(rng, *_NOISE_V)
-    played = play("minute", lambda _: _scene(slides, unevenness, seed), seed)
-    events = GripDetector(ARRAY).process(played.read(noise_v, draw=1))
+    played = play(lambda _: _scene(slides, unevenness, seed), seed)
+    events = GripDetector(ARRAY).process(played.read(noise_v))
     if (played.slip is not None) != slides:  # friction at the place of a rest is that of a smoother one
         return None
     begin_s = played.slip.gross_s if played.slip else played.duration_s - _LENGTH_S

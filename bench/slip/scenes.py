@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from tactiled.array import FloatArray, load_array
 from tactiled.emulator.board.electronics import adc_counts
@@ -52,47 +51,30 @@ class FirstSlip:
     direction_deg: float | None
 
 
-def loads_at(truth: Truth, time_s: FloatArray) -> FloatArray:
-    """Tangential and normal load (2, n) of all taxels together at instants (n,)."""
-    state = truth.state(time_s)
-    return np.stack([np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1), state.normal_n.sum(axis=1)])
-
-
-class LoadHistory:
-    """Search the load of a scene for rests.
+def shear_begins_s(slip: TrueSlip, time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> float:
+    """Instant at which the tangential load began to grow towards a slip.
 
     Parameters
     ----------
     time_s, shear_n, normal_n : (n,) float64
         Instants every `GRID_S`; tangential and normal load of all taxels.
     """
-
-    def __init__(self, time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> None:
-        back = round(_REST_S / GRID_S)
-        change_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
-        self._at_rest_s = time_s[back:][change_n <= _REST_CHANGE * normal_n[back:]]
-
-    def shear_s(self, slip: TrueSlip) -> float:
-        """Instant at which the tangential load began to grow towards a slip."""
-        rested = self._at_rest_s[self._at_rest_s <= slip.onset_s]
-        return max(slip.shear_s or 0.0, float(rested[-1]) if len(rested) else 0.0)
+    back = round(_REST_S / GRID_S)
+    change_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
+    at_rest_s = time_s[back:][change_n <= _REST_CHANGE * normal_n[back:]]
+    rested_s = at_rest_s[at_rest_s <= slip.onset_s]
+    return max(slip.shear_s or 0.0, float(rested_s[-1]) if len(rested_s) else 0.0)
 
 
-def first_gross_slip(truth: Truth, load: LoadHistory) -> FirstSlip | None:
-    """First gross slip of a scene; None where there is none."""
+def _first_gross_slip(truth: Truth, *loads: FloatArray) -> FirstSlip | None:
+    """First gross slip of a scene; None where there is none. Loads are those of `shear_begins_s`."""
     gross = next((slip for slip in truth.slips if slip.gross_s is not None), None)
     if gross is None or gross.gross_s is None:
         return None
-    shear_s = load.shear_s(gross)
+    shear_s = shear_begins_s(gross, *loads)
     # The contact may slip in part, hold, and slip again on its way to gross slip.
     partial = [e.onset_s for e in truth.episodes if e.end_s > shear_s and e.onset_s <= gross.onset_s]
-    return FirstSlip(
-        shear_s=shear_s,
-        incipient_s=max(min(partial), shear_s),
-        gross_s=gross.gross_s,
-        end_s=gross.end_s,
-        direction_deg=gross.direction_deg,
-    )
+    return FirstSlip(shear_s, max(min(partial), shear_s), gross.gross_s, gross.end_s, gross.direction_deg)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,18 +85,14 @@ class PlayedScene:
     ----------
     volts : (n, channels) float64
         At the ADC, noise-free, each channel at its own instant of the scan.
-    press_end_s : float
-        End of the first press.
     slip : FirstSlip or None
         None where no gross slip happens.
     slipping_share : (n,) float64
         Share of the contact area that slips, at the begin of each scan.
     """
 
-    family: str
     seed: int
     volts: FloatArray
-    press_end_s: float
     slip: FirstSlip | None
     slipping_share: FloatArray
 
@@ -123,22 +101,14 @@ class PlayedScene:
         """Length of the scene."""
         return len(self.volts) / RATE_HZ
 
-    def counts(self, noise_v: float, draw: int) -> NDArray[np.int64]:
-        """Counts (n, channels) of the ADC; `draw` numbers independent noises."""
-        noise = ScanNoise(1_000_000 * draw + self.seed, self.volts.shape[1])
-        noisy = self.volts + noise_v * noise.normal(0, len(self.volts))
-        return adc_counts(noisy, ADC_BITS, ADC_REFERENCE_V)
-
-    def read(self, noise_v: float, draw: int) -> ScanBlock:
-        """Scans as a detector gets them."""
-        return block_of(self.counts(noise_v, draw))
-
-
-def block_of(counts: NDArray[np.int64]) -> ScanBlock:
-    """Scans from time 0; a reading at the end of the ADC's range is saturated."""
-    offsets: FloatArray = CHANNEL_STEP_S * np.arange(counts.shape[1], dtype=np.float64)
-    valid = counts < 2**ADC_BITS - 1
-    return regular_block(counts * LSB_V, RATE_HZ, channel_offset_s=offsets, valid=valid)
+    def read(self, noise_v: float, draw: int = 1) -> ScanBlock:
+        """Scans as a detector gets them, from time 0; `draw` numbers independent noises."""
+        n, channels = self.volts.shape
+        noise = ScanNoise(1_000_000 * draw + self.seed, channels).normal(0, n)
+        counts = adc_counts(self.volts + noise_v * noise, ADC_BITS, ADC_REFERENCE_V)
+        offsets: FloatArray = CHANNEL_STEP_S * np.arange(channels, dtype=np.float64)
+        valid = counts < 2**ADC_BITS - 1  # a reading at the end of the range is saturated
+        return regular_block(counts * LSB_V, RATE_HZ, channel_offset_s=offsets, valid=valid)
 
 
 def read_sd_v(noise_v: float) -> float:
@@ -146,7 +116,7 @@ def read_sd_v(noise_v: float) -> float:
     return float(np.hypot(noise_v, LSB_V / np.sqrt(12)))
 
 
-def play(name: str, family: Family, seed: int) -> PlayedScene:
+def play(family: Family, seed: int) -> PlayedScene:
     """Play a scene of a family on the 2019 array, its hold lengthened by `HOLD_EXTRA_S`."""
     scene = _with_longer_hold(family(seed))
     sensor = Sensor(scene, ARRAY, adc_bits=ADC_BITS, adc_reference_v=ADC_REFERENCE_V)
@@ -160,17 +130,12 @@ def play(name: str, family: Family, seed: int) -> PlayedScene:
     for start, end in itertools.pairwise(bounds):
         volts.append(sensor.volts(time_s[start:end]))
         until_s = time_s[end, 0] if end < n else np.inf
-        loads_n.append(loads_at(truth, grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)]))
+        state = truth.state(grid_s[(grid_s >= time_s[start, 0]) & (grid_s < until_s)])
+        shear_n = np.linalg.norm(state.tangential_n, axis=-1).sum(axis=1)
+        loads_n.append(np.stack([shear_n, state.normal_n.sum(axis=1)]))
         shares.append(truth.state(time_s[start:end, 0]).slipping_share)
-    load = LoadHistory(grid_s, *np.concatenate(loads_n, axis=1))
-    return PlayedScene(
-        family=name,
-        seed=seed,
-        volts=np.concatenate(volts),
-        press_end_s=scene.phases[0].duration_s,
-        slip=first_gross_slip(truth, load),
-        slipping_share=np.concatenate(shares),
-    )
+    slip = _first_gross_slip(truth, grid_s, *np.concatenate(loads_n, axis=1))
+    return PlayedScene(seed, np.concatenate(volts), slip, np.concatenate(shares))
 
 
 def _with_longer_hold(scene: Scene) -> Scene:
@@ -195,5 +160,4 @@ def at_speed(speed_mm_s: float) -> Family:
 STEADY_SLIDES = {f"{speed:g} mm/s": at_speed(speed) for speed in SPEEDS_MM_S}
 # Detectors were set on these, by other seeds than are reported.
 TUNED_SLIPPING = {name: f for name, f in families.SLIPPING.items() if name != "steady-slide"} | STEADY_SLIDES
-ALL_SLIPPING = TUNED_SLIPPING | families.HELD_OUT_SLIPPING
-ALL_QUIET = families.QUIET | families.HELD_OUT_QUIET
+FAMILIES = TUNED_SLIPPING | families.HELD_OUT_SLIPPING | families.QUIET | families.HELD_OUT_QUIET

@@ -46,13 +46,14 @@ def falling(reported: Sequence[Reported]) -> list[Reported]:
 
 def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
     """Return, for each gross slip, True if one was open, or was reported up to a time after its beginning."""
-    out = []
-    for case, events in reported:
-        if case.slips:
-            since_s = case.gross_s - AHEAD_S
-            is_told = any(since_s <= e.detected_s <= case.gross_s + within_s for e in onsets(events, "gross"))
-            out.append(is_told or is_gross_at(events, since_s))
-    return out
+    return [
+        is_gross_at(events, case.gross_s - AHEAD_S)
+        or any(
+            case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in onsets(events, "gross")
+        )
+        for case, events in reported
+        if case.slips
+    ]
 
 
 def is_gross_at(events: Sequence[SlipEvent], time_s: float) -> bool:

@@ -30,11 +30,6 @@ _CLEAR = 0.8  # utilisation below which a contact that holds is far from gross s
 Question = Callable[[Sequence[Reported]], str]
 
 
-def by_name(events: Sequence[CaseEvents], name: str) -> list[Reported]:
-    """Events of a setting or of another detector."""
-    return [Reported(one.case, one.by_name[name]) for one in events]
-
-
 def _direction(kind: str, reported: Sequence[Reported]) -> str:
     found = directions(usual(reported), kind)
     if not len(found.error_deg):
@@ -86,7 +81,7 @@ QUESTIONS: Mapping[str, Question] = {
 
 def settings_table(events: Sequence[CaseEvents]) -> str:
     """Answers to all questions, a column for each setting."""
-    columns = {_head(name): by_name(events, name) for name in NAMES}
+    columns = {_head(name): [Reported(one.case, one.by_name[name]) for one in events] for name in NAMES}
     return table(
         {"question": question} | {head: answer(found) for head, found in columns.items()}
         for question, answer in QUESTIONS.items()

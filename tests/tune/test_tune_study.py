@@ -235,7 +235,7 @@ def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     noise_v = 1e-3
     scenes = {"persistent-contact": first_seconds, "arm-acceleration": QUIET["arm-acceleration"]}
     for name, family in scenes.items():
-        block = play(name, family, 2).read(noise_v, 0)
+        block = play(family, 2).read(noise_v, 0)
         np.savez(tmp_path / f"{name}.npz", time_s=block.time_s, volts=block.volts)
     tune_files(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz", None, 60.0)
     out, err = capsys.readouterr()
