@@ -5,7 +5,6 @@ on motions that no calibration saw.
 """
 
 import itertools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,6 +24,7 @@ from bench.force.score import (
     score_magnets,
     study_of,
 )
+from bench.processes import spent_on_scans_us
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -35,6 +35,7 @@ from bench.report import (
     at_most,
     counted,
     judge,
+    rms,
     seeds_in_words,
     table,
 )
@@ -119,26 +120,17 @@ def _costs_us() -> tuple[float, float]:
     rig, run, tests = rig_for(REPORTED_FROM, SHORT)
     estimator = ForceEstimator(rig.array, study_of(rig, run, SHORT).file)
     block = regular_block(tests[0].readings[:_COST_SCANS], 100.0)
-    blocks = [block[k : k + 1] for k in range(len(block))]
-    spent = []
-    for _ in range(5):
-        began_s = time.process_time()
-        for one in blocks:
-            estimator.process(one)
-        spent.append((time.process_time() - began_s) / len(blocks))
-    live = []
-    for one in blocks[:_LIVE_SCANS]:
-        time.sleep(0.01)
-        began_s = time.process_time()
-        estimator.process(one)
-        live.append(time.process_time() - began_s)
-    return 1e6 * float(np.median(spent)), 1e6 * float(np.median(live))
+
+    def spent_us(pause_s: float, n: int) -> list[float]:
+        return spent_on_scans_us(estimator.process, [block[k : k + 1] for k in range(n)], pause_s)
+
+    hot = [np.mean(spent_us(0.0, len(block))) for _ in range(5)]
+    return float(np.median(hot)), float(np.median(spent_us(0.01, _LIVE_SCANS)))
 
 
 def pooled(scores: Sequence[ForceScore], kind: str, method: str) -> float:
     """Rms over rigs of the rms errors of a method."""
-    values = [getattr(one, kind)[method] for one in scores]
-    return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")
+    return rms([getattr(one, kind)[method] for one in scores])
 
 
 def _row(case: Case, found: ForceFound, kind: str) -> dict[str, str]:
@@ -158,8 +150,8 @@ def _intervals(case: Case, found: ForceFound) -> dict[str, str]:
         "fy": f"{100 * inside[:, 1].mean():.0f} %",
         "fz": f"{100 * inside[:, 2].mean():.0f} %",
         "lowest of a rig": f"{100 * inside.min():.0f} %",
-        "centre (mm)": f"{np.sqrt(np.mean([one.centre_mm**2 for one in some])):.3f}",
-        "clock error (ms)": f"{1e3 * np.sqrt(np.mean([one.late_error_s**2 for one in some])):.2f}",
+        "centre (mm)": f"{rms([one.centre_mm for one in some]):.3f}",
+        "clock error (ms)": f"{1e3 * rms([one.late_error_s for one in some]):.2f}",
         "model of pairs": f"{sum(one.model == 'pairs' for one in some)} of {len(some)}",
     }
 
@@ -203,18 +195,13 @@ def _wins_by_half(case: Case) -> Aim[ForceFound]:
 
 def _coverage(found: ForceFound) -> Reading:
     inside = np.array([one.inside for one in found.of(MAIN)]).mean(axis=0)
-    return judge(
-        ", ".join(
-            f"{name} {100 * part:.0f} %" for name, part in zip(("fx", "fy", "fz"), inside, strict=True)
-        ),
-        bool(np.all((inside >= 0.85) & (inside <= 0.95))),
-    )
+    words = [f"{name} {100 * part:.0f} %" for name, part in zip(("fx", "fy", "fz"), inside, strict=True)]
+    return judge(", ".join(words), bool(np.all((inside >= 0.85) & (inside <= 0.95))))
 
 
 def _no_worse(found: ForceFound) -> Reading:
     worse = [
-        one.normal["tactiled"] > _SAME * one.normal["ridge with squares"]
-        or one.shear["tactiled"] > _SAME * one.shear["ridge with squares"]
+        any(errors["tactiled"] > _SAME * errors["ridge with squares"] for errors in (one.normal, one.shear))
         for one in found.scores
     ]
     worse += [any(np.greater(one.tactiled, _SAME * np.array(one.ridge))) for one in found.magnets]
@@ -237,7 +224,7 @@ AIMS: tuple[Aim[ForceFound], ...] = (
         "centre of pressure above 1 N",
         0.3,
         " mm",
-        lambda found: float(np.sqrt(np.mean([one.centre_mm**2 for one in found.of(MAIN)]))),
+        lambda found: rms([one.centre_mm for one in found.of(MAIN)]),
         ".3f",
     ),
     Aim("90 % intervals hold", "85 to 95 %", _coverage),

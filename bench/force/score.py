@@ -1,11 +1,12 @@
 """Calibrations of drawn rigs, by this project and by baselines, scored on other motions."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog, ReferenceTable, bin_log
+from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log
 from tactiled.calibrate.smooth import PLAIN, RICH, FeatureTerms, fit_smooth
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import LARGEST_N, Loads, Motion
@@ -72,43 +73,23 @@ class ForceScore:
     model: str
 
 
-@dataclass(frozen=True)
-class HoldScore:
-    """A hold of an hour.
-
-    Attributes
-    ----------
-    inside : float
-        Part of the hour in which the 90 % interval of fz holds the truth.
-    worst : float
-        Largest error over standard deviation.
-    error_n, sd_n : float
-        At the end.
-    """
+class HoldScore(NamedTuple):
+    """A hold of an hour."""
 
     seed: int
-    inside: float
-    worst: float
-    error_n: float
+    inside: float  # part of the hour in which the 90 % interval of fz holds the truth
+    worst: float  # largest error over standard deviation
+    error_n: float  # at the end, as the next
     sd_n: float
 
 
-@dataclass(frozen=True)
-class MagnetScore:
-    """A skin over five magnetometers.
-
-    Attributes
-    ----------
-    tactiled, ridge : tuple of float
-        Rms errors of normal force and shear over their ranges; ridge regression with squares beside.
-    inside : float
-        Part of the 90 % intervals that hold the truth.
-    """
+class MagnetScore(NamedTuple):
+    """A skin over five magnetometers: rms errors of normal force and shear over their ranges."""
 
     seed: int
     tactiled: tuple[float, float]
-    ridge: tuple[float, float]
-    inside: float
+    ridge: tuple[float, float]  # with squares
+    inside: float  # part of the 90 % intervals that hold the truth
 
 
 def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
@@ -121,16 +102,11 @@ def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
 
 def study_of(rig: Rig, run: RigRun, case: Case) -> CalibrationStudy:
     """Calibrate as `tactiled calibrate` does."""
-    table = table_of(run, case)
-    return calibrate(rig.array, run.loads.time_s, run.readings, table, Identity("rig"))
-
-
-def table_of(run: RigRun, case: Case) -> ReferenceTable:
-    """Record of the force sensor."""
     values = run.reference.copy()
     if not case.moments:
         values[:, 3:] = np.nan
-    return ReferenceTable(run.reference_s, values, np.full(len(values), NO_TAXEL))
+    table = ReferenceTable(run.reference_s, values, np.full(len(values), NO_TAXEL))
+    return calibrate(rig.array, run.loads.time_s, run.readings, table, Identity("rig"))
 
 
 def score(seed: int, case: Case) -> ForceScore:
@@ -150,7 +126,7 @@ def score(seed: int, case: Case) -> ForceScore:
         ("ridge with squares", PLAIN),
         ("linear map", FeatureTerms(squares=False)),
     ):
-        predicted, binned = _ridge(rig, run, tests, found, terms, case)
+        predicted, binned = _ridge(rig, run, tests, found, terms)
         averaged = [_binned(t, size) for t, size in zip(truth, binned, strict=True)]
         normal[name], shear[name] = _rms(predicted, averaged)
     force = np.concatenate([o[0] for o in ours])
@@ -198,21 +174,11 @@ def _centre_error(array: Array, centres: list[FloatArray], tests: list[RigRun]) 
     return float(np.sqrt(np.concatenate(errors).mean()))
 
 
-def _aligned(
-    rig: Rig, run: RigRun, found: CalibrationStudy, case: Case
-) -> tuple[BinnedLog, AlignedReference, float]:
-    """Log and reference of a calibration, and their offset as the study found it."""
-    log = bin_log(run.loads.time_s, run.readings, rig.array)
-    table = table_of(run, case)
-    late_s = found.late_s + float(run.loads.time_s[0] - table.time_s[0])
-    return log, AlignedReference(table, log), late_s
-
-
 def _ridge(
-    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: FeatureTerms, case: Case
+    rig: Rig, run: RigRun, tests: list[RigRun], found: CalibrationStudy, terms: FeatureTerms
 ) -> tuple[list[FloatArray], list[int]]:
     """Forces of the test runs in bins, by ridge regression with the clocks that the study found."""
-    log, _, _ = _aligned(rig, run, found, case)
+    log = bin_log(run.loads.time_s, run.readings, rig.array)
     rows = np.isin(np.round(log.middle_s, 6), np.round(found.time_s, 6))
     outputs = np.zeros((len(log), 6))
     outputs[rows] = found.reference
@@ -234,12 +200,11 @@ def score_magnets(seed: int) -> MagnetScore:
     """Calibrate a drawn magnetometer skin by a minute of wandering presses, and score it on holds."""
     rig, rng = draw_rig(load_array(MAGNETS), seed)
     test, run = rig.run("hold", TEST_S, rng), rig.run("walk", 60.0, rng)
-    case = Case(motion="walk")
-    found = study_of(rig, run, case)
+    found = study_of(rig, run, Case(motion="walk"))
     truth = [rig.reference.seen(test.loads.wrench(rig.array))]
     zero = np.median(test.readings[:30], axis=0)  # as the array file says: the first 0.3 s
     force, sd, _ = _estimated(rig.array, found.file, test.readings - zero)
-    predicted, (size,) = _ridge(rig, run, [test], found, PLAIN, case)
+    predicted, (size,) = _ridge(rig, run, [test], found, PLAIN)
     averaged = [_binned(truth[0], size)]
     # Both are averaged over the same bins: the noise of single scans would hide the difference.
     ours, ridge = _rms([_binned(force, size)], averaged), _rms(predicted, averaged)
@@ -265,10 +230,5 @@ def hold_for_an_hour(seed: int, case: Case) -> HoldScore:
     held = slice(round(6.0 * _HOLD_HZ), None)
     error = np.array([e.fz_n for e in events])[held] - true[held]
     sd = np.array([e.fz_sd_n for e in events])[held]
-    return HoldScore(
-        seed,
-        float((np.abs(error) < Z90 * sd).mean()),
-        float((np.abs(error) / sd).max()),
-        float(error[-1]),
-        float(sd[-1]),
-    )
+    inside, worst = (np.abs(error) < Z90 * sd).mean(), (np.abs(error) / sd).max()
+    return HoldScore(seed, float(inside), float(worst), float(error[-1]), float(sd[-1]))

@@ -4,12 +4,12 @@ Hot: scans one after the other. Live: a scan each 10 ms, as a board sends them; 
 or does other work, and caches are cold.
 """
 
-import time
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from bench.processes import spent_on_scans_us
 from bench.worlds.arrays import square_array
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
@@ -39,7 +39,13 @@ def scan_costs() -> dict[str, ScanCost]:
 def _measure(array: Array) -> ScanCost:
     touch = _touch(array)
     blocks = [touch[k : k + 1] for k in range(len(touch))]
-    return ScanCost(_spent_us(array, blocks, 0.0), _spent_us(array, blocks, 1.0 / RATE_HZ))
+    costs_us = []
+    for pause_s in (0.0, 1.0 / RATE_HZ):
+        detector = GripDetector(array, GripParams())
+        for block in blocks[:_SETTLED_SCANS]:
+            detector.process(block)
+        costs_us.append(float(np.mean(spent_on_scans_us(detector.process, blocks[_SETTLED_SCANS:], pause_s))))
+    return ScanCost(*costs_us)
 
 
 def _touch(array: Array) -> ScanBlock:
@@ -56,20 +62,6 @@ def _touch(array: Array) -> ScanBlock:
         of_load, of_shear = shows.get(kind, (1.0, float(np.cos(np.radians(array.azimuth_deg[c])))))
         volts[:, c] += of_load * pressed[:, c] + of_shear * sheared[:, c]
     return regular_block(volts, RATE_HZ)
-
-
-def _spent_us(array: Array, blocks: list[ScanBlock], pause_s: float) -> float:
-    detector = GripDetector(array, GripParams())
-    for block in blocks[:_SETTLED_SCANS]:
-        detector.process(block)
-    spent_s = 0.0
-    for block in blocks[_SETTLED_SCANS:]:
-        if pause_s:
-            time.sleep(pause_s)
-        began_s = time.thread_time()
-        detector.process(block)
-        spent_s += time.thread_time() - began_s
-    return 1e6 * spent_s / _SCANS
 
 
 def cost_rows(costs: Mapping[str, ScanCost]) -> Iterator[dict[str, str]]:
