@@ -9,13 +9,14 @@ one, a spring with a friction of its own. A hand that carries and feels the obje
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from bench.worlds.arrays import places_mm
-from bench.worlds.hands import GRAVITY, STEP_S, HandPlan, plan
-from bench.worlds.sensors import Drawn, Forces, measure
+from bench.worlds.hands import GRAVITY, KEEP, STEP_S, HandPlan, plan, side_by_side
+from bench.worlds.sensors import Drawn, Forces, measure_together
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
 from tactiled.array import FloatArray
@@ -25,7 +26,6 @@ HANDS = (
     "fast-pull", "fast-pull", "twist", "ease", "ease", "falling-friction", "fill", "tap", "sway", "sway",
     "reverse", "near-limit", "near-limit", "rest", "low", "low", "slide", "creep",
 )  # fmt: skip
-KEEP = 2  # steps of integration for each that is kept
 TOUCHING = 0.03  # of the usual load
 AT_LIMIT, ALMOST = 0.99, 0.93  # of its limit: a place slips; or has slipped just now
 MOST_OF = 0.98  # of the limits of all places: so many slip where the contact slips
@@ -35,7 +35,6 @@ _EACH = _SIDE**2
 _SURFACE = 256  # places of a surface, after which it repeats
 _LOST_MM = 40.0  # a carried object that has slid as far falls
 _SPEED_S = 0.008  # over which the speed of a tip is averaged: a few steps
-_BATCH = 24
 
 
 @dataclass(frozen=True)
@@ -53,15 +52,7 @@ class _Scene:
 
 def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) -> list[World]:
     """Simulate worlds of so many minutes; all else is drawn from each seed."""
-    scenes = [_draw(seed, minutes, hands or HANDS) for seed in seeds]
-    found: dict[int, World] = {}
-    for side in {scene.drawn.side for scene in scenes}:
-        some = [scene for scene in scenes if scene.drawn.side == side]
-        for first in range(0, len(some), _BATCH):
-            batch = some[first : first + _BATCH]
-            for scene, forces in zip(batch, _simulate(batch), strict=True):
-                found[scene.drawn.seed] = measure(scene.drawn, forces)
-    return [found[seed] for seed in seeds]
+    return measure_together([_draw(seed, minutes, hands or HANDS) for seed in seeds], _simulate)
 
 
 def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
@@ -142,11 +133,7 @@ def _simulate(scenes: list[_Scene]) -> list[Forces]:
     x, y, mu = (np.stack([getattr(s, name) for s in scenes]) for name in ("x", "y", "mu"))
     tables, surface = np.stack([s.table.node_n for s in scenes]), np.stack([s.surface for s in scenes])
     longest = max(len(s.plan.course) for s in scenes)
-
-    def course(name: str) -> FloatArray:
-        series = [getattr(s.plan.course, name) for s in scenes]
-        return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in series], axis=1)
-
+    course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
     push = v["bears"] + v["second"]
     pull = course("pull") * push * (1 + v["spring"] / v["stiffness"]) + course("travel_mm") * v["spring"]
@@ -275,18 +262,16 @@ def _second_finger(
 
 def _forces(scene: _Scene, load: FloatArray, shear: FloatArray, truth: FloatArray) -> Forces:
     """Courses of a scene that the log sees."""
-    course, step_s = scene.plan.course, STEP_S * KEEP
-    part = slice(round(scene.plan.unseen_s / step_s), len(course) // KEEP)
-    v = scene.scalars
+    part, v = scene.plan.logged, scene.scalars
     return Forces(
-        step_s=step_s,
+        step_s=STEP_S * KEEP,
         load=load[part],
         shear=shear[part],
         utilisation=truth[0][part],
         slides=truth[1][part] > 0,
         limit=truth[2][part],
         touching=load[part].sum(axis=1) > TOUCHING * v["usual"],
-        acceleration_m_s2=course.acceleration_m_s2[KEEP - 1 :: KEEP][part],
+        acceleration_m_s2=scene.plan.course.acceleration_m_s2[KEEP - 1 :: KEEP][part],
         usual_n=v["usual"],
         static_friction=v["bears"] / v["usual"],
     )

@@ -4,7 +4,7 @@ A course is a row of rounds: the hand comes, touches, does what it is named for,
 of what the contact bears at its usual load, so that the same hand is near the limit on any surface.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from tactiled.array import FloatArray
 
 STEP_S = 0.002  # of integration, of all generators but "laws"
+KEEP = 2  # steps of integration for each that is kept
 GRAVITY = 9.81
 _UNSEEN = 0.15  # share of worlds whose log begins in contact
 
@@ -58,9 +59,20 @@ class Course:
 class HandPlan:
     """Course of a world, and the time at its beginning that its log does not see."""
 
-    hand: str
     course: Course
     unseen_s: float
+
+    @property
+    def logged(self) -> slice:
+        """Kept steps that the log sees."""
+        return slice(round(self.unseen_s / (STEP_S * KEEP)), len(self.course) // KEEP)
+
+
+def side_by_side(plans: Sequence[HandPlan], name: str) -> FloatArray:
+    """Series (steps, plans) of one name, each held at its end until the longest is over."""
+    series = [getattr(plan.course, name) for plan in plans]
+    longest = max(map(len, series))
+    return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in series], axis=1)
 
 
 def smooth(t: FloatArray, start: float, length: float) -> FloatArray:
@@ -95,11 +107,8 @@ def plan(rng: np.random.Generator, hand: str, duration_s: float) -> HandPlan:
         if f.name not in ("spring", "carries")
     }
     held = rounds[0]
-    return HandPlan(
-        hand,
-        Course(**series, spring=held.spring or spring * (not held.carries), carries=held.carries),
-        unseen_s,
-    )
+    spring = held.spring or spring * (not held.carries)
+    return HandPlan(Course(**series, spring=spring, carries=held.carries), unseen_s)
 
 
 def _time(length_s: float) -> FloatArray:

@@ -1,5 +1,6 @@
 """Readings of a drawn sensor from the forces on its taxels, and the truth at its scans."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ _FILES: dict[str, dict[str, Any]] = {
     "sides": {"kind": "sides", "unit": "V", "range": (-8.0, 8.0)},
 }
 _NOISE, _IDEAL_NOISE = (3e-4, 1e-2), (5e-5, 1e-3)  # of the usual reading
+_BATCH = 24  # scenes that are simulated at once
 _MOST = 0.8  # of the range, so that usual loads never saturate
 _GROSS_S = 0.02  # a contact that slides for a shorter time did not slide
 _STICK_S = 0.04  # and one that rests for a shorter time went on
@@ -87,6 +89,18 @@ class Drawn:
     def faults(self) -> float:
         """Part of the usual faults that the sensor has."""
         return 0.0 if self.is_ideal else 1.0
+
+
+def measure_together(scenes: Sequence[Any], simulate: Callable[[Any], Sequence[Forces]]) -> list[World]:
+    """Simulate scenes in batches of one size of the array, and measure each by its `Drawn`."""
+    found: dict[int, World] = {}
+    for side in {scene.drawn.side for scene in scenes}:
+        some = [scene for scene in scenes if scene.drawn.side == side]
+        for first in range(0, len(some), _BATCH):
+            batch = some[first : first + _BATCH]
+            for scene, forces in zip(batch, simulate(batch), strict=True):
+                found[scene.drawn.seed] = measure(scene.drawn, forces)
+    return [found[scene.drawn.seed] for scene in scenes]
 
 
 def measure(drawn: Drawn, forces: Forces) -> World:
@@ -174,7 +188,7 @@ def _felt(
     np.fill_diagonal(mix, 0.0)
     mix = np.eye(n) + drawn.faults * rng.uniform(0, 0.4) * mix
     mix /= mix.sum(axis=1, keepdims=True)
-    load, shear = _mixed(load, mix), _mixed(shear, mix)
+    load, shear = mixed(load, mix), mixed(shear, mix)
     tilt = drawn.faults * np.tan(np.radians(rng.uniform(0.0, 3.0)))  # of the pad in its mount
     towards = rng.uniform(0.0, 2 * np.pi)
     lean = tilt * np.array([np.cos(towards), np.sin(towards)])
@@ -190,8 +204,8 @@ def _felt(
     return felt * rng.lognormal(0, spread, n), shear * rng.lognormal(0, spread, (2, n))
 
 
-def _mixed(forces: FloatArray, mix: FloatArray) -> FloatArray:
-    """Each taxel's force with its part of the others', by a sum whose order is always the same."""
+def mixed(forces: FloatArray, mix: FloatArray) -> FloatArray:
+    """Share forces (..., places) among taxels by a matrix (taxels, places), summed in one order always."""
     return np.stack([(forces * row).sum(axis=-1) for row in mix], axis=-1)
 
 

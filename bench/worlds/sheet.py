@@ -8,13 +8,14 @@ hand that holds its position relaxes, and the readings creep with a power of tim
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from bench.worlds.arrays import places_mm
-from bench.worlds.bristles import ALMOST, AT_LIMIT, KEEP, MOST_OF, MOVES_MM_S, TOUCHING
-from bench.worlds.hands import STEP_S, HandPlan, plan
-from bench.worlds.sensors import Drawn, Forces, measure
+from bench.worlds.bristles import ALMOST, AT_LIMIT, MOST_OF, MOVES_MM_S, TOUCHING
+from bench.worlds.hands import KEEP, STEP_S, HandPlan, plan, side_by_side
+from bench.worlds.sensors import Drawn, Forces, measure_together, mixed
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
 from tactiled.array import FloatArray
@@ -38,7 +39,6 @@ _SWEEPS = 2  # of relaxation a step: what is left balances in the next ones
 _SPEED_S = 0.02  # over which the speed of slip is averaged
 _FOLLOWS_S = 0.006  # the object behind the hand
 _SPEED_MM_S = 0.1  # of slip, from which friction grows with its logarithm
-_BATCH = 24
 
 
 @dataclass(frozen=True)
@@ -55,15 +55,7 @@ class _Scene:
 
 def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) -> list[World]:
     """Simulate worlds of so many minutes; all else is drawn from each seed."""
-    scenes = [_draw(seed, minutes, hands or HANDS) for seed in seeds]
-    found: dict[int, World] = {}
-    for side in {scene.drawn.side for scene in scenes}:
-        some = [scene for scene in scenes if scene.drawn.side == side]
-        for first in range(0, len(some), _BATCH):
-            batch = some[first : first + _BATCH]
-            for scene, forces in zip(batch, _simulate(batch), strict=True):
-                found[scene.drawn.seed] = measure(scene.drawn, forces)
-    return [found[seed] for seed in seeds]
+    return measure_together([_draw(seed, minutes, hands or HANDS) for seed in seeds], _simulate)
 
 
 def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
@@ -111,11 +103,7 @@ def _simulate(scenes: list[_Scene]) -> list[Forces]:
     x, y, adhesion = (np.stack([getattr(s, name) for s in scenes]) for name in ("x", "y", "adhesion"))
     x, y = x - v["x"][:, None], y - v["y"][:, None]  # the object turns about the middle of the contact
     longest = max(len(s.plan.course) for s in scenes)
-
-    def course(name: str) -> FloatArray:
-        series = [getattr(s.plan.course, name) for s in scenes]
-        return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in series], axis=1)
-
+    course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
     hand, elastic = v["hand"] * v["stiffness"], v["bears"] / v["stiffness"]
     # Elastic travel of the skin and of the hand's own spring.
@@ -194,16 +182,11 @@ def _neighbours(side: int) -> FloatArray:
 
 def _forces(scene: _Scene, load: FloatArray, u: FloatArray, truth: FloatArray) -> Forces:
     """Courses of a scene that the log sees: what springs bring to the ground, shared among the taxels."""
-    step_s, v = STEP_S * KEEP, scene.scalars
-    part = slice(round(scene.plan.unseen_s / step_s), len(scene.plan.course) // KEEP)
-
-    def shared(forces: FloatArray) -> FloatArray:
-        return np.stack([(forces * row).sum(axis=-1) for row in scene.to_taxels], axis=-1)
-
+    part, v = scene.plan.logged, scene.scalars
     return Forces(
-        step_s=step_s,
-        load=shared(load[part]),
-        shear=shared(v["ground"] * u[part]),
+        step_s=STEP_S * KEEP,
+        load=mixed(load[part], scene.to_taxels),
+        shear=mixed(v["ground"] * u[part], scene.to_taxels),
         utilisation=truth[0][part],
         slides=truth[1][part] > 0,
         limit=truth[2][part],
