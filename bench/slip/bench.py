@@ -18,15 +18,6 @@ from bench.slip.cases import (
     from_world,
     run_case,
 )
-from bench.slip.gratings import (
-    GRATINGS_FROM,
-    LENGTH_S,
-    N_GRATINGS,
-    N_QUICK_GRATINGS,
-    GratingAnswer,
-    read_grating,
-    rows,
-)
 from bench.slip.minutes import (
     MINUTES_FROM,
     N_QUICK_RESTS,
@@ -38,8 +29,7 @@ from bench.slip.minutes import (
     read_minute,
 )
 from bench.slip.scenes import NOISES_V
-from bench.slip.score import AHEAD_S, SLOW_S
-from bench.slip.tables import settings_table
+from bench.slip.score import AHEAD_S, SLOW_S, settings_table
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
@@ -61,19 +51,16 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     batches = [seeds[start : start + _BATCH] for start in range(0, n_worlds, _BATCH)]
     scene_seeds = range(REPORT_SEED, REPORT_SEED + n_scenes)
     scenes = list(itertools.product(SCENES, scene_seeds))
-    n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
     n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
-    progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
+    progress.begin(len(batches) + len(scenes) + len(minutes))
     with executor(BENCH_WORKERS, options.dask) as pool:
         some = counted(pool.map(read_worlds, batches), progress, "random worlds")
         some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
-        slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
-        gratings = counted(pool.map(read_grating, slides), progress, "gratings")
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
-    return [*_sections(events, n_worlds, n_scenes), *_over_gratings(gratings), *_of_minutes(long, len(read))]
+    return [*_sections(events, n_worlds, n_scenes), *_of_minutes(long, len(read))]
 
 
 def read_worlds(seeds: range) -> list[CaseEvents]:
@@ -104,15 +91,6 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
         slips = sum(one.case.slips for one in some)
         yield f"{_in_words(group)}: {len(some)} cases, {slips} with gross slip."
         yield settings_table(some)
-
-
-def _over_gratings(found: Sequence[GratingAnswer]) -> Iterator[str]:
-    yield (
-        f"Slides over gratings ({seeds_in_words(len(found), GRATINGS_FROM)}) of smooth, even friction, in "
-        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: told as gross slip, and answered by the "
-        "groove estimator, whose speed is given."
-    )
-    yield table(rows(found))
 
 
 def _of_minutes(found: Sequence[Minute], n: int) -> Iterator[str]:

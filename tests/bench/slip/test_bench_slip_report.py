@@ -8,7 +8,7 @@ from bench.slip import minutes
 from bench.slip.bench import bench_slip, read_scene
 from bench.slip.cases import NAMES, CaseEvents, from_world, run_case
 from bench.slip.scenes import NOISES_V, RATE_HZ
-from bench.slip.tables import QUESTIONS, settings_table
+from bench.slip.score import QUESTIONS, settings_table
 from bench.worlds.laws import draw_worlds
 from tactiled.progress import ProgressBar
 
@@ -61,7 +61,6 @@ def test_the_bench_prints_all_tables(
     monkeypatch.setattr(slip_bench, "SCENES", {"20 mm/s": None})
     monkeypatch.setattr(slip_bench, "read_worlds", lambda _: worlds)
     monkeypatch.setattr(slip_bench, "read_scene", lambda *_: [*slide, *taps])
-    monkeypatch.setattr(slip_bench, "N_QUICK_GRATINGS", 1)
     monkeypatch.setattr(slip_bench, "N_QUICK_SLIDES", 1)
     monkeypatch.setattr(slip_bench, "N_QUICK_RESTS", 1)
     monkeypatch.setattr(minutes, "_LENGTH_S", 3.0)  # of a minute
