@@ -4,7 +4,7 @@ Each generator is left out once: the filter learns from the others and is scored
 has learnt from other seeds of the same generator, too. Where that one is better, more can be had.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bench.grip.cost import SHIPPED, ScanCost, cost_rows, scan_costs
-from bench.grip.judge import RECALLS, Course, Score, course, score
+from bench.grip.judge import RECALL, Course, Score, course, score
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -20,10 +20,11 @@ from bench.report import (
     BenchOptions,
     Reading,
     aims_table,
+    counted,
     judge,
     table,
 )
-from bench.train.data import BATCH, MINUTES, Size, all_looks
+from bench.train.data import BATCH, FULL_WORLDS, MINUTES, QUICK_WORLDS, all_looks, n_batches
 from bench.worlds.generators import GENERATORS, draw
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.learnt import learnt_from
@@ -57,48 +58,37 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """
     from bench.train.fit import first_forest, fit, left_out  # scikit-learn takes seconds to load
 
-    size = Size.QUICK if options.quick else Size.FULL
+    n_worlds = QUICK_WORLDS if options.quick else FULL_WORLDS
     reported = _REPORTED_QUICK if options.quick else _REPORTED
     batches = range(0, reported, BATCH)
     nothing: frozenset[str] = frozenset()
     kept_out = [nothing, *(frozenset({name}) for name in GENERATORS)]
     sets = list(dict.fromkeys(one for without in kept_out for one in left_out(GENERATORS, without)))
-    progress.begin(size.batches + len(sets) + len(kept_out) + len(GENERATORS) * len(batches))
+    progress.begin(n_batches(n_worlds) + len(sets) + len(kept_out) + len(GENERATORS) * len(batches))
     scores: dict[str, dict[str, Score]] = {}
     with executor(BENCH_WORKERS, options.dask) as pool:
-        looks = all_looks(pool, size, progress)
+        looks = all_looks(pool, n_worlds, progress)
         worlds = [look for some in looks.values() for look in some]
-        grown = _counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")
+        grown = counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")
         forests = dict(zip(sets, grown, strict=True))
         fits = pool.map(partial(fit, worlds, forests), kept_out)
-        whole, *others = _counted(fits, progress, "trees of the state")
+        whole, *others = counted(fits, progress, "trees of the state")
         for name, without in zip(GENERATORS, others, strict=True):
             jobs = [(name, REPORTED_FROM + at, without, whole) for at in batches]
-            found = [row for some in _counted(pool.map(_courses, jobs), progress, name) for row in some]
+            found = [row for some in counted(pool.map(_courses, jobs), progress, name) for row in some]
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     measured = GripFound(scores, scan_costs())
     return [
-        f"{size.worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
+        f"{n_worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
         f"score on (seeds from {REPORTED_FROM}).",
         aims_table(AIMS, {"measured": measured}),
         "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
         "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
         "after they begin. Below half: state gross in worlds that never use half of the limit.",
-        score_table(scores),
+        table(_row(name, kind, one) for name, kinds in scores.items() for kind, one in kinds.items()),
         "Processor time of a scan while shear grows, 100 Hz. Hot: scan after scan; live: a scan each 10 ms.",
         table(cost_rows(measured.costs)),
     ]
-
-
-def _counted(found: Iterator[Any], progress: ProgressBar, what: str) -> Iterator[Any]:
-    for one in found:
-        progress.advance(what)
-        yield one
-
-
-def score_table(scores: Mapping[str, Mapping[str, Score]]) -> str:
-    """Return the table of scores by generator and by what was learnt from."""
-    return table(_row(name, kind, one) for name, both in scores.items() for kind, one in both.items())
 
 
 def _courses(job: tuple[str, int, Mapping[str, Any], Mapping[str, Any]]) -> list[dict[str, Course]]:
@@ -133,7 +123,7 @@ def _row(name: str, kind: str, one: Score) -> dict[str, str]:
         "u coverage": f"{one.coverage:.2f}",
         "gross while it slides": f"{one.told_gross:.2f}",
         "gross while it rests": f"{one.rest_told_gross:.3f}",
-        **{f"false/h at {r:.0%}": _number(one.false_per_h[r], ".0f") for r in RECALLS},
+        f"false/h at {RECALL:.0%}": _number(one.false_per_h, ".0f"),
         "false/h below half": f"{one.resting_false_per_h:.0f}",
     }
 
@@ -143,24 +133,21 @@ def _number(value: float, form: str) -> str:
 
 
 def _worst(
-    kind: str, value: Callable[[Score], float], limit: float, form: str, *, most: bool
-) -> Callable[[GripFound], Reading]:
-    """Judge the worst of the generators, and say all of them."""
+    name: str, limit: float, kind: str, value: Callable[[Score], float], form: str, *, most: bool = False
+) -> Aim[GripFound]:
+    """Judge the generator that is worst, and say the values of all."""
 
     def measure(found: GripFound) -> Reading:
         values = [value(one) for one in found.of(kind)]
         met = all(np.isfinite(v) and (v <= limit if most else v >= limit) for v in values)
         return judge(", ".join(_number(v, form) for v in values), met)
 
-    return measure
+    return Aim(name, f"{limit:g}", measure)
 
 
-def _coverage(kind: str) -> Callable[[GripFound], Reading]:
-    def measure(found: GripFound) -> Reading:
-        values = [one.coverage for one in found.of(kind)]
-        return judge(", ".join(f"{v:.2f}" for v in values), all(0.8 <= v <= 0.95 for v in values))
-
-    return measure
+def _coverage(kind: str, found: GripFound) -> Reading:
+    values = [one.coverage for one in found.of(kind)]
+    return judge(", ".join(f"{v:.2f}" for v in values), all(0.8 <= v <= 0.95 for v in values))
 
 
 def _cost(found: GripFound) -> Reading:
@@ -171,41 +158,23 @@ def _cost(found: GripFound) -> Reading:
 
 
 AIMS = (
-    Aim("AUC of sliding", "0.95", _worst(LEFT_OUT, lambda s: s.auc, 0.95, ".3f", most=False)),
-    Aim(
-        "state gross while it slides",
-        "0.65",
-        _worst(LEFT_OUT, lambda s: s.told_gross, 0.65, ".2f", most=False),
+    _worst("AUC of sliding", 0.95, LEFT_OUT, lambda s: s.auc, ".3f"),
+    _worst("state gross while it slides", 0.65, LEFT_OUT, lambda s: s.told_gross, ".2f"),
+    _worst("rms of utilisation", 0.18, LEFT_OUT, lambda s: s.used_rms, ".3f", most=True),
+    Aim("its intervals hold", "0.80 to 0.95", partial(_coverage, LEFT_OUT)),
+    _worst("rms after a first slide", 0.16, LEFT_OUT, lambda s: s.used_rms_later, ".3f", most=True),
+    _worst("rms, friction known", 0.11, KNOWN, lambda s: s.used_rms, ".3f", most=True),
+    Aim("intervals, friction known", "0.80 to 0.95", partial(_coverage, KNOWN)),
+    _worst("Brier skill at 300 ms", 0.18, LEFT_OUT, lambda s: s.skill_300ms, ".2f"),
+    _worst("the same, motion announced", 0.25, ANNOUNCED, lambda s: s.skill_300ms, ".2f"),
+    _worst(
+        "false gross slips an hour at a recall of 80 %", 80, LEFT_OUT, lambda s: s.false_per_h, ".0f",
+        most=True,
     ),
-    Aim("rms of utilisation", "0.18", _worst(LEFT_OUT, lambda s: s.used_rms, 0.18, ".3f", most=True)),
-    Aim("its intervals hold", "0.80 to 0.95", _coverage(LEFT_OUT)),
-    Aim(
-        "rms after a first slide",
-        "0.16",
-        _worst(LEFT_OUT, lambda s: s.used_rms_later, 0.16, ".3f", most=True),
-    ),
-    Aim("rms, friction known", "0.11", _worst(KNOWN, lambda s: s.used_rms, 0.11, ".3f", most=True)),
-    Aim("intervals, friction known", "0.80 to 0.95", _coverage(KNOWN)),
-    Aim(
-        "Brier skill at 300 ms",
-        "0.18",
-        _worst(LEFT_OUT, lambda s: s.skill_300ms, 0.18, ".2f", most=False),
-    ),
-    Aim(
-        "the same, motion announced",
-        "0.25",
-        _worst(ANNOUNCED, lambda s: s.skill_300ms, 0.25, ".2f", most=False),
-    ),
-    Aim(
-        "false gross slips an hour at a recall of 80 %",
-        "80",
-        _worst(LEFT_OUT, lambda s: s.false_per_h[0.8], 80.0, ".0f", most=True),
-    ),
-    Aim(
-        "false gross slips an hour below half of the limit",
-        "20",
-        _worst(LEFT_OUT, lambda s: s.resting_false_per_h, 20.0, ".0f", most=True),
+    _worst(
+        "false gross slips an hour below half of the limit", 20, LEFT_OUT, lambda s: s.resting_false_per_h,
+        ".0f", most=True,
     ),
     Aim("processor time of a scan", "40 us hot, 120 us live", _cost),
-)
+)  # fmt: skip
 """Each is of the generator on which the filter does worst; values are in the order of the generators."""

@@ -9,7 +9,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.report import (
     BENCH_WORKERS,
@@ -23,7 +22,6 @@ from bench.report import (
 )
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
-from tactiled.array import FloatArray
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent
@@ -38,37 +36,29 @@ _BELOW = 0.5
 _HOURS, _QUICK_HOURS = 2.0, 0.2
 _BATCH = 12
 _HELD_OUT_EACH = 5  # one batch in so many has the law on which nothing was set: one of the five laws
-_P = (0.1, 0.16, 0.3, 0.5)
 _AIM_SETTING = "balanced"
 _MOST_PER_HOUR, _MOST_IN_A_MINUTE = 10.0, 3
-_OFF_S = 0.08  # an alarm ends when it was unlikely for so long
-_EARLY_S = 3.0  # of a contact, in which most of what is not known yet is learnt
 
 
 @dataclass
 class HandCount:
-    """Alarms and false events of one kind of hand."""
+    """False slip events of one kind of hand, by setting, and the most gross slips that one minute had."""
 
     hours: float = 0.0
-    alarms: Counter[float] = field(default_factory=Counter)
-    late: Counter[float] = field(default_factory=Counter)
     onsets: Counter[str] = field(default_factory=Counter)
     gross: Counter[str] = field(default_factory=Counter)
     most_gross: Counter[str] = field(default_factory=Counter)
-    """Most gross slips that one world of a minute had."""
 
     def add(self, other: "HandCount") -> None:
         """Add the hours and counts of other worlds."""
         self.hours += other.hours
-        self.alarms.update(other.alarms)
-        self.late.update(other.late)
         self.onsets.update(other.onsets)
         self.gross.update(other.gross)
         self.most_gross |= other.most_gross
 
 
 def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
-    """Alarms and slip events an hour of hands below half of the limit.
+    """Slip events an hour of hands below half of the limit.
 
     Quick: 12 minutes instead of two hours.
     """
@@ -95,9 +85,6 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"{left_out} used half of the limit or more and were left out), "
         f"{everything.hours:.1f} h in contact.",
         aims_table(AIMS, {"measured": everything}),
-        f"Alarms an hour: p_gross_300ms above a threshold. In brackets: of them after the first "
-        f"{_EARLY_S:g} s of the contact.",
-        table(_alarm_row(hand, count) for hand, count in rows.items()),
         "False slip events an hour, by setting: onsets where less than a tenth of the area has slipped "
         "so far / gross slips.",
         table(_event_row(hand, count) for hand, count in rows.items()),
@@ -118,12 +105,12 @@ def count_reports(world: World) -> HandCount:
     """Count what the filter reports of a world in which nothing slips."""
     has_slipped = np.maximum.accumulate(world.utilisation) >= INCIPIENT_USED
     count = HandCount()
-    grips: list[GripEvent] = []
     for name in SETTINGS:
         params = DetectParams.model_validate({"setting": name}).grip
         events = GripSlip(world.array, params).process(world.block)
         if name == _AIM_SETTING:
-            grips = [event for event in events if isinstance(event, GripEvent) and event.state != "none"]
+            touches = sum(isinstance(event, GripEvent) and event.state != "none" for event in events)
+            count.hours = touches / world.rate_hz / 3600
         for event in events:
             if not isinstance(event, SlipEvent) or event.state != "onset":
                 continue
@@ -132,46 +119,16 @@ def count_reports(world: World) -> HandCount:
             else:
                 k = min(round((event.detected_s or 0.0) * world.rate_hz), len(has_slipped) - 1)
                 count.onsets[name] += not has_slipped[k]
-    time_s, p_gross = [event.time_s for event in grips], [event.p_gross_300ms for event in grips]
-    count.hours = len(time_s) / world.rate_hz / 3600
     count.most_gross = count.gross.copy()
-    for threshold in _P:
-        on = alarms(np.array(p_gross), threshold, world.rate_hz)
-        begins = np.flatnonzero(np.diff(on, prepend=False) & on)
-        count.alarms[threshold] = len(begins)
-        count.late[threshold] = sum(time_s[k] - time_s[0] >= _EARLY_S for k in begins)
     return count
-
-
-def alarms(p: FloatArray, threshold: float, rate_hz: float) -> NDArray[np.bool_]:
-    """Scans (n,) in alarm: on where the probability (n,) is at the threshold, off below half for `_OFF_S`."""
-    on, low = False, 0.0
-    out = np.zeros(len(p), dtype=np.bool_)
-    for k, now in enumerate(p.tolist()):
-        low = 0.0 if now >= threshold / 2 else low + 1 / rate_hz
-        on = now >= threshold or (on and low < _OFF_S)
-        out[k] = on
-    return out
-
-
-def _alarm_row(hand: str, count: HandCount) -> dict[str, str]:
-    row = {"hand": hand, "hours": f"{count.hours:.2f}"}
-    for threshold in _P:
-        here, late = (_rate(n[threshold], count.hours) for n in (count.alarms, count.late))
-        row[f"p > {threshold:g}"] = f"{here} ({late})"
-    return row
 
 
 def _event_row(hand: str, count: HandCount) -> dict[str, str]:
     row = {"hand": hand}
     for name in SETTINGS:
-        here = (_rate(n[name], count.hours) for n in (count.onsets, count.gross))
-        row[name] = " / ".join(here)
+        both = (count.onsets[name], count.gross[name])
+        row[name] = " / ".join(f"{n / count.hours:.1f}" if count.hours else NONE for n in both)
     return row
-
-
-def _rate(n: int, hours: float) -> str:
-    return f"{n / hours:.1f}" if hours else NONE
 
 
 def _false_gross(count: HandCount) -> Reading:

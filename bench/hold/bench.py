@@ -2,8 +2,7 @@
 
 Objects, grippers and events are drawn from a seed (`families.holding`). Simulated time uses the emulator's
 contact model and electronics in arrays (`batch`), the detector scan by scan, and `GripController` of the
-client. The controller's numbers were set on seeds from `TUNED_FROM`; what is printed is
-measured on others.
+client. The controller's numbers were set on seeds from 500; what is printed is measured on others.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -42,7 +41,6 @@ from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
-TUNED_FROM = 500  # seeds on which the controller's numbers were set
 REPORTED_FROM = 10_000
 N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
 _BATCH = 40  # grasps that are simulated at once, and by one process
@@ -135,17 +133,12 @@ def report(found: Mapping[Arm, Sequence[GraspResult]]) -> list[str]:
         "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
         "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
         aims_table(AIMS, {f"margin, target {TARGET:g}": found[chosen]}),
-        table(_row(arm, some) for arm, some in found.items()),
+        table({"grip": in_words(arm), **_numbers(some)} for arm, some in found.items()),
         f"The margin with target {TARGET:g}, by event.",
         table(
             {"event": event, **_numbers([r for r in found[chosen] if r.event == event])} for event in EVENTS
         ),
     ]
-
-
-def dropped(some: Sequence[GraspResult]) -> float:
-    """Share of the grasps that were dropped."""
-    return float(np.mean([r.dropped for r in some]))
 
 
 def over_least(some: Sequence[GraspResult]) -> float:
@@ -170,10 +163,6 @@ AIMS: tuple[Aim[Sequence[GraspResult]], ...] = (
 )
 
 
-def _row(arm: Arm, some: Sequence[GraspResult]) -> dict[str, str]:
-    return {"grip": in_words(arm), **_numbers(some)}
-
-
 def in_words(arm: Arm) -> str:
     """Return the name of a way of holding."""
     return {
@@ -187,16 +176,13 @@ def in_words(arm: Arm) -> str:
 
 def _numbers(some: Sequence[GraspResult]) -> dict[str, str]:
     slips = [1e3 * r.reaction_s for r in some if not np.isnan(r.reaction_s)]
+    reaction_ms = float(np.median(slips)) if slips else np.nan
+    reaction = f"{reaction_ms:.0f}" if np.isfinite(reaction_ms) else "none"  # most of them had none
     return {
         "grasps": f"{len(some)}",
         "dropped": f"{sum(r.dropped for r in some)}",
         "grip over the least": f"{over_least(some):.2f}" if any(not r.dropped for r in some) else NONE,
         "slid 1 mm or more": f"{sum(r.slid_mm >= 1 for r in some)}",
         "gross slips": f"{len(slips)}",
-        "reaction (ms, median)": _milliseconds(float(np.median(slips))) if slips else NONE,
+        "reaction (ms, median)": reaction if slips else NONE,
     }
-
-
-def _milliseconds(value: float) -> str:
-    """Return a number, or that there was no reaction."""
-    return f"{value:.0f}" if np.isfinite(value) else "none"

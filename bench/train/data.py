@@ -1,7 +1,6 @@
 """Worlds to learn from, by generator."""
 
 from concurrent.futures import Executor
-from enum import Enum
 
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import GENERATORS, draw
@@ -10,28 +9,17 @@ from tactiled.progress import ProgressBar
 TRAINED_FROM = 100_000  # seeds
 BATCH = 24  # worlds that are simulated at once
 MINUTES = 0.2  # of a world
+QUICK_WORLDS, FULL_WORLDS = 24, 312  # of each generator
 
 
-class Size(Enum):
-    """Number of worlds of each generator."""
-
-    QUICK = 24
-    FULL = 312
-
-    @property
-    def worlds(self) -> int:
-        """Number of worlds of each generator."""
-        return self.value
-
-    @property
-    def batches(self) -> int:
-        """Batches of worlds, of all generators."""
-        return len(GENERATORS) * -(-self.value // BATCH)
+def n_batches(n_worlds: int) -> int:
+    """Return the batches of worlds of all generators."""
+    return len(GENERATORS) * -(-n_worlds // BATCH)
 
 
-def all_looks(pool: Executor, size: Size, progress: ProgressBar) -> dict[str, list[Looks]]:
+def all_looks(pool: Executor, n_worlds: int, progress: ProgressBar) -> dict[str, list[Looks]]:
     """Return the looks of the worlds of each generator."""
-    starts = range(TRAINED_FROM, TRAINED_FROM + size.worlds, BATCH)
+    starts = range(TRAINED_FROM, TRAINED_FROM + n_worlds, BATCH)
     jobs = [(name, range(at, at + BATCH), MINUTES) for name in GENERATORS for at in starts]
     looks: dict[str, list[Looks]] = {name: [] for name in GENERATORS}
     for (name, *_), found in zip(jobs, pool.map(_looks, jobs), strict=True):

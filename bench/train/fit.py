@@ -65,21 +65,20 @@ def left_out(generators: Iterable[str], without: Generators = frozenset()) -> li
 
 
 def first_forest(
-    worlds: Sequence[Looks], without: Generators, seed: int = 0, shapes: Shapes = SHIPPED
+    worlds: Sequence[Looks], without: Generators, shapes: Shapes = SHIPPED
 ) -> HistGradientBoostingClassifier:
     """Grow the forest that scores sliding by the signs of a look, without worlds of some generators."""
     some = [w for w in worlds if w.generator not in without]
     slides = np.concatenate([w.slides for w in some])
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
     signs, thin = np.concatenate([w.signs for w in some]), _thin(some)
-    return grown(shapes.signs, signs[thin], slides[thin], weight[thin], seed, _MONOTONE)
+    return grown(shapes.signs, signs[thin], slides[thin], weight[thin], _MONOTONE)
 
 
 def fit(
     worlds: Sequence[Looks],
     forests: Mapping[Generators, HistGradientBoostingClassifier],
     without: Generators = frozenset(),
-    seed: int = 0,
     shapes: Shapes = SHIPPED,
 ) -> dict[str, Any]:
     """Fit the forests of the state, and return them beside the first one.
@@ -106,18 +105,14 @@ def fit(
     base_odds = float(np.log(_SLIDES / (1 - _SLIDES)))
     rows = state_rows(some, p, base_odds)
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
-    state = grown(shapes.state, rows[thin], states(some)[thin], weight[thin], seed)
+    state = grown(shapes.state, rows[thin], states(some)[thin], weight[thin])
     sticks = thin & ~slides
     soon = np.concatenate([w.soon for w in some])
     weight = weights(some, soon > 0, _SOON, ~slides)
-    ahead = grown(shapes.soon, rows[sticks], soon[sticks], weight[sticks], seed)
-    return {
-        **{f"signs.{name}": values for name, values in flat(forests[without]).items()},
-        **{f"state.{name}": values for name, values in flat(state).items()},
-        **{f"soon.{name}": values for name, values in flat(ahead).items()},
-        "base_odds": np.array(base_odds),
-        "names": np.array(ROW_NAMES),
-    }
+    ahead = grown(shapes.soon, rows[sticks], soon[sticks], weight[sticks])
+    forest = {"signs": forests[without], "state": state, "soon": ahead}
+    arrays = {f"{kind}.{name}": array for kind, one in forest.items() for name, array in flat(one).items()}
+    return arrays | {"base_odds": np.array(base_odds), "names": np.array(ROW_NAMES)}
 
 
 def _thin(worlds: Sequence[Looks]) -> NDArray[np.bool_]:
@@ -177,7 +172,6 @@ def grown(
     rows: FloatArray,
     classes: NDArray[Any],
     weight: FloatArray,
-    seed: int,
     monotone: list[int] | None = None,
 ) -> HistGradientBoostingClassifier:
     """Fit a forest; `monotone` has 1 for each column of which more never speaks against class 1."""
@@ -193,7 +187,7 @@ def grown(
         l2_regularization=_SHRINK,
         monotonic_cst=monotone,
         early_stopping=False,
-        random_state=seed,
+        random_state=0,
     ).fit(rows, classes, sample_weight=weight)
 
 

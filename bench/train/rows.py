@@ -26,8 +26,6 @@ class Looks:
 
     Attributes
     ----------
-    world : str
-        Generator and seed.
     look_s : float
         Time between looks.
     time_s : (n,) float64
@@ -41,7 +39,6 @@ class Looks:
         Time to the next beginning of gross slip; infinite without one.
     """
 
-    world: str
     generator: str
     look_s: float
     time_s: FloatArray
@@ -107,7 +104,6 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
     begin_s = np.array([*world.gross_s, np.inf])
     n_look = max(1, round(LOOK_S * world.rate_hz))
     return Looks(
-        world=f"{world.generator}-{world.seed}",
         generator=world.generator,
         look_s=n_look / world.rate_hz,
         time_s=time_s,

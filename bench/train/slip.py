@@ -12,7 +12,7 @@ import numpy as np
 import sklearn
 
 from bench.report import BENCH_WORKERS
-from bench.train.data import MINUTES, TRAINED_FROM, Size, all_looks
+from bench.train.data import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, all_looks, n_batches
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
 from bench.train.rows import Looks
 from bench.worlds.generators import GENERATORS
@@ -27,25 +27,15 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Mapping[str, Any]:
-    """Train on all generators, and write the trees beside a text that says what they were learnt from.
+    """Train on all generators; write the trees, and beside them the text on what they learnt from.
 
-    Parameters
-    ----------
-    is_quick : bool
-        Few worlds: trees to try the command with.
-    to : Path, optional
-        The shipped file where it is left out.
-
-    Returns
-    -------
-    mapping
-        What the text says.
+    Trees of few worlds are quick. Without a path, the shipped file is written. Returns what the text says.
     """
-    size, shapes = (Size.QUICK, QUICK) if is_quick else (Size.FULL, SHIPPED)
+    n_worlds, shapes = (QUICK_WORLDS, QUICK) if is_quick else (FULL_WORLDS, SHIPPED)
     sets = left_out(GENERATORS)
-    progress.begin(size.batches + len(sets) + 1)
+    progress.begin(n_batches(n_worlds) + len(sets) + 1)
     with executor(BENCH_WORKERS, None) as pool:
-        looks = all_looks(pool, size, progress)
+        looks = all_looks(pool, n_worlds, progress)
         worlds = [look for some in looks.values() for look in some]
         forests = {}
         grow = partial(first_forest, worlds, shapes=shapes)
@@ -54,7 +44,7 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
             progress.advance("trees of the signs")
     table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
-    about = _about(size, shapes, looks, table)  # before a file that git knows is written over
+    about = _about(n_worlds, shapes, looks, table)  # before a file that git knows is written over
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
@@ -63,7 +53,7 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
 
 
 def _about(
-    size: Size, shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
+    n_worlds: int, shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
 ) -> dict[str, Any]:
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
@@ -73,7 +63,7 @@ def _about(
         "commit": commit.stdout.strip(),
         "python": platform.python_version(),
         "scikit-learn": sklearn.__version__,
-        "seeds": f"{TRAINED_FROM} to {TRAINED_FROM + size.worlds - 1} of each generator",
+        "seeds": f"{TRAINED_FROM} to {TRAINED_FROM + n_worlds - 1} of each generator",
         "seconds_of_a_world": 60 * MINUTES,
         "learnt_from": {
             name: {

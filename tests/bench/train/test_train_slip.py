@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.train import data, fit
+from bench.train import data, fit, slip
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw
@@ -60,7 +60,7 @@ def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
     rows = np.concatenate([w.signs for w in worlds])
     classes = np.searchsorted(EDGES, np.concatenate([w.utilisation for w in worlds]))
     shape = fit.Shape(trees=5, leaves=6, rate=0.2, least_rows=20, bins=16)
-    forest = fit.grown(shape, rows, classes, np.ones(len(rows)), 0)
+    forest = fit.grown(shape, rows, classes, np.ones(len(rows)))
     ours = Trees(fit.flat(forest))
     chosen = rows[::97]
     for row, wanted in zip(chosen, forest.predict_proba(chosen), strict=True):
@@ -95,7 +95,7 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     monkeypatch.setattr(data, "GENERATORS", {"strokes": None, "laws": None})
     monkeypatch.setattr(data, "MINUTES", 0.1)
     monkeypatch.setattr(data, "BATCH", 6)
-    monkeypatch.setattr(data.Size, "worlds", 6)
+    monkeypatch.setattr(slip, "QUICK_WORLDS", 6)
     path = tmp_path / "slip.npz"
     done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
     assert done.exit_code == 0, done.output
