@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.hold.batch import HeldBatch
 from bench.hold.play import (
     Controller,
-    DetectorMessages,
     FixedGrip,
     GraspResult,
     TightenOnSlip,
+    Topic,
     least_at_rest_n,
     play,
 )
@@ -34,8 +33,6 @@ from bench.report import (
 )
 from tactiled.array import load_array
 from tactiled.client.grip_controller import TARGET, GripController
-from tactiled.detect.contact.slip_detector import GripSlip
-from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.jobs import executor
@@ -51,21 +48,38 @@ _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are dropped
 
 
-MakeMessages = Callable[[HeldBatch], DetectorMessages]
+class Kind(NamedTuple):
+    """Kind of grip: its name in a table, its controller from a number and a scene, and what that hears."""
+
+    words: str
+    make: Callable[[float, Scene], Controller]
+    topic: Topic | None = None
+
+
+KINDS = {
+    "times the least": Kind(
+        "{:g} times the least", lambda times, scene: FixedGrip(times * least_at_rest_n(scene))
+    ),
+    "newtons": Kind("{:g} N for all", lambda force_n, _: FixedGrip(force_n)),
+    "slip events": Kind("times {:g} at each slip event", lambda times, _: TightenOnSlip(times), "slip"),
+    "slip events, eased": Kind(
+        "the same, {:g}, eased between", lambda times, _: TightenOnSlip(times, eases=True), "slip"
+    ),
+    "margin": Kind("margin, target {:g}", lambda target, _: GripController(target), "grip"),
+}
 
 
 class Arm(NamedTuple):
-    """A way of holding, with its number, and how many grasps are reported of it.
-
-    Attributes
-    ----------
-    kind : str
-        ``"times the least"``, ``"newtons"``, ``"slip events"``, ``"slip events, eased"`` or ``"margin"``.
-    """
+    """A way of holding: one of `KINDS`, its number, and how many grasps are reported of it."""
 
     kind: str
     number: float
     n: int
+
+    @property
+    def words(self) -> str:
+        """Name in a table."""
+        return KINDS[self.kind].words.format(self.number)
 
 
 def arms(quick: bool) -> list[Arm]:
@@ -85,24 +99,9 @@ def arms(quick: bool) -> list[Arm]:
 
 def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     """Play grasps of some seeds."""
-    scenes = [hold(seed) for seed in seeds]
-    array = load_array("wang2019-3x3")
-
-    def detected(batch: HeldBatch) -> DetectorMessages:
-        return DetectorMessages(batch, lambda: GripSlip(array), "grip")
-
-    def slips(batch: HeldBatch) -> DetectorMessages:
-        return DetectorMessages(batch, lambda: build_suite(array, DetectParams(), topics=("slip",)), "slip")
-
-    makers: dict[str, tuple[Callable[[Scene], Controller], MakeMessages | None]] = {
-        "times the least": (lambda scene: FixedGrip(arm.number * least_at_rest_n(scene)), None),
-        "newtons": (lambda _: FixedGrip(arm.number), None),
-        "slip events": (lambda _: TightenOnSlip(arm.number), slips),
-        "slip events, eased": (lambda _: TightenOnSlip(arm.number, eases=True), slips),
-        "margin": (lambda _: GripController(arm.number), detected),
-    }
-    make, messages = makers[arm.kind]
-    return play(scenes, array, [make(scene) for scene in scenes], messages).results()
+    kind, scenes = KINDS[arm.kind], [hold(seed) for seed in seeds]
+    controllers = [kind.make(arm.number, scene) for scene in scenes]
+    return play(scenes, load_array("wang2019-3x3"), controllers, kind.topic).results()
 
 
 def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
@@ -133,7 +132,7 @@ def report(found: Mapping[Arm, Sequence[GraspResult]]) -> list[str]:
         "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
         "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
         aims_table(AIMS, {f"margin, target {TARGET:g}": found[chosen]}),
-        table({"grip": in_words(arm), **_numbers(some)} for arm, some in found.items()),
+        table({"grip": arm.words, **_numbers(some)} for arm, some in found.items()),
         f"The margin with target {TARGET:g}, by event.",
         table(
             {"event": event, **_numbers([r for r in found[chosen] if r.event == event])} for event in EVENTS
@@ -161,17 +160,6 @@ AIMS: tuple[Aim[Sequence[GraspResult]], ...] = (
     Aim("dropped", "at most 0.5 %", _drops),
     Aim("mean grip over the least", "at most 1.4", _over),
 )
-
-
-def in_words(arm: Arm) -> str:
-    """Return the name of a way of holding."""
-    return {
-        "times the least": f"{arm.number:g} times the least",
-        "newtons": f"{arm.number:g} N for all",
-        "slip events": f"times {arm.number:g} at each slip event",
-        "slip events, eased": f"the same, {arm.number:g}, eased between",
-        "margin": f"margin, target {arm.number:g}",
-    }[arm.kind]
 
 
 def _numbers(some: Sequence[GraspResult]) -> dict[str, str]:

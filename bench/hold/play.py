@@ -1,8 +1,8 @@
 """Grasp controllers in simulated time: held objects, a detector and a controller for each, and the record."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import LIFTED_S, START_N
 from tactiled.emulator.scene.motion import SceneMotion
@@ -21,25 +22,17 @@ _BEFORE_S = 0.1
 _TIGHTER = 1.05
 
 
-class DetectorMessages:
-    """Messages of a topic from a detector for each grasp.
+Topic = Literal["grip", "slip"]
 
-    Parameters
-    ----------
-    topic : str
-        Slip events are rare: between them, a message has the time alone.
-    """
 
-    def __init__(self, batch: HeldBatch, make_detector: Callable[[], Detector], topic: str) -> None:
-        self._detectors = [make_detector() for _ in batch.scenes]
-        self._topic = topic
-
-    def of(self, e: int, scan: int, volts: FloatArray) -> Sequence[Mapping[str, Any]]:
-        """Return the messages of a scan of grasp `e`, whose readings are `volts` (1, channels)."""
-        block = regular_block(volts, RATE_HZ, start_s=scan / RATE_HZ, index=scan)
-        events = self._detectors[e].process(block)
-        messages = [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == self._topic]
-        return messages or ([{"timestamp": scan / RATE_HZ}] if self._topic == "slip" else [])
+def messages_of(
+    detector: Detector, topic: Topic, scan: int, volts: FloatArray
+) -> Sequence[Mapping[str, Any]]:
+    """Return the messages of a scan (1, channels); slip events are rare: between them, the time alone."""
+    time_s = scan / RATE_HZ
+    events = detector.process(regular_block(volts, RATE_HZ, start_s=time_s, index=scan))
+    messages = [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == topic]
+    return messages or ([{"timestamp": time_s}] if topic == "slip" else [])
 
 
 class Controller(Protocol):
@@ -181,21 +174,23 @@ def play(
     scenes: Sequence[Scene],
     array: Array,
     controllers: Sequence[Controller],
-    make_messages: Callable[[HeldBatch], DetectorMessages] | None = None,
+    topic: Topic | None = None,
 ) -> Episodes:
-    """Play grasps with a controller for each; without messages, each gets an empty one.
+    """Play grasps with a controller for each, which gets the messages of a topic, or one that is empty.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
     The gripper's own delay follows.
     """
     batch = HeldBatch(scenes, array)
     scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
-    messages = make_messages(batch) if make_messages else None
+    detectors: list[Detector] = []
+    if topic is not None:
+        detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
     shape = (batch.n_scans, len(scenes))
     grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
     slides = np.zeros(shape, dtype=np.bool_)
     command = np.full(len(scenes), START_N)
-    if messages is None:
+    if topic is None:
         command = np.array([controller.take({}, 0.0) for controller in controllers])
     batch.command(command)
     sent = command.copy()
@@ -203,9 +198,9 @@ def play(
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)
-        if messages is not None:
+        if topic is not None:
             for e in np.flatnonzero(~batch.has_fallen).tolist():
-                for message in messages.of(e, scan, volts[e : e + 1]):
+                for message in messages_of(detectors[e], topic, scan, volts[e : e + 1]):
                     command[e] = controllers[e].take(message, float(batch.grip_n[e]))
             batch.command(sent)
             sent = command.copy()
