@@ -49,14 +49,12 @@ class Course:
     @property
     def utilisation(self) -> FloatArray:
         """Truth; 1 while all slides."""
-        return np.where(self.slides, 1.0, np.minimum(self.world.utilisation[self.at], 1.0))
+        return self.world.used(self.at)
 
     @property
     def soon(self) -> NDArray[np.bool_]:
         """Gross slip begins within 300 ms."""
-        begin_s = np.array([*self.world.gross_s, np.inf])
-        time_s = self.at / self.world.rate_hz
-        return begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s <= 0.3
+        return self.world.ahead_s(self.at) <= 0.3
 
 
 def course(

@@ -100,16 +100,14 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
     table = np.array(signs).reshape(len(at), len(NAMES))
     if announces:
         table[:, _ACCELERATION] = world.acceleration_m_s2[at]
-    time_s = at / world.rate_hz
-    begin_s = np.array([*world.gross_s, np.inf])
     n_look = max(1, round(LOOK_S * world.rate_hz))
     return Looks(
         generator=world.generator,
         look_s=n_look / world.rate_hz,
-        time_s=time_s,
+        time_s=at / world.rate_hz,
         signs=table,
         begins=np.array(begins, dtype=np.bool_),
         slides=world.gross[at],
-        utilisation=np.where(world.gross[at], 1.0, np.minimum(world.utilisation[at], 1.0)),
-        ahead_s=begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s,
+        utilisation=world.used(at),
+        ahead_s=world.ahead_s(at),
     )

@@ -64,6 +64,15 @@ class World:
         """True where gross slip happens."""
         return bool(self.gross_s)
 
+    def used(self, scans: NDArray[np.int64]) -> FloatArray:
+        """Utilisation at scans, 1 while all of the contact slides."""
+        return np.where(self.gross[scans], 1.0, np.minimum(self.utilisation[scans], 1.0))
+
+    def ahead_s(self, scans: NDArray[np.int64]) -> FloatArray:
+        """Time from scans to the next beginning of gross slip; infinite without one."""
+        begin_s, time_s = np.array([*self.gross_s, np.inf]), scans / self.rate_hz
+        return np.asarray(begin_s[np.searchsorted(begin_s, time_s, side="right")] - time_s)
+
 
 def onsets(gross: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Steps at which gross slip begins."""
