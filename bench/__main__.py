@@ -47,16 +47,16 @@ def bench(
 ) -> None:
     """Measure, and print tables of what was measured.
 
-    clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, beside a C
-    program. native: latency and cost of the client of C++, beside a bare zmq_recv. throughput: scans a
-    second, files in times real time, processor and memory. slip: slip events of every setting, on random
-    worlds and on the emulator's families. grip: sliding, margins and forecasts of the contact filter on
-    worlds of a generator that it never saw. hands: false alarms of hands that hold, over two hours. hold:
-    drops and grip force of a controller that follows the filter's margin, beside fixed grips and slip events.
-    force: errors of calibrated forces on rigs drawn at random, beside ridge regression. texture: errors of
-    groove estimates over the Cramer-Rao bound, and windows that break the model. recordings: public
-    recordings of other groups, beside simple rules and trees. web: bytes, layout shifts, processor and delay
-    of the live page in Chromium.
+    clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, processor
+    and memory, beside a C program. native: latency and cost of the client of C++, beside a bare zmq_recv.
+    throughput: scans a second, and files in times real time. slip: slip events of every setting, on
+    random worlds and on the emulator's families. grip: sliding, margins and forecasts of the contact
+    filter on worlds of a generator that it never saw. hands: false alarms of hands that hold, over two
+    hours. hold: drops and grip force of a controller that follows the filter's margin, beside fixed grips
+    and slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge regression.
+    texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model.
+    recordings: public recordings of other groups, beside simple rules and trees. web: bytes, layout
+    shifts, processor and delay of the live page in Chromium.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 

@@ -16,7 +16,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -177,14 +176,6 @@ def spans_of_phases() -> list[tuple[float, float, str]]:
     return spans
 
 
-class _SentScan(NamedTuple):
-    """Scan that the relay passed on, and when it wrote it to each program."""
-
-    sequence: int
-    counts: bytes
-    written_s: Mapping[str, float]
-
-
 def matched(
     relayed: Path,
     heard: Path,
@@ -192,53 +183,50 @@ def matched(
     cpu: Mapping[str, Sequence[tuple[float, float]]],
     memory_mb: float = float("nan"),
 ) -> Run:
-    """Match frames and messages of a run."""
-    decoder, sent = Decoder(_LAYOUT), list[_SentScan]()
+    """Match frames and messages of a run, by the sequence number, which no scene is long enough to wrap."""
+    decoder, counts = Decoder(_LAYOUT), dict[int, bytes]()
+    written_s: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
+    came_s: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
     for line in relayed.read_text().splitlines():
         daemon_s, reference_s, octets = json.loads(line)
         for frame in decoder.feed(bytes.fromhex(octets)):
             if isinstance(frame, Scan):
-                times = {"daemon": daemon_s, "reference": reference_s}
-                sent.append(_SentScan(frame.sequence, frame.counts.tobytes(), times))
+                counts[frame.sequence] = frame.counts.tobytes()
+                written_s["daemon"][frame.sequence] = daemon_s
+                written_s["reference"][frame.sequence] = reference_s
     # Readings of an untouched skin repeat, so only the others tell which index the first frame has.
-    repeats = Counter(scan.counts for scan in sent)
-    by_counts = {scan.counts: number for number, scan in enumerate(sent) if repeats[scan.counts] == 1}
-    offsets, scan_times = Counter[int](), dict[int, float]()
-    by_sequence = {scan.sequence: number for number, scan in enumerate(sent)}
-    came: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
-    lags, fits_late = [], 0
+    repeats = Counter(counts.values())
+    by_counts = {octets: sequence for sequence, octets in counts.items() if repeats[octets] == 1}
+    offsets, scan_times, lags, fits_late = Counter[int](), dict[int, float](), [], 0
     for line in heard.read_text().splitlines():
         time_s, said = json.loads(line)
         if said["topic"] == "reference":
-            came["reference"][by_sequence[said["sequence"]]] = time_s
+            came_s["reference"][said["sequence"]] = time_s
         elif said["topic"] == "scan":
-            counts = np.rint(np.array(said["volts"]) / _ADC_VOLTS).astype(np.int64).tobytes()
+            octets = np.rint(np.array(said["volts"]) / _ADC_VOLTS).astype(np.int64).tobytes()
             scan_times[said["index"]] = time_s
-            if counts in by_counts:
-                offsets[by_counts[counts] - said["index"]] += 1
+            if octets in by_counts:
+                offsets[by_counts[octets] - said["index"]] += 1
         elif said["topic"] == "status":
             lags.append((time_s - start_s, said["loop_lag_s"]))
             fits_late = max(fits_late, said["fits_late"])
     [(offset, _)] = offsets.most_common(1)
-    came["daemon"] = {index + offset: time_s for index, time_s in scan_times.items()}
+    came_s["daemon"] = {index + offset: time_s for index, time_s in scan_times.items()}
     found: dict[str, dict[str, PhaseLatency]] = {"daemon": {}, "reference": {}}
-    lag: dict[str, float] = {}
+    longest_lag_s: dict[str, float] = {}
     for phase in PHASES:
         spans = [(begin, end) for begin, end, kind in spans_of_phases() if kind == phase]
-        for program in found:
-            chosen = [
-                number
-                for number, scan in enumerate(sent)
-                if any(begin <= scan.written_s[program] - start_s < end for begin, end in spans)
-            ]
-            latencies = [came[program][n] - sent[n].written_s[program] for n in chosen if n in came[program]]
-            found[program][phase] = PhaseLatency(
-                np.array(latencies), len(chosen) - len(latencies), _cpu_part(cpu[program], spans)
-            )
-        lag[phase] = max(
-            (value for at_s, value in lags if any(begin <= at_s < end for begin, end in spans)), default=0.0
-        )
-    return Run(found["daemon"], found["reference"], lag, fits_late, memory_mb)
+        for program, written in written_s.items():
+            chosen = {n: at_s for n, at_s in written.items() if _is_in(spans, at_s - start_s)}
+            latencies = [came_s[program][n] - at_s for n, at_s in chosen.items() if n in came_s[program]]
+            lost, cpu_part = len(chosen) - len(latencies), _cpu_part(cpu[program], spans)
+            found[program][phase] = PhaseLatency(np.array(latencies), lost, cpu_part)
+        longest_lag_s[phase] = max((lag_s for at_s, lag_s in lags if _is_in(spans, at_s)), default=0.0)
+    return Run(found["daemon"], found["reference"], longest_lag_s, fits_late, memory_mb)
+
+
+def _is_in(spans: Sequence[tuple[float, float]], at_s: float) -> bool:
+    return any(begin <= at_s < end for begin, end in spans)
 
 
 def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[float, float]]) -> float:

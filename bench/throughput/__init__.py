@@ -1,1 +1,1 @@
-"""Scans a second through a pty, and files in times real time, with processor and memory of the daemon."""
+"""Scans a second through a pty, and files in times real time."""
