@@ -54,13 +54,6 @@ def test_aims_are_judged_for_every_column() -> None:
     assert rows[4] == ["enough cases", "10", "open: 2", "met: 10"]
 
 
-def test_rows_become_a_table() -> None:
-    assert table({"n": f"{n}", "square": f"{n * n}"} for n in (2, 12)) == (
-        "| n  | square |\n|----|--------|\n| 2  | 4      |\n| 12 | 144    |"
-    )
-    assert table([]) == "(no rows)"
-
-
 def test_json_says_when_and_where() -> None:
     found = json.loads(as_json("clock", False, ["a", table([{"n": "1"}])]))
     assert (found["bench"], found["quick"]) == ("clock", False)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.force.bench import AIMS, MAIN, SHORT, ForceFound, pooled, report
-from bench.force.score import METHODS, Case, ForceScore, HoldScore, MagnetScore, score
+from bench.force.bench import AIMS, MAIN, SHORT, ForceFound, pooled
+from bench.force.score import METHODS, ForceScore, HoldScore, MagnetScore, score
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,3 @@ def test_rms_errors_are_pooled_over_rigs(scored: ForceScore) -> None:
     other = replace(scored, normal={**scored.normal, "tactiled": 3 * scored.normal["tactiled"]})
     one = scored.normal["tactiled"]
     assert pooled([scored, other], "normal", "tactiled") == pytest.approx(one * np.sqrt(5))
-
-
-def test_the_report_has_a_row_for_each_case(scored: ForceScore) -> None:
-    scores = [scored, replace(scored, case=MAIN)]
-    found = ForceFound(scores, [HoldScore(1, 0.9, 1.0, 0.1, 0.2)], [], 30.0, 90.0)
-    text = "".join(report(found, [SHORT, MAIN], 1))
-    assert text.count(str(SHORT)) >= 3
-    assert text.count(str(MAIN)) >= 3
-    assert str(Case(seconds=15.0, moments=False)).endswith("no moments")

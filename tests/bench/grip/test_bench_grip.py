@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.grip.bench import AIMS, ANNOUNCED, KNOWN, LEARNT, LEFT_OUT, GripFound
-from bench.grip.cost import SHIPPED, ScanCost, cost_rows
+from bench.grip.cost import SHIPPED, ScanCost
 from bench.grip.hands import count_reports
 from bench.grip.judge import Course, course, score
 from bench.worlds.laws import HANDS, LAWS, USUAL, Population, draw_worlds
@@ -105,4 +105,3 @@ def test_every_aim_judges_the_worst_generator(worlds: list[World]) -> None:
     scores["other"] = dict.fromkeys(kinds, worse)
     verdicts = [aim.measure(GripFound(scores, {SHIPPED: ScanCost(41.0, 119.0)})).verdict for aim in AIMS]
     assert [verdicts[0], verdicts[1], verdicts[2], verdicts[-1]] == ["MISSED"] * 4
-    assert list(cost_rows(costs)) == [{"array": SHIPPED, "hot (us)": "39", "live (us)": "119"}]

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
-from bench.hold.bench import AIMS, Arm, report
+from bench.hold.bench import AIMS
 from bench.hold.play import Episodes, FixedGrip, GraspResult, TightenOnSlip, least_at_rest_n, play
 from tactiled.array import load_array
-from tactiled.client.grip_controller import TARGET
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.emulator.scene.motion import SceneMotion
@@ -79,11 +78,3 @@ def test_aims_are_judged_on_drops_and_on_what_held() -> None:
     assert [aim.measure(held * 4 + lost).verdict for aim in AIMS] == ["met", "met"]
     assert [aim.measure(held).verdict for aim in AIMS] == ["open", "met"]
     assert [aim.measure(held[:98] + lost).verdict for aim in AIMS] == ["MISSED", "met"]
-
-
-def test_the_report_names_every_way_of_holding() -> None:
-    one = [GraspResult(event, False, 1.3, 0.0, 0.05) for event in EVENTS]
-    arms = [Arm("times the least", 1.5, 5), Arm("margin", TARGET, 5)]
-    text = "".join(report(dict.fromkeys(arms, one)))
-    assert "1.5 times the least" in text
-    assert "| margin, target" in text

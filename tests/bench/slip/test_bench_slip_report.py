@@ -6,9 +6,8 @@ from bench.report import BenchOptions
 from bench.slip import bench as slip_bench
 from bench.slip import minutes
 from bench.slip.bench import bench_slip, read_scene
-from bench.slip.cases import NAMES, CaseEvents, from_world, run_case
+from bench.slip.cases import CaseEvents, from_world, run_case
 from bench.slip.scenes import NOISES_V, RATE_HZ
-from bench.slip.score import QUESTIONS, settings_table
 from bench.worlds.laws import draw_worlds
 from tactiled.progress import ProgressBar
 
@@ -25,12 +24,6 @@ def taps() -> list[CaseEvents]:
     return read_scene("taps", 1)
 
 
-def cells(text: str, row: str) -> list[str]:
-    """Cells of a row behind the first."""
-    line = next(line for line in text.splitlines() if line.startswith(f"| {row} "))
-    return [cell.strip() for cell in line.split("|")[2:-1]]
-
-
 def test_a_scene_is_a_case_at_every_noise(slide: list[CaseEvents], taps: list[CaseEvents]) -> None:
     assert [one.case.group for one in slide] == [f"{1e3 * noise_v:g} mV" for noise_v in NOISES_V]
     assert all(one.case.slips for one in slide)
@@ -41,15 +34,6 @@ def test_a_scene_is_a_case_at_every_noise(slide: list[CaseEvents], taps: list[Ca
         assert case.utilisation_at(case.tenth_s + 0.02) > 0.1
         assert case.utilisation_at(case.gross_s + 0.05) > 0.9
         assert case.nothing[: int(case.shear_s * RATE_HZ)].all()
-
-
-def test_a_table_answers_every_question_for_each_setting(
-    slide: list[CaseEvents], taps: list[CaseEvents]
-) -> None:
-    text = settings_table([slide[0], taps[0]])
-    assert all(len(cells(text, question)) == len(NAMES) for question in QUESTIONS)
-    assert cells(text, "gross reported in 300 ms")[1].endswith("of 1")
-    assert cells(text, "rests called gross")[1].endswith("of 1")
 
 
 def test_the_bench_prints_all_tables(

@@ -9,12 +9,6 @@ from bench.report import aims_table
 from bench.texture.aims import AIMS
 from bench.texture.tables import (
     TrialSet,
-    after_table,
-    answers_table,
-    first_answers,
-    named,
-    over_bound_table,
-    plate_groups,
 )
 from bench.texture.trials import Estimate, Trial
 
@@ -61,39 +55,6 @@ def test_rate_that_is_not_excluded() -> None:
     # No error in n answers: 1 - 0.05^(1/n), near 3 / n.
     assert TrialSet([RIGHT] * 1000).most_wrong == pytest.approx(2.99e-3, abs=1e-5)
     assert TrialSet([]).most_wrong == 1.0
-
-
-def test_table_of_the_grid() -> None:
-    trials = [RIGHT, trial(over_bound=-1.0), WRONG, refused(RIGHT)]
-    assert rows(over_bound_table(trials, True))[2] == ["2 s", "1.00 / 1.00 (75 %)"]
-    assert rows(over_bound_table(trials, False))[2] == ["2 s", "-"]
-    assert rows(over_bound_table([WRONG], True))[2] == ["2 s", "all 1 wrong"]
-
-
-def test_a_row_has_the_answers_of_its_group() -> None:
-    unknown = refused(replace(RIGHT, is_speed_known=False))
-    text = answers_table("noise", named([RIGHT, WRONG, unknown], with_window=True))
-    most = f"{1e3 * TrialSet([RIGHT, WRONG]).most_wrong:.2f}"
-    assert rows(text)[2:] == [
-        ["joint, 2 s, speed known", "2 of 2", "1", most, "1 um, 0.1 deg", "1.00, 1.00", "100.0, 100.0", "-"],
-        ["joint, 2 s, speed unknown", "0 of 1", "0", "-", "-", "-", "-", "ambiguous 1"],
-    ]
-    unbounded = replace(RIGHT, period=replace(RIGHT.period, bound=NAN), angle=replace(RIGHT.angle, bound=NAN))
-    assert rows(answers_table("noise", {"x": [unbounded]}))[2][5] == "-"
-
-
-def test_plates_stand_beside_what_was_published() -> None:
-    groups = plate_groups([trial("procedure"), trial("joint, 10 s"), FIRST])
-    assert list(groups) == [
-        "1.20 mm, 30 deg: procedure (paper: 1.30 mm, 29.90 deg)",
-        "1.20 mm, 30 deg: joint, 10 s",
-    ]
-
-
-def test_time_of_first_answers() -> None:
-    late = replace(refused(FIRST), after_s=float("inf"))
-    text = after_table("preset", {"balanced": first_answers([RIGHT, FIRST, FIRST, late])})
-    assert rows(text)[2] == ["balanced", "3", "2.4 s, inf s, inf s", "0", "1 um, 0.1 deg"]
 
 
 def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
