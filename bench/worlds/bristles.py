@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.worlds.arrays import places_mm
-from bench.worlds.hands import GRAVITY, KEEP, STEP_S, HandPlan, plan, side_by_side
+from bench.worlds.hands import GRAVITY, KEEP, STEP_S, HandPlan, log_uniform, plan, side_by_side
 from bench.worlds.sensors import Drawn, Forces, measure_together
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
@@ -62,19 +62,19 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
     x, y = places(side, pitch)
     table = draw_table(rng, shape, x, y)
     held = plan(rng, hand, 60 * minutes)
-    mu = np.exp(rng.uniform(np.log(0.2), np.log(1.3))) * rng.lognormal(0, rng.uniform(0, 0.08), len(x))
+    mu = log_uniform(rng, 0.2, 1.3) * rng.lognormal(0, rng.uniform(0, 0.08), len(x))
     power = rng.uniform(0.0, 0.33)
     each = table.usual_n / len(x)
     ages = rng.uniform(0.0, 0.1)
     limit = mu * each * (table.at(table.usual_n) / each) ** (1 - power) * _aged(ages, 1.0)
     bears = float(limit.sum())
     loaded = int((limit > 0.05 * limit.mean()).sum())
-    stiffness = bears / np.exp(rng.uniform(np.log(0.1), np.log(1.0)))  # N/mm: elastic travel 0.1 to 1 mm
+    stiffness = bears / log_uniform(rng, 0.1, 1.0)  # N/mm: elastic travel 0.1 to 1 mm
     radius = float(np.hypot(x, y).mean())
     second = bears * rng.uniform(0.8, 1.3) if held.course.carries else 0.0
     second_stiffness = stiffness * rng.uniform(0.3, 1.5) if held.course.carries else 0.0
     whole = stiffness * (1 + held.course.spring) + second_stiffness
-    mass = whole / (2 * np.pi * rng.uniform(12.0, 45.0)) ** 2
+    mass: float = whole / (2 * np.pi * rng.uniform(12.0, 45.0)) ** 2
     if held.course.carries:
         # Weight and pull belong together; the stiffest contacts are as heavy as integration needs.
         mass = max((bears + second) * 0.45 / GRAVITY / 1e3, whole / 400.0**2)
@@ -85,12 +85,12 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
         "second_stiffness": second_stiffness, "stiffness": stiffness,
         "spring": held.course.spring * stiffness,
         "radius": radius, "angle": angle, "maxwell": rng.uniform(0.1, 0.4),
-        "tau_s": np.exp(rng.uniform(np.log(0.1), np.log(3.0))), "falls": rng.uniform(0.1, 0.3),
-        "falls_mm_s": np.exp(rng.uniform(np.log(1.0), np.log(15.0))), "ages": ages,
+        "tau_s": log_uniform(rng, 0.1, 3.0), "falls": rng.uniform(0.1, 0.3),
+        "falls_mm_s": log_uniform(rng, 1.0, 15.0), "ages": ages,
         "bristle": stiffness / loaded,
-        "ages_mm": np.exp(rng.uniform(np.log(0.003), np.log(0.05))),
+        "ages_mm": log_uniform(rng, 0.003, 0.05),
         "rough": max(rng.uniform(-0.03, 0.06), 0.0),
-        "rough_mm": np.exp(rng.uniform(np.log(0.1), np.log(2.0))),
+        "rough_mm": log_uniform(rng, 0.1, 2.0),
         "ridges": rng.uniform(0.02, 0.2) * (rng.random() < 0.2), "ridge_mm": rng.uniform(0.6, 5.0),
         "ridge_angle": angle + rng.normal(0, 0.6), "lever_mm": rng.uniform(0.0, 1.5),
         "damping": rng.uniform(0.4, 0.9), "reflex_s": rng.uniform(0.02, 0.12),

@@ -14,6 +14,7 @@ import numpy as np
 from bench.hold.batch import ALL_SLIDES, HeldBatch
 from bench.hold.play import MOST_N, least_n
 from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
+from bench.worlds.hands import log_uniform
 from bench.worlds.world import World
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.emulator.scene.description import Scene
@@ -77,7 +78,7 @@ def _draw(seed: int, hands: tuple[str, ...]) -> _Grasp:
         scan = min(round(max(move.at_s + move.takes_s, LIFTED_S) * RATE_HZ), _SCANS - 1)
         bears_n = float(least[scan:].max() if move.for_all else least[scan])
         goal += (move.factor * bears_n - goal) * _ramp(time_s, move)
-    catch_s = np.exp(rng.uniform(*np.log(_CATCH_S))) if rng.random() < _CATCHES else np.inf
+    catch_s = log_uniform(rng, *_CATCH_S) if rng.random() < _CATCHES else np.inf
     return _Grasp(seed, hand, scene, np.minimum(goal, MOST_N), catch_s * RATE_HZ, rng.uniform(1.1, 1.6))
 
 
@@ -96,7 +97,7 @@ def _steps(rng: np.random.Generator) -> list[_Move]:
 
 
 def _ease(rng: np.random.Generator) -> list[_Move]:
-    at_s, takes_s = rng.uniform(LIFTED_S, 4.0), np.exp(rng.uniform(np.log(0.2), np.log(3.0)))
+    at_s, takes_s = rng.uniform(LIFTED_S, 4.0), log_uniform(rng, 0.2, 3.0)
     eased = _Move(at_s, rng.uniform(0.75, 1.1), takes_s)
     again = _Move(at_s + takes_s + rng.uniform(0.0, 1.0), rng.uniform(1.1, 2.5), _takes_s(rng))
     return [_lift_grip(rng, 1.2, 2.5), eased, again]
@@ -113,7 +114,7 @@ def _dips(rng: np.random.Generator) -> list[_Move]:
 
 
 def _takes_s(rng: np.random.Generator) -> float:
-    return float(np.exp(rng.uniform(np.log(0.05), np.log(2.0))))
+    return log_uniform(rng, 0.05, 2.0)
 
 
 COURSES: Mapping[str, Callable[[np.random.Generator], list[_Move]]] = {

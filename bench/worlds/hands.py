@@ -75,6 +75,11 @@ def side_by_side(plans: Sequence[HandPlan], name: str) -> FloatArray:
     return np.stack([np.pad(one, (0, longest - len(one)), mode="edge") for one in series], axis=1)
 
 
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> np.float64:
+    """Draw a number whose logarithm is uniform; of 64 bits, also times arrays of 32."""
+    return np.float64(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 def smooth(t: FloatArray, start: float, length: float) -> FloatArray:
     """Minimum-jerk course from 0 to 1."""
     s = np.clip((t - start) / length, 0.0, 1.0)
@@ -90,7 +95,7 @@ def plan(rng: np.random.Generator, hand: str, duration_s: float) -> HandPlan:
     """Draw the course of a hand over a world; some logs begin in the first hold."""
     rounds: list[Course] = []
     # What a hold gives way by is pull that it loses, so one that is to stay near the limit is soft.
-    spring = 0.01 if hand == "near-limit" else np.exp(rng.uniform(np.log(0.01), np.log(0.15)))
+    spring = 0.01 if hand == "near-limit" else log_uniform(rng, 0.01, 0.15)
     unseen_s = rng.uniform(1.6, 3.0) if rng.random() < _UNSEEN else 0.0
     left_s = duration_s + unseen_s
     announces = rng.random() < 0.5
@@ -130,8 +135,8 @@ def _tremor(rng: np.random.Generator, t: FloatArray) -> FloatArray:
 
 def _touch(rng: np.random.Generator, t: FloatArray) -> tuple[FloatArray, float, float]:
     """Load (n,) of one round, the time from which it is whole, and the time at which it begins to go."""
-    start, rise = rng.uniform(0.3, 1.5), np.exp(rng.uniform(np.log(0.06), np.log(0.6)))
-    fall = np.exp(rng.uniform(np.log(0.05), np.log(0.5)))
+    start, rise = rng.uniform(0.3, 1.5), log_uniform(rng, 0.06, 0.6)
+    fall = log_uniform(rng, 0.05, 0.5)
     end = max(t[-1] - rng.uniform(0.2, 0.8) - fall, start + rise + 0.1)
     over = rng.uniform(0.0, 0.15) * (rng.random() < 0.4)  # a controller that overshoots
     load = smooth(t, start, rise) * (1 + over * np.exp(-np.maximum(t - start - rise, 0) / 0.15))
@@ -256,7 +261,7 @@ def _low(rng: np.random.Generator, left_s: float) -> Course:
 def _slide(rng: np.random.Generator, left_s: float, low: float, high: float) -> Course:
     t = _time(_length(rng, left_s, 30.0, 70.0))
     load, whole, end = _touch(rng, t)
-    speed = np.exp(rng.uniform(np.log(low), np.log(high)))
+    speed = log_uniform(rng, low, high)
     begin = whole + rng.uniform(0.5, 6.0)
     stops = begin + rng.uniform(0.3, 1.0) * max(end - begin, 1.0)
     ramp = rng.uniform(0.05, 1.0)

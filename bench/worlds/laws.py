@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.worlds.arrays import places_mm, square_array
-from bench.worlds.hands import smooth
+from bench.worlds.hands import log_uniform, smooth
 from bench.worlds.world import World, onsets, tenths_s
 from tactiled.array import FloatArray
 from tactiled.samples.block import regular_block
@@ -97,16 +97,16 @@ def _draw(seed: int, population: Population) -> dict[str, Any]:
     v["kinetic"] = rng.uniform(0.7, 1.0)
     # Friction differs from place to place of the surface, by taxel and travel; a quarter of them are even.
     v["rough"] = max(rng.uniform(-0.02, 0.06), 0.0)
-    v["rough_mm"] = np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
+    v["rough_mm"] = log_uniform(rng, 0.1, 1.0)
     v["surface"] = rng.normal(size=(len(x), _SURFACE))
     v["stribeck_mm_s"] = rng.uniform(1.0, 8.0)
     v["power"] = 1.5 if law == "mindlin" else rng.uniform(1.2, 3.0)
-    travel_mm = np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
+    travel_mm = log_uniform(rng, 0.1, 1.0)
     stiffness = v["power"] * mu * load / travel_mm
     shares = v["part"] ** rng.uniform(0.0, 0.5) * rng.lognormal(0, rng.uniform(0.0, 0.15), n)
     v["stiffness"] = stiffness * shares / shares.sum()
     v["exponent"] = rng.uniform(0.0, 0.5)
-    v["hand_n_mm"] = min(np.exp(rng.uniform(np.log(0.02), np.log(3.0))), stiffness)
+    v["hand_n_mm"] = min(log_uniform(rng, 0.02, 3.0), stiffness)
     if hand == "drag":
         v["hand_n_mm"] = stiffness * rng.uniform(0.5, 2.0)
     frequency = rng.uniform(15.0, 40.0) * 2 * np.pi
@@ -132,7 +132,7 @@ def _plan_hand(
     load = smooth(t, _TOUCH_S, touch)
     pull, turn, friction = np.zeros_like(t), np.zeros_like(t), np.ones_like(t)
     begin = rng.uniform(1.3, 2.5)
-    rate = np.exp(rng.uniform(np.log(0.2), np.log(50.0)))  # N/s
+    rate = log_uniform(rng, 0.2, 50.0)  # N/s
     size = rng.uniform(0.2, 1.8)
     length = float(np.clip(size * capacity / rate, 0.02, duration_s))
     shape = smooth if rng.random() < 0.5 else _ramp
@@ -319,7 +319,7 @@ def _measured(
     at = at[at < len(volts) - 1 + _WHOLE]
     picks = np.floor(at + _WHOLE).astype(int)
     part = np.where(at - picks > _WHOLE, at - picks, 0.0)[:, np.newaxis]
-    noise_mv = float(np.exp(rng.uniform(np.log(0.1), np.log(6.0))))
+    noise_mv = log_uniform(rng, 0.1, 6.0)
     volts = volts[picks] + part * (volts[np.minimum(picks + 1, len(volts) - 1)] - volts[picks])
     white = rng.normal(size=volts.shape)
     colour = rng.uniform(0, 0.9)

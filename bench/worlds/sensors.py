@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from bench.worlds.arrays import square_array
+from bench.worlds.hands import log_uniform
 from bench.worlds.world import World, onsets, tenths_s
 from tactiled.array import FloatArray
 from tactiled.samples.block import regular_block
@@ -132,7 +133,7 @@ def measure(drawn: Drawn, forces: Forces) -> World:
         [np.interp(time_s + offset, grid_s, one) for offset, one in zip(offset_s, readings.T, strict=True)],
         axis=1,
     )
-    noise = gain * taxel * np.exp(rng.uniform(*np.log(_IDEAL_NOISE if drawn.is_ideal else _NOISE)))
+    noise = gain * taxel * log_uniform(rng, *_IDEAL_NOISE if drawn.is_ideal else _NOISE)
     noisy = sampled + _noise(rng, sampled.shape, noise, rate_hz)
     sampled = noisy + gain * taxel * drawn.faults * _drift(rng, time_s, sampled)
     lsb = {"counts": 1.0, "pillars": 0.001, "sides": 0.0008}[kind]

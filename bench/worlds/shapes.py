@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.hands import log_uniform
 from tactiled.array import FloatArray
 
 SHAPES = ("flat", "flat", "sphere", "cylinder", "edge", "rib", "bumps")
@@ -56,7 +57,7 @@ def draw_table(rng: np.random.Generator, shape: str, x: FloatArray, y: FloatArra
     angle = rng.uniform(0.0, np.pi)
     x, y = x - rng.normal(0, 0.2) * half, y - rng.normal(0, 0.2) * half
     along, across = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
-    depth = np.exp(rng.uniform(np.log(0.15), np.log(1.0)))  # mm, of a flat object at the usual load
+    depth = log_uniform(rng, 0.15, 1.0)  # mm, of a flat object at the usual load
     gap = _gap(rng, shape, along, across, half)
     tilt_mm = depth * rng.normal(0, 0.2, 2)
     gap = gap + (tilt_mm[0] * x + tilt_mm[1] * y) / half
@@ -69,7 +70,7 @@ def _gap(
     rng: np.random.Generator, shape: str, along: FloatArray, across: FloatArray, half: float
 ) -> FloatArray:
     """Gap (nodes,) in mm between the undeformed skin and the object."""
-    radius = np.exp(rng.uniform(np.log(15.0), np.log(120.0)))
+    radius = log_uniform(rng, 15.0, 120.0)
     if shape == "sphere":
         return np.asarray((along**2 + across**2) / (2 * radius))
     if shape == "cylinder":

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.worlds.arrays import places_mm
 from bench.worlds.bristles import ALMOST, AT_LIMIT, MOST_OF, MOVES_MM_S, TOUCHING
-from bench.worlds.hands import KEEP, STEP_S, HandPlan, plan, side_by_side
+from bench.worlds.hands import KEEP, STEP_S, HandPlan, log_uniform, plan, side_by_side
 from bench.worlds.sensors import Drawn, Forces, measure_together, mixed
 from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
 from bench.worlds.world import World
@@ -68,16 +68,16 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
     held = plan(rng, hand, 60 * minutes)
     usual = table.at(table.usual_n)
     area = usual > 0
-    mu, sticky = np.exp(rng.uniform(np.log(0.2), np.log(1.2))), rng.uniform(0.0, 0.4)
+    mu, sticky = log_uniform(rng, 0.2, 1.2), rng.uniform(0.0, 0.4)
     bears = mu * table.usual_n
     adhesion = np.full(len(x), sticky * bears / max(int(area.sum()), 1))
-    ground = bears / max(int(area.sum()), 1) / np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
+    ground = bears / max(int(area.sum()), 1) / log_uniform(rng, 0.1, 1.0)
     taxel_x, taxel_y = places_mm(side, pitch)
     near = np.exp(-((taxel_x[:, None] - x) ** 2 + (taxel_y[:, None] - y) ** 2) / (2 * (0.35 * pitch) ** 2))
     scalars = {
         "usual": table.usual_n, "bears": bears, "ground": ground, "mu": mu * (1 - sticky),
         "coupling": ground * rng.uniform(0.1, 0.8), "stiffness": ground * float(area.sum()),
-        "grows": rng.uniform(0.01, 0.06), "hand": np.exp(rng.uniform(np.log(0.7), np.log(20.0))),
+        "grows": rng.uniform(0.01, 0.06), "hand": log_uniform(rng, 0.7, 20.0),
         "angle": rng.uniform(0, 2 * np.pi), "radius": float(np.hypot(x[area], y[area]).mean()),
         "relaxes": rng.uniform(0.0, 0.05), "creep": rng.uniform(0.01, 0.08),
         "x": float(x[area].mean()), "y": float(y[area].mean()),

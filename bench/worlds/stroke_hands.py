@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from bench.worlds.hands import smooth
+from bench.worlds.hands import log_uniform, smooth
 from tactiled.array import FloatArray
 
 STEP_S = 0.004
@@ -60,10 +60,6 @@ def draw_pieces(rng: np.random.Generator, hand: str, duration_s: float) -> list[
     return pieces
 
 
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
-
 def _time(length_s: float) -> FloatArray:
     """Return the instants of a piece, from one step after its beginning on."""
     return np.arange(1, max(round(length_s / STEP_S), 1) + 1) * np.float64(STEP_S)
@@ -85,14 +81,14 @@ def _hold(length_s: float) -> Piece:
 
 
 def _press(rng: np.random.Generator) -> Piece:
-    length_s = _log_uniform(rng, 0.05, 1.2)
+    length_s = log_uniform(rng, 0.05, 1.2)
     t = _time(length_s)
     return Piece("kept", _ramp(rng, t, 0.0, length_s), np.zeros_like(t))
 
 
 def _lift(rng: np.random.Generator, load: float = 1.0) -> Piece:
     """Unload obliquely, so that utilisation stays or falls."""
-    length_s = _log_uniform(rng, 0.03, 0.5)
+    length_s = log_uniform(rng, 0.03, 0.5)
     t = _time(length_s)
     left = 1 - _ramp(rng, t, 0.0, length_s)
     return Piece("kept", load * left, left ** rng.uniform(1.0, 2.0))
@@ -100,15 +96,15 @@ def _lift(rng: np.random.Generator, load: float = 1.0) -> Piece:
 
 def _slide(rng: np.random.Generator, length_s: float, angle: float) -> Piece:
     t = _time(length_s)
-    ramp_s = min(_log_uniform(rng, 0.01, 0.5), length_s / 3)
-    speed = _log_uniform(rng, 0.3, 30.0) * smooth(t, 0.0, ramp_s) * (1 - smooth(t, t[-1] - ramp_s, ramp_s))
+    ramp_s = min(log_uniform(rng, 0.01, 0.5), length_s / 3)
+    speed = log_uniform(rng, 0.3, 30.0) * smooth(t, 0.0, ramp_s) * (1 - smooth(t, t[-1] - ramp_s, ramp_s))
     return Piece("travel", np.ones_like(t), np.cumsum(speed) * STEP_S, angle)
 
 
 def _stop(rng: np.random.Generator, length_s: float) -> Piece:
     """Rest after a slide, in which the skin relaxes."""
     t, kept = _time(length_s), rng.uniform(0.4, 1.0)
-    return Piece("kept", np.ones_like(t), kept + (1 - kept) * np.exp(-t / _log_uniform(rng, 0.1, 1.0)))
+    return Piece("kept", np.ones_like(t), kept + (1 - kept) * np.exp(-t / log_uniform(rng, 0.1, 1.0)))
 
 
 def _follow(shear: FloatArray, load: FloatArray, angle: float, slide_mm_s: float = 0.0) -> Iterator[Piece]:
@@ -136,7 +132,7 @@ def _strokes(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
     angle = rng.uniform(0, 2 * np.pi)
     for _ in range(rng.integers(2, 6)):
         yield _slide(rng, rng.uniform(0.5, 3.0), angle)
-        yield _stop(rng, _log_uniform(rng, 0.05, 1.5))
+        yield _stop(rng, log_uniform(rng, 0.05, 1.5))
         angle += rng.choice([0.0, np.pi, rng.uniform(0, 2 * np.pi)])
     yield _lift(rng)
 
@@ -145,10 +141,10 @@ def _rest_near_limit(rng: np.random.Generator, left_s: float) -> Iterator[Piece]
     yield _press(rng)
     yield _hold(rng.uniform(0.2, 1.0))
     t, used = _time(left_s), rng.uniform(0.3, _NEAREST)
-    rise_s = _log_uniform(rng, 0.02, 4.0)
+    rise_s = log_uniform(rng, 0.02, 4.0)
     load = np.ones_like(t)
     if rng.random() < 0.5:
-        wave = np.sin(2 * np.pi * _log_uniform(rng, 0.1, 3.0) * t) * smooth(t, rise_s, 1.0)
+        wave = np.sin(2 * np.pi * log_uniform(rng, 0.1, 3.0) * t) * smooth(t, rise_s, 1.0)
         steps = sum(rng.uniform(-1, 1) * smooth(t, at, 0.2) for at in rng.uniform(rise_s, left_s, 3))
         load += 0.1 * rng.uniform() * (wave if rng.random() < 0.5 else np.clip(steps, -1, 1))
     load = np.maximum(load, used / _SWAYED)
@@ -163,11 +159,11 @@ def _steps(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
     t = _time(sum(rests := rng.uniform(0.4, 2.0, len(parts))))
     starts = np.cumsum(rests) - rests
     shear = sum(
-        part * _ramp(rng, t, start, min(_log_uniform(rng, 0.02, 1.0), rest))
+        part * _ramp(rng, t, start, min(log_uniform(rng, 0.02, 1.0), rest))
         for part, start, rest in zip(parts * end / parts.sum(), starts, rests, strict=True)
     )
     yield from _follow(
-        np.asarray(shear), np.ones_like(t), rng.uniform(0, 2 * np.pi), _log_uniform(rng, 0.3, 30.0)
+        np.asarray(shear), np.ones_like(t), rng.uniform(0, 2 * np.pi), log_uniform(rng, 0.3, 30.0)
     )
     yield _lift(rng)
 
@@ -176,7 +172,7 @@ def _ease(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
     yield _press(rng)
     yield _hold(rng.uniform(0.2, 1.0))
     used, rise_s, rest_s, falls_s = (
-        rng.uniform(0.15, 0.7), rng.uniform(0.1, 1.0), rng.uniform(0.3, 1.5), _log_uniform(rng, 0.2, 5.0)
+        rng.uniform(0.15, 0.7), rng.uniform(0.1, 1.0), rng.uniform(0.3, 1.5), log_uniform(rng, 0.2, 5.0)
     )  # fmt: skip
     t = _time(rise_s + rest_s + falls_s + rng.uniform(0.3, 2.0))
     end = _SLIDES if rng.random() < 0.35 else rng.uniform(used, _NEAREST)
@@ -186,7 +182,7 @@ def _ease(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
         load,
         used * _ramp(rng, t, 0.0, rise_s),
         rng.uniform(0, 2 * np.pi),
-        _log_uniform(rng, 0.3, 30.0),
+        log_uniform(rng, 0.3, 30.0),
     )
     yield _lift(rng, float(load[-1]))
 
@@ -195,7 +191,7 @@ def _swing(rng: np.random.Generator, left_s: float) -> Iterator[Piece]:
     yield _press(rng)
     yield _hold(rng.uniform(0.2, 1.0))
     t, used, middle = _time(max(left_s - 2.0, 3.0)), rng.uniform(0.1, _NEAREST), rng.uniform(0.0, 0.7)
-    wave = np.sin(2 * np.pi * _log_uniform(rng, 0.3, 5.0) * t)
+    wave = np.sin(2 * np.pi * log_uniform(rng, 0.3, 5.0) * t)
     shear = used * (middle + (1 - middle) * wave) * smooth(t, 0.0, rng.uniform(0.2, 1.5))
     yield from _follow(shear, np.ones_like(t), rng.uniform(0, 2 * np.pi))
     yield _lift(rng)
@@ -203,7 +199,7 @@ def _swing(rng: np.random.Generator, left_s: float) -> Iterator[Piece]:
 
 def _slanted(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
     """Press and lift; shear is in proportion to the load from the touch on."""
-    rise_s, fall_s, hold_s = (_log_uniform(rng, 0.05, 2.0) for _ in range(3))
+    rise_s, fall_s, hold_s = (log_uniform(rng, 0.05, 2.0) for _ in range(3))
     t = _time(rise_s + hold_s + fall_s)
     load = _ramp(rng, t, 0.0, rise_s) * (1 - _ramp(rng, t, rise_s + hold_s, fall_s))
     slant = max(rng.uniform(-0.2, 0.9), 0.0)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.worlds.arrays import places_mm
 from bench.worlds.bristles import AT_LIMIT, MOVES_MM_S, TOUCHING
+from bench.worlds.hands import log_uniform
 from bench.worlds.sensors import Drawn, Forces, measure
 from bench.worlds.stroke_hands import STEP_S, Piece, draw_pieces
 from bench.worlds.world import World
@@ -117,13 +118,11 @@ def _draw(rng: np.random.Generator, law: str, grooved: bool, side: int, pitch: f
     if unevenness == 2 and rng.random() < 0.5:
         share[rng.permutation(n)[: rng.integers(1, n // 2 + 1)]] *= rng.choice([0.0, 0.02])
     share /= share.sum()
-    usual = np.exp(rng.uniform(np.log(0.2), np.log(1.3)))
+    usual = log_uniform(rng, 0.2, 1.3)
     mu = usual * np.clip(1 + max(rng.uniform(-0.05, 0.12), 0.0) * rng.normal(size=n), 0.5, 1.5)
     # Springs of equal stiffness reach a limit in proportion to their load; those that grow with it, at once.
     elastic = np.maximum(mu * share * n / usual, 0.05) ** rng.uniform(0.0, 1.0)
-    elastic *= np.exp(rng.uniform(np.log(0.05), np.log(1.0))) * rng.lognormal(
-        0, max(rng.uniform(-0.1, 0.2), 0), n
-    )
+    elastic *= log_uniform(rng, 0.05, 1.0) * rng.lognormal(0, max(rng.uniform(-0.1, 0.2), 0), n)
     waves = int(rng.integers(1, 4))
     curve, whole = _curve(law, rng.uniform(1.2, 3.0))
     return _Contact(
@@ -140,8 +139,8 @@ def _draw(rng: np.random.Generator, law: str, grooved: bool, side: int, pitch: f
         rough=0.0 if grooved else max(rng.uniform(-0.125, 0.25), 0.0),
         evened=bool(rng.random() < 0.4),
         kinetic=min(rng.uniform(0.6, 1.1), 1.0),
-        falls_mm=np.exp(rng.uniform(np.log(0.02), np.log(0.5))),
-        heals_s=np.exp(rng.uniform(np.log(0.05), np.log(1.0))),
+        falls_mm=log_uniform(rng, 0.02, 0.5),
+        heals_s=log_uniform(rng, 0.05, 1.0),
         ridges=rng.uniform(0.02, 0.2) if grooved else 0.0,
         ridge_mm=rng.uniform(0.5, 5.0),
         ridge_angle=rng.uniform(0, np.pi),
