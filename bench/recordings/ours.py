@@ -1,7 +1,7 @@
 """Answers of the daemon on a log, by the detectors and parameters that `tactiled detect` runs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 from unittest import mock
 
 import numpy as np
@@ -80,21 +80,12 @@ def _events(
     return [event for item in blocks for event in suite.process(item)]
 
 
-@dataclass(frozen=True, eq=False)
-class ForceErrors:
-    """Errors of the forces of a log, in folds that leave out whole contacts.
-
-    Attributes
-    ----------
-    ours, ridge : (axes,) float64
-        Rms over the range of the axis; ridge regression in the same folds.
-    inside : (axes,) float64
-        Part of the 90 % intervals that hold the force.
-    """
+class ForceErrors(NamedTuple):
+    """Errors of the forces of a log by axis, rms over its range, in folds that leave out whole contacts."""
 
     ours: FloatArray
-    ridge: FloatArray
-    inside: FloatArray
+    ridge: FloatArray  # regression in the same folds
+    inside: FloatArray  # part of the 90 % intervals that hold the force
 
 
 def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> ForceErrors | None:

@@ -24,7 +24,6 @@ from bench.slip.minutes import (
     N_QUICK_SLIDES,
     N_RESTS,
     N_SLIDES,
-    Minute,
     minute_rows,
     read_minute,
 )
@@ -60,7 +59,13 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
-    return [*_sections(events, n_worlds, n_scenes), *_of_minutes(long, len(read))]
+    return [
+        *_sections(events, n_worlds, n_scenes),
+        f"Slides and rests of a minute ({seeds_in_words(len(read), MINUTES_FROM)}; {len(read) - len(long)} "
+        "rests slip, left out) at 0.3 to 3 mV, setting balanced: an even slide at 0.25 to 20 mm/s, from "
+        "0.5 s after it began; a rest at 80 to 97 % of the limit.",
+        table(minute_rows(long)),
+    ]
 
 
 def read_worlds(seeds: range) -> list[CaseEvents]:
@@ -89,18 +94,6 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
     )
     for group, some in groups.items():
         slips = sum(one.case.slips for one in some)
-        yield f"{_in_words(group)}: {len(some)} cases, {slips} with gross slip."
+        kind = "Random worlds" if group == RANDOM else f"Families at {group}"
+        yield f"{kind}: {len(some)} cases, {slips} with gross slip."
         yield settings_table(some)
-
-
-def _of_minutes(found: Sequence[Minute], n: int) -> Iterator[str]:
-    yield (
-        f"Slides and rests of a minute ({seeds_in_words(n, MINUTES_FROM)}; {n - len(found)} rests slip, "
-        "left out) at 0.3 to 3 mV, setting balanced: an even slide at 0.25 to 20 mm/s, from 0.5 s after it "
-        "began; a rest at 80 to 97 % of the limit."
-    )
-    yield table(minute_rows(found))
-
-
-def _in_words(group: str) -> str:
-    return "Random worlds" if group == RANDOM else f"Families at {group}"

@@ -6,7 +6,7 @@ grown, but for noise: only how it grew tells them apart.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,22 +25,13 @@ _NOISE_V = (0.3e-3, 3e-3)
 _EVEN = 0.5  # share of plates with the same friction at every place
 
 
-@dataclass(frozen=True)
-class Minute:
-    """Verdict on a slide or a rest of a minute.
-
-    Attributes
-    ----------
-    told : float
-        Part of the grip messages that say gross slip, from 0.5 s after the slide began or the load was there.
-    p_sliding : float
-        Median of these messages.
-    """
+class Minute(NamedTuple):
+    """Verdict on a slide or a rest of a minute, from 0.5 s after the slide began or the load was there."""
 
     slides: bool
     is_even: bool
-    told: float
-    p_sliding: float
+    told: float  # part of the grip messages that say gross slip
+    p_sliding: float  # median of the messages
 
 
 def read_minute(seed: int, slides: bool) -> Minute | None:
