@@ -18,6 +18,14 @@ from bench.slip.cases import (
     from_world,
     run_case,
 )
+from bench.slip.gratings import (
+    GRATINGS_FROM,
+    LENGTH_S,
+    N_GRATINGS,
+    N_QUICK_GRATINGS,
+    read_grating,
+    rows,
+)
 from bench.slip.minutes import (
     MINUTES_FROM,
     N_QUICK_RESTS,
@@ -50,17 +58,24 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     batches = [seeds[start : start + _BATCH] for start in range(0, n_worlds, _BATCH)]
     scene_seeds = range(REPORT_SEED, REPORT_SEED + n_scenes)
     scenes = list(itertools.product(SCENES, scene_seeds))
+    n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
     n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
-    progress.begin(len(batches) + len(scenes) + len(minutes))
+    progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
     with executor(BENCH_WORKERS, options.dask) as pool:
         some = counted(pool.map(read_worlds, batches), progress, "random worlds")
         some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
+        slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
+        gratings = counted(pool.map(read_grating, slides), progress, "gratings")
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
     return [
         *_sections(events, n_worlds, n_scenes),
+        f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
+        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: told as gross slip, and answered by the "
+        "groove estimator, whose speed is given.",
+        table(rows(gratings)),
         f"Slides and rests of a minute ({seeds_in_words(len(read), MINUTES_FROM)}; {len(read) - len(long)} "
         "rests slip, left out) at 0.3 to 3 mV, setting balanced: an even slide at 0.25 to 20 mm/s, from "
         "0.5 s after it began; a rest at 80 to 97 % of the limit.",

@@ -45,6 +45,7 @@ def test_the_bench_prints_all_tables(
     monkeypatch.setattr(slip_bench, "SCENES", {"20 mm/s": None})
     monkeypatch.setattr(slip_bench, "read_worlds", lambda _: worlds)
     monkeypatch.setattr(slip_bench, "read_scene", lambda *_: [*slide, *taps])
+    monkeypatch.setattr(slip_bench, "N_QUICK_GRATINGS", 1)
     monkeypatch.setattr(slip_bench, "N_QUICK_SLIDES", 1)
     monkeypatch.setattr(slip_bench, "N_QUICK_RESTS", 1)
     monkeypatch.setattr(minutes, "_LENGTH_S", 3.0)  # of a minute
