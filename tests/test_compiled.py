@@ -108,7 +108,7 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 @settings(max_examples=15, deadline=None)
 def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) -> None:
     rng, n, taxels, sides = np.random.default_rng(seed), 40, 3, 4
-    n_mean, lag = int(rng.choice([0, 4])), float(rng.choice([0.0, 0.2]))
+    n_mean, of_largest = int(rng.choice([0, 4])), float(rng.choice([0.0, 0.2]))
     own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
     steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
     ok = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
@@ -121,7 +121,21 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
     for one in both(pressure):
         levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean, 300.0)
         of = one.Pressure(
-            own, counts, sign, np.ones(12), line, 0.25, 0.5, levels, rest, is_field, 0.15, 0.01, lag, 0.1, 0.3
+            own,
+            counts,
+            sign,
+            np.ones(12),
+            line,
+            0.25,
+            0.5,
+            levels,
+            rest,
+            is_field,
+            0.15,
+            0.01,
+            of_largest,
+            0.01,
+            0.3,
         )
         answers = []
         for start, end in itertools.pairwise(cuts):

@@ -2,11 +2,11 @@
 
 A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels; of
 magnetic fields the size of that) exceeds a level: that of the parameters, else that of the array file, else
-one above the noise of its own channels and a small part of their range, beyond the set that a soft skin may
-have kept. A reading of one side channel alone is a fault and no contact: a press loads all four, and shear
-relieves two at most. Loading and holding are distinguished by the slope of the array's pressure response, a
-least-squares line over a short window. A falling pressure is neither: the state stays and only the count of
-steady scans starts anew.
+one above the noise of its own channels, a small part of their range and, where shear is not measured, 15 %
+of the array's largest load of the last minutes, beyond the set that a soft skin may have kept. A reading of
+one side channel alone is a fault and no contact: a press loads all four, and shear relieves two at most.
+Loading and holding are distinguished by the slope of the array's pressure response, a least-squares line over
+a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
 `ContactTracker` is the state machine. Sliding cannot be seen from pressure: the slip detector owns a tracker
 and calls `begin_sliding` and `end_sliding` (see `wang2019.slip`).
@@ -41,14 +41,16 @@ _MEAN_S = 0.16
 _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # prior: of the noise before it is known, that wandering is at most: 1/128 of the range
 _WANDER_OF_EARLY = 0.5
-# tuned: set of a soft skin, where the array file gives no level and no shear over load says that a light load
-# is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute; creep has no single time, this one
-# is between those of presses and of holds. As much comes back within seconds of any press: foil and silicone
-# read 5 to 15 % of it beside their zero at first.
+# tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
+# that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
+# silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
+# much. It is the set of a taxel, and the least contact as a part of the array's largest load of late. For
+# the latter, 0.05, 0.1 and 0.15 were tried on foil, lattices and every sixth recording of an optical
+# finger.
 _SET_OF_LOAD = 0.15
-_SET_S = 30.0  # tuned: on eFlesh, too
-_LAG_S = 5.0  # prior: seconds; 3, 5 and 8 s tell the same contacts on recordings, but for one run of foil
-_RISE_S = 0.2  # choice: a reading that is wrong once moves the lag by a twentieth of it at 100 Hz
+_SET_S = 30.0  # tuned: on eFlesh, too; creep has no single time, this one is between presses and holds
+_LARGEST_S = 300.0  # choice: what is done with an object takes minutes; 60 s and for ever were tried, too
+_RISE_S = 0.2  # choice: a reading that is wrong once moves the largest load by a twentieth of it at 100 Hz
 # prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
 # what is left of a load below this part of it is rather an object that was lost.
 _SET_OF_SHEARED = 0.05
@@ -165,7 +167,7 @@ class ContactTracker:
             0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
             0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
-            -math.expm1(-1.0 / (_LAG_S * rate_hz)),
+            -math.expm1(-1.0 / (_LARGEST_S * rate_hz)),
             -math.expm1(-1.0 / (_RISE_S * rate_hz)),
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
@@ -181,7 +183,7 @@ class ContactTracker:
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         gap_s = n_missing / self._rate_hz
-        self._pressure.interrupt(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LAG_S))
+        self._pressure.interrupt(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LARGEST_S))
         self._begin()
 
     def measure(

@@ -54,14 +54,14 @@ cdef class Levels:
 
 cdef class Pressure:
     cdef public long n_channels, n_taxels, n_sides, n_hidden
-    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, lag_of_load, lag_per_scan, rise_per_scan
+    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, largest, of_largest, forget_per_scan, rise_per_scan
     cdef public bint is_begun, is_field
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals, set, peak, pressure, taxel_noise
+    cdef public double[::1] sign, total_weights, line, totals, set, pressure, taxel_noise
 
-    cpdef interrupt(self, double set_kept, double lag_kept)
+    cpdef interrupt(self, double set_kept, double largest_kept)
 
     cpdef take(self, long n, const double[::1] steps, const double[::1] held, const unsigned char[::1] ok, const double[::1] readings, double[::1] reals, unsigned char[::1] flags)
 

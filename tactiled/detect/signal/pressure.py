@@ -316,10 +316,11 @@ class Pressure:
     """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
-    in a standard linear solid. The skin also lags behind a load that falls: a part of the fall is left at
-    once, and comes back within seconds. Only what is beyond the larger of the two is compared with the
-    levels. A magnet of a skin moves with the skin around it: set and lag of a field follow the mean pressure
-    of the taxels where that is more than the taxel's own.
+    in a standard linear solid; only what is beyond it is compared with the levels. A magnet of a skin moves
+    with the skin around it: the set of a field follows the mean pressure of the taxels where that is more
+    than the taxel's own. What a skin keeps, for seconds or minutes, and how far it wanders is in proportion
+    to what presses it: beside the level of the noise, contact is a part of the largest load of the array of
+    late.
 
     Parameters
     ----------
@@ -338,10 +339,11 @@ class Pressure:
         The readings are those of a magnetic field, which a press may raise or lower.
     set_of_load, set_per_scan : float
         Part of a load that a press of any length leaves, and the part of the way to it in a scan.
-    lag_of_load, lag_per_scan : float
-        Part of a fall of the load that is left at once, and the part of that which comes back in a scan.
-    rise_per_scan : float
-        Part of the way to a larger load that the skin follows in a scan: a single wrong reading is none.
+    of_largest : float
+        Least part of the array's largest load that is a contact.
+    forget_per_scan, rise_per_scan : float
+        Part of the largest load that is forgotten in a scan, and part of the way to a larger one that is
+        followed: a single wrong reading is none.
     """
 
     def __init__(
@@ -358,8 +360,8 @@ class Pressure:
         is_field: bool,
         set_of_load: float,
         set_per_scan: float,
-        lag_of_load: float,
-        lag_per_scan: float,
+        of_largest: float,
+        forget_per_scan: float,
         rise_per_scan: float,
     ) -> None:
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
@@ -371,19 +373,18 @@ class Pressure:
         self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
         self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
-        self.lag_of_load, self.lag_per_scan, self.rise_per_scan = lag_of_load, lag_per_scan, rise_per_scan
+        self.of_largest, self.forget_per_scan, self.rise_per_scan = of_largest, forget_per_scan, rise_per_scan
         zeros = bytes(8 * len(counts))
-        self.set, self.peak = array("d", zeros), array("d", zeros)
-        self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros)
-        self.is_begun, self.n_hidden = False, 0
+        self.set, self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros), array("d", zeros)
+        self.largest, self.is_begun, self.n_hidden = 0.0, False, 0
 
-    def interrupt(self, set_kept: float, lag_kept: float) -> None:
-        """Pass over missing scans, after which parts of set and lag are left."""
+    def interrupt(self, set_kept: float, largest_kept: float) -> None:
+        """Pass over missing scans, after which parts of the set and of the largest load are left."""
         self.is_begun, self.n_hidden = False, 0
         self.rest.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= set_kept
-            self.peak[t] *= lag_kept
+        self.largest *= largest_kept
 
     def take(
         self,
@@ -416,7 +417,7 @@ class Pressure:
         each = 0 if len(readings) == taxels else taxels
         for i in range(n):
             row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
-            loads, is_hidden = 0.0, False
+            loads, heaviest, is_hidden = 0.0, 0.0, False
             becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
@@ -438,23 +439,22 @@ class Pressure:
                 self.pressure[t] = total * self.volts_per_step / max(n_read, 1.0)
                 self.taxel_noise[t] = taxel_noise * self.volts_per_step
                 loads += max(self.pressure[t], 0.0)
-            shared = loads / taxels if self.is_field else 0.0
+                heaviest = max(heaviest, self.pressure[t])
+            self.largest -= self.forget_per_scan * self.largest
+            self.largest += self.rise_per_scan * max(heaviest - self.largest, 0.0)
+            least, shared = self.of_largest * self.largest, loads / taxels if self.is_field else 0.0
             for t in range(taxels):
                 pressed = max(max(self.pressure[t], shared), 0.0)
                 self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
-                self.peak[t] -= self.lag_per_scan * self.peak[t]
-                self.peak[t] += self.rise_per_scan * max(pressed - self.peak[t], 0.0)
-                lag = self.lag_of_load * max(self.peak[t] - pressed, 0.0)
-                pressure = self.pressure[t] - max(self.set[t], lag)
-                taxel_noise = self.taxel_noise[t]
-                touches = pressure > levels.contact_at(taxel_noise)
-                if self.pressure[t] - self.set[t] > levels.contact_at(taxel_noise):
-                    is_hidden = True
+                pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
+                is_above = pressure > levels.contact_at(taxel_noise)
+                touches, is_hidden = is_above and pressure > least, is_hidden or is_above
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
                 if touches:
                     n_touching += 1
                     load += pressure
-                n_released += 1 if pressure < levels.release_at(taxel_noise) else 0
+                release = max(levels.release_at(taxel_noise), _RELEASE_OF_CONTACT * least)
+                n_released += 1 if pressure < release else 0
             if not self.is_begun:
                 self.is_begun = True
                 for k in range(n_line - 1):
@@ -465,7 +465,7 @@ class Pressure:
                 self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
             flags[n + i] = 1 if n_released == taxels else 0
-            # What the lag hid for longer than a press takes did not begin when the lag was over.
+            # What was hidden for longer than a press takes did not begin when it is found.
             flags[2 * n + i] = 1 if becomes_known or (self.n_hidden >= n_line and n_touching > 0) else 0
             self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
             of_each = max(1.0, 1.0 * n_touching)

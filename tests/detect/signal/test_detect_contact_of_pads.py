@@ -92,17 +92,19 @@ def test_a_chip_beside_the_press_keeps_the_set_of_the_skin() -> None:
     values = readings(load, of_chips.ravel())
     values[held:, 2::3] += 0.06 * LOAD * np.array([1.0, 1.0, -1.0, 1.0])  # 20 % of its own press for the last
     assert [event.state for event in contacts(FIELD, values)] == ["loading", "holding", "none"]
-    of_counts = np.hstack([values[:, 2:9:3] * [1.0, 1.0, -1.0], values[:, 11:]])
+    of_counts = np.hstack([values[:, 2:9:3] * [1.0, 1.0, -1.0], 3.0 * values[:, 11:]])
     assert "none" not in [event.state for event in contacts(COUNTS, of_counts)]  # a cell feels its own press
 
 
-def test_a_hold_after_a_short_press_goes_on_and_a_light_one_is_found_again_within_seconds() -> None:
+def test_a_hold_after_a_press_goes_on_and_a_light_one_is_found_again_after_minutes() -> None:
     firm = contacts(COUNTS, readings(press(1.0, 0.2, after_s=12.0), np.ones(4)))
     assert "none" not in [event.state for event in firm]
-    light = contacts(COUNTS, readings(press(1.0, 0.1, after_s=12.0), np.ones(4)))
-    lost, again = (event for event in light[2:] if event.state in ("none", "unknown"))  # it is no new press
-    # 0.1 exp(-t / 20 s) less a lag of 0.15 times what 0.96 exp(-t / 5 s) exceeds it by is 64 of 3000 then.
-    assert again.time_s - lost.time_s == pytest.approx(3.05, abs=0.2)
+    load = np.concatenate([press(1.0, 0.0), np.full(round(350 * RATE_HZ), 0.05 * LOAD)])
+    lost, again = contacts(COUNTS, readings(load, np.ones(4)))[2:4]
+    assert (lost.state, again.state) == ("none", "unknown")  # it is no new press
+    # 0.15 of 0.993 of the press (1 s of it, followed with 0.2 s), forgotten with 300 s, is 0.05 less its set
+    # then; 0.4 counts a second, so that noise of a few counts finds it some seconds earlier.
+    assert again.time_s - lost.time_s == pytest.approx(300 * np.log(0.15 * 0.993 / 0.0425), rel=0.05)
 
 
 def test_one_wrong_scan_hides_no_touch() -> None:
@@ -122,14 +124,14 @@ def test_taps_from_the_first_scan_on_are_no_noise_for_long() -> None:
 def test_what_comes_back_within_seconds_of_a_press_is_no_contact() -> None:
     load = press(2.0, 0.0, after_s=20.0)
     released = round(4.0 * RATE_HZ)
-    load[released:] = 0.12 * LOAD * np.exp(-np.arange(len(load) - released) / (4.0 * RATE_HZ))
+    load[released:] = 0.08 * LOAD * np.exp(-np.arange(len(load) - released) / (4.0 * RATE_HZ))
     events = contacts(COUNTS, readings(load, np.ones(4)))
     assert [event.state for event in events] == ["loading", "holding", "none"]
     assert events[-1].time_s == pytest.approx(4.0, abs=0.05)
 
 
 def test_the_set_decays() -> None:
-    load = np.concatenate([press(20.0, 0.0, after_s=120.0), np.full(300, 0.06 * LOAD)])
+    load = np.concatenate([press(20.0, 0.0, after_s=120.0), np.full(300, 0.12 * LOAD)])
     events = contacts(COUNTS, readings(load, np.ones(4)))
     assert [event.state for event in events] == ["loading", "holding", "none", "loading", "holding"]
 
