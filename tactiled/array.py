@@ -271,12 +271,12 @@ class Array:
         The lowest reading counts: unloaded taxels of many sensors read exactly 0. So does the highest of
         channels that fall under load, which read that without one.
         """
-        is_rest = self._falls & (readings == self.high)
+        is_rest = self.falls_under_load & (readings == self.high)
         return np.asarray((readings >= self.low) & (readings < self.high) | is_rest)
 
     @functools.cached_property
-    def _falls(self) -> NDArray[np.bool_]:
-        """Return which channels fall under load (channels,); a press may move a field either way."""
+    def falls_under_load(self) -> NDArray[np.bool_]:
+        """Which channels fall under load (channels,); a press may move a field either way."""
         loads = np.array([kind in ("normal", "side") for kind in self.channel_kind])
         return np.asarray(loads & (self.sign < 0) & (self.unit != "uT"))
 

@@ -113,8 +113,11 @@ class Pipeline:
         self.array = array
         self._decoder = Decoder(layout)
         in_counts = array.unit == "count"
+        # Full scale is rest for channels that fall under load.
+        has_range = layout.carries_units or (in_counts and bool(array.falls_under_load.any()))
+        in_range = array.in_range if has_range else None
         self._assembler = Assembler(
-            layout, params.samples, params.baud, live=live, in_counts=in_counts, in_range=array.in_range
+            layout, params.samples, params.baud, live=live, in_counts=in_counts, in_range=in_range
         )
         self._meter = RateMeter()
         force = build_force(array, params.calibration) if params.force else None

@@ -26,7 +26,8 @@ from tactiled.received import Output
 from tactiled.samples.assembler import SampleParams
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import parse
-from tactiled.wire.frames import Acknowledge, Hello
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import load_layout
 
 LAYOUT = load_layout("board-v1")
@@ -290,14 +291,29 @@ def test_an_array_in_counts_gets_the_counts_of_the_board(tmp_path: Path) -> None
     assert [s[2] for s in slips["count"]] == pytest.approx([s[2] for s in slips["V"]], abs=0.02)
 
 
-def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path) -> None:
-    hello = next(
+def hello_of_board() -> Hello:
+    return next(
         out
         for now_s, data in Simulation(load_scene("rest"), LAYOUT, duration_s=1.0)
         for out in Pipeline(LAYOUT, ARRAY).receive_data(data, now_s)
         if isinstance(out, Hello)
     )
-    fault = check_hello(hello, LAYOUT, in_unit(tmp_path, "N"))
+
+
+@pytest.mark.parametrize(("sign", "valid"), [(1.0, False), (-1.0, True)])
+def test_full_scale_is_rest_where_readings_fall_under_load(sign: float, valid: bool, tmp_path: Path) -> None:
+    array = in_unit(tmp_path, "count")
+    target = Pipeline(LAYOUT, dataclasses.replace(array, sign=np.full(array.n_channels, sign)))
+    encoder = Encoder(LAYOUT)
+    full = Scan(sequence=0, ticks=0, flags=0, counts=np.full(36, 4095, dtype=np.int64))
+    found = target.receive_data(encoder.encode(hello_of_board()) + encoder.encode(full), 1.0)
+    (scan,) = [event for event in found if isinstance(event, ScanEvent)]
+    assert scan.volts == (4095.0,) * 36
+    assert scan.valid == (valid,) * 36
+
+
+def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path) -> None:
+    fault = check_hello(hello_of_board(), LAYOUT, in_unit(tmp_path, "N"))
     assert fault is not None
     assert "reads N" in fault
     assert "in V or count" in fault

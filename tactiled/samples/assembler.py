@@ -67,7 +67,8 @@ class Assembler:
     in_counts : bool
         Readings are the converter's counts as they came, not volts.
     in_range : callable, optional
-        Returns True for the readings that are not saturated, where the layout carries readings in a unit.
+        Returns True for the readings that are not saturated. Without it, these are the finite readings in a
+        unit, and the counts below the largest of the converter.
     """
 
     LARGEST_LEAD_S = 0.05  # largest error of the clock fit towards the future
@@ -86,12 +87,12 @@ class Assembler:
         *,
         live: bool = True,
         in_counts: bool = False,
-        in_range: Callable[[NDArray[np.float64]], NDArray[np.bool_]] = np.isfinite,
+        in_range: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
     ) -> None:
         self._layout = layout
         self._live = live
         self._in_counts = in_counts or layout.carries_units
-        self._in_range = in_range if layout.carries_units else None
+        self._in_range = in_range or (np.isfinite if layout.carries_units else None)
         self._params = params or SampleParams()
         self._clock = self._params.clock
         if layout.measures_rate:  # the clock of the board has no nominal rate that it could deviate from

@@ -160,7 +160,7 @@ class Conversion:
     fault_flag : int
         Flag of a frame none of whose readings is valid; 0 where the layout has none.
     in_range : callable, optional
-        Returns True for the readings that are not saturated, where frames carry readings in a unit.
+        Returns True for the readings that are not saturated, in place of `full_count`.
     """
 
     hello: Hello
