@@ -138,6 +138,7 @@ def summary(
     # For other topics, no detector of contact has run.
     if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):
         yield f"in contact {tally.contact_s:.1f} s, in slip {tally.slip_s:.1f} s"
+        yield from _lost_zero(array, tally.time_s, tally.readings)
         yield from _loaded_zero(array, tally.time_s, tally.readings)
         if tally.contact_s == 0:
             tare = "" if array.zero_first_s else "--tare-s 0.3 takes the first 0.3 s as zero, "
@@ -156,6 +157,18 @@ def summary(
         yield from _opposed_pads(array, tally.readings)
     if "texture" in topics:
         yield from _texture(array, tally.textures, rate_hz, speed_mm_s, tally.slip_s > 0 or sliding_is_given)
+
+
+def _lost_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
+    """Yield a line on channels with readings, none of them from the time that gives the zero."""
+    first = time_s < time_s[0] + array.zero_first_s
+    valid = array.in_range(readings)
+    lost = np.flatnonzero(valid.any(axis=0) & ~valid[first].any(axis=0)).tolist()
+    if first.any() and lost:
+        yield (
+            f"channels {lost} have no valid reading in the first {array.zero_first_s:g} s to be their zero, "
+            "and are left out: write numbers as `zero` in the array file"
+        )
 
 
 def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:

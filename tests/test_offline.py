@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled import log_summary
-from tactiled.array import Array, ArrayFile, build, load_array
+from tactiled.array import Array, ArrayFile, FloatArray, build, load_array
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -514,10 +514,8 @@ def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
     assert all("by about 180 deg" in line for line in opposed)
 
 
-@pytest.mark.parametrize("begins_pressed", [True, False])
-def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None:
-    load = np.where((np.arange(300) < 100) == begins_pressed, 300.0, 0.0)
-    readings = 1000 + load[:, np.newaxis] + np.random.default_rng(0).normal(0, 2, (300, 16))
+def said_of_a_pad(readings: FloatArray) -> list[str]:
+    """Lines on a log of 16 pressures in counts, whose zero are its first 0.3 s."""
     table = {
         "name": "pad",
         "unit": "count",
@@ -526,11 +524,24 @@ def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None
         "taxel_count": 16,
         "taxel_channels": [{"name": "N", "kind": "normal"}],
     }
-    array = build(parse(table, ArrayFile, "pad"))
-    time_s = np.arange(300) / 36
-    tally = log_summary.LogTally(array)
-    tally.add_scans(time_s, readings)
-    said = list(log_summary.summary(tally, ("contact",), 0.0, sliding_is_given=False))
+    tally = log_summary.LogTally(build(parse(table, ArrayFile, "pad")))
+    tally.add_scans(np.arange(len(readings)) / 36, readings)
+    return list(log_summary.summary(tally, ("contact",), 0.0, sliding_is_given=False))
+
+
+@pytest.mark.parametrize(("n_lost", "is_named"), [(0, False), (5, False), (40, True), (300, False)])
+def test_channels_that_come_up_after_the_zero_are_named(n_lost: int, is_named: bool) -> None:
+    readings = 1000 + np.random.default_rng(0).normal(0, 2, (300, 16))
+    readings[:n_lost, [3, 7]] = np.nan
+    said = [line for line in said_of_a_pad(readings) if "no valid reading in the first 0.3 s" in line]
+    assert [line.startswith("channels [3, 7] ") for line in said] == [True] * is_named
+
+
+@pytest.mark.parametrize("begins_pressed", [True, False])
+def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None:
+    load = np.where((np.arange(300) < 100) == begins_pressed, 300.0, 0.0)
+    readings = 1000 + load[:, np.newaxis] + np.random.default_rng(0).normal(0, 2, (300, 16))
+    said = said_of_a_pad(readings)
     assert ("was the sensor touched in the first 0.3 s?" in " ".join(said)) == begins_pressed
     zeros = re.findall(r"zero = \[([0-9.]+), ", " ".join(said))
     assert [round(float(zero), -1) for zero in zeros] == ([1000.0] if begins_pressed else [])

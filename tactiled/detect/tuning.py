@@ -52,7 +52,7 @@ class StartZero:
     Attributes
     ----------
     zero : (channels,) float64 or None
-        Median of the valid readings, 0 for a channel without any; None until it is known.
+        Median of the valid readings, NaN for a channel without any; None until it is known.
     known_s : float
         Instant of the scan that completed it. Nothing is reported of earlier scans before this one.
     """
@@ -76,7 +76,7 @@ class StartZero:
             return []
         readings = np.concatenate([block.volts for block in blocks])[:n_wanted]
         valid = np.concatenate([block.valid for block in blocks])[:n_wanted]
-        zero = np.zeros(readings.shape[1])
+        zero = np.full(readings.shape[1], np.nan)
         seen = valid.any(axis=0)
         zero[seen] = np.nanmedian(np.where(valid, readings, np.nan)[:, seen], axis=0)
         self.zero = zero
@@ -194,7 +194,7 @@ class TunedSuite:
             zero = self._start.zero if self._array.zero_first_s else self._array.zero
         if isinstance(item, Gap) or zero is None or not zero.any():
             return item
-        return replace(item, volts=item.volts - zero)
+        return replace(item, volts=item.volts - zero, valid=item.valid & np.isfinite(zero))
 
     def tare(self, *, force: bool) -> tuple[str, list[Event]]:
         """Take the mean of the last `TARE_S` as zero; refused under load unless forced."""
