@@ -38,6 +38,12 @@ class Browser:
         self._filled = asyncio.Event()
         self._dropped = 0
 
+    def forget(self) -> None:
+        """Drop the frames that wait: the history, which the browser gets now, has what is in them."""
+        self._kept.clear()
+        self._live.clear()
+        self._dropped = 0
+
     def offer(self, frames: Frames) -> None:
         """Queue frames; the oldest live frames are dropped where the browser is too slow."""
         if frames.kept is not None:

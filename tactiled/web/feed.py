@@ -134,12 +134,16 @@ class Feed:
         return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:
-        """Return a frame with the newest state of each board, and a minute of events and thinned scans."""
+        """Return a frame with the newest state of each board, and a minute of events and thinned scans.
+
+        Messages that wait for the next frame are not in it: the browser gets them with that frame.
+        """
         self._forget(now_unix_s)
+        waiting = set(self._pending)
         state = sorted(self._newest.values(), key=lambda entry: _NEWEST.index(entry.topic))
         listed = set(self._history)
         packed = [entry.packed for entry in state if entry.topic != "status" and entry not in listed]
-        packed += [entry.packed for entry in self._history]
+        packed += [entry.packed for entry in self._history if entry not in waiting]
         packed += [entry.packed for entry in state if entry.topic == "status"]
         return pack_frame(now_unix_s, now_s, packed)
 

@@ -260,6 +260,7 @@ class PageServer:
         self._sockets.add(socket)
         try:
             await socket.prepare(request)
+            browser.forget()
             await socket.send_bytes(self._feed.history(time.time(), time.monotonic()))
             sending = asyncio.create_task(self._send(browser, socket))
             try:

@@ -70,3 +70,19 @@ def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
     dropped, *scans = asyncio.run(main())
     assert unpack(dropped) == {"dropped": 95}
     assert scans == [b"scan 98", b"scan 99"]
+
+
+def test_frames_that_the_history_holds_are_not_sent_again() -> None:
+    async def main() -> list[bytes]:
+        link = Link()
+        browser = Browser(cast(Any, link))
+        for n in range(5):  # while the connection is being prepared
+            browser.offer(Frames(b"event %d" % n, b"scan %d" % n))
+        browser.forget()
+        browser.offer(Frames(b"event 5", b"scan 5"))
+        sending = asyncio.create_task(browser.send_all())
+        await asyncio.sleep(0)
+        sending.cancel()
+        return link.sent
+
+    assert asyncio.run(main()) == [b"event 5", b"scan 5"]

@@ -88,6 +88,7 @@ def test_the_history_has_the_newest_state_once_and_scans_thinned() -> None:
     feed.take(0, message("contact", 0, state="loading"))
     feed.take(0, message("contact", 1, state="holding"))
     feed.take(0, message("status", 7))
+    feed.frames(NOW_S + 2.0, 0.0)
     found = rows(feed.history(NOW_S + 2.0, 0.0))
     assert len([row for row in found if row[1] == "scan"]) in (19, 20, 21)
     assert [row[2]["state"] for row in found if row[1] == "contact"] == ["loading", "holding"]
@@ -98,6 +99,7 @@ def test_the_history_forgets_what_is_older_than_the_timeline() -> None:
     feed = Feed()
     feed.take(0, message("contact", 0, state="holding"))
     feed.take(0, message("slip", 0))
+    feed.frames(NOW_S, 0.0)
     found = rows(feed.history(NOW_S + HISTORY_S + 1.0, 0.0))
     assert [row[1] for row in found] == ["contact"]  # the newest contact still holds, the slip is over
 
@@ -106,7 +108,28 @@ def test_the_history_is_bounded() -> None:
     feed = Feed()
     for n in range(10_000):
         feed.take(0, message("slip", n))
-    assert len(rows(feed.history(NOW_S, 0.0))) <= 4000
+    feed.frames(NOW_S, 0.0)
+    assert 1000 < len(rows(feed.history(NOW_S, 0.0))) <= 4000
+
+
+def test_a_browser_that_comes_at_any_turn_gets_scans_in_order_and_events_once() -> None:
+    """Ten scans in each turn; live frames go every other turn, and the history between two turns."""
+    for joined in range(1, 6):
+        feed, found = Feed(), list[Any]()
+        for turn in range(8):
+            for n in range(10 * turn, 10 * turn + 10):
+                feed.take(0, message("scan", n, NOW_S + 0.01 * n))
+                if n % 10 == 7:
+                    feed.take(0, message("slip", n, NOW_S + 0.01 * n))
+            frames = feed.frames(NOW_S, 0.0, with_live=turn % 2 == 0)
+            if turn == joined:
+                found += rows(feed.history(NOW_S, 0.0))
+            elif turn > joined:
+                found += rows(frames.kept) + rows(frames.live)
+        scans = [row[2]["seq"] for row in found if row[1] == "scan"]
+        assert scans == sorted(set(scans))
+        assert set(range(10 * joined + 10, 70)) <= set(scans)
+        assert [row[2]["seq"] for row in found if row[1] == "slip"] == list(range(7, 80, 10))
 
 
 def info(array_id: str, channels: int, names: list[str], taxels: int) -> dict[str, Any]:
