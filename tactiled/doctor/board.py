@@ -1,4 +1,8 @@
-"""Check of the board: open its port, identify it, receive scans for 2 s, and restore its state."""
+"""Check of the board: open its port, identify it, receive scans for 2 s, and restore its state.
+
+On a busy host an answer of the board may take longer, or its scans may pause at the end of the 2 s: a board
+that sends frames is waited for.
+"""
 
 import asyncio
 import time
@@ -21,6 +25,7 @@ from tactiled.wire.frames import Command, Hello
 from tactiled.wire.layout import Layout
 
 LISTEN_S = 2.0  # a cause is named after one second; 200 scans give the rate to 1 %
+_LATEST_S = 10.0  # for a board that sends frames and does not run yet
 _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
@@ -64,7 +69,8 @@ def check_board(setup: Setup) -> tuple[list[Finding], float]:
 async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     """Run the board link of the daemon for `LISTEN_S`, then restore the state of the board.
 
-    It takes longer where the rate must be measured first.
+    It takes longer where the rate must be measured first, and up to `_LATEST_S` more where a board sends
+    frames and does not run.
     """
     layout, pipeline = setup.layout, setup.make_pipeline()
     listen_s = LISTEN_S + (RateMeter.LEAST_S if layout.measures_rate else 0.0)
@@ -96,14 +102,19 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         if session.hello is not None and not found_streaming:
             found_streaming.append(session.hello.streaming)
 
+    def is_over(now_s: float) -> bool:
+        is_awaited = pipeline.health().frames > 0 and session.state in ("syncing", "stalled")
+        return bool(lost) or now_s >= began_s + listen_s + (_LATEST_S if is_awaited else 0.0)
+
     try:
         port.attach(received, lost.append)
         pipeline.command("adapter", {"handover_s": port.handover_s}, time.monotonic())
         send(link.opened(time.monotonic(), _framing(port)))
-        while time.monotonic() < began_s + listen_s and not lost:
+        while not is_over(now_s := time.monotonic()):
             await asyncio.sleep(_STEP_S)
             send(link.watch(time.monotonic(), _framing(port)))
-        status = link.status(time.monotonic(), started_s=began_s, connects=1, warning=port.warning)
+        listened_s = now_s - began_s
+        status = link.status(now_s, started_s=began_s, connects=1, warning=port.warning)
         if found_streaming == [False]:
             send(session.stop())
     finally:
@@ -111,7 +122,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans, listen_s)
+    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans, listened_s)
 
 
 def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:

@@ -4,6 +4,7 @@ import json
 import sys
 import termios
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,7 +21,7 @@ from tactiled.daemon.serial.port import open_port
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor import board as board_checks
-from tactiled.doctor.board import check_board
+from tactiled.doctor.board import LISTEN_S, check_board
 from tactiled.doctor.examine import examine, run_doctor
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.host import (
@@ -39,6 +40,8 @@ from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
+from tactiled.wire.codec import Decoder
+from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
 
 LAYOUT = load_layout("board-v1")
@@ -200,6 +203,29 @@ def test_a_silent_board_and_a_wrong_board_have_different_findings(
         other = replace(setup, config=setup.config.model_copy(update={"session": pinned}))
         (fault,) = failed(check_board(other)[0])
     assert "board TS0009 is plugged in, board TS0001 is configured" in fault
+
+
+class LateScans(PtyLink):
+    """A pty on which the first scans are lost, for longer than a board is listened to."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self._decoder, self._from_s = Decoder(LAYOUT), 0.0
+
+    def write(self, data: bytes) -> int:
+        if any(isinstance(frame, Scan) for frame in self._decoder.feed(data)):
+            self._from_s = self._from_s or time.monotonic() + LISTEN_S + 0.5
+            if time.monotonic() < self._from_s:
+                return len(data)
+        return super().write(data)
+
+
+def test_a_board_whose_scans_come_late_is_waited_for(setup: Setup, tmp_path: Path) -> None:
+    with emulated(tmp_path / "board", link=LateScans(tmp_path / "board")):
+        findings, rate_hz = check_board(setup)
+    assert failed(findings) == []
+    assert by_check(findings)["board"].verdict == "ok"
+    assert rate_hz == 100.0
 
 
 def test_a_noisy_line_is_a_warning(setup: Setup, tmp_path: Path) -> None:
