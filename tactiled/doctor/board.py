@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tactiled.config import Setup
+from tactiled.daemon.board.datapath import STOP_S
 from tactiled.daemon.board.diagnosis import frames_of, other_layouts
 from tactiled.daemon.board.link import make_link
 from tactiled.daemon.serial.device import is_url
@@ -117,6 +118,9 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         status = link.status(now_s, started_s=began_s, connects=1, warning=port.warning)
         if found_streaming == [False]:
             send(session.stop())
+            end_s = time.monotonic() + STOP_S
+            while session.is_stopping and time.monotonic() < end_s:
+                await asyncio.sleep(_STEP_S)
     finally:
         port.detach()
         await asyncio.to_thread(port.close)

@@ -20,8 +20,11 @@ from tactiled.daemon.serial.connection import Connection
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 
-# Wait for the last scans when the daemon stops: longer than an FTDI bucket (16 ms) and the board's answer.
+# Wait for the last scans when the daemon stops, where no answer tells which is the last: longer than an FTDI
+# bucket (16 ms).
 _DRAIN_S = 0.1
+STOP_S = 1.0  # longest wait for the answer to that stop, which takes 20 ms, and more where the host is busy
+_LOOK_S = 0.005
 
 
 class DataPath:
@@ -132,8 +135,14 @@ class DataPath:
     async def drain(self) -> None:
         """Stop the board, handle the scans that are still in transit, and report the port as lost."""
         if self._connection.is_open:
-            self.act(self._session.stop())
-            await asyncio.sleep(_DRAIN_S)
+            commands = self._session.stop()
+            self.act(commands)
+            end_s = time.monotonic() + STOP_S
+            # A port that is closed loses what the board has not read yet: it would go on sending.
+            while self._session.is_stopping and time.monotonic() < end_s:
+                await asyncio.sleep(_LOOK_S)
+            if not commands:
+                await asyncio.sleep(_DRAIN_S)
         self.lost("tactiled is stopping")
 
     def close(self) -> None:

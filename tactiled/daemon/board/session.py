@@ -88,6 +88,7 @@ class Session:
         self._confirmed = False  # the newest hello says that the board streams with all its settings made
         self._rate_taken = False  # the board has accepted set_rate, and no hello has stated the rate yet
         self._leaving = False  # the daemon ends: nothing is restored
+        self._last_token: int | None = None  # of the stop with which the daemon ends, until it is answered
         self._foreign = ""  # why the board is not the configured one
         self._refused = ""  # why a command failed that the board needs
         self._gone = reason  # why the port is not open
@@ -120,6 +121,8 @@ class Session:
 
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
         """Handle an answer of the board to a command."""
+        if answer.command == "stop" and answer.token == self._last_token:
+            self._last_token = None
         if answer.command == "ping" and answer.result == "unknown_command":
             self._pinging.refused()
         if not self._asking.awaits(answer):
@@ -179,7 +182,9 @@ class Session:
             self._open and (self._known or self._running or self._stalled) and self.requirements.has_stop
         ):
             return []
-        return [self._asking.command("stop")]
+        command = self._asking.command("stop")
+        self._last_token = command.token
+        return [command]
 
     # ---- outputs -----------------------------------------------------------------------------------
 
@@ -193,6 +198,11 @@ class Session:
         if self._running:
             return "running"
         return "stalled" if self._stalled else "syncing"
+
+    @property
+    def is_stopping(self) -> bool:
+        """True from `stop` until the board has answered its command, behind the last scan."""
+        return self._last_token is not None
 
     @property
     def accepted(self) -> bool:

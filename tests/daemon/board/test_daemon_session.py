@@ -379,11 +379,27 @@ def test_leaving_stops_the_board_and_restores_nothing() -> None:
     bench = Bench()
     bench.plug()
     bench.run(0.1)
-    bench.exchange(bench.session.stop())
+    commands = bench.session.stop()
+    assert bench.session.is_stopping
+    bench.exchange(commands)
+    assert not bench.session.is_stopping
     assert not bench.board.streaming
     bench.run(1.0)
     assert not bench.board.streaming
     assert bench.session.deadline_s == math.inf
+
+
+def test_the_last_stop_waits_for_its_own_answer_or_the_loss_of_the_port() -> None:
+    bench = Bench()
+    bench.plug()
+    bench.run(0.1)
+    (command,) = bench.session.stop()
+    bench.hear([Acknowledge(command.token - 1, "stop", "ok", ticks=0)])
+    assert bench.session.is_stopping
+    bench.unplug()
+    assert not bench.session.is_stopping
+    assert not bench.session.stop()
+    assert not bench.session.is_stopping
 
 
 def test_new_parameters_take_effect_while_running() -> None:
