@@ -15,7 +15,7 @@ import threading
 import time
 import tty
 from collections.abc import Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +39,7 @@ from tactiled.received import Received
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
 from tactiled.wire.codec import Encoder
-from tactiled.wire.frames import Command
+from tactiled.wire.frames import Command, Frame
 
 
 def test_scans_status_and_info_of_a_board(tmp_path: Path) -> None:
@@ -69,6 +69,22 @@ def test_scans_status_and_info_of_a_board(tmp_path: Path) -> None:
     assert len(daemon.rows("info")[0]["channel_names"]) == 36
 
 
+def test_a_board_that_is_slow_to_answer_is_stopped_before_its_port_is_closed(tmp_path: Path) -> None:
+    class Slow(SimBoard):
+        def answer(self, command: Command) -> list[Frame]:
+            time.sleep(0.4 if command.name == "stop" else 0.0)
+            return super().answer(command)
+
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+
+    with PtyBoard(daemon.link, Slow()) as board:
+        play(daemon, story)
+        assert not board.sim.streaming
+
+
 def test_unplug_and_replug_restore_rate_and_start(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path, rate_hz=200.0)
 
@@ -95,9 +111,9 @@ def test_a_missing_port_is_reported_and_retried(tmp_path: Path) -> None:
 
     async def story(_: Service) -> None:
         await daemon.until_state("no-device", "no such port")
-        await asyncio.sleep(0.2)
         assert daemon.status["board"] == ""
-        assert daemon.status["age_s"] > 0.1
+        await daemon.until(lambda: daemon.status["age_s"] > 0.1, "an age that grows without a board")
+        assert daemon.status["board"] == ""
         with PtyBoard(daemon.link):
             await daemon.until_state("running")
 
@@ -177,7 +193,8 @@ def test_noise_is_named_as_the_cause(tmp_path: Path) -> None:
 
     class Noisy(PtyBoard):
         def _send(self, master: int, _: object) -> None:
-            os.write(master, b"\x55\xaa\x13" * 3)
+            with suppress(BlockingIOError):  # nobody reads it yet
+                os.write(master, b"\x55\xaa\x13" * 3)
 
     sim = SimBoard()
     sim.streaming = True
@@ -360,15 +377,17 @@ def test_a_recording_of_so_many_seconds_counts_from_the_first_byte(tmp_path: Pat
     sim, encode = SimBoard(), Encoder(LAYOUT).encode
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
+    os.set_blocking(ours, False)
     stop = threading.Event()
 
     def board() -> None:
         select.select([ours], [], [], PATIENCE_S)
         stop.wait(1.0)
-        os.write(ours, encode(sim.hello()))
+        os.write(ours, encode(sim.hello()) + encode(sim.scan(0)))  # a scan, however late the next one is
         while not stop.wait(0.01):
-            os.write(ours, encode(sim.scan(10_000 * len(sent))))
             sent.append(1)
+            with suppress(BlockingIOError):  # nobody reads any more
+                os.write(ours, encode(sim.scan(10_000 * len(sent))))
 
     sent: list[int] = []
     thread = threading.Thread(target=board)

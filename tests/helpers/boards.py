@@ -14,6 +14,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from patience import PATIENCE_S
 
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan
@@ -141,6 +142,13 @@ class PtyBoard:
         for frame in frames:
             with contextlib.suppress(OSError):
                 os.write(master, self._encoder.encode(frame))
+
+
+def until_ports_are_tried() -> None:
+    """Wait for the threads that open a port: a daemon that ends does not, since a dead host takes long."""
+    for thread in threading.enumerate():
+        if thread.name == "open-port":
+            thread.join(PATIENCE_S)
 
 
 def descriptors() -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import msgpack
 import zmq
 import zmq.asyncio
-from boards import LAYOUT, descriptors
+from boards import LAYOUT, descriptors, until_ports_are_tried
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
@@ -74,9 +74,11 @@ class Daemon:
             raise AssertionError(f"never: {what}; last status {self.rows('status')[-1:]}") from None
 
     async def until_state(self, state: str, words: str = "") -> None:
+        """Wait for this state, now or later; one that has passed again counts: statuses may come together."""
+        first = max(0, len(self.rows("status")) - 1)
         await self.until(
-            lambda: (
-                bool(self.rows("status")) and self.status["state"] == state and words in self.status["reason"]
+            lambda: any(
+                row["state"] == state and words in row["reason"] for row in self.rows("status")[first:]
             ),
             f"{state} {words}",
         )
@@ -123,5 +125,6 @@ def play(
     before = descriptors()
     threads = set(threading.enumerate())
     asyncio.run(main())
+    until_ports_are_tried()
     assert descriptors() == before
     assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]

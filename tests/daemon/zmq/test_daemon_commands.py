@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from boards import LAYOUT, PtyBoard, SimBoard, descriptors
+from boards import LAYOUT, PtyBoard, SimBoard, descriptors, until_ports_are_tried
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
@@ -101,6 +101,7 @@ def play(setup: Setup, story: Callable[[AsyncCommander], Awaitable[None]]) -> No
 
     before, threads = descriptors(), set(threading.enumerate())
     asyncio.run(main())
+    until_ports_are_tried()
     assert descriptors() == before
     assert not [t for t in set(threading.enumerate()) - threads if t.is_alive()]
 
