@@ -9,7 +9,7 @@ import threading
 import time
 import urllib.request
 from collections.abc import Awaitable, Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -202,8 +202,12 @@ def test_noise_on_one_line_is_not_noticed_by_the_others(tmp_path: Path) -> None:
 
     async def story(_: Service) -> None:
         await boards.until_running()
-        noisy = boards.ptys["TS0002"]
-        noisy._send = lambda master, _: os.write(master, os.urandom(64)) and None  # type: ignore[method-assign, assignment]  # noqa: SLF001
+
+        def send_noise(master: int, _: object) -> None:
+            with suppress(BlockingIOError):  # nobody reads it yet
+                os.write(master, os.urandom(64))
+
+        boards.ptys["TS0002"]._send = send_noise  # type: ignore[method-assign, assignment]  # noqa: SLF001
         await boards.daemon.until(lambda: boards.states("TS0002")[-1][0] != "running", "noise")
         await boards.until_scans("TS0001", 20)
 
