@@ -501,7 +501,7 @@ def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_pat
 ASK_WITH_IDENTITY = """
 import sys, zmq
 with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
-    sock.linger, sock.rcvtimeo, sock.routing_id = 0, 5000, b"arm"
+    sock.linger, sock.rcvtimeo, sock.routing_id = 0, 60_000, b"arm"
     sock.connect(sys.argv[1])
     sock.send(bytes.fromhex(sys.argv[2]))
     sock.recv()

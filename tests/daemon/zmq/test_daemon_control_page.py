@@ -123,4 +123,6 @@ def test_the_motion_in_the_documentation_is_announced_with_its_instants(tmp_path
     reason, course = MotionSenders().course(command, ("", "session", "arm"), 200.0)
     assert reason == ""
     assert course["acceleration_m_s2"] == [9.81, 10.4, 11.2]
-    assert 199.9 < course["time_s"][0] < course["time_s"][2] - 0.019
+    # Of this host's clock at 200 s, however long the program needs between its clock and its message.
+    assert 200.0 - PATIENCE_S < course["time_s"][0] < course["time_s"][2] - 0.019
+    assert course["time_s"][2] < 200.0
