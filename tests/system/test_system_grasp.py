@@ -16,7 +16,7 @@ from patience import PATIENCE_S
 
 from tactiled.client import Client, Message
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.alone]  # a loop of control in real time
 SCENE_S = 13.0  # of `grasp`: the load has grown beyond what 10 N hold, and the jerk is over
 # An incipient slip opens from a seventh of the limit on, and there is one onset of it while the pull grows to
 # 1.7 times what the first grip bears. Who wants less force follows the margin in `grip` (`GripController`).

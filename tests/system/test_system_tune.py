@@ -31,11 +31,13 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
     config = tmp_path / "board.toml"
     config.write_text(f'port.url = "{tmp_path}/board"\npublish.endpoints = ["{endpoint}"]\n')
 
-    def start(*arguments: str) -> "subprocess.Popen[bytes]":
-        return subprocess.Popen(
-            [sys.executable, "-m", "tactiled", *arguments], cwd=tmp_path, env=environ,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
+    def start(name: str, *arguments: str) -> "subprocess.Popen[bytes]":
+        """Run a verb of tactiled, with its output in a file of this name."""
+        with (tmp_path / name).open("wb") as out:
+            return subprocess.Popen(
+                [sys.executable, "-m", "tactiled", *arguments], cwd=tmp_path, env=environ,
+                stdout=out, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
 
     def tune(*arguments: str) -> "subprocess.CompletedProcess[str]":
         return subprocess.run(
@@ -44,8 +46,8 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
         )  # fmt: skip
 
     (tmp_path / "held.toml").write_text(HELD)
-    board = start("emulate", "--scene", "held.toml", "--link", "board")
-    daemon = start("run", "--config", str(config))
+    board = start("board.out", "emulate", "--scene", "held.toml", "--link", "board")
+    daemon = start("daemon.out", "run", "--config", str(config))
     try:
         until_s = time.monotonic() + PATIENCE_S
         while not (tmp_path / "events.ipc").exists() or not (tmp_path / "board").is_symlink():
@@ -53,7 +55,7 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
             time.sleep(0.05)
         wrong = tune("--array", "normal-4x4")
         with Commander(endpoint) as commander:
-            while not (reply := commander.send("tare", force=True)).ok:
+            while not (reply := commander.send("tare", timeout_s=PATIENCE_S, force=True)).ok:
                 assert "ask again" in reply.reason  # after a gap, which a busy host makes
                 time.sleep(0.05)
         tuner = tune("--quiet-s", "5", "--motion-s", "5")
@@ -70,9 +72,11 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
     (line,) = tuner.stdout.splitlines()
     found = json.loads(line)
     assert found["array"] == "wang2019-3x3"
+    is_overrun = '"overrun"' in (tmp_path / "board.out").read_text()  # a busy host makes the board miss scans
     for phase in ("quiet", "motion"):
-        assert found[phase]["lost"] == 0
-        assert 4.5 <= found[phase]["contact_s"] <= 5.5
+        lost = found[phase]["lost"]
+        assert lost == 0 or is_overrun
+        assert 4.5 <= found[phase]["contact_s"] + lost / 100.0 <= 5.5
         assert found["settings"]["balanced"][phase] == {"incipient": 0, "gross": 0}
 
 
