@@ -15,6 +15,7 @@ from commands import call
 from pages import CONFIG, Robot, robot
 from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
+from recordings import record, simulated_reads
 
 from tactiled.client import Commander, Message, Subscription
 
@@ -73,7 +74,8 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
         until_s = time.monotonic() + PATIENCE_S
         while page.locator(".reply").inner_text() != "✓ Set zero: done":  # half a second of scans is needed
             assert time.monotonic() < until_s
-            page.get_by_role("button", name="Set zero").click()
+            with page.expect_response("**/api/command"):  # or a late reply would hide the next one
+                page.get_by_role("button", name="Set zero").click()
             page.wait_for_timeout(500)
         page.locator(".commands .speed").fill("2.5")
         page.get_by_role("button", name="Speed").click()
@@ -86,9 +88,9 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
         expect(page.locator(".commands .setting")).to_have_value("0.98 0.65")
         expect(page.get_by_role("button", name="Set zero")).to_have_attribute("aria-pressed", "true")
         with Commander(live.endpoint, "another client") as daemon:
-            assert daemon.send("speed", speed_mm_s=7.0).ok
+            assert daemon.send("speed", timeout_s=PATIENCE_S, speed_mm_s=7.0).ok
             expect(page.locator(".commands .speed")).to_have_value("7")
-            assert daemon.send("record", on=True).ok
+            assert daemon.send("record", timeout_s=PATIENCE_S, on=True).ok
             expect(page.get_by_role("button", name="Stop recording")).to_be_visible()
         page.get_by_role("button", name="Stop recording").click()
         expect(page.get_by_role("button", name="Record", exact=True)).to_be_visible()
@@ -103,7 +105,7 @@ def test_a_mark_of_a_page_that_may_command_is_in_the_stream(live: Robot, page: P
         page.locator("h1").click()
         page.keyboard.press("m")
         expect(page.locator(".events .list")).to_contain_text("mark: =first, touch")
-        (given,) = commands_of(subscription, 10.0)
+        (given,) = commands_of(subscription, PATIENCE_S)
         assert given["command"] == "mark"
         page.wait_for_timeout(200)
         with page.expect_download() as download:
@@ -221,6 +223,26 @@ def test_a_recording_plays_seeks_and_has_links_to_instants(
         page.goto(f"{url}#at=2.5")
         expect(page.locator("#clock")).to_contain_text("2.50 /")
         assert page.evaluate("fetch('/api/replay?from=0&to=1e9').then(r => r.status)") == 400
+
+
+DELAYED = """const prompt = window.fetch;
+window.fetch = async (url, ...options) => {
+  if (String(url).startsWith("/api/replay")) await new Promise((done) => setTimeout(done, 1500));
+  return prompt(url, ...options);
+};"""
+
+
+def test_playback_waits_for_what_a_slow_server_has_not_sent(page: Page, tmp_path: Path) -> None:
+    record(tmp_path / "demo.mcap", simulated_reads(12.0, "demo"))
+    page.add_init_script(DELAYED)
+    with robot(tmp_path) as made:
+        page.goto(made.serve("--file", str(tmp_path / "demo.mcap"), events=False))
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
+        page.locator("#speed").select_option("10")
+        page.locator("#play").click()
+        expect(page.locator("#play")).to_have_attribute("aria-label", "Pause")
+        expect(page.locator("#play")).to_have_attribute("aria-label", "Play")  # it has ended
+        expect(page.locator("li[data-topic=slip]").first).to_be_visible(timeout=1000)
 
 
 def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -112,7 +112,8 @@ export class Player {
   /** Go on by `elapsed` seconds of the browser; returns the epoch instant to show. */
   tick(elapsed) {
     if (this.playing && !this.waiting) {
-      this.position = Math.min(this.length, this.position + elapsed * this.speed);
+      // Not beyond what was fetched: it would be passed over, and the end reached without it.
+      this.position = Math.min(this.length, this.fetched, this.position + elapsed * this.speed);
       let n = 0;
       while (n < this.queue.length && instant(this.queue[n]) <= this.start + this.position) n += 1;
       if (n) this.feed(this.queue.splice(0, n));
