@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from patience import PATIENCE_S
+from playwright.sync_api import Page, expect
+from stage import Then, stage
 
 NO_CHROMIUM = "needs chromium: sudo apt install chromium"
 CONFIG = """\
@@ -94,6 +96,18 @@ class Robot:
     def stop_all(self) -> None:
         for name in [*self._children]:
             self.stop(name, signal.SIGKILL)
+
+
+@contextmanager
+def staged(
+    page: Page, made: Robot, *plays: tuple[str, str, float], then: Then, forces: bool = False
+) -> Iterator[None]:
+    """Play scenes to a page that is connected before they begin, so that it misses nothing of them."""
+    made.endpoint = f"ipc://{made.folder}/stage.ipc"
+    page.goto(made.serve())
+    expect(page.locator("#link-words")).to_have_text("page connected")
+    with stage(made.folder, *plays, forces=forces, then=then):
+        yield
 
 
 @contextmanager

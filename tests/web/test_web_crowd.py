@@ -64,7 +64,7 @@ async def send_marks(live: Robot) -> None:
     def send() -> None:
         with Commander(live.endpoint, "test") as daemon:
             for n in range(MARKS):
-                assert daemon.send("mark", text=f"mark {n}").ok
+                assert daemon.send("mark", timeout_s=PATIENCE_S, text=f"mark {n}").ok
 
     await asyncio.to_thread(send)
 

@@ -3,16 +3,19 @@
 import csv
 import re
 import struct
+import time
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from pages import robot
+from pages import robot, staged
+from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
 from stage import stage
 
 pytestmark = pytest.mark.system
 VALUES = re.compile(r"load (–|-?\d)")  # of a point, which has come by then
+HOLDING_S = 5.0  # of the scene demo
 HEAD = "epoch_s,load_V,shear_V,p_gross_100ms,utilisation,p_sliding,rate_hz"
 
 
@@ -23,6 +26,7 @@ def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_pat
         expect(page.locator(".events")).to_contain_text("no scans for")
         page.wait_for_timeout(3500)  # it is held, and nothing that came before is still on its way
         page.get_by_role("button", name="Pause").click()
+        expect(page.get_by_role("button", name="Go on")).to_be_visible()
         page.wait_for_timeout(500)
         plot = page.locator(".timeline .u-over")
         before = plot.screenshot()
@@ -35,8 +39,10 @@ def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_pat
         page.mouse.down()
         page.mouse.move(box["x"] + box["width"] - 5, box["y"] + 60)
         page.mouse.up()
-        page.wait_for_timeout(500)
-        assert plot.screenshot() != before
+        until_s = time.monotonic() + PATIENCE_S
+        while plot.screenshot() == before:
+            assert time.monotonic() < until_s, "the plot is not zoomed"
+            page.wait_for_timeout(100)
         page.get_by_role("button", name="Go on").click()
         with page.expect_download() as download:
             page.get_by_role("button", name="CSV").click()
@@ -64,8 +70,8 @@ def save(page: Page, button: str) -> Path:
 
 
 def test_curves_are_chosen_and_stand_in_the_table(page: Page, tmp_path: Path) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as made.endpoint:
-        page.goto(made.serve())
+    play = ("TS0001", "demo", HOLDING_S)
+    with robot(tmp_path) as made, staged(page, made, play, then="hold"):
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
         page.locator(".curves summary").press("Enter")
         for name in ("load", "shear"):

@@ -13,6 +13,7 @@ import aiohttp
 import pytest
 from frames import rows
 from page_server import Act, serve_page
+from patience import PATIENCE_S
 from yarl import URL
 
 from tactiled.detect.contact.slip_detector import SETTINGS
@@ -123,7 +124,7 @@ def test_browsers_are_bounded_and_leave_nothing(tmp_path: Path) -> None:
         for socket in sockets:
             assert rows((await socket.receive()).data) == []
             await socket.close()
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(PATIENCE_S):
             while True:
                 try:
                     await (await session.ws_connect(url + "api/live")).close()
@@ -169,7 +170,7 @@ def test_idle_connections_make_room_for_those_that_ask(
             async with session.get(url) as answer:
                 assert answer.status == 200
             # The first to come have gone; the WebSocket and those that came last stay.
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(PATIENCE_S):
                 for reader, _ in held[:50]:
                     with contextlib.suppress(ConnectionError):
                         assert await reader.read() == b""
@@ -212,7 +213,7 @@ def test_a_connection_without_a_complete_request_is_closed(
     monkeypatch.setattr(server, "IDLE_S", 0.2)
 
     async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
-        async with raw(url) as (reader, writer), asyncio.timeout(20):
+        async with raw(url) as (reader, writer), asyncio.timeout(PATIENCE_S):
             writer.write(sent)
             assert (await reader.read()).startswith(expected)  # and closed
 
@@ -224,7 +225,7 @@ def test_a_command_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytes
 
     async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
         head = f"POST /api/command HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {TOKEN}\r\n"
-        async with raw(url) as (reader, writer), asyncio.timeout(20):
+        async with raw(url) as (reader, writer), asyncio.timeout(PATIENCE_S):
             writer.write(f"{head}Content-Type: application/json\r\nContent-Length: 100\r\n\r\n{{".encode())
             assert (await reader.read()).startswith(b"HTTP/1.1 408")  # and closed
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pages import robot
+from pages import robot, staged
 from playwright.sync_api import Browser, Page, expect
 from recordings import record, simulated_reads
 from stage import stage
@@ -78,9 +78,8 @@ def test_two_boards_are_in_view_and_one_can_be_chosen(page: Page, tmp_path: Path
 
 @pytest.mark.parametrize("forces", [False, True])
 def test_newtons_are_those_of_a_calibration(page: Page, tmp_path: Path, forces: bool) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0), forces=forces) as endpoint:
-        made.endpoint = endpoint
-        page.goto(made.serve())
+    play = ("TS0001", "demo", 5.0)  # it is held then
+    with robot(tmp_path) as made, staged(page, made, play, forces=forces, then="hold"):
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
         card = page.locator(".card.contact")
         expect(card).to_contain_text(re.compile(r"[0-9] N" if forces else "Not calibrated"))
