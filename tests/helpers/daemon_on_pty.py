@@ -35,7 +35,7 @@ from tactiled.wire.layout import load_layout
 SERIAL = "TS0001"
 RATE_HZ = 90.0  # not the board's default of 100: it must be set again after each reboot
 STALL_S = 0.5  # as users of CDC adapters report
-UNPLUG_S = 0.8  # long enough for another board in between, also where ports are tried each 0.5 s only
+UNPLUG_S = 2.0  # long enough for another board in between, on a busy host and with ports tried each 0.5 s
 LAYOUT = load_layout("board-v1")
 
 Damage = Callable[[bytes], bytes]
