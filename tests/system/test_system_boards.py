@@ -119,7 +119,11 @@ def test_three_boards_in_one_process_and_one_unplugged(tmp_path: Path) -> None:
             states = {m.data["state"] for m in others if m.topic == "status"}
             assert states <= {"running", "stalled"}  # a busy host lets their boards wait
             if states == {"running"}:
-                assert not any(m.data["scans_missing"] for m in others if m.topic == "status")
+                # Others than those that an emulated board has missed itself, for want of a processor.
+                counts = [
+                    (m.data["scans_missing"], m.data["scans_overrun"]) for m in others if m.topic == "status"
+                ]
+                assert [(missing, own) for missing, own in counts if missing != own] == []
             plug("TS0002")
             until(dict.fromkeys(SERIALS, "running"), 50)
         mark = ("mark", "text=here", "--endpoint", f"ipc://{tmp_path}/events.ipc")

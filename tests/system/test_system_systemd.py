@@ -157,8 +157,8 @@ def test_start_waits_for_ready_and_scans_come_over_ipc_and_tcp(container: Contai
             "/opt/tactiled/bin/tactiled", "listen", "--topic", "scan", "--count", "20"
         ).splitlines()
         assert {json.loads(line)["board"] for line in lines} == {LEFT}
-        (status,) = container.shown(unit(), "StatusText")
-        assert status == f"board {LEFT} running: 100 Hz"
+        running = f"board {LEFT} running: 100 Hz"  # a busy host lets it stall now and then
+        wait_until(lambda: container.shown(unit(), "StatusText") == [running], running, PATIENCE_S)
 
 
 def test_it_runs_as_a_user_of_its_own_with_nothing(container: Container) -> None:
