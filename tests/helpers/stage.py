@@ -92,6 +92,7 @@ class Stage:
         boards = [self._board(board, events) for board, events in self._plays]
         with zmq.Context() as context, context.socket(zmq.PUB) as socket:
             socket.linger = 0
+            socket.sndhwm = 0  # a subscriber that a busy host holds up for seconds misses nothing
             socket.bind(self._endpoint)
             while not self.ended.wait(0.01):
                 for board in boards:

@@ -132,7 +132,7 @@ def peer_program(folder: Path) -> Path:
         pytest.skip(f"needs {' and '.join(missing)} of Debian 12")
     program = folder / "peer"
     command = ["c++", "-std=c++17", "-O0", "-o", str(program), str(PEER), "-lfastrtps", "-lfastcdr"]
-    subprocess.run(command, check=True, timeout=120)
+    subprocess.run(command, check=True, timeout=240)
     return program
 
 
