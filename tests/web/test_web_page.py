@@ -26,8 +26,9 @@ def open_page(page: Page, url: str) -> None:
 
 def until_unknown(page: Page, numbers: str) -> None:
     """Wait until none of these has a number; the lamp may be drawn before them."""
-    found = page.locator(numbers)
-    expect(found).to_have_text(["–"] * found.count())
+    n = page.locator(numbers).count()
+    assert n > 0
+    expect(page.locator(numbers)).to_have_text(["–"] * n)
 
 
 def messages(subscription: Subscription, topic: str, until_s: float) -> list[dict[str, Any]]:
