@@ -326,8 +326,13 @@ def discovery_names_node_and_types(robot: Robot, peer: Lines) -> None:
 
 
 def loss_of_the_daemon_is_silence(robot: Robot, peer: Lines, daemon: Lines, program: Path) -> None:
-    daemon.child.kill()
+    def is_fresh(row: dict[str, Any]) -> bool:
+        return is_message("/diagnostics")(row) and all(one.level != 3 for one in robot.decode(row).status)
+
+    peer.drain(0.0)
+    peer.until(is_fresh, "diagnostics: not stale")  # as the bridge may find a daemon on a busy host
     killed_unix_s = time.time()
+    daemon.child.kill()
 
     def is_stale(row: dict[str, Any]) -> bool:
         if not is_message("/diagnostics")(row):
