@@ -66,7 +66,7 @@ public:
         bound_friction(grip, now, ratio, step_s);
         const bool slides = dropped || ratio > 0;
         const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
-        double wanted_n = wanted(grip.friction, now, ahead, slides);
+        double wanted_n = wanted(grip.friction, now, ahead);
         if (slides) {
             double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_);
             if (grip.state != Grip::STATE_GROSS)  // an object that sways and sticks is not gripped ever harder
@@ -103,7 +103,7 @@ public:
 
 private:
     static constexpr double INF = std::numeric_limits<double>::infinity();
-    static constexpr double PROBE = 0.9, SURELY = 0.87, FORGET_PER_S = 0.01, RENEW_PER_S = 0.3, GREW = 1.02;
+    static constexpr double SURELY = 0.87, FORGET_PER_S = 0.01, RENEW_PER_S = 0.3, GREW = 1.02;
     static constexpr double LEAD_S = 0.08, LEAD_MOST = 0.5, GROWTH_S = 0.03, GROWS = 0.08, LEAST = 0.05;
     static constexpr double DROP = 0.03, FLAT = 0.012, DROP_S = 0.035, PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
@@ -145,7 +145,6 @@ private:
         friction_ = 0.0;
         slid_ = touched_s_ = INF;
         slides_ = false;
-        probes_ = true;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
         calm_from_s_ = wanted_n_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
@@ -166,17 +165,11 @@ private:
     }
 
     // Force that holds what is borne now at the target, and what is borne soon by likely friction.
-    double wanted(double friction, const Seen &now, double ahead, bool slides)
+    double wanted(double friction, const Seen &now, double ahead)
     {
         const double newtons = newtons_per_load(now);
         const double likely = std::max(std::sqrt(friction_ * friction), friction_);
-        double target = target_;
-        if (probes_ && !slides && now.at_s > calm_from_s_) {
-            target = std::max(target, PROBE);
-            probes_ = now.shear / now.load < 0.97 * target * friction_;
-        }
-        probes_ = probes_ && !slides;
-        return newtons * std::max(now.shear / (friction_ * target), ahead / likely);
+        return newtons * std::max(now.shear / (friction_ * target_), ahead / likely);
     }
 
     // Force over load reading, measured while the grip is steady: message and gripper differ in age.
@@ -247,7 +240,7 @@ private:
 
     double target_, least_n_, most_n_, command_n_;
     double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
-    bool slides_, probes_;
+    bool slides_;
     std::deque<Seen> past_;
     double touched_s_, contact_s_, calm_from_s_, dropped_s_;
     double held_n_, wanted_n_, level_n_, newtons_, steady_from_s_;

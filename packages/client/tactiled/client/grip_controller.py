@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
 PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
 TARGET = 0.95  # utilisation (95 % quantile) at which an object is held
-_PROBE = 0.9  # the grip is eased so far once, because friction shows near the limit only
 _SURELY = 0.87  # of the median of friction, that the bound is at most
 _FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
 _RENEW_PER_S, _GREW = 0.3, 1.02  # the same while shear has grown so within _REST_S, which is new evidence
@@ -29,18 +28,13 @@ _GROWTH_S = 0.03  # over which the growth of shear is measured
 _GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 _LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
-_DROP, _FLAT = (
-    0.03,
-    0.012,
-)  # shear that falls by so much at once, and then no further: sliding friction is less
+_DROP, _FLAT = 0.03, 0.012  # shear falls by so much at once, and then no further: sliding friction is less
 _DROP_S, _PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 _TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
 _REST_S = 0.6  # of messages that are kept
 _FOLLOWS, _FOLLOW_S = 0.6, 0.2  # of a change of force in this time, that shear follows only while it slides
 _FOLLOWS_ON = 0.25  # the same after a drop of the shear: friction may fall on
-_CHANGED = (
-    0.03  # of the force: the least such change, tighter within _WATCH_S of a drop, eased at other times
-)
+_CHANGED = 0.03  # of the force: least such change, tighter within _WATCH_S of a drop, eased at other times
 _WATCH_S, _PLATEAU_S, _PLATEAU = 0.3, 0.15, 1.03  # eased: shear was not above its least before by more
 _WEAKER = 0.7  # of the friction bound, that is left of it after a slip at least
 _DENIED = 0.4  # of the friction bound of a message: less is not believed of a slip that its state denies
@@ -51,9 +45,7 @@ _CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
 _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
-SAME_S = (
-    2.0  # longest pause of contact messages after which the object may still be the same: gaps end contacts
-)
+SAME_S = 2.0  # longest pause of contacts after which the object may still be the same: gaps end contacts
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 
 
@@ -111,7 +103,7 @@ class GripController:
         """Begin with another object."""
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
-        self._slides, self._probes = False, True
+        self._slides = False
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
@@ -144,7 +136,7 @@ class GripController:
         self._bound_friction(grip, now, ratio, step_s)
         slides = dropped or ratio > 0
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
-        wanted_n = self._wanted(grip["friction"], now, ahead, slides)
+        wanted_n = self._wanted(grip["friction"], now, ahead)
         if slides:
             again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
             if grip["state"] != "gross":  # an object that sways and sticks is not gripped ever harder
@@ -198,16 +190,11 @@ class GripController:
         self._friction = max(self._friction, grip["friction_low"])
         self._friction = min(self._friction, self._slid, _SURELY * grip["friction"])
 
-    def _wanted(self, friction: float, now: _Seen, ahead: float, slides: bool) -> float:
+    def _wanted(self, friction: float, now: _Seen, ahead: float) -> float:
         """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
         newtons = self._newtons_per_load(now)
         likely = max(math.sqrt(self._friction * friction), self._friction)
-        target = self._target
-        if self._probes and not slides and now.at_s > self._calm_from_s:
-            target = max(target, _PROBE)
-            self._probes = now.shear / now.load < 0.97 * target * self._friction
-        self._probes = self._probes and not slides
-        return newtons * max(now.shear / (self._friction * target), ahead / likely)
+        return newtons * max(now.shear / (self._friction * self._target), ahead / likely)
 
     def _newtons_per_load(self, now: _Seen) -> float:
         """Force over load reading, measured while the grip is steady: message and gripper differ in age."""
