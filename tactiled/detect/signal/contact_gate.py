@@ -45,8 +45,7 @@ _WANDER_OF_EARLY = 0.5
 # that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
 # silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
 # much. It is the set of a taxel, and the least contact as a part of the array's largest load of late. For
-# the latter, 0.05, 0.1 and 0.15 were tried on foil, lattices and every sixth recording of an optical
-# finger.
+# the latter, 0.05, 0.1 and 0.15 were tried on recordings of foil, of lattices and of an optical finger.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too; creep has no single time, this one is between presses and holds
 _LARGEST_S = 300.0  # choice: what is done with an object takes minutes; 60 s and for ever were tried, too
