@@ -178,7 +178,7 @@ class Conversion:
             valid = counts < self.full_count
         else:
             valid = self.in_range(counts)
-            counts = np.where(np.isfinite(counts), counts, 0.0)
+            counts = np.where(np.isfinite(counts), counts, np.nan)
         if self.fault_flag:
             sound = [not frame.flags & self.fault_flag for frame in frames]
             if not all(sound):
@@ -210,6 +210,7 @@ class ScanRun:
                 volts = tuple([count * per_count for count in counts])
                 return [(volts, tuple([count < full_count for count in counts]))]
         of_all, are_valid = self._readings
+        of_all = np.where(np.isfinite(of_all), of_all, 0.0)  # messages have numbers only
         pairs = zip(of_all.tolist(), are_valid.tolist(), strict=True)
         return [(tuple(volts), tuple(valid)) for volts, valid in pairs]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tactiled.errors import ContractError
 from tactiled.samples.assembler import Assembler
-from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.samples.block import Conversion, Gap, ScanBlock, ScanRun, TimedScan, regular_block
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import load_layout
 
@@ -328,3 +328,13 @@ def test_the_latency_timer_counts_whether_the_adapter_or_the_board_is_known_firs
         sds_s.append([float(block.time_sd_s[-1]) for block in blocks if isinstance(block, ScanBlock)][-1])
     assert sds_s[0] == sds_s[1]
     assert sds_s[2] != sds_s[0]
+
+
+def test_a_reading_that_is_no_number_is_none_to_detectors_and_0_in_messages() -> None:
+    """As in a log: a channel without a reading must not look like one that nothing presses."""
+    conversion = Conversion(hello(), 1.0, 0, np.zeros(3), 0, np.isfinite)
+    frame = Scan(sequence=0, ticks=None, flags=0, counts=np.array([np.nan, -np.inf, 2.0]))
+    run = ScanRun([TimedScan(frame, 0, 50.0, 1e-3, late=False)], conversion)
+    assert np.array_equal(run.block().volts, [[np.nan, np.nan, 2.0]], equal_nan=True)
+    assert run.rows() == [((0.0, 0.0, 2.0), (False, False, True))]
+    assert run.block().valid.tolist() == [[False, False, True]]

@@ -417,7 +417,7 @@ class Pressure:
         each = 0 if len(readings) == taxels else taxels
         for i in range(n):
             row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
-            loads, heaviest, is_hidden = 0.0, 0.0, False
+            loads, heaviest, is_hidden, is_read = 0.0, 0.0, False, False
             becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
@@ -431,6 +431,7 @@ class Pressure:
                     taxel_noise = max(taxel_noise, noise[c])
                 array_total += abs(held_total) if self.is_field else held_total
                 n_read = readings[i * each + t]
+                is_read = is_read or n_read > 0.0
                 if self.is_field and total < 0.0:
                     total, largest = -total, -smallest
                 rest_total = total - largest
@@ -464,7 +465,7 @@ class Pressure:
                 risen += self.totals[k] * self.line[k]
                 self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
-            flags[n + i] = 1 if n_released == taxels else 0
+            flags[n + i] = 1 if is_read and n_released == taxels else 0  # no reading is no release
             # What was hidden for longer than a press takes did not begin when it is found.
             flags[2 * n + i] = 1 if becomes_known or (self.n_hidden >= n_line and n_touching > 0) else 0
             self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0

@@ -107,6 +107,16 @@ def test_a_hold_after_a_press_goes_on_and_a_light_one_is_found_again_after_minut
     assert again.time_s - lost.time_s == pytest.approx(300 * np.log(0.15 * 0.993 / 0.0425), rel=0.05)
 
 
+def test_scans_without_any_reading_end_no_contact() -> None:
+    values = readings(press(2.0, 0.0), np.ones(4))
+    whole = contacts(COUNTS, values)
+    values[round(3 * RATE_HZ) : round(3.2 * RATE_HZ)] = np.nan
+    assert contacts(COUNTS, values) == whole
+    assert [event.state for event in whole] == ["loading", "holding", "none"]
+    values[round(3 * RATE_HZ) :] = np.nan  # nor does anything tell that it is over
+    assert [event.state for event in contacts(COUNTS, values)] == ["loading", "holding"]
+
+
 def test_one_wrong_scan_hides_no_touch() -> None:
     load = np.concatenate([np.zeros(500), np.full(400, 0.05 * LOAD)])
     load[400] = 2 * LOAD
