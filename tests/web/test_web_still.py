@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from access import violations
 from pages import robot, staged
 from playwright.sync_api import Browser, Page, expect
 from recordings import record, simulated_reads
@@ -23,11 +24,9 @@ VIEWS: dict[str, dict[str, Any]] = {
     "desktop": {"viewport": {"width": 1280, "height": 800}},
     "phone": {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2},
 }
-# Text and ground, by the names of style.css.
+# Text and ground by the names of style.css, where axe-core does not see them: on a canvas, and a lamp that is late.
 PAIRS = [
-    *((ink, ground) for ink in ("ink", "muted", "accent") for ground in ("card", "bg")),
-    ("fresh-ink", "fresh"), ("late-ink", "late"), ("white", "stale-lamp"), ("white", "replay-lamp"),
-    ("white", "gross"), ("broken", "card"), ("fresh-words", "card"),
+    ("muted", "card"), ("late-ink", "late"),
     *(("band-ink", f"band-{state}") for state in ("loading", "holding", "shearing", "sliding", "unknown")),
 ]  # fmt: skip
 
@@ -111,6 +110,23 @@ def test_text_has_the_contrast_of_wcag_aa(page: Page, tmp_path: Path, theme: str
         page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
         poor = {pair: page.evaluate(LUMINANCE, list(pair)) for pair in PAIRS}
         assert {pair: ratio for pair, ratio in poor.items() if ratio < 4.5} == {}
+
+
+def test_what_can_be_opened_is_accessible(page: Page, tmp_path: Path) -> None:
+    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 5.0), then="hold") as made.endpoint:
+        record(tmp_path / "demo.mcap", simulated_reads(2.0, "demo"))
+        page.goto(made.serve("--recordings", str(tmp_path)))
+        expect(page.locator(".lamp[data-level=good]")).to_be_visible()
+        for summary in ("Curves", "All readings"):
+            page.locator("summary", has_text=summary).press("Enter")
+        assert violations(page) == []
+        page.keyboard.press("?")
+        expect(page.locator("#keys")).to_be_visible()
+        assert violations(page) == []
+        page.keyboard.press("Escape")
+        page.keyboard.press("r")
+        expect(page.get_by_role("link", name="Open demo.mcap")).to_be_visible()
+        assert violations(page) == []
 
 
 MIN_CONTROL_PX = 44  # Apple's guidelines; WCAG 2.2, success criterion 2.5.5
