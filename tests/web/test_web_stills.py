@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from access import violations
+from access import faults
 from pages import Robot, robot
 from playwright.sync_api import Page, expect
 from recordings import record, simulated_reads
@@ -97,7 +97,7 @@ def test_a_still_says_what_it_shows(page: Page, tmp_path: Path, name: str) -> No
             assert advice.inner_text().endswith(": tighten") is needs_hand
         page.wait_for_timeout(1500)  # the curves are drawn ten times a second
         keep(page, still)
-        assert violations(page) == []
+        assert faults(page) == []
 
 
 def test_every_still_has_a_number_of_its_own() -> None:
