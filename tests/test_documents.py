@@ -3,6 +3,7 @@
 import ast
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import click
@@ -18,6 +19,7 @@ PAGES = sorted(
     for pattern in ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md", "research/*.md")
     for page in ROOT.glob(pattern)
 )
+README = (ROOT / "README.md").read_text()
 every_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -32,6 +34,11 @@ def commands(text: str) -> list[str]:
     blocks = re.findall(r"^ {4,}(?:sudo )?((?:tactiled|\./run) .+)$", text, re.MULTILINE)
     inline = re.findall(r"`((?:tactiled|\./run) [^`]+)`", text.replace("\n", " "))
     return [line.split("  #")[0].strip() for line in (*blocks, *inline)]
+
+
+def numbers_of(text: str) -> set[str]:
+    """Numbers of a text, as they are printed."""
+    return set(re.findall(r"\d+(?:\.\d+)?", text))
 
 
 def verb_of(group: click.Group, name: str) -> click.Command:
@@ -69,7 +76,29 @@ def test_commands_and_their_options_exist(page: Path) -> None:
 
 
 def test_readme_is_short() -> None:
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 200
+    assert len(README.splitlines()) <= 120
+
+
+def test_every_page_has_a_link_in_readme() -> None:
+    linked = set(re.findall(r"\]\(([^)#]+)", README))
+    assert {f"docs/{page.name}" for page in ROOT.glob("docs/*.md")} - linked == set()
+    assert "docs/decisions" in linked
+
+
+def test_numbers_of_readme_stand_on_the_page_behind_the_question() -> None:
+    rows = re.findall(r"^\| \[([^\]]+)\]\(([^)#]+)[^)]*\) (\|.+)$", README, re.MULTILINE)
+    assert 1 <= len(rows) <= 10
+    missing = {
+        question: numbers_of(answers) - numbers_of((ROOT / page).read_text())
+        for question, page, answers in rows
+    }
+    assert {question: numbers for question, numbers in missing.items() if numbers} == {}
+
+
+def test_readme_counts_the_data_sets_of_others() -> None:
+    catalogue = tomllib.loads((ROOT / "bench/recordings/catalogue.toml").read_text())
+    addresses = {source["address"] for source in catalogue["source"]}
+    assert f"{len(addresses)} published data sets of other groups" in README
 
 
 def test_a_class_name_occurs_once_in_the_package() -> None:

@@ -1,6 +1,6 @@
 """A Debian with a systemd of its own, in a systemd-nspawn container that lasts as long as the tests.
 
-The package is installed in it as README says, from wheels, without the network. Everything has a time limit,
+The package is installed as docs/service.md says, from wheels without the network. Everything has a limit,
 and the container ends with this process whatever becomes of it.
 """
 

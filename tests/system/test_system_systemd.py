@@ -39,7 +39,7 @@ PACKAGES = "/wheels/packages"
 def container(
     bare_debian: Path, wheels: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Container]:
-    """A booted Debian with tactiled installed as README says; skipped, with the reason, where none can be."""
+    """A booted Debian with tactiled as docs/service.md says; skipped, with the reason, where none can be."""
     folder = tmp_path_factory.mktemp("nspawn")
     root = folder / "root"
     try:

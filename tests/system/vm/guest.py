@@ -25,7 +25,7 @@ DISK = "3G"
 
 
 def make_image(folder: Path) -> None:
-    """Kernel, initrd and a disk with tactiled installed as README says; needs root and the network."""
+    """Kernel, initrd and a disk with tactiled as docs/service.md says; needs root and the network."""
     root, wheels = folder / "root", folder / "wheels"
     make_wheels(wheels, "0.0.1")
     packages = f"{PACKAGES},udev,kmod,linux-image-amd64"
