@@ -25,6 +25,7 @@ from bench.recordings.rules import (
 from bench.recordings.sources import READERS
 from bench.report import NONE, Aim, BenchOptions, Reading, aims_table, judge, table
 from tactiled.array import FloatArray
+from tactiled.errors import DataError
 from tactiled.progress import ProgressBar
 
 _RIGHT = 0.05  # of the period
@@ -169,8 +170,20 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
 
 def _measure(source: Source, data: Path) -> Iterator[Found]:
     logs = list(READERS[source.name](data / source.folder))
+    check_range(source, logs)
     for question, rule in source.asked.items():
         yield Found(source, question, len(logs), *_answers(question, rule, source, logs))
+
+
+def check_range(source: Source, logs: Sequence[Log]) -> None:
+    """Raise DataError where the catalogue's range of the sensor is less than that of its readings.
+
+    What is beyond it counts as saturated, which makes every answer worse and no row says so.
+    """
+    low = min(float(np.nanmin(log.readings)) for log in logs)
+    high = max(float(np.nanmax(log.readings)) for log in logs)
+    if low < source.array.low or high > source.array.high:
+        raise DataError(f"{source.name}: readings are {low:g} to {high:g}, beyond `range` in catalogue.toml")
 
 
 def _answers(question: Question, rule: str, source: Source, logs: Sequence[Log]) -> tuple[Any, ...]:

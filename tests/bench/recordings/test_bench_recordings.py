@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from bench.__main__ import bench
 from bench.recordings import ours
-from bench.recordings.bench import Contacts, Decisions, Periods
+from bench.recordings.bench import Contacts, Decisions, Periods, check_range
 from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
 from bench.recordings.rules import (
@@ -43,6 +43,15 @@ def test_every_source_has_a_reader_and_an_array_that_fits_the_detectors() -> Non
     commands = how_to_get(found.values())
     assert len(commands) == len({source.address for source in found.values()})
     assert all(len(source.commit) == 40 and source.commit in " ".join(commands) for source in found.values())
+
+
+def test_readings_beyond_the_range_of_the_catalogue_are_refused() -> None:
+    """They would count as saturated, and the bench would score a sensor that nobody has."""
+    source = sources()[0]
+    edges = Log("edges", "", np.arange(2.0), np.array([[source.array.low], [source.array.high]]))
+    check_range(source, [edges])
+    with pytest.raises(DataError, match=f"{source.name}: readings are .* beyond `range`"):
+        check_range(source, [edges, replace(edges, readings=edges.readings + 1.0)])
 
 
 def test_tables_with_headers_and_trailing_commas(tmp_path: Path) -> None:
