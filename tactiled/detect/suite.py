@@ -177,15 +177,11 @@ class BridgedSuite(GapBridge):
 
 
 class DetectorFactories(NamedTuple):
-    """Constructors of the slip detector and the texture estimator that run together.
+    """Constructors of the slip detector and the texture estimator that run together."""
 
-    Attributes
-    ----------
-    slip, texture : callable
-        Make the detector for an array from the parameters of all detectors. The texture estimator may hand
-        long computations to the worker; the last argument says that sliding is known from outside.
-    """
-
+    # slip, texture: make the detector for an array from the parameters of all detectors. The texture
+    # estimator may hand long computations to the worker; the last argument says that sliding is known from
+    # outside
     slip: Callable[[Array, DetectParams], Detector]
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
 

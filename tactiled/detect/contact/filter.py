@@ -36,25 +36,16 @@ _LEAST_RATIO = 0.02  # physical: that a slide bears: the friction of wet ice
 
 
 class Verdict(NamedTuple):
-    """Posterior after a look.
+    """Posterior after a look."""
 
-    Attributes
-    ----------
-    utilisation, friction : tuple of 3 float
-        Quantiles of 5, 50 and 95 %; friction in units of the readings.
-    slipping_share : float
-        Mean part of the contact area that slips.
-    p_gross : tuple of 3 float
-        That gross slip begins within `HORIZONS_S`, if the contact does not slide yet; 1 while a gross slip is
-        open.
-    p_sliding, p_incipient : float
-        That all of the contact slides now; that a tenth of its area or more slips now.
-    """
-
+    # utilisation, friction: quantiles of 5, 50 and 95 %; friction in units of the readings
     utilisation: tuple[float, float, float]
     friction: tuple[float, float, float]
-    slipping_share: float
+    slipping_share: float  # mean part of the contact area that slips
+    # That gross slip begins within `HORIZONS_S`, if the contact does not slide yet; 1 while a gross slip is
+    # open
     p_gross: tuple[float, float, float]
+    # p_sliding, p_incipient: that all of the contact slides now; that a tenth of its area or more slips now
     p_sliding: float
     p_incipient: float
 

@@ -13,27 +13,13 @@ FILE = "config", "learnt", "slip.npz"
 
 
 class Learnt(NamedTuple):
-    """Trees, and the base rate of what they were trained on.
+    """Trees, and the base rate of what they were trained on."""
 
-    Attributes
-    ----------
-    signs : Trees
-        Score of sliding, from the signs of a look.
-    state : Trees
-        Score of each state, from some signs and the memory.
-    soon : Trees
-        Score of each time to gross slip, from the same.
-    base_odds : float
-        Log odds of sliding in the looks that `signs` was trained on.
-    names : tuple of str
-        Of the signs, then of the row of the state, by place.
-    """
-
-    signs: Trees
-    state: Trees
-    soon: Trees
-    base_odds: float
-    names: tuple[str, ...]
+    signs: Trees  # score of sliding, from the signs of a look
+    state: Trees  # score of each state, from some signs and the memory
+    soon: Trees  # score of each time to gross slip, from the same
+    base_odds: float  # log odds of sliding in the looks that `signs` was trained on
+    names: tuple[str, ...]  # of the signs, then of the row of the state, by place
 
     def check(self, names: tuple[str, ...]) -> None:
         """Raise ValueError where the trees were learnt from signs of other names or places."""

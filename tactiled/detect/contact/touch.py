@@ -21,27 +21,16 @@ _TINY = 1e-9  # derived
 
 
 class ContactScan(NamedTuple):
-    """State of a contact after a scan, for those who report slips.
-
-    Attributes
-    ----------
-    shear : (2, taxels) float64
-        Force of the object on the skin, over the total load.
-    ratio : tuple of 3 float
-        Sum of the shear along x and along y, and its moment over the mean distance of the taxels from their
-        centre; all over the total load.
-    rippled_s : float
-        Length of the window in which a ripple travels over the taxels; 0.0 where none does.
-    is_look : bool
-        The filter took a look at this scan.
-    """
+    """State of a contact after a scan, for those who report slips."""
 
     filter: ContactFilter
     verdict: Verdict
-    shear: FloatArray
+    shear: FloatArray  # (2, taxels): force of the object on the skin, over the total load
+    # Sum of the shear along x and along y, and its moment over the mean distance of the taxels from their
+    # centre; all over the total load
     ratio: tuple[float, float, float]
-    rippled_s: float
-    is_look: bool
+    rippled_s: float  # length of the window in which a ripple travels over the taxels; 0.0 where none does
+    is_look: bool  # the filter took a look at this scan
 
     @property
     def size(self) -> float:

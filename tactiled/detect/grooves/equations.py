@@ -42,33 +42,20 @@ class DetrendedWindow:
     The distance travelled is scaled to run from about -1 to 1 over the window. `half_travel` is the distance
     that 1 stands for, in millimetres (or seconds, where the speed is unknown). A phase rate is in radians per
     unit of this scaled distance: a line of c periods in the window has the phase rate ``pi c``.
-
-    Attributes
-    ----------
-    volts : (channels, n) float64
-        Orthogonal to `trend`.
-    travel : (1 or channels, n) float64
-        One row where the speed is constant, else a row for each channel.
-    skew : (channels,) float64
-        Distance travelled between the instant that `travel` states and the sampling of each channel.
-    trend : (n, terms) float64
-        Orthonormal columns: polynomials, and lines that were removed.
-    layout : ChannelLayout
-        Of these channels, about their centre.
-    removed : tuple of float
-        Phase rates of lines that were removed.
     """
 
-    volts: FloatArray
-    travel: FloatArray
+    volts: FloatArray  # (channels, n): orthogonal to `trend`
+    travel: FloatArray  # (1 or channels, n): one row where the speed is constant, else a row for each channel
+    # (channels,): distance travelled between the instant that `travel` states and the sampling of each
+    # channel
     skew: FloatArray
     half_travel: float
     duration_s: float
-    trend: FloatArray
-    layout: ChannelLayout
+    trend: FloatArray  # (n, terms): orthonormal columns: polynomials, and lines that were removed
+    layout: ChannelLayout  # of these channels, about their centre
     motion: WaveMotion
     params: WaveParams
-    removed: tuple[float, ...] = ()
+    removed: tuple[float, ...] = ()  # phase rates of lines that were removed
 
     @property
     def n(self) -> int:
@@ -186,25 +173,14 @@ def detrended(window: FitWindow) -> DetrendedWindow | Refusal:
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """Inner products of a window with cosine and sine of each harmonic, then with the same times the travel.
+    """Products of a window with cosine and sine of each harmonic, then with the same times the travel."""
 
-    Attributes
-    ----------
-    phase_rate : float
-        Of the fundamental.
-    gram : (1 or channels, 4 harmonics, 4 harmonics) float64
-        Products of the functions with each other.
-    product : (channels, 4 harmonics) float64
-        Products of the functions with the readings.
-    newest : list
-        Newest linearisation with weights and wave, kept by `solve.WaveSolver`.
-    """
-
-    phase_rate: float
+    phase_rate: float  # of the fundamental
     n_harmonics: int
-    gram: FloatArray
-    product: FloatArray
+    gram: FloatArray  # (1 or channels, 4 harmonics, 4 harmonics): products of the functions with each other
+    product: FloatArray  # (channels, 4 harmonics): products of the functions with the readings
     window: DetrendedWindow
+    # Newest linearisation with weights and wave, kept by `solve.WaveSolver`
     newest: list[Any] = field(default_factory=list)
 
     def times_gram(self, on: FloatArray) -> FloatArray:

@@ -17,26 +17,13 @@ from tactiled.detect.worker import pause
 
 @dataclass(frozen=True, eq=False)
 class PlaneWaves:
-    """Fitted waves, one for each start.
+    """Fitted waves, one for each start."""
 
-    Attributes
-    ----------
-    k : (starts, 2) float64
-        Wave vectors, radians per millimetre.
-    phase_rate : (starts,) float64
-        Phase of the fundamental per unit of the window's scaled travel.
-    gain : (starts,) float64
-        Twice the log-likelihood ratio over no wave.
-    covariance : (starts, 3, 3) float64
-        Of wave vector and phase rate.
-    phase : (starts, kinds, harmonics) float64
-    """
-
-    k: FloatArray
-    phase_rate: FloatArray
-    gain: FloatArray
-    covariance: FloatArray
-    phase: FloatArray
+    k: FloatArray  # (starts, 2): wave vectors, radians per millimetre
+    phase_rate: FloatArray  # (starts,): phase of the fundamental per unit of the window's scaled travel
+    gain: FloatArray  # (starts,): twice the log-likelihood ratio over no wave
+    covariance: FloatArray  # (starts, 3, 3): of wave vector and phase rate
+    phase: FloatArray  # (starts, kinds, harmonics)
 
     def __getitem__(self, chosen: int | NDArray[np.int64]) -> "PlaneWaves":
         index = np.atleast_1d(np.asarray(chosen, dtype=np.int64))
@@ -50,19 +37,11 @@ class Linearisation:
     """Likelihood near a wave as a function of each channel's phases.
 
     The unknowns are the phase of each harmonic and, last, the phase rate where it acts through the travel.
-
-    Attributes
-    ----------
-    gain : (starts, channels) float64
-        Twice the log-likelihood ratio over no wave.
-    gradient : (harmonics + 1, starts, channels) float64
-        Of the log-likelihood.
-    information : (harmonics + 1, harmonics + 1, starts, channels) float64
     """
 
-    gain: FloatArray
-    gradient: FloatArray
-    information: FloatArray
+    gain: FloatArray  # (starts, channels): twice the log-likelihood ratio over no wave
+    gradient: FloatArray  # (harmonics + 1, starts, channels): of the log-likelihood
+    information: FloatArray  # (harmonics + 1, harmonics + 1, starts, channels)
 
     def with_mismatch(self, mismatch: FloatArray) -> "Linearisation":
         """The linearisation where each channel's phases have a Gaussian mismatch, integrated out.

@@ -139,20 +139,12 @@ def _scaled(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class SwingSpectrum:
-    """Readings of a window less a cubic trend, and their spectrum under a Hann window.
+    """Readings of a window less a cubic trend, and their spectrum under a Hann window."""
 
-    Attributes
-    ----------
-    readings : (n, channels) float64
-    sd : (channels,) float64
-        Standard deviation of the readings; 0 where they change by no more than rounding.
-    values : (bins, channels) complex128
-        Bin b has b periods in the window.
-    """
-
-    readings: FloatArray
+    readings: FloatArray  # (n, channels)
+    # (channels,): standard deviation of the readings; 0 where they change by no more than rounding
     sd: FloatArray
-    values: NDArray[np.complex128]
+    values: NDArray[np.complex128]  # (bins, channels): bin b has b periods in the window
 
 
 def swing_spectrum(readings: FloatArray) -> SwingSpectrum:
@@ -166,24 +158,16 @@ def swing_spectrum(readings: FloatArray) -> SwingSpectrum:
 
 
 class SpectralLine(NamedTuple):
-    """Line of the pooled spectrum.
-
-    Attributes
-    ----------
-    power : float
-        Power over the noise beside it, summed over the channels.
-    over_others : float
-        Its power over what noise between white and a random walk would have at its frequency, if the
-        strongest bin that belongs to no line were that noise.
-    in_phase : float
-        Part of its power with which all channels swing at once, in phase or opposite, from 0 to 1, each
-        channel by its own size; 0 where channels are too few to tell.
-    """
+    """Line of the pooled spectrum."""
 
     frequency_hz: float
     frequency_sd_hz: float
-    power: float
+    power: float  # power over the noise beside it, summed over the channels
+    # Its power over what noise between white and a random walk would have at its frequency, if the strongest
+    # bin that belongs to no line were that noise
     over_others: float
+    # Part of its power with which all channels swing at once, in phase or opposite, from 0 to 1, each channel
+    # by its own size; 0 where channels are too few to tell
     in_phase: float
 
 
@@ -266,21 +250,11 @@ def _noisy_lines(
 
 
 class StrongestSwing(NamedTuple):
-    """The bins of the spectrum that stand out most from noise midway between white and a random walk.
+    """The bins of the spectrum that stand out most from noise midway between white and a random walk."""
 
-    Attributes
-    ----------
-    is_slow : bool
-        True where the strongest of all has too few periods to stand out as a line.
-    cycles : int
-        Periods in the window of the strongest in the band.
-    in_phase : float
-        Of that one; see `SpectralLine`.
-    """
-
-    is_slow: bool
-    cycles: int
-    in_phase: float
+    is_slow: bool  # True where the strongest of all has too few periods to stand out as a line
+    cycles: int  # periods in the window of the strongest in the band
+    in_phase: float  # of that one; see `SpectralLine`
 
 
 def strongest_swing(

@@ -95,17 +95,12 @@ class WaveMotion:
 
 @dataclass(frozen=True, eq=False)
 class ChannelLayout:
-    """Positions of channels, and which of them respond alike.
+    """Positions of channels, and which of them respond alike."""
 
-    Attributes
-    ----------
-    x_mm, y_mm : (channels,) float64
-    kind : (channels,) int64
-        Channels with the same number share the phases ``phi_h`` of the ripple.
-    """
-
+    # x_mm, y_mm: (channels,)
     x_mm: FloatArray
     y_mm: FloatArray
+    # (channels,): channels with the same number share the phases ``phi_h`` of the ripple
     kind: NDArray[np.int64]
 
     @cached_property

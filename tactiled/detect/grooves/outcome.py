@@ -14,58 +14,34 @@ class TrackedWave:
     """Parameters of a fitted wave with which `track` finds the same wave in a later window.
 
     Nothing here depends on where the window begins or ends.
-
-    Attributes
-    ----------
-    k : (2,) float64
-        Wave vector, radians per millimetre.
-    frequency : float
-        Phase per unit of travel: radians per millimetre, or per second where no speed was given.
-    mismatch : (kinds, harmonics) float64
-        Variance of phases within a kind, radians^2, as `RefinedWave` has it.
-    scale : (3,) float64
-        Factors that the fit found for the standard deviations of period, angle and speed.
-    added : (3, 3) float64
-        Covariance that the fit added after that, because two models of mismatch gave different answers.
     """
 
-    k: FloatArray
+    k: FloatArray  # (2,): wave vector, radians per millimetre
+    # Phase per unit of travel: radians per millimetre, or per second where no speed was given
     frequency: float
+    # (kinds, harmonics): variance of phases within a kind, radians^2, as `RefinedWave` has it
     mismatch: FloatArray
+    # (3,): factors that the fit found for the standard deviations of period, angle and speed
     scale: FloatArray
+    # (3, 3): covariance that the fit added after that, because two models of mismatch gave different answers
     added: FloatArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class GrooveAnswer:
-    """Period and angle of the one grating in view, and the speed where none was given.
-
-    Attributes
-    ----------
-    speed_mm_s : float
-        The given one, or the estimate; 0 where the direction of the motion is not known.
-    covariance : (3, 3) float64
-        Of period (mm), angle (radians) and speed (mm/s).
-    uses_given_speed : bool
-        False where no speed was given, or where the phases contradict the given one.
-    error_probability : float
-        Probability that another reading of the phases is the true one.
-    stray_rad : float
-        Root-mean-square stray of the channels' phases from the wave.
-    wave : TrackedWave or None
-        None where stronger lines had to be removed: then the wave cannot be tracked.
-    """
+    """Period and angle of the one grating in view, and the speed where none was given."""
 
     status: ClassVar[Literal["ok"]] = "ok"
     frequency_hz: float
     snr_db: float
     period_mm: float
     angle_deg: float
-    speed_mm_s: float
-    covariance: FloatArray
-    uses_given_speed: bool
-    error_probability: float = 0.0
-    stray_rad: float = 0.0
+    speed_mm_s: float  # the given one, or the estimate; 0 where the direction of the motion is not known
+    covariance: FloatArray  # (3, 3): of period (mm), angle (radians) and speed (mm/s)
+    uses_given_speed: bool  # False where no speed was given, or where the phases contradict the given one
+    error_probability: float = 0.0  # probability that another reading of the phases is the true one
+    stray_rad: float = 0.0  # root-mean-square stray of the channels' phases from the wave
+    # None where stronger lines had to be removed: then the wave cannot be tracked
     wave: TrackedWave | None = None
 
     @property
@@ -86,42 +62,26 @@ class GrooveAnswer:
 
 @dataclass(frozen=True, kw_only=True)
 class PeriodOnly:
-    """Period of grooves whose angle cannot be told.
-
-    Attributes
-    ----------
-    period_range_mm : tuple of float
-        Shortest and longest period.
-    candidates : tuple of Candidate
-        All gratings in view, where there are several.
-    """
+    """Period of grooves whose angle cannot be told."""
 
     status: ClassVar[Literal["period-only"]] = "period-only"
     frequency_hz: float
     snr_db: float
     period_mm: float
     period_sd_mm: float
-    period_range_mm: tuple[float, float]
-    candidates: tuple[Candidate, ...] = ()
+    period_range_mm: tuple[float, float]  # shortest and longest period
+    candidates: tuple[Candidate, ...] = ()  # all gratings in view, where there are several
 
 
 @dataclass(frozen=True)
 class Refusal:
-    """Reason why a window has no answer, with the line that was looked at, if any.
-
-    Attributes
-    ----------
-    candidates : tuple of Candidate
-        Gratings that the phases cannot tell apart.
-    stray_rad : float
-        As for `GrooveAnswer`, where it was estimated.
-    """
+    """Reason why a window has no answer, with the line that was looked at, if any."""
 
     status: TextureStatus
     frequency_hz: float = 0.0
     snr_db: float = 0.0
-    candidates: tuple[Candidate, ...] = ()
-    stray_rad: float = 0.0
+    candidates: tuple[Candidate, ...] = ()  # gratings that the phases cannot tell apart
+    stray_rad: float = 0.0  # as for `GrooveAnswer`, where it was estimated
 
 
 class NewPattern(Refusal):

@@ -92,27 +92,15 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
 
 @dataclass(frozen=True, eq=False)
 class RefinedWave:
-    """The best wave of a line.
+    """The best wave of a line."""
 
-    Attributes
-    ----------
-    waves : PlaneWaves
-        One wave.
-    equations : NormalEquations
-        At its frequency, with its harmonics.
-    variance : (channels,) float64
-        Of each channel's noise, volts^2.
-    mismatch : (kinds, harmonics) float64
-        Variance of phases within a kind, radians^2, widened so that all harmonics count as one observation.
-    is_wave : bool
-        True where the phases of one wave suit the channels.
-    """
-
-    waves: PlaneWaves
-    equations: NormalEquations
-    variance: FloatArray
+    waves: PlaneWaves  # one wave
+    equations: NormalEquations  # at its frequency, with its harmonics
+    variance: FloatArray  # (channels,): of each channel's noise, volts^2
+    # (kinds, harmonics): variance of phases within a kind, radians^2, widened so that all harmonics count as
+    # one observation
     mismatch: FloatArray
-    is_wave: bool = True
+    is_wave: bool = True  # True where the phases of one wave suit the channels
 
     @property
     def window(self) -> DetrendedWindow:

@@ -27,23 +27,12 @@ _LEAST_FUNDAMENTAL = 0.03
 
 @dataclass(frozen=True, eq=False)
 class Ripple:
-    """One interpretation of a line of a window.
+    """One interpretation of a line of a window."""
 
-    Attributes
-    ----------
-    window : DetrendedWindow
-        With the trend of this interpretation.
-    phase_rate : float
-        Of the fundamental.
-    variance : (channels,) float64
-        Of the noise, volts^2.
-    is_line : bool
-        True for the line itself, False for a slower fundamental that the line may be a harmonic of.
-    """
-
-    window: DetrendedWindow
-    phase_rate: float
-    variance: FloatArray
+    window: DetrendedWindow  # with the trend of this interpretation
+    phase_rate: float  # of the fundamental
+    variance: FloatArray  # (channels,): of the noise, volts^2
+    # True for the line itself, False for a slower fundamental that the line may be a harmonic of
     is_line: bool = True
 
     @cached_property

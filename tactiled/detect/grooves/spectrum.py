@@ -32,24 +32,12 @@ _NEAR = 3
 
 @dataclass(frozen=True, eq=False)
 class LineSpectrum:
-    """Pooled spectrum of a window.
+    """Pooled spectrum of a window."""
 
-    Attributes
-    ----------
-    cycles : (bins,) float64
-        Periods in the window.
-    power : (bins,) float64
-        Mean over channels of power over noise; 1 for noise.
-    needed : (bins,) float64
-        Power above which a peak is a line.
-    variance : (channels,) float64
-        Of each channel's noise, assumed white, volts^2.
-    """
-
-    cycles: FloatArray
-    power: FloatArray
-    needed: FloatArray
-    variance: FloatArray
+    cycles: FloatArray  # (bins,): periods in the window
+    power: FloatArray  # (bins,): mean over channels of power over noise; 1 for noise
+    needed: FloatArray  # (bins,): power above which a peak is a line
+    variance: FloatArray  # (channels,): of each channel's noise, assumed white, volts^2
 
     def peaks(self) -> list[int]:
         """Bins of the lines, the strongest first."""

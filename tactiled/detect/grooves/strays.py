@@ -51,23 +51,13 @@ _ANY_CORRECTION = 10.0
 
 @dataclass(frozen=True, eq=False)
 class StrayPosterior:
-    """Posterior of several waves and of the strays.
+    """Posterior of several waves and of the strays."""
 
-    Attributes
-    ----------
-    weights : (waves,) float64
-        Probabilities of the waves; they sum to 1.
-    k : (2,) float64
-        The likeliest wave: mean over the standard deviations of strays.
-    stray_rad : float
-        Root of the mean variance of strays, of channel and taxel together, given the likeliest wave.
-    error_if_alike : float
-        Probability of the waves other than the likeliest if the channels of a kind were alike.
-    """
-
-    weights: FloatArray
-    k: FloatArray
+    weights: FloatArray  # (waves,): probabilities of the waves; they sum to 1
+    k: FloatArray  # (2,): the likeliest wave: mean over the standard deviations of strays
+    # Root of the mean variance of strays, of channel and taxel together, given the likeliest wave
     stray_rad: float
+    # Probability of the waves other than the likeliest if the channels of a kind were alike
     error_if_alike: float
 
 

@@ -96,28 +96,18 @@ class ScanWindow:
 
 @dataclass(frozen=True, eq=False)
 class FitWindow:
-    """Input of a fit: the scans of one window, and what is known of array, motion and grooves.
+    """Input of a fit: the scans of one window, and what is known of array, motion and grooves."""
 
-    Attributes
-    ----------
-    volts : (n, channels) float64
-    time_s : (n,) float64
-        Instants at which scans began, evenly spaced or nearly so.
-    channel_offset_s : (channels,) float64
-        Delay from the beginning of a scan to the sampling of each channel.
-    usable : (n, channels) bool, optional
-        False for readings to ignore; by default those that are not finite.
-    speeds_mm_s : (n,) float64, optional
-        Speed from each scan to the next where it is known and not constant; `motion` then holds the mean.
-    """
-
-    volts: FloatArray
-    time_s: FloatArray
+    volts: FloatArray  # (n, channels)
+    time_s: FloatArray  # (n,): instants at which scans began, evenly spaced or nearly so
+    # (channels,): delay from the beginning of a scan to the sampling of each channel
     channel_offset_s: FloatArray
     layout: ChannelLayout
     motion: WaveMotion
     params: WaveParams
+    # (n, channels): False for readings to ignore; by default those that are not finite
     usable: NDArray[np.bool_] | None = None
+    # (n,): speed from each scan to the next where it is known and not constant; `motion` then holds the mean
     speeds_mm_s: FloatArray | None = None
 
     @property
@@ -170,24 +160,14 @@ class SlideWindow:
 
 @dataclass(frozen=True, eq=False)
 class PendingFit:
-    """A fit that was handed over.
-
-    Attributes
-    ----------
-    due_index : int
-        Scan at which the answer is reported.
-    is_refusal_due : bool
-        True where a refusal is reported also without an answer before it.
-    is_full : bool
-        True where the window had its full length.
-    """
+    """A fit that was handed over."""
 
     job: Job[Outcome]
-    due_index: int
+    due_index: int  # scan at which the answer is reported
     window: SlideWindow
     span: FitSpan
-    is_full: bool
-    is_refusal_due: bool
+    is_full: bool  # True where the window had its full length
+    is_refusal_due: bool  # True where a refusal is reported also without an answer before it
 
     def is_reported(self, fit: Outcome, criteria: AnswerCriteria) -> bool:
         """Return True for an answer that is good enough, and for a refusal that is due."""

@@ -84,20 +84,11 @@ def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
 
 
 class Spectra(NamedTuple):
-    """Spectra of a window.
+    """Spectra of a window."""
 
-    Attributes
-    ----------
-    z : (bins, channels) complex128
-    noise : (channels,) float64
-        Power of each channel's noise in a bin, at the quietest quarter of bins.
-    readings : (n, channels) float64
-        Without their trend.
-    """
-
-    z: NDArray[np.complex128]
-    noise: FloatArray
-    readings: FloatArray
+    z: NDArray[np.complex128]  # (bins, channels)
+    noise: FloatArray  # (channels,): power of each channel's noise in a bin, at the quietest quarter of bins
+    readings: FloatArray  # (n, channels): without their trend
 
 
 def spectra(readings: FloatArray, rounding_power: FloatArray) -> Spectra:

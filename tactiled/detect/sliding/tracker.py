@@ -33,23 +33,13 @@ _ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that
 
 
 class Change(NamedTuple):
-    """Beginning or end of sliding at a scan.
+    """Beginning or end of sliding at a scan."""
 
-    Attributes
-    ----------
-    row : int
-        Scan of the block.
-    scans_before : int
-        Scans from the onset to this scan, about.
-    is_gross : bool
-        False where it may be that only a part of the contact slips.
-    """
-
-    row: int
+    row: int  # scan of the block
     is_onset: bool
     statistic: float
-    scans_before: int
-    is_gross: bool = True
+    scans_before: int  # scans from the onset to this scan, about
+    is_gross: bool = True  # False where it may be that only a part of the contact slips
 
 
 class _Rest:

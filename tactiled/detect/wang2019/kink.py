@@ -31,18 +31,12 @@ class KinkDelay(NamedTuple):
 
 
 class KinkOnset(NamedTuple):
-    """Beginning and direction of a movement in one or two axes.
-
-    Attributes
-    ----------
-    along : (axes,) float64
-        Unit vector of the movement.
-    direction_deg, direction_sd_deg : float
-        Its angle from the first axis towards the second; a standard deviation of 180 where nothing moved.
-    """
+    """Beginning and direction of a movement in one or two axes."""
 
     delay: KinkDelay
-    along: FloatArray
+    along: FloatArray  # (axes,): unit vector of the movement
+    # direction_deg, direction_sd_deg: its angle from the first axis towards the second; a standard deviation
+    # of 180 where nothing moved
     direction_deg: float
     direction_sd_deg: float
 

@@ -25,28 +25,14 @@ _MIN_PEAK_RATIO = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitude spectrum of a window, mean and trend removed.
+    """Amplitude spectrum of a window, mean and trend removed."""
 
-    Attributes
-    ----------
-    frequency_hz : (bins,) float64
-    amplitude_volts : (bins, taxels) float64
-    phasors : (bins, taxels) complex128
-        Fourier transform.
-    peak : int
-        Bin of the ripple; 0 where there is none.
-    status : str
-        "ok", or the reason why there is no ripple.
-    snr_db : float
-        Power of the ripple over that of white noise of the median bin's density.
-    """
-
-    frequency_hz: FloatArray
-    amplitude_volts: FloatArray
-    phasors: NDArray[np.complex128]
-    peak: int
-    status: TextureStatus
-    snr_db: float
+    frequency_hz: FloatArray  # (bins,)
+    amplitude_volts: FloatArray  # (bins, taxels)
+    phasors: NDArray[np.complex128]  # (bins, taxels): Fourier transform
+    peak: int  # bin of the ripple; 0 where there is none
+    status: TextureStatus  # "ok", or the reason why there is no ripple
+    snr_db: float  # power of the ripple over that of white noise of the median bin's density
 
     @property
     def peak_hz(self) -> float:
