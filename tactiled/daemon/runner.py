@@ -56,43 +56,26 @@ class ServiceParams(Params):
 
 @dataclass(frozen=True)
 class ServedBoard:
-    """Board that a service reads.
-
-    Attributes
-    ----------
-    make_pipeline : callable
-        Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled.
-    recorder : Recorder, optional
-        Takes every read of the port with its outputs, and all events that the daemon itself makes.
-    reload : callable, optional
-        Reads the configuration again (SIGHUP) and returns its parameters.
-    """
+    """Board that a service reads."""
 
     params: ServiceParams
+    # Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled
     make_pipeline: Callable[[], Pipeline]
+    # Takes every read of the port with its outputs, and all events that the daemon itself makes
     recorder: Recorder | None = None
+    # Reads the configuration again (SIGHUP) and returns its parameters
     reload: Callable[[], ServiceParams] | None = None
 
 
 @dataclass(frozen=True)
 class SharedParts:
-    """Parts of the daemon that all boards use.
+    """Parts of the daemon that all boards use."""
 
-    Attributes
-    ----------
-    publisher : Publisher
-        That of the endpoints of the board, which others may have too.
-    watched : callable
-        Takes the time, at 10 Hz for each board.
-    show_states : callable
-        Called when the state of a board has changed.
-    """
-
-    publisher: Publisher
+    publisher: Publisher  # that of the endpoints of the board, which others may have too
     clock: EpochClock
     turns: LoopTurns
-    watched: Callable[[float], None]
-    show_states: Callable[[], None]
+    watched: Callable[[float], None]  # takes the time, at 10 Hz for each board
+    show_states: Callable[[], None]  # called when the state of a board has changed
 
 
 class BoardRunner:

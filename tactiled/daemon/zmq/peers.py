@@ -58,21 +58,11 @@ _UCRED = struct.Struct("3i")  # process, user and group of a peer over ipc, unix
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a server.
+    """Limits of a server."""
 
-    Attributes
-    ----------
-    frame_bytes : int
-        Of a frame from a peer.
-    queue_bytes : int
-        Of what waits to be sent to a peer.
-    turns_per_s : float
-        Of all peers together: a read, a request, or a new connection.
-    """
-
-    frame_bytes: int
-    queue_bytes: int
-    turns_per_s: float
+    frame_bytes: int  # of a frame from a peer
+    queue_bytes: int  # of what waits to be sent to a peer
+    turns_per_s: float  # of all peers together: a read, a request, or a new connection
 
 
 class TurnLimit:

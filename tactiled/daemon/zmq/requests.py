@@ -34,28 +34,15 @@ SenderTime = Annotated[float, Field(ge=0, le=1e10)]
 
 @dataclass(frozen=True)
 class Requester:
-    """Sender of a request, as far as the transport identifies it.
+    """Sender of a request, as far as the transport identifies it."""
 
-    Attributes
-    ----------
-    connection : str
-        Identifies the connection. Connections of a client that chose its routing id (over ipc: of one
-        process) share it.
-    may_command : bool
-        Commands are accepted over this connection.
-    key : str
-        Name of the CURVE key that the client proved to own; empty on endpoints without keys.
-    uid : int
-        User id from the kernel; -1 for a request that did not come over ipc.
-    address : str
-        Address of a TCP peer; empty over ipc.
-    """
-
+    # Identifies the connection. Connections of a client that chose its routing id (over ipc: of one process)
+    # share it
     connection: str
-    may_command: bool
-    key: str = ""
-    uid: int = -1
-    address: str = ""
+    may_command: bool  # commands are accepted over this connection
+    key: str = ""  # name of the CURVE key that the client proved to own; empty on endpoints without keys
+    uid: int = -1  # user id from the kernel; -1 for a request that did not come over ipc
+    address: str = ""  # address of a TCP peer; empty over ipc
 
     def __str__(self) -> str:
         if self.key:

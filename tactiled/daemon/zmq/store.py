@@ -19,21 +19,11 @@ _OVERHEAD_BYTES = 64
 
 @dataclass(frozen=True)
 class Span:
-    """Consecutive messages of one topic.
+    """Consecutive messages of one topic."""
 
-    Attributes
-    ----------
-    payloads : list of bytes
-        As they were published, in order.
-    next_seq : int
-        Requested messages before this number are among the payloads, or no longer stored.
-    more : bool
-        There are further messages from `next_seq` on.
-    """
-
-    payloads: list[bytes]
-    next_seq: int
-    more: bool
+    payloads: list[bytes]  # as they were published, in order
+    next_seq: int  # requested messages before this number are among the payloads, or no longer stored
+    more: bool  # there are further messages from `next_seq` on
 
 
 @dataclass
