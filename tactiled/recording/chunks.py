@@ -47,15 +47,11 @@ _FAULTS = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, M
 
 @dataclass(frozen=True)
 class Damage:
-    """Unreadable stretch in the middle of a file.
-
-    Attributes
-    ----------
-    first_unix_s, last_unix_s : float
-        Epoch times of the messages before and after it; equal where the duration is unknown.
-    """
+    """Unreadable stretch in the middle of a file."""
 
     n_bytes: int
+    # first_unix_s, last_unix_s: epoch times of the messages before and after it; equal where the duration is
+    # unknown
     first_unix_s: float
     last_unix_s: float
 
@@ -71,28 +67,15 @@ class Damage:
 
 @dataclass
 class Extent:
-    """Readable extent of a file, updated while the file is read.
+    """Readable extent of a file, updated while the file is read."""
 
-    Attributes
-    ----------
-    good_bytes : int
-        Offset of the end of the last whole record that carries data.
-    is_complete : bool
-        The end-of-data record was found: nothing is cut off.
-    torn_s : tuple of float, optional
-        First and last epoch time of the incomplete chunk at the end, if its header is there.
-    damages : list of Damage
-        Unreadable stretches before the end.
-    orphans : int
-        Number of messages whose channel description is lost.
-    """
-
-    good_bytes: int = 0
+    good_bytes: int = 0  # offset of the end of the last whole record that carries data
     size_bytes: int = 0
-    is_complete: bool = False
+    is_complete: bool = False  # the end-of-data record was found: nothing is cut off
+    # First and last epoch time of the incomplete chunk at the end, if its header is there
     torn_s: tuple[float, float] | None = None
-    damages: list[Damage] = field(default_factory=list)
-    orphans: int = 0
+    damages: list[Damage] = field(default_factory=list)  # unreadable stretches before the end
+    orphans: int = 0  # number of messages whose channel description is lost
 
     @property
     def share_read(self) -> float:

@@ -65,35 +65,21 @@ def load_board(protocol: str, array: str) -> RecordedBoard:
 
 @dataclass(frozen=True)
 class Header:
-    """Description of one file.
-
-    Attributes
-    ----------
-    pipeline : PipelineParams
-        Parameters with which the events in the file were computed.
-    run : str
-        Identifier shared by all parts of a rotated recording.
-    part : int
-        Number of the part, from 1.
-    fresh : bool
-        The pipeline was new where this file begins; otherwise its state can be reproduced only by replaying
-        the earlier parts, if they exist.
-    hello : bytes
-        Last hello of the board before this file began, as a frame; empty where there was none.
-    measured_hz : float
-        Scan rate as measured before this file began, of a board that does not state it; 0 where it was not.
-    sync_s : float
-        Interval of syncs to disk: the longest loss in a power cut.
-    """
+    """Description of one file."""
 
     source: RecordedBoard
+    # Parameters with which the events in the file were computed
     pipeline: PipelineParams = field(default_factory=PipelineParams)
-    run: str = ""
-    part: int = 1
+    run: str = ""  # identifier shared by all parts of a rotated recording
+    part: int = 1  # from 1
+    # The pipeline was new where this file begins; otherwise its state can be reproduced only by replaying the
+    # earlier parts, if they exist
     fresh: bool = True
+    # Last hello of the board before this file began, as a frame; empty where there was none
     hello: bytes = b""
+    # Scan rate as measured before this file began, of a board that does not state it; 0 where it was not
     measured_hz: float = 0.0
-    sync_s: float = 0.0
+    sync_s: float = 0.0  # interval of syncs to disk: the longest loss in a power cut
 
     def to_metadata(self) -> dict[str, str]:
         """MCAP metadata with a checksum, because MCAP has none for metadata."""

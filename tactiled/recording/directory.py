@@ -19,19 +19,11 @@ _MB = 1e6
 
 @dataclass(frozen=True)
 class Finished:
-    """Finished recording.
-
-    Attributes
-    ----------
-    size_mb : float
-        10^6 bytes.
-    ended_unix_s : float
-        Time of the last write.
-    """
+    """Finished recording."""
 
     path: Path
-    size_mb: float
-    ended_unix_s: float
+    size_mb: float  # 10^6 bytes
+    ended_unix_s: float  # time of the last write
 
 
 def new_name(instant: datetime) -> str:

@@ -24,35 +24,18 @@ from tactiled.version import __version__
 
 @dataclass(frozen=True)
 class RecoveryResult:
-    """Outcome of `recover`: what was saved, and what is missing.
+    """Outcome of `recover`: what was saved, and what is missing."""
 
-    Attributes
-    ----------
-    path : Path
-        The finished file.
-    first_unix_s, last_unix_s : float
-        Epoch times of the saved messages; 0.0 where there are none.
-    lost_bytes : int
-        Bytes of the file after its last whole chunk.
-    lost_s : float
-        Time covered by the incomplete chunk at the end; -1.0 where unknown.
-    is_complete : bool
-        The end of the data was there: nothing is missing at the end.
-    damaged : str
-        Description of what is missing before the end; empty where nothing is.
-    sync_s : float
-        Longest time of data that the recorder had not yet synced to disk.
-    """
-
-    path: Path
+    path: Path  # the finished file
     messages: int
+    # first_unix_s, last_unix_s: epoch times of the saved messages; 0.0 where there are none
     first_unix_s: float
     last_unix_s: float
-    lost_bytes: int
-    lost_s: float
-    is_complete: bool
-    damaged: str
-    sync_s: float
+    lost_bytes: int  # bytes of the file after its last whole chunk
+    lost_s: float  # time covered by the incomplete chunk at the end; -1.0 where unknown
+    is_complete: bool  # the end of the data was there: nothing is missing at the end
+    damaged: str  # description of what is missing before the end; empty where nothing is
+    sync_s: float  # longest time of data that the recorder had not yet synced to disk
 
     def words(self) -> str:
         """Describe the outcome for the user."""

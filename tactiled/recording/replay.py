@@ -18,33 +18,16 @@ from tactiled.recording.writer import ACTIVE
 
 @dataclass(frozen=True)
 class ReplayComparison:
-    """Outcome of the comparison of a replay with the live run.
+    """Outcome of the comparison of a replay with the live run."""
 
-    Attributes
-    ----------
-    compared : int
-        Number of events compared.
-    difference : str
-        Description of the first difference; empty where there is none.
-    dropped_reads : int
-        Reads that the recorder had to drop. Nothing is compared after the first of them.
-    fresh : bool
-        The pipeline was new where the recording begins; otherwise the live detectors had earlier data.
-    damaged_bytes : int
-        Unreadable bytes. Nothing is compared after the first of them.
-    unread : str
-        Description of what cannot be read in finished files; empty where everything can.
-    unfinished : str
-        The same for files that a recorder has not finished.
-    """
-
-    compared: int
-    difference: str
-    dropped_reads: int
+    compared: int  # number of events compared
+    difference: str  # description of the first difference; empty where there is none
+    dropped_reads: int  # reads that the recorder had to drop. Nothing is compared after the first of them
+    # The pipeline was new where the recording begins; otherwise the live detectors had earlier data
     fresh: bool
-    damaged_bytes: int = 0
-    unread: str = ""
-    unfinished: str = ""
+    damaged_bytes: int = 0  # unreadable bytes. Nothing is compared after the first of them
+    unread: str = ""  # description of what cannot be read in finished files; empty where everything can
+    unfinished: str = ""  # the same for files that a recorder has not finished
 
     @property
     def is_good(self) -> bool:

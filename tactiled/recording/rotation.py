@@ -63,30 +63,14 @@ class RecordParams(Params):
 
 @dataclass(frozen=True)
 class RecordingProgress:
-    """State of a recording.
+    """State of a recording."""
 
-    Attributes
-    ----------
-    state : str
-        In ``"no-room"`` and ``"failed"`` nothing is recorded; the recorder retries.
-    reason : str
-        Reason of the state; empty while recording.
-    file : str
-        Finished name of the part being written; empty where there is none.
-    parts : int
-        Number of parts begun so far.
-    bytes_written : int
-        Total over all parts, without data that waits for the next sync.
-    free_mb : float
-        Free space on the disk at the last check.
-    """
-
-    state: RecordingState
-    reason: str
-    file: str
-    parts: int
-    bytes_written: int
-    free_mb: float
+    state: RecordingState  # in ``"no-room"`` and ``"failed"`` nothing is recorded; the recorder retries
+    reason: str  # empty while recording
+    file: str  # finished name of the part being written; empty where there is none
+    parts: int  # number of parts begun so far
+    bytes_written: int  # total over all parts, without data that waits for the next sync
+    free_mb: float  # free space on the disk at the last check
 
 
 OFF = RecordingProgress(state="off", reason="", file="", parts=0, bytes_written=0, free_mb=0.0)

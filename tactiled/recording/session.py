@@ -29,24 +29,14 @@ RETAIN_S = 60.0  # interval of checks for old recordings; filling a part of the 
 
 @dataclass(frozen=True)
 class RecordEntry:
-    """One input of the pipeline and the outputs that it caused.
+    """One input of the pipeline and the outputs that it caused."""
 
-    Attributes
-    ----------
-    cause : Read or Input, optional
-        The input; None for events of the daemon itself, about `board`.
-    hello : Hello, optional
-        Hello of the board as the pipeline knows it afterwards.
-    dropped : tuple of int
-        Reads and bytes that were dropped just before this entry.
-    """
-
-    cause: Read | Input | None
+    cause: Read | Input | None  # the input; None for events of the daemon itself, about `board`
     outputs: Sequence[Output]
-    hello: Hello | None
+    hello: Hello | None  # hello of the board as the pipeline knows it afterwards
     board: str
     unix_offset_s: float
-    dropped: tuple[int, int] = (0, 0)
+    dropped: tuple[int, int] = (0, 0)  # reads and bytes that were dropped just before this entry
 
     @property
     def weight(self) -> tuple[int, int]:

@@ -203,21 +203,11 @@ def _rate_fault(spacing_s: float, options: TableOptions) -> str:
 
 
 class Spacing(NamedTuple):
-    """Spacing of the scans of a log.
+    """Spacing of the scans of a log."""
 
-    Attributes
-    ----------
-    period_s : float
-        Time from scan to scan.
-    longest_s : float
-        Longest usual step; a longer one has missing scans or is a pause.
-    rows : int
-        Rows of a scan: more than 1 where the sensor is slower than its log, and rows repeat it.
-    """
-
-    period_s: float
-    longest_s: float
-    rows: int = 1
+    period_s: float  # time from scan to scan
+    longest_s: float  # longest usual step; a longer one has missing scans or is a pause
+    rows: int = 1  # rows of a scan: more than 1 where the sensor is slower than its log, and rows repeat it
 
 
 def spacing_of(time_s: FloatArray, readings: FloatArray | None = None) -> Spacing:
