@@ -17,36 +17,21 @@ GapCause = Literal["corrupt", "missing", "restart", "disconnect", "rate", "start
 
 @dataclass(frozen=True, eq=False)
 class ScanBlock:
-    """One or more consecutive scans; never straddles a gap.
+    """One or more consecutive scans; never straddles a gap."""
 
-    Attributes
-    ----------
-    volts : (n, channels) float64
-        Readings; NaN where the source had no number.
-    time_s : (n,) float64
-        Estimated instant at which each scan began (host monotonic clock, or the file's own).
-    time_sd_s : (n,) float64
-        Standard deviation of that estimate.
-    index : (n,) int64
-        Scan number since the source began, unwrapped; consecutive inside a block.
-    valid : (n, channels) bool
-        False where a reading is saturated, dead or flagged, so that no conclusion may rest on it.
-    rate_hz : float
-        Nominal scan rate.
-    channel_offset_s : (channels,) float64
-        Delay from the beginning of the scan to the sampling of each channel.
-    late : (n,) bool
-        True for scans that were delivered long after their instant (backlog behind a stall): recorded, but
-        too old to act on.
-    """
-
-    volts: FloatArray
+    volts: FloatArray  # (n, channels): readings; NaN where the source had no number
+    # (n,): estimated instant at which each scan began (host monotonic clock, or the file's own)
     time_s: FloatArray
-    time_sd_s: FloatArray
+    time_sd_s: FloatArray  # (n,): standard deviation of that estimate
+    # (n,): scan number since the source began, unwrapped; consecutive inside a block
     index: NDArray[np.int64]
+    # (n, channels): False where a reading is saturated, dead or flagged, so that no conclusion may rest on it
     valid: NDArray[np.bool_]
-    rate_hz: float
+    rate_hz: float  # nominal scan rate
+    # (channels,): delay from the beginning of the scan to the sampling of each channel
     channel_offset_s: FloatArray
+    # (n,): True for scans that were delivered long after their instant (backlog behind a stall): recorded,
+    # but too old to act on
     late: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
@@ -83,23 +68,14 @@ class ScanBlock:
 
 @dataclass(frozen=True)
 class Gap:
-    """Missing scans between two blocks, or before the first.
+    """Missing scans between two blocks, or before the first."""
 
-    Attributes
-    ----------
-    n_missing : int
-        Number of missing scans; 0 where it cannot be known (restart).
-    cause : str
-        ``"corrupt"`` (bytes arrived damaged), ``"missing"`` (bytes never arrived), ``"restart"`` (the
-        board rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``,
-        ``"command"`` (a command changed the zero or the thresholds).
-    index : int
-        Index of the first scan after the gap.
-    """
-
-    n_missing: int
+    n_missing: int  # 0 where it cannot be known (restart)
+    # ``"corrupt"`` (bytes arrived damaged), ``"missing"`` (bytes never arrived), ``"restart"`` (the board
+    # rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``,
+    # ``"command"`` (a command changed the zero or the thresholds)
     cause: GapCause
-    index: int
+    index: int  # of the first scan after the gap
 
 
 def regular_block(
@@ -147,27 +123,14 @@ class TimedScan(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
-    """Conversion of the frames of a board to readings, from its hello.
-
-    Attributes
-    ----------
-    per_count : float
-        Unit of the array for each count of the frames.
-    full_count : int
-        Largest count of the converter: the true reading may be higher.
-    channel_offset_s : (channels,) float64
-        As in `ScanBlock`.
-    fault_flag : int
-        Flag of a frame none of whose readings is valid; 0 where the layout has none.
-    in_range : callable, optional
-        Returns True for the readings that are not saturated, in place of `full_count`.
-    """
+    """Conversion of the frames of a board to readings, from its hello."""
 
     hello: Hello
-    per_count: float
-    full_count: int
-    channel_offset_s: FloatArray
-    fault_flag: int
+    per_count: float  # unit of the array for each count of the frames
+    full_count: int  # largest count of the converter: the true reading may be higher
+    channel_offset_s: FloatArray  # (channels,): as in `ScanBlock`
+    fault_flag: int  # flag of a frame none of whose readings is valid; 0 where the layout has none
+    # Returns True for the readings that are not saturated, in place of `full_count`
     in_range: Callable[[FloatArray], NDArray[np.bool_]] | None
 
     def readings(self, frames: Sequence[Scan]) -> tuple[FloatArray, NDArray[np.bool_]]:

@@ -19,22 +19,15 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Line:
-    """A line with the covariance of its two ends.
+    """A line with the covariance of its two ends."""
 
-    Attributes
-    ----------
-    x0, x1 : float
-        Ends; `x1 > x0`.
-    y0, y1 : float
-        Mean heights there.
-    var00, var01, var11 : float
-        Covariance of the heights.
-    """
-
+    # x0, x1: ends; `x1 > x0`
     x0: float
     x1: float
+    # y0, y1: mean heights there
     y0: float
     y1: float
+    # var00, var01, var11: covariance of the heights
     var00: float
     var01: float
     var11: float
@@ -66,22 +59,13 @@ class Band(NamedTuple):
 
 
 class Lines(NamedTuple):
-    """Estimate from a set of bands, with and without the limit on the slope.
+    """Estimate from a set of bands, with and without the limit on the slope."""
 
-    Attributes
-    ----------
-    line : Line
-        The estimate.
-    free : Line
-        Mean of the lines with no limit but `steepest`. Where it differs from `line`, the limit decides and
-        not the data; `sd_at` adds the distance.
-    is_steep : bool
-        The bands contradict the limit on the slope; `line` is then equal to `free`.
-    """
-
-    line: Line
+    line: Line  # the estimate
+    # Mean of the lines with no limit but `steepest`. Where it differs from `line`, the limit decides and not
+    # the data; `sd_at` adds the distance
     free: Line
-    is_steep: bool
+    is_steep: bool  # the bands contradict the limit on the slope; `line` is then equal to `free`
 
     def sd_at(self, x: float) -> float:
         """Standard deviation of the height at `x`."""

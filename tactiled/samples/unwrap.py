@@ -5,19 +5,12 @@ from typing import Literal, NamedTuple
 
 
 class CounterStep(NamedTuple):
-    """Relation of a scan to the one before it.
+    """Relation of a scan to the one before it."""
 
-    Attributes
-    ----------
-    kind : {"next", "duplicate", "restart"}
-        "duplicate": this scan or a newer one was counted already; "restart": the counters cannot belong to
-        the same run of the board.
-    n_scans : int
-        Number of scans since the one before, 1 when none is missing; 0 unless `kind` is "next".
-    """
-
+    # "duplicate": this scan or a newer one was counted already; "restart": the counters cannot belong to the
+    # same run of the board
     kind: Literal["next", "duplicate", "restart"]
-    n_scans: int
+    n_scans: int  # number of scans since the one before, 1 when none is missing; 0 unless `kind` is "next"
 
 
 class ScanCounter:
