@@ -9,24 +9,15 @@ from numpy.typing import NDArray
 
 @dataclass(slots=True, eq=False)  # not frozen: on cold caches, such an object takes 20 us to make
 class Scan:
-    """Frame of one pass over all channels.
+    """Frame of one pass over all channels."""
 
-    Attributes
-    ----------
-    sequence : int
-        Sequence number; wraps on the wire. 0 where the layout has none.
-    counts : (channels,) int64 or float64
-        ADC counts; float64 in the unit of the array, NaN included, where the layout carries such readings.
-    ticks : int or None
-        Board clock at the beginning of the scan; wraps on the wire. None where the layout has no ticks.
-    flags : int
-        Bits as named in the layout's ``[flags]``.
-    """
-
-    sequence: int
+    sequence: int  # wraps on the wire. 0 where the layout has none
+    # (channels,): ADC counts; float64 in the unit of the array, NaN included, where the layout carries such
+    # readings
     counts: NDArray[np.int64] | NDArray[np.float64]
+    # Board clock at the beginning of the scan; wraps on the wire. None where the layout has no ticks
     ticks: int | None = None
-    flags: int = 0
+    flags: int = 0  # bits as named in the layout's ``[flags]``
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -84,24 +75,15 @@ Frame = Scan | Hello | Acknowledge | Command
 
 @dataclass(frozen=True)
 class Corrupt:
-    """Bytes that were rejected as a frame.
+    """Bytes that were rejected as a frame."""
 
-    Attributes
-    ----------
-    reason : str
-        ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"length"`` and ``"checksum"``
-        (damaged), ``"type"`` (intact, but no message of the layout: the other end uses another protocol), or
-        ``"value"`` (intact, but a field has an invalid value),
-        ``"terminator"`` (not in its place) or ``"records"`` (no packet of known records).
-    n_bytes : int
-        Number of bytes discarded here, including the delimiter.
-    body : bytes
-        Type and fields of an intact frame that is no message of the layout; otherwise empty.
-    """
-
+    # ``"stuffing"`` (not COBS), ``"overlong"`` (no delimiter in time), ``"length"`` and ``"checksum"``
+    # (damaged), ``"type"`` (intact, but no message of the layout: the other end uses another protocol), or
+    # ``"value"`` (intact, but a field has an invalid value), ``"terminator"`` (not in its place) or
+    # ``"records"`` (no packet of known records)
     reason: str
-    n_bytes: int
-    body: bytes = b""
+    n_bytes: int  # discarded here, including the delimiter
+    body: bytes = b""  # type and fields of an intact frame that is no message of the layout; otherwise empty
 
 
 def values_of(frame: Frame) -> dict[str, Any]:
