@@ -41,29 +41,17 @@ HEAD = ["quantity", "truth", "estimate", "error", "allowed", ""]
 
 @dataclass
 class Host:
-    """Measures of how well this host kept up with the board.
+    """Measures of how well this host kept up with the board."""
 
-    Attributes
-    ----------
-    scans, late, lost : int
-        Scans received; of these, those that the daemon called late; and those that never came.
-    oldest_s : float
-        Largest age of a scan when the daemon had handled it.
-    fits_late : int
-        Groove fits that were not ready in time.
-    missed : int
-        Scan instants that the emulated board missed because it was not computed in time.
-    held_s : float
-        For how long its scene stood still meanwhile.
-    """
-
+    # scans, late, lost: scans received; of these, those that the daemon called late; and those that never
+    # came
     scans: int = 0
     late: int = 0
     lost: int = 0
-    oldest_s: float = 0.0
-    fits_late: int = 0
-    missed: int = 0
-    held_s: float = 0.0
+    oldest_s: float = 0.0  # largest age of a scan when the daemon had handled it
+    fits_late: int = 0  # groove fits that were not ready in time
+    missed: int = 0  # scan instants that the emulated board missed because it was not computed in time
+    held_s: float = 0.0  # for how long its scene stood still meanwhile
 
     def __str__(self) -> str:
         return (

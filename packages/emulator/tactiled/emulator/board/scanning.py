@@ -22,23 +22,13 @@ _TICK_SLACK = 1e-3
 
 @dataclass(frozen=True)
 class Crystal:
-    """Linear clock that starts at `power_up_s` and is too fast by `drift_ppm`.
-
-    Attributes
-    ----------
-    tick_s : float
-        Nominal length of a tick.
-    bits : int
-        Width of the tick counter.
-    start_ticks : int
-        Counter at power-up.
-    """
+    """Linear clock that starts at `power_up_s` and is too fast by `drift_ppm`."""
 
     power_up_s: float
     drift_ppm: float
-    tick_s: float
-    bits: int
-    start_ticks: int = 0
+    tick_s: float  # nominal length of a tick
+    bits: int  # width of the tick counter
+    start_ticks: int = 0  # counter at power-up
 
     def board_s(self, now_s: Seconds) -> Seconds:
         return (now_s - self.power_up_s) * (1.0 + self.drift_ppm * 1e-6)
@@ -71,28 +61,15 @@ class ScanSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ScanTruth:
-    """Truth about one scan instant.
+    """Truth about one scan instant."""
 
-    Attributes
-    ----------
-    index : int
-        Scan instants before this one since the first power-up; does not wrap or restart.
-    sequence, boot : int
-        Sequence number and boot count as on the wire.
-    began_s : float
-        True instant on the host's clock.
-    scene_s : float
-        Scene time of the scan.
-    sent : bool
-        False where the board missed the instant (overrun).
-    """
-
-    index: int
+    index: int  # scan instants before this one since the first power-up; does not wrap or restart
+    # sequence, boot: sequence number and boot count as on the wire
     sequence: int
     boot: int
-    began_s: float
-    scene_s: float
-    sent: bool
+    began_s: float  # true instant on the host's clock
+    scene_s: float  # scene time of the scan
+    sent: bool  # False where the board missed the instant (overrun)
 
 
 class Scanning:

@@ -23,19 +23,11 @@ NOT_MODELLED: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class ModelOption:
-    """A contact model that can be chosen.
-
-    Attributes
-    ----------
-    provides : Mapping
-        Need to measured relative error.
-    refusal : str
-        Reason why it cannot play the scene; empty where it can.
-    """
+    """A contact model that can be chosen."""
 
     name: str
-    provides: Mapping[str, float]
-    refusal: str = ""
+    provides: Mapping[str, float]  # need to measured relative error
+    refusal: str = ""  # reason why it cannot play the scene; empty where it can
 
 
 @dataclass(frozen=True)

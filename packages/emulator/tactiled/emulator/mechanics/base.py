@@ -57,30 +57,15 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class TaxelForces:
-    """Forces on the skin and state of the contact at one instant, for t taxels.
+    """Forces on the skin and state of the contact at one instant, for t taxels."""
 
-    Attributes
-    ----------
-    normal_n : (t,) float64
-        Total normal force, 0 or more.
-    tangential_n : (t, 2) float64
-        Friction force on the skin.
-    side_n : (t, a) float64
-        Normal force on the read-out area at each azimuth, 0 or more (the sensor measures no tension).
-    slipping : (t,) float64
-        Share of the contact area that slips, 0 to 1; 0 without contact.
-    indentation_mm : (t,) float64
-        Approach since first touch of a flat plate.
-    warnings : (t,) int64
-        Bits `BEYOND_REFERENCES`, `NOT_CONVERGED`, `BOTTOMED`.
-    """
-
-    normal_n: FloatArray
-    tangential_n: FloatArray
+    normal_n: FloatArray  # (t,): total normal force, 0 or more
+    tangential_n: FloatArray  # (t, 2): friction force on the skin
+    # (t, a): normal force on the read-out area at each azimuth, 0 or more (the sensor measures no tension)
     side_n: FloatArray
-    slipping: FloatArray
-    indentation_mm: FloatArray
-    warnings: NDArray[np.int64]
+    slipping: FloatArray  # (t,): share of the contact area that slips, 0 to 1; 0 without contact
+    indentation_mm: FloatArray  # (t,): approach since first touch of a flat plate
+    warnings: NDArray[np.int64]  # (t,): bits `BEYOND_REFERENCES`, `NOT_CONVERGED`, `BOTTOMED`
 
 
 class TaxelModel(Protocol):

@@ -29,25 +29,15 @@ _WORST_CONDITION = 1e8
 
 @dataclass(frozen=True)
 class YeohFit:
-    """Constants with intervals and stability; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3.
-
-    Attributes
-    ----------
-    level : float
-        Confidence of each interval from low to high.
-    residual_mpa : float
-        Standard deviation of the measured stress about the fit.
-    stretch : tuple of float
-        Shortest and longest stretch measured.
-    """
+    """Constants with intervals and stability; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3."""
 
     c_mpa: tuple[float, float, float]
     low_mpa: tuple[float, float, float]
     high_mpa: tuple[float, float, float]
-    level: float
-    residual_mpa: float
+    level: float  # confidence of each interval from low to high
+    residual_mpa: float  # standard deviation of the measured stress about the fit
     points: int
-    stretch: tuple[float, float]
+    stretch: tuple[float, float]  # shortest and longest stretch measured
     stability: StableRange
 
     @property

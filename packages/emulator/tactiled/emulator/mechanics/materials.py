@@ -26,40 +26,24 @@ _EXTREME = 1e6  # stretch, and its inverse: the fourth powers in the stress stay
 
 @dataclass(frozen=True, eq=False)
 class Uniaxial:
-    """Stress at uniaxial stretches, arrays of their shape.
+    """Stress at uniaxial stretches, arrays of their shape."""
 
-    Attributes
-    ----------
-    stress_mpa : float64
-        Nominal stress (force over undeformed area), negative in compression.
-    tangent_mpa : float64
-        Derivative of the stress by the stretch.
-    continued : bool
-        The stress is that of the continuation, outside the range in which the constants are valid.
-    """
-
-    stress_mpa: FloatArray
-    tangent_mpa: FloatArray
+    stress_mpa: FloatArray  # nominal stress (force over undeformed area), negative in compression
+    tangent_mpa: FloatArray  # derivative of the stress by the stretch
+    # The stress is that of the continuation, outside the range in which the constants are valid
     continued: BoolArray
 
 
 @dataclass(frozen=True)
 class Yeoh:
-    """Yeoh rubber with the continuation above.
-
-    Attributes
-    ----------
-    c1_mpa, c2_mpa, c3_mpa : float
-        Yeoh constants; c1 > 0.
-    poisson : float
-        At small strain, below 0.5; gives the bulk modulus only.
-    """
+    """Yeoh rubber with the continuation above."""
 
     name: str
+    # c1_mpa, c2_mpa, c3_mpa: Yeoh constants; c1 > 0
     c1_mpa: float
     c2_mpa: float
     c3_mpa: float
-    poisson: float
+    poisson: float  # at small strain, below 0.5; gives the bulk modulus only
     source: str = SOURCE
 
     @property

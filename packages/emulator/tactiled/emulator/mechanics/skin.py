@@ -14,32 +14,17 @@ _REACH_MM = 0.35  # neighbourhood for the slope of a map at a node: two to three
 
 @dataclass(frozen=True, eq=False)
 class SkinCompliance:
-    """Nodes and compliance of a taxel's surface; components are (into the skin, x, y).
+    """Nodes and compliance of a taxel's surface; components are (into the skin, x, y)."""
 
-    Attributes
-    ----------
-    x_mm, y_mm, gap_mm : (n,) float64
-        Surface nodes, and their depth under the apex.
-    area_mm2 : (n,) float64
-        Area of each node.
-    compliance : (3, n, 3, n) float64
-        mm/N.
-    side_azimuth_deg : (s,) float64
-        Azimuths, equally spaced, at which the read-out areas were measured.
-    side : (s, 3, n) float64
-        Force on each area by a force component on each node.
-    gradient : (2, n, n) float64
-        Derivatives along x and y at the nodes of values at the nodes, 1/mm.
-    """
-
+    # x_mm, y_mm, gap_mm: (n,): surface nodes, and their depth under the apex
     x_mm: FloatArray
     y_mm: FloatArray
     gap_mm: FloatArray
-    area_mm2: FloatArray
-    compliance: FloatArray
-    side_azimuth_deg: FloatArray
-    side: FloatArray
-    gradient: FloatArray
+    area_mm2: FloatArray  # (n,): area of each node
+    compliance: FloatArray  # (3, n, 3, n): mm/N
+    side_azimuth_deg: FloatArray  # (s,): azimuths, equally spaced, at which the read-out areas were measured
+    side: FloatArray  # (s, 3, n): force on each area by a force component on each node
+    gradient: FloatArray  # (2, n, n): derivatives along x and y at the nodes of values at the nodes, 1/mm
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, FloatArray], readout: Readout) -> "SkinCompliance":

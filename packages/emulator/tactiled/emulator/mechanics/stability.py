@@ -23,20 +23,11 @@ _SHORTEST, _LONGEST, _STEP = 0.01, 100.0, 0.005
 
 @dataclass(frozen=True)
 class StableRange:
-    """Uniaxial stretches between which a Yeoh energy is valid; 0 and infinity where there is no limit.
+    """Uniaxial stretches between which a Yeoh energy is valid; 0 and infinity where there is no limit."""
 
-    Attributes
-    ----------
-    elliptic : tuple of float
-        Ellipticity is lost outside.
-    rising : tuple of float
-        Nominal stress rises with stretch inside.
-    any_state_excess : float
-        I1 - 3 up to which the material is elliptic in every state, not just uniaxial ones.
-    """
-
-    elliptic: tuple[float, float]
-    rising: tuple[float, float]
+    elliptic: tuple[float, float]  # ellipticity is lost outside
+    rising: tuple[float, float]  # nominal stress rises with stretch inside
+    # I1 - 3 up to which the material is elliptic in every state, not just uniaxial ones
     any_state_excess: float
 
     def covers(self, shortest: float, longest: float) -> bool:

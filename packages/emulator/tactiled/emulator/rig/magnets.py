@@ -12,36 +12,18 @@ _ADC_UT = 0.15  # resolution of a common chip
 
 @dataclass(frozen=True, eq=False)
 class MagnetSkin:
-    """One drawn skin with three field components at each taxel.
+    """One drawn skin with three field components at each taxel."""
 
-    Attributes
-    ----------
-    array : Array
-        Three channels a taxel.
-    linear : (channels, taxels, 3) float64
-        Field for each newton, uT.
-    bend : (channels, taxels) float64
-        Change of the field by the square of the taxel's load, uT/N2.
-    limit : float
-        Field at which a channel has bent to three quarters.
-    creep_s, creep : float
-        Time constant, and part of the field that comes with that delay.
-    temperature_per_k : float
-        Relative change of the field of the magnets.
-    noise : float
-        uT.
-    stiffness : (taxels,) float64
-    """
-
-    array: Array
-    linear: FloatArray
-    bend: FloatArray
-    limit: float
+    array: Array  # three channels a taxel
+    linear: FloatArray  # (channels, taxels, 3): field for each newton, uT
+    bend: FloatArray  # (channels, taxels): change of the field by the square of the taxel's load, uT/N2
+    limit: float  # field at which a channel has bent to three quarters
+    # creep_s, creep: time constant, and part of the field that comes with that delay
     creep_s: float
     creep: float
-    temperature_per_k: float
-    noise: float
-    stiffness: FloatArray
+    temperature_per_k: float  # relative change of the field of the magnets
+    noise: float  # uT
+    stiffness: FloatArray  # (taxels,)
 
     def with_creep(self, times: float) -> Self:
         """Return the skin with so many times the creep."""

@@ -15,17 +15,10 @@ _FRICTION = 0.6
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Forces on the skin over time.
+    """Forces on the skin over time."""
 
-    Attributes
-    ----------
-    time_s : (n,) float64
-    taxels_n : (n, taxels, 3) float64
-        x, y, normal on each taxel.
-    """
-
-    time_s: FloatArray
-    taxels_n: FloatArray
+    time_s: FloatArray  # (n,)
+    taxels_n: FloatArray  # (n, taxels, 3): x, y, normal on each taxel
 
     def wrench(self, array: Array) -> FloatArray:
         """Return force (N) and moment about the origin of the array frame (N mm), (n, 6)."""

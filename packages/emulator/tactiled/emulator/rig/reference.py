@@ -13,31 +13,15 @@ COLUMNS = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSensor:
-    """Six-axis force sensor under the array.
-
-    Attributes
-    ----------
-    late_s : float
-        Its clock reads so much more than that of the log at the same instant.
-    drift_ppm : float
-        Its clock runs so much faster.
-    noise : (6,) float64
-        Standard deviations: N, and N mm.
-    offset : (6,) float64
-        Readings without a load.
-    turn_rad : (3,) float64
-        Small rotation of its axes.
-    shift_mm : (2,) float64
-        Place of its origin in the array frame.
-    """
+    """Six-axis force sensor under the array."""
 
     rate_hz: float
-    late_s: float
-    drift_ppm: float
-    noise: FloatArray
-    offset: FloatArray
-    turn_rad: FloatArray
-    shift_mm: FloatArray
+    late_s: float  # its clock reads so much more than that of the log at the same instant
+    drift_ppm: float  # its clock runs so much faster
+    noise: FloatArray  # (6,): standard deviations: N, and N mm
+    offset: FloatArray  # (6,): readings without a load
+    turn_rad: FloatArray  # (3,): small rotation of its axes
+    shift_mm: FloatArray  # (2,): place of its origin in the array frame
 
     @property
     def rotation(self) -> FloatArray:

@@ -19,63 +19,35 @@ _TYPICAL_N = 2.2  # load of a taxel of nine under 20 N
 
 @dataclass(frozen=True, eq=False)
 class RigSensor:
-    """One drawn sensor.
-
-    Attributes
-    ----------
-    law : str
-        Conductance as a function of the force above the dead zone: a power, or falling or growing slope.
-    bend : float
-        Exponent of "percolation"; relative change of slope at 1 N of the others.
-    dead_n : (channels,) float64
-        Force on an electrode below which it does not conduct.
-    gain : (channels,) float64
-        Of the conductance.
-    share : (channels,) float64
-        Part of the taxel's load that an electrode reads.
-    imbalance, imbalance_slope : float
-        Force on an electrode for each newton of shear towards it, and its relative growth with load.
-    turn_deg : (taxels,) float64
-        By which the electrodes of a taxel are turned.
-    load_crosstalk : float
-        Part of the neighbours' mean force that a taxel reads.
-    volts_crosstalk, neighbour_crosstalk : float
-        Part of a channel's volts that comes from its taxel's mean, and from the neighbours' mean.
-    creep_s, creep : (2,) float64
-        Time constants, and gain for each newton on the taxel.
-    creep_adds : bool
-        Creep adds a delayed force instead of changing the gain.
-    hysteresis : float
-        Gain while unloading, at no load.
-    stiffness : (taxels,) float64
-        Relative stiffness, by which taxels share a load.
-    divider : float
-        Divider resistor times conductance at 1 N.
-    temperature_per_k : float
-        Relative change of conductance.
-    """
+    """One drawn sensor."""
 
     array: Array
+    # Conductance as a function of the force above the dead zone: a power, or falling or growing slope
     law: Law
-    bend: float
-    dead_n: FloatArray
-    gain: FloatArray
-    share: FloatArray
+    bend: float  # exponent of "percolation"; relative change of slope at 1 N of the others
+    dead_n: FloatArray  # (channels,): force on an electrode below which it does not conduct
+    gain: FloatArray  # (channels,): of the conductance
+    share: FloatArray  # (channels,): part of the taxel's load that an electrode reads
+    # imbalance, imbalance_slope: force on an electrode for each newton of shear towards it, and its relative
+    # growth with load
     imbalance: float
     imbalance_slope: float
-    turn_deg: FloatArray
-    load_crosstalk: float
+    turn_deg: FloatArray  # (taxels,): by which the electrodes of a taxel are turned
+    load_crosstalk: float  # part of the neighbours' mean force that a taxel reads
+    # volts_crosstalk, neighbour_crosstalk: part of a channel's volts that comes from its taxel's mean, and
+    # from the neighbours' mean
     volts_crosstalk: float
     neighbour_crosstalk: float
+    # creep_s, creep: (2,): time constants, and gain for each newton on the taxel
     creep_s: FloatArray
     creep: FloatArray
-    creep_adds: bool
-    hysteresis: float
-    stiffness: FloatArray
-    divider: float
+    creep_adds: bool  # creep adds a delayed force instead of changing the gain
+    hysteresis: float  # gain while unloading, at no load
+    stiffness: FloatArray  # (taxels,): relative stiffness, by which taxels share a load
+    divider: float  # divider resistor times conductance at 1 N
     supply_v: float
     noise_v: float
-    temperature_per_k: float
+    temperature_per_k: float  # relative change of conductance
 
     def with_creep(self, times: float) -> Self:
         """Return the sensor with so many times the creep."""

@@ -18,20 +18,12 @@ TEST_S = 60.0
 
 @dataclass(frozen=True, eq=False)
 class RigRun:
-    """One motion with what both sensors read.
-
-    Attributes
-    ----------
-    readings : (n, channels) float64
-    reference_s : (m,) float64
-        In the reference's clock.
-    reference : (m, 6) float64
-    """
+    """One motion with what both sensors read."""
 
     loads: Loads
-    readings: FloatArray
-    reference_s: FloatArray
-    reference: FloatArray
+    readings: FloatArray  # (n, channels)
+    reference_s: FloatArray  # (m,): in the reference's clock
+    reference: FloatArray  # (m, 6)
 
 
 class DrawnSensor(Protocol):

@@ -68,19 +68,12 @@ class TaxelModelBuilder(Protocol):
 
 @dataclass(frozen=True)
 class TaxelModelEntry:
-    """A physical contact model as scenes choose it.
-
-    Attributes
-    ----------
-    provides : dict
-        Need (see `description.Need`) to measured relative error: ``PROVIDES`` of the module.
-    step_s : float
-        Step of its time grid.
-    """
+    """A physical contact model as scenes choose it."""
 
     build: TaxelModelBuilder
+    # Need (see `description.Need`) to measured relative error: ``PROVIDES`` of the module
     provides: Mapping[str, float]
-    step_s: float
+    step_s: float  # step of its time grid
 
 
 TAXEL_MODELS: dict[str, TaxelModelEntry] = {

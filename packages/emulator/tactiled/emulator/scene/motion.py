@@ -99,33 +99,23 @@ class Segment:
 
 @dataclass(frozen=True)
 class MotionState:
-    """State of the skin at given instants; all arrays have their shape.
+    """State of the skin at given instants; all arrays have their shape."""
 
-    Attributes
-    ----------
-    load_n : total normal load
-    travel_x_mm, travel_y_mm : travel of the skin over the surface since the scene began
-    speed_mm_s : speed along `direction_deg`
-    direction_deg : direction of the phase's motion; of the last motion where nothing moves
-    shear_x, shear_y : tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
-    turn_deg : angle by which the skin has turned about the middle of the array
-    pull_x_n, pull_y_n : tangential load of a held object, in the direction in which the skin would slip
-    friction_part : friction of a held object over that of its plate
-    phase : number of the scene's phase
-    """
-
-    load_n: FloatArray
+    load_n: FloatArray  # total normal load
+    # travel_x_mm, travel_y_mm: travel of the skin over the surface since the scene began
     travel_x_mm: FloatArray
     travel_y_mm: FloatArray
-    speed_mm_s: FloatArray
-    direction_deg: FloatArray
+    speed_mm_s: FloatArray  # speed along `direction_deg`
+    direction_deg: FloatArray  # direction of the phase's motion; of the last motion where nothing moves
+    # shear_x, shear_y: tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
     shear_x: FloatArray
     shear_y: FloatArray
-    turn_deg: FloatArray
+    turn_deg: FloatArray  # angle by which the skin has turned about the middle of the array
+    # pull_x_n, pull_y_n: tangential load of a held object, in the direction in which the skin would slip
     pull_x_n: FloatArray
     pull_y_n: FloatArray
-    friction_part: FloatArray
-    phase: NDArray[np.int64]
+    friction_part: FloatArray  # friction of a held object over that of its plate
+    phase: NDArray[np.int64]  # number of the scene's phase
 
 
 class SceneMotion:

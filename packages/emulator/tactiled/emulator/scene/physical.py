@@ -33,27 +33,14 @@ _SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _PEAK = 0, 1, slice(2, 4), slice
 
 @dataclass(frozen=True, eq=False)
 class ContactState:
-    """Truth at n instants, for t taxels.
+    """Truth at n instants, for t taxels."""
 
-    Attributes
-    ----------
-    normal_n : (n, t)
-    tangential_n : (n, t, 2)
-        Friction on the skin, against its motion.
-    slipping : (n, t)
-        Share of each taxel's contact area that slips.
-    slipping_share : (n,)
-        Share of the whole contact area that slips.
-    load_n : (n,)
-    travel_mm, velocity_mm_s : (n, 2)
-        Of the middle of the array over the surface.
-    """
-
-    normal_n: FloatArray
-    tangential_n: FloatArray
-    slipping: FloatArray
-    slipping_share: FloatArray
-    load_n: FloatArray
+    normal_n: FloatArray  # (n, t)
+    tangential_n: FloatArray  # (n, t, 2): friction on the skin, against its motion
+    slipping: FloatArray  # (n, t): share of each taxel's contact area that slips
+    slipping_share: FloatArray  # (n,): share of the whole contact area that slips
+    load_n: FloatArray  # (n,)
+    # travel_mm, velocity_mm_s: (n, 2): of the middle of the array over the surface
     travel_mm: FloatArray
     velocity_mm_s: FloatArray
 

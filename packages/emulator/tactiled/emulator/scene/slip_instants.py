@@ -16,24 +16,14 @@ _MOST_EPISODES = 10_000  # kept: an hour of stick-slip at 3 Hz
 
 @dataclass
 class SlipEpisode:
-    """One time that a tenth or more of the contact slipped.
+    """One time that a tenth or more of the contact slipped."""
 
-    Attributes
-    ----------
-    shear_s : float
-        The tangential load began to grow.
-    incipient_s, gross_s : float or None
-        10 % of the contact slips; 90 % slips, None where that share was not reached.
-    end_s : float or None
-        Less than 10 % slips again; None while it continues.
-    x_mm, y_mm : float
-        First half millimetre of travel since `incipient_s`.
-    """
-
-    shear_s: float
+    shear_s: float  # the tangential load began to grow
+    # incipient_s, gross_s: 10 % of the contact slips; 90 % slips, None where that share was not reached
     incipient_s: float
     gross_s: float | None = None
-    end_s: float | None = None
+    end_s: float | None = None  # less than 10 % slips again; None while it continues
+    # x_mm, y_mm: first half millimetre of travel since `incipient_s`
     x_mm: float = 0.0
     y_mm: float = 0.0
 

@@ -34,25 +34,14 @@ class TruePhase:
 
 @dataclass(frozen=True)
 class TrueSlip:
-    """Motion of the skin over the surface from `onset_s` to `end_s`.
+    """Motion of the skin over the surface from `onset_s` to `end_s`."""
 
-    Attributes
-    ----------
-    onset_s : float
-        Beginning of the motion with contact model `signal`; `incipient_s` with a physical one.
-    end_s : float
-        Infinite while the slip continues.
-    direction_deg : float or None
-        At the beginning; None where the skin turned on the spot.
-    shear_s, incipient_s, gross_s : float or None
-        The tangential load begins to grow; 10 % and 90 % of the contact area slip. None for prescribed
-        signals; `gross_s` also where slip did not become gross.
-    """
-
-    onset_s: float
-    end_s: float
-    direction_deg: float | None
+    onset_s: float  # beginning of the motion with contact model `signal`; `incipient_s` with a physical one
+    end_s: float  # infinite while the slip continues
+    direction_deg: float | None  # at the beginning; None where the skin turned on the spot
     surface: FlatPlate | GroovedPlate
+    # shear_s, incipient_s, gross_s: the tangential load begins to grow; 10 % and 90 % of the contact area
+    # slip. None for prescribed signals; `gross_s` also where slip did not become gross
     shear_s: float | None = None
     incipient_s: float | None = None
     gross_s: float | None = None
