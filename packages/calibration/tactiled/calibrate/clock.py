@@ -37,21 +37,12 @@ def pressure(log: BinnedLog, array: Array) -> FloatArray:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Offset of the clocks of a log and its reference.
+    """Offset of the clocks of a log and its reference."""
 
-    Attributes
-    ----------
-    late_s : float
-        As `AlignedReference.means` takes it.
-    sd_s : float
-        Standard deviation; 0 where the clocks were said to be one.
-    correlation : float
-        Of pressure and normal force: negative where the force falls when the array is pressed. Without a
-        normal force, 1.
-    """
-
-    late_s: float
-    sd_s: float
+    late_s: float  # as `AlignedReference.means` takes it
+    sd_s: float  # standard deviation; 0 where the clocks were said to be one
+    # Of pressure and normal force: negative where the force falls when the array is pressed. Without a normal
+    # force, 1
     correlation: float
 
 

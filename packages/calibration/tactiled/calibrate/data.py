@@ -28,21 +28,11 @@ _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of ot
 
 @dataclass(frozen=True, eq=False)
 class ReferenceTable:
-    """Record of a force sensor.
+    """Record of a force sensor."""
 
-    Attributes
-    ----------
-    time_s : (m,) float64
-        In its own clock, increasing.
-    values : (m, 6) float64
-        fx, fy, fz (N), tx, ty, tz (N mm); NaN for columns that it does not have.
-    taxel : (m,) int64
-        Only taxel that is pressed; `NO_TAXEL` where that is not known.
-    """
-
-    time_s: FloatArray
-    values: FloatArray
-    taxel: NDArray[np.int64]
+    time_s: FloatArray  # (m,): in its own clock, increasing
+    values: FloatArray  # (m, 6): fx, fy, fz (N), tx, ty, tz (N mm); NaN for columns that it does not have
+    taxel: NDArray[np.int64]  # (m,): only taxel that is pressed; `NO_TAXEL` where that is not known
 
     @property
     def outputs(self) -> list[int]:
@@ -61,37 +51,18 @@ class ReferenceTable:
 
 @dataclass(frozen=True, eq=False)
 class BinnedLog:
-    """Readings averaged over bins.
+    """Readings averaged over bins."""
 
-    Attributes
-    ----------
-    start_s, end_s : (n,) float64
-        Ends of each bin, from the log's first scan.
-    middle_s : (n,) float64
-        Mean instant of the scans in it.
-    readings : (n, channels) float64
-        Relative to zero, finite.
-    zero : (channels,) float64
-        Readings without a load.
-    zero_sd : float
-        Standard deviation of the zero of a channel.
-    noise : (channels,) float64
-        Standard deviation of a scan's white noise.
-    bin_scans : int
-        Scans in a bin.
-    are_poses : bool
-        The bins are static poses in any order, one scan each: creep cannot be told.
-    """
-
+    # start_s, end_s: (n,): ends of each bin, from the log's first scan
     start_s: FloatArray
     end_s: FloatArray
-    middle_s: FloatArray
-    readings: FloatArray
-    zero: FloatArray
-    zero_sd: float
-    noise: FloatArray
-    bin_scans: int
-    are_poses: bool = False
+    middle_s: FloatArray  # (n,): mean instant of the scans in it
+    readings: FloatArray  # (n, channels): relative to zero, finite
+    zero: FloatArray  # (channels,): readings without a load
+    zero_sd: float  # standard deviation of the zero of a channel
+    noise: FloatArray  # (channels,): standard deviation of a scan's white noise
+    bin_scans: int  # scans in a bin
+    are_poses: bool = False  # the bins are static poses in any order, one scan each: creep cannot be told
 
     def __len__(self) -> int:
         return len(self.readings)

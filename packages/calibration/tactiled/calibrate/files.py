@@ -24,21 +24,12 @@ _LEAST_ROWS = 20
 
 @dataclass(frozen=True, eq=False)
 class ArrayLog:
-    """Readings of an array.
-
-    Attributes
-    ----------
-    time_s : (n,) float64
-    readings : (n, channels) float64
-        NaN where missing or not valid.
-    board : str
-        Serial number; empty where it is not known.
-    """
+    """Readings of an array."""
 
     array: Array
-    time_s: FloatArray
-    readings: FloatArray
-    board: str = ""
+    time_s: FloatArray  # (n,)
+    readings: FloatArray  # (n, channels): NaN where missing or not valid
+    board: str = ""  # serial number; empty where it is not known
 
 
 def read_log(

@@ -22,18 +22,10 @@ _QUIET_SCANS = 20  # of the beginning, whose spread is the noise
 
 @dataclass(frozen=True)
 class Advice:
-    """Next motion, and how well each sensitivity would be known now.
+    """Next motion, and how well each sensitivity would be known now."""
 
-    Attributes
-    ----------
-    motion : str
-        Empty where nothing is lacking.
-    sd : dict of str to float
-        Relative standard deviations: "normal", "shear x", "shear y", "taxel 0", ...
-    """
-
-    motion: str
-    sd: dict[str, float]
+    motion: str  # empty where nothing is lacking
+    sd: dict[str, float]  # relative standard deviations: "normal", "shear x", "shear y", "taxel 0", ...
 
     @property
     def worst(self) -> float:

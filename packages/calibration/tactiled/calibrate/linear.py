@@ -17,38 +17,20 @@ from tactiled.array import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """Gaussian prior of the weights of one force component.
+    """Gaussian prior of the weights of one force component."""
 
-    Attributes
-    ----------
-    mean : (features,) float64
-    precision : (features, features) float64
-    """
-
-    mean: FloatArray
-    precision: FloatArray
+    mean: FloatArray  # (features,)
+    precision: FloatArray  # (features, features)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """Posterior of the weights.
+    """Posterior of the weights."""
 
-    Attributes
-    ----------
-    weights : (3, features) float64
-        For fx, fy, fz.
-    covariance : tuple of (features, features) float64
-        Of the weights of fx, fy and fz.
-    offset : (6,) float64
-        Of the reference.
-    prior_loss : (rows,) float64
-        Whitened differences of the weights from their prior.
-    """
-
-    weights: FloatArray
-    covariance: tuple[FloatArray, FloatArray, FloatArray]
-    offset: FloatArray
-    prior_loss: FloatArray
+    weights: FloatArray  # (3, features): for fx, fy, fz
+    covariance: tuple[FloatArray, FloatArray, FloatArray]  # of the weights of fx, fy and fz
+    offset: FloatArray  # (6,): of the reference
+    prior_loss: FloatArray  # (rows,): whitened differences of the weights from their prior
 
 
 class Regression:

@@ -57,26 +57,14 @@ _KNOTS = 200  # of the tabulated curve: its error is below 1e-4 of the load
 
 @dataclass(frozen=True, eq=False)
 class PairsFit:
-    """Fitted model.
-
-    Attributes
-    ----------
-    physics : dict of str to float
-    regression : Regression
-        Of all rows, at these parameters.
-    features : (n, features) float64
-    sd : (6,) float64
-        Standard deviations of the residuals.
-    rows : (n,) bool
-        Bins that were used.
-    """
+    """Fitted model."""
 
     physics: dict[str, float]
     linear: LinearFit
-    regression: Regression
-    features: FloatArray
-    sd: FloatArray
-    rows: NDArray[np.bool_]
+    regression: Regression  # of all rows, at these parameters
+    features: FloatArray  # (n, features)
+    sd: FloatArray  # (6,): standard deviations of the residuals
+    rows: NDArray[np.bool_]  # (n,): bins that were used
 
 
 class PairsFitter:

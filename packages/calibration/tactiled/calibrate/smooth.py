@@ -52,31 +52,15 @@ CHOICES = (FeatureTerms(squares=False), PLAIN, FeatureTerms(creep=True), Feature
 
 @dataclass(frozen=True, eq=False)
 class SmoothFit:
-    """Fitted regression.
-
-    Attributes
-    ----------
-    kinds : SmoothFeatures
-        The terms, scaled to the readings.
-    weights : (6, features) float64
-        0 in rows that the reference does not have.
-    covariance : tuple of (features, features) float64
-        Of the weights of fx, fy, fz, for residuals of 1.
-    features : (n, features) float64
-        Of all bins.
-    of_zero : (6,) float64
-        Mean squares of the errors that an error of the zero causes.
-    left_out : (n, 6) float64
-        Differences from the reference in the folds; 0 in bins that were not used.
-    """
+    """Fitted regression."""
 
     terms: FeatureTerms
-    kinds: SmoothFeatures
-    weights: FloatArray
-    covariance: tuple[FloatArray, FloatArray, FloatArray]
-    features: FloatArray
-    of_zero: FloatArray
-    left_out: FloatArray
+    kinds: SmoothFeatures  # the terms, scaled to the readings
+    weights: FloatArray  # (6, features): 0 in rows that the reference does not have
+    covariance: tuple[FloatArray, FloatArray, FloatArray]  # of the weights of fx, fy, fz, for residuals of 1
+    features: FloatArray  # (n, features): of all bins
+    of_zero: FloatArray  # (6,): mean squares of the errors that an error of the zero causes
+    left_out: FloatArray  # (n, 6): differences from the reference in the folds; 0 in bins that were not used
 
     def params(self, array: Array, used: list[int]) -> SmoothModelParams:
         """Return the model as it goes into a file; unknown moments follow from forces and places."""

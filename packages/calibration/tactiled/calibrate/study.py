@@ -64,38 +64,19 @@ class FittedModel:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationStudy:
-    """Results of a calibration.
-
-    Attributes
-    ----------
-    late_s : float
-        Clock of the reference minus that of the log.
-    late_sd_s : float
-        Its standard deviation; 0 for one clock.
-    drift_ppm : float
-        Excess of the reference's clock rate.
-    model : str
-        "pairs" or "smooth".
-    time_s : (n,) float64
-        Middle of the bins that were used, from the log's first scan.
-    reference, left_out : (n, 6) float64
-        Without offset; and the differences where the bin was left out of the fit.
-    sd : (n, 3) float64
-        Stated standard deviations.
-    baseline : (6,) float64
-        Rms differences of ridge regression with squares in the folds.
-    """
+    """Results of a calibration."""
 
     file: CalibrationFile
-    late_s: float
-    late_sd_s: float
-    drift_ppm: float
-    model: str
-    time_s: FloatArray
+    late_s: float  # clock of the reference minus that of the log
+    late_sd_s: float  # its standard deviation; 0 for one clock
+    drift_ppm: float  # excess of the reference's clock rate
+    model: str  # "pairs" or "smooth"
+    time_s: FloatArray  # (n,): middle of the bins that were used, from the log's first scan
+    # reference, left_out: (n, 6): without offset; and the differences where the bin was left out of the fit
     reference: FloatArray
     left_out: FloatArray
-    sd: FloatArray
-    baseline: FloatArray
+    sd: FloatArray  # (n, 3): stated standard deviations
+    baseline: FloatArray  # (6,): rms differences of ridge regression with squares in the folds
     used: list[int]
     pairs: tuple[PairsFitter, PairsFit] | None
     """Fit of the model of pairs, where the array allows it."""

@@ -23,21 +23,13 @@ _LEAST_SCALE = 0.7  # folds never make the stated deviation much smaller than th
 
 @dataclass(frozen=True, eq=False)
 class AxisUncertainty:
-    """Standard deviation of one component.
+    """Standard deviation of one component."""
 
-    Attributes
-    ----------
-    factor : (rank, features) float64
-        Its products with the features are independent errors.
-    covariance : (features, features) float64
-        Of the weights, scaled as the rest.
-    """
-
-    factor: FloatArray
+    factor: FloatArray  # (rank, features): its products with the features are independent errors
     floor_n: float
     own: float
     of_normal: float
-    covariance: FloatArray
+    covariance: FloatArray  # (features, features): of the weights, scaled as the rest
 
     def variance(self, features: FloatArray, force: FloatArray, normal: FloatArray) -> FloatArray:
         """Variance (n,) for features (n, features) and forces (n,)."""
