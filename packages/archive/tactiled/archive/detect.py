@@ -36,24 +36,14 @@ _GROUP_EVENTS = 10_000
 
 @dataclass(frozen=True)
 class FileJob:
-    """Analysis of one file, in a form that any worker can do.
+    """Analysis of one file, in a form that any worker can do."""
 
-    Attributes
-    ----------
-    file : str
-        Name in the table.
-    path : Path
-        Absolute.
-    version : str
-        Of the tactiled that asks.
-    """
-
-    file: str
-    path: Path
+    file: str  # name in the table
+    path: Path  # absolute
     array: str | None
     rate_hz: float | None
     choices: Choices
-    version: str = __version__
+    version: str = __version__  # of the tactiled that asks
 
     @classmethod
     def for_any_worker(
@@ -88,20 +78,14 @@ class FileJob:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a run over many files.
+    """Result of a run over many files."""
 
-    Attributes
-    ----------
-    n_files, n_resumed, n_events : int
-        Files in the table, those of them whose rows an earlier run had left, and events.
-    failed : tuple of (str, str)
-        Files that could not be analysed, and why.
-    """
-
+    # n_files, n_resumed, n_events: files in the table, those of them whose rows an earlier run had left, and
+    # events
     n_files: int
     n_resumed: int
     n_events: int
-    failed: tuple[tuple[str, str], ...]
+    failed: tuple[tuple[str, str], ...]  # files that could not be analysed, and why
 
     def words(self, to: Path) -> str:
         """Describe the outcome in a line."""

@@ -18,21 +18,14 @@ State = Literal["copied", "there already", "repaired", "failed"]
 
 @dataclass(frozen=True)
 class Copy:
-    """Outcome for one recording.
-
-    Attributes
-    ----------
-    state : {"copied", "there already", "repaired", "failed"}
-        All but the last are confirmed: the store had these bytes when they were read back. "there already"
-        was read back now only where the recording is to be removed here; "repaired" is a damaged copy that
-        was made anew.
-    reason : str
-        Why it failed; else empty.
-    """
+    """Outcome for one recording."""
 
     path: Path
+    # All but the last are confirmed: the store had these bytes when they were read back. "there already" was
+    # read back now only where the recording is to be removed here; "repaired" is a damaged copy that was made
+    # anew
     state: State
-    reason: str = ""
+    reason: str = ""  # why it failed; else empty
 
 
 def recordings(directory: Path) -> list[Path]:

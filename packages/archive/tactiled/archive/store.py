@@ -24,40 +24,21 @@ Health = Literal["whole", "damaged", "unconfirmed", "unreadable"]
 
 @dataclass(frozen=True)
 class StoredRecording:
-    """Recording in a store.
+    """Recording in a store."""
 
-    Attributes
-    ----------
-    name : str
-        Path below the folder, as the store gives it: unchecked.
-    remote : str
-        Path in the store.
-    n_bytes : int
-        Size that the store states.
-    sha256 : str
-        Digest that was confirmed when the copy was made; empty where none is.
-    """
-
-    name: str
-    remote: str
-    n_bytes: int
-    sha256: str
+    name: str  # path below the folder, as the store gives it: unchecked
+    remote: str  # path in the store
+    n_bytes: int  # size that the store states
+    sha256: str  # digest that was confirmed when the copy was made; empty where none is
 
 
 @dataclass(frozen=True)
 class Examined:
-    """Outcome of reading a stored recording back.
-
-    Attributes
-    ----------
-    health : {"whole", "damaged", "unconfirmed", "unreadable"}
-    reason : str
-        Why the copy is not whole; else empty.
-    """
+    """Outcome of reading a stored recording back."""
 
     recording: StoredRecording
     health: Health
-    reason: str = ""
+    reason: str = ""  # why the copy is not whole; else empty
 
 
 def open_store(url: str, option: str = "--to", *, must_last: bool = False) -> tuple[AbstractFileSystem, str]:
