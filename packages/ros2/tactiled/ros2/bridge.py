@@ -47,27 +47,14 @@ Report = Callable[[dict[str, Any]], None]
 
 @dataclass(frozen=True)
 class BridgeParams:
-    """Parameters of a bridge.
+    """Parameters of a bridge."""
 
-    Attributes
-    ----------
-    endpoints : sequence of str
-        Endpoints for events of the daemons.
-    namespace : str
-        Namespace of node, topics and services, without leading slash.
-    frames : mapping of str to str
-        ``frame_id`` by serial number of a board; ``tactile_`` and the number where it has none.
-    allow_commands : bool
-        Offer services: DDS does not tell who calls them.
-    keys : path, optional
-        File of this client from `tactiled keys make`.
-    """
-
-    endpoints: Sequence[str]
-    namespace: str = "tactile"
+    endpoints: Sequence[str]  # endpoints for events of the daemons
+    namespace: str = "tactile"  # namespace of node, topics and services, without leading slash
+    # ``frame_id`` by serial number of a board; ``tactile_`` and the number where it has none
     frames: Mapping[str, str] = field(default_factory=dict)
-    allow_commands: bool = False
-    keys: Path | None = None
+    allow_commands: bool = False  # offer services: DDS does not tell who calls them
+    keys: Path | None = None  # file of this client from `tactiled keys make`
 
 
 class BoardTopics:

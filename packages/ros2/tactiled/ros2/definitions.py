@@ -14,25 +14,13 @@ _FIELD = re.compile(
 
 @dataclass(frozen=True)
 class RosField:
-    """Field of a message.
-
-    Attributes
-    ----------
-    kind : str
-        Primitive type, or full name of a message type.
-    size : int, optional
-        None for one value, 0 for a sequence, otherwise the length of a fixed array.
-    bound : int
-        Longest string; 0 where there is no bound.
-    most : int
-        Longest sequence; 0 where there is no bound.
-    """
+    """Field of a message."""
 
     name: str
-    kind: str
-    size: int | None = None
-    bound: int = 0
-    most: int = 0
+    kind: str  # primitive type, or full name of a message type
+    size: int | None = None  # None for one value, 0 for a sequence, otherwise the length of a fixed array
+    bound: int = 0  # longest string; 0 where there is no bound
+    most: int = 0  # longest sequence; 0 where there is no bound
 
 
 @dataclass(frozen=True)

@@ -17,18 +17,10 @@ Level = Literal["ok", "warn", "error", "stale"]
 
 @dataclass
 class BoardFreshness:
-    """State of one board.
+    """State of one board."""
 
-    Attributes
-    ----------
-    status : mapping
-        Newest status; empty before the first one.
-    dropped : int
-        Number of messages that were too old to be published.
-    """
-
-    status: Mapping[str, Any] = field(default_factory=dict)
-    dropped: int = 0
+    status: Mapping[str, Any] = field(default_factory=dict)  # newest status; empty before the first one
+    dropped: int = 0  # number of messages that were too old to be published
     _status_s: float = float("-inf")
     _status_age_s: float = 0.0
 
