@@ -45,25 +45,14 @@ Put = Callable[[bytes, bytes | None], None]
 
 @dataclass(frozen=True)
 class ZenohBridgeParams:
-    """Messages to forward, and the name to forward them under.
-
-    Attributes
-    ----------
-    endpoint : str
-        Endpoint of the daemon's events.
-    host : str
-        Name of this host in the keys.
-    scan_rate_hz : float, optional
-        Highest rate of the topics of each scan; 0: none of them; left out: every message.
-    keys : Path, optional
-        Key file for the daemon, where its endpoint needs one.
-    """
+    """Messages to forward, and the name to forward them under."""
 
     endpoint: str
-    host: str
+    host: str  # in the keys
+    # Highest rate of the topics of each scan; 0: none of them; left out: every message
     scan_rate_hz: float | None = None
     allow_commands: bool = False
-    keys: Path | None = None
+    keys: Path | None = None  # key file for the daemon, where its endpoint needs one
 
 
 def wait_for_session(config: "zenoh.Config", is_ended: Callable[[], bool]) -> "zenoh.Session | None":

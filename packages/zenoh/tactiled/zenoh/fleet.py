@@ -31,40 +31,22 @@ _UNNAMED = "-"  # stands in topics for a board that has not said its name yet
 
 @dataclass(frozen=True)
 class FleetRow:
-    """One board of the list.
-
-    Attributes
-    ----------
-    state : str
-        As in its status; ``silent``: the host has a bridge but its daemon does not answer; ``gone``: it was
-        on the network before; ``missing``: it is expected and was never there.
-    valid : bool
-        Fresh scans arrive.
-    age_s : float
-        Age of the newest scan when it was asked for, seconds; -1 where unknown.
-    utilisation : float
-        Part of the friction limit that is in use; -1 without contact or without `grip` messages.
-    loss_ppm : float
-        Scans missing per million; -1 where they are not counted.
-    recording : str
-        State of the recording.
-    free_mb : float
-        Free disk space for recordings; -1 where none is made.
-    reason : str
-        Why it is not valid, or the warning.
-    """
+    """One board of the list."""
 
     host: str
     board: str
+    # As in its status; ``silent``: the host has a bridge but its daemon does not answer; ``gone``: it was on
+    # the network before; ``missing``: it is expected and was never there
     state: str
-    valid: bool = False
-    age_s: float = -1.0
+    valid: bool = False  # fresh scans arrive
+    age_s: float = -1.0  # age of the newest scan when it was asked for, seconds; -1 where unknown
+    # Part of the friction limit that is in use; -1 without contact or without `grip` messages
     utilisation: float = -1.0
-    loss_ppm: float = -1.0
+    loss_ppm: float = -1.0  # scans missing per million; -1 where they are not counted
     firmware: str = ""
     recording: str = ""
-    free_mb: float = -1.0
-    reason: str = ""
+    free_mb: float = -1.0  # free disk space for recordings; -1 where none is made
+    reason: str = ""  # why it is not valid, or the warning
 
     def as_map(self) -> dict[str, Any]:
         """Return a plain map for JSON."""
