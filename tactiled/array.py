@@ -210,53 +210,31 @@ class ArrayFile(Params):
 
 @dataclass(frozen=True, eq=False)
 class Array:
-    """Tactile array.
-
-    Attributes
-    ----------
-    x_mm, y_mm : (taxels,) float64
-    pad : (taxels,) int64
-        Number of the rigid pad that a taxel belongs to.
-    channel_taxel : (channels,) int64
-    channel_kind : tuple of str, one for each channel
-    channel_name : tuple of str, one for each channel
-    azimuth_deg : (channels,) float64
-        Place of a side channel around its taxel; direction of motion that raises a shear channel (before its
-        sign); NaN for a normal channel.
-    sign : (channels,) float64
-    has_places : bool
-        False where the places are not known; they are then all 0.
-    unit : str
-        Unit of the readings.
-    low, high : float
-        Limits of the readings; `high` itself is a saturated reading of a channel that rises under load.
-    zero : (channels,) float64
-        Readings without a load.
-    zero_first_s : float
-        Time at the beginning of the data whose mean is the zero instead; 0 for none.
-    shear_per_friction : float
-        Reading of shear over reading of pressure where tangential and normal load are equal.
-    contact : ContactLevels or None
-        None where noise and range of the channels decide.
-    """
+    """Tactile array."""
 
     name: str
+    # x_mm, y_mm: (taxels,)
     x_mm: FloatArray
     y_mm: FloatArray
-    pad: NDArray[np.int64]
-    channel_taxel: NDArray[np.int64]
-    channel_kind: tuple[Kind, ...]
-    channel_name: tuple[str, ...]
+    pad: NDArray[np.int64]  # (taxels,): number of the rigid pad that a taxel belongs to
+    channel_taxel: NDArray[np.int64]  # (channels,)
+    channel_kind: tuple[Kind, ...]  # one for each channel
+    channel_name: tuple[str, ...]  # one for each channel
+    # (channels,): place of a side channel around its taxel; direction of motion that raises a shear channel
+    # (before its sign); NaN for a normal channel
     azimuth_deg: FloatArray
-    sign: FloatArray
-    has_places: bool
+    sign: FloatArray  # (channels,)
+    has_places: bool  # False where the places are not known; they are then all 0
     unit: Unit
+    # low, high: limits of the readings; `high` itself is a saturated reading of a channel that rises under
+    # load
     low: float
     high: float
-    zero: FloatArray
-    zero_first_s: float
+    zero: FloatArray  # (channels,): readings without a load
+    zero_first_s: float  # time at the beginning of the data whose mean is the zero instead; 0 for none
+    # Reading of shear over reading of pressure where tangential and normal load are equal
     shear_per_friction: float
-    contact: ContactLevels | None
+    contact: ContactLevels | None  # None where noise and range of the channels decide
 
     @property
     def full_scale(self) -> float:
