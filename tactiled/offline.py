@@ -49,51 +49,28 @@ _NO_READING_PART = 0.5
 
 @dataclass(frozen=True)
 class Choices:
-    """Options of `detect` for one log: what is known of it, and what is wanted from it.
+    """Options of `detect` for one log: what is known of it, and what is wanted from it."""
 
-    Attributes
-    ----------
-    speed_mm_s, direction_deg : float, optional
-        Motion of the skin, for texture.
-    period_mm : tuple of float, optional
-        Shortest and longest groove period.
-    max_tilt_deg : float, optional
-        Largest angle from groove normal to motion.
-    config : Path, optional
-        File whose table `detect` holds parameters; the options above replace its values.
-    tare_s : float, optional
-        Time at the beginning of the log whose readings are the zero, in place of the array's own.
-    topics : tuple of str
-        Topics that are computed and printed.
-    grip_hz : float
-        Grip events a second that are printed, besides changes of state; 0 for none.
-    calibration : str, optional
-        Name or path of the force calibration; without one no force is computed.
-    force_hz : float
-        Force events a second that are printed; 0 for none.
-    columns, time_unit
-        See `read_table`.
-    topic : str, optional
-        Topic of a bag; see `read_bag`.
-    layout : str, optional
-        Name or path of the layout that reads the bytes of a recording, in place of its own.
-    """
-
+    # speed_mm_s, direction_deg: motion of the skin, for texture
     speed_mm_s: float | None = None
     direction_deg: float | None = None
-    period_mm: tuple[float, float] | None = None
-    max_tilt_deg: float | None = None
+    period_mm: tuple[float, float] | None = None  # shortest and longest groove period
+    max_tilt_deg: float | None = None  # largest angle from groove normal to motion
     setting: str | None = None
+    # File whose table `detect` holds parameters; the options above replace its values
     config: Path | None = None
+    # Time at the beginning of the log whose readings are the zero, in place of the array's own
     tare_s: float | None = None
     sliding: KnownSliding | None = None
-    topics: tuple[str, ...] = OFFLINE_TOPICS
-    grip_hz: float = 0.0
-    calibration: str | None = None
-    force_hz: float = 10.0
+    topics: tuple[str, ...] = OFFLINE_TOPICS  # topics that are computed and printed
+    grip_hz: float = 0.0  # grip events a second that are printed, besides changes of state; 0 for none
+    calibration: str | None = None  # name or path of the force calibration; without one no force is computed
+    force_hz: float = 10.0  # force events a second that are printed; 0 for none
+    # columns, time_unit: see `read_table`
     columns: tuple[str, ...] = ()
     time_unit: TimeUnit | None = None
-    topic: str | None = None
+    topic: str | None = None  # topic of a bag; see `read_bag`
+    # Name or path of the layout that reads the bytes of a recording, in place of its own
     layout: str | None = None
 
     def source_of(self, path: Path, array: str | None) -> RecordedBoard:
@@ -149,19 +126,12 @@ class Choices:
 
 @dataclass
 class Log:
-    """Accounting of a file while it is processed.
-
-    Attributes
-    ----------
-    board : str
-        Serial number of the board whose recording it is; else the name of the file.
-    held : HeldLog, optional
-        All readings and events, for a picture; None where the file is only passed through.
-    """
+    """Accounting of a file while it is processed."""
 
     array: Array
-    board: str
+    board: str  # serial number of the board whose recording it is; else the name of the file
     tally: LogTally
+    # All readings and events, for a picture; None where the file is only passed through
     held: "HeldLog | None" = None
     n_events: int = 0
     n_printed: int = 0
@@ -185,14 +155,10 @@ class Log:
 
 @dataclass
 class HeldLog:
-    """All readings and events of a file: its size bounds the memory.
-
-    Attributes
-    ----------
-    volts : list of (channels,) float64
-    """
+    """All readings and events of a file: its size bounds the memory."""
 
     time_s: list[float] = field(default_factory=list)
+    # (channels,) float64 each
     volts: list[FloatArray] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
 

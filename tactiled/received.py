@@ -18,16 +18,10 @@ Output = Event | Hello | Acknowledge
 
 @dataclass(frozen=True, eq=False)
 class Received:
-    """Scans, gaps, hellos and answers of one read, in the order of the stream; a gap precedes its run.
-
-    Attributes
-    ----------
-    now_s : float
-        Time at which the bytes were handed over, host monotonic seconds.
-    """
+    """Scans, gaps, hellos and answers of one read, in the order of the stream; a gap precedes its run."""
 
     items: list[Hello | Acknowledge | Gap | ScanRun]
-    now_s: float
+    now_s: float  # time at which the bytes were handed over, host monotonic seconds
 
     @property
     def boards(self) -> set[str]:
@@ -55,16 +49,12 @@ class Received:
 
 
 class Detected(NamedTuple):
-    """Input of the detectors, and the events that they made of it.
-
-    Attributes
-    ----------
-    shares : list of (int, int)
-        Numbers of the reads that gave it, and of the scans of each; 0 scans of what is no block.
-    """
+    """Input of the detectors, and the events that they made of it."""
 
     item: Hello | Acknowledge | Gap | ScanBlock
     events: list[Event]
+    # list of (int, int): numbers of the reads that gave it, and of the scans of each; 0 scans of what is no
+    # block
     shares: list[tuple[int, int]]
 
     def by_read(self, block: ScanBlock, known_s: float) -> Iterator[tuple[int, int, list[Event]]]:
