@@ -23,18 +23,10 @@ GROUP = "tactiled.commands"
 
 @dataclass(frozen=True)
 class PackagedVerb:
-    """Verb of a distribution of this repository.
+    """Verb of a distribution of this repository."""
 
-    Attributes
-    ----------
-    package : str
-        Folder in ``packages/``, and extra of `tactiled`; the distribution is ``tactiled-PACKAGE``.
-    summary : str
-        First line of its help.
-    """
-
-    package: str
-    summary: str
+    package: str  # folder in ``packages/``, and extra of `tactiled`; the distribution is ``tactiled-PACKAGE``
+    summary: str  # first line of its help
 
 
 VERBS = {

@@ -155,24 +155,13 @@ class UncalibratedForce:
 
 
 class _Estimate(NamedTuple):
-    """Estimate of one scan.
+    """Estimate of one scan."""
 
-    Attributes
-    ----------
-    values : (outputs + errors,) float64
-        Forces and moments, then what the standard deviations are made of.
-    excess : float
-        Largest reading over the largest calibrated one.
-    touched_s : float
-        See `DriftZero`.
-    missing2 : list of float
-        Variances of fx, fy and fz by channels without a reading.
-    """
-
+    # (outputs + errors,): forces and moments, then what the standard deviations are made of
     values: FloatArray
-    excess: float
-    touched_s: float
-    missing2: list[float]
+    excess: float  # largest reading over the largest calibrated one
+    touched_s: float  # see `DriftZero`
+    missing2: list[float]  # variances of fx, fy and fz by channels without a reading
     n_missing: int
 
 

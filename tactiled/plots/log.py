@@ -37,17 +37,10 @@ class KnownMargin:
 
 @dataclass(frozen=True)
 class KnownTruth:
-    """Ground truth: slips, the ripple frequency of the grooves and the utilisation, if any.
+    """Ground truth: slips, the ripple frequency of the grooves and the utilisation, if any."""
 
-    Attributes
-    ----------
-    onsets_s : tuple of float
-        Instants at which a tenth of the contact slips.
-    spans_s : tuple of (float, float)
-        Each slip from the beginning of shear to gross slip. An onset estimated inside is no false alarm.
-    """
-
-    onsets_s: tuple[float, ...] = ()
+    onsets_s: tuple[float, ...] = ()  # instants at which a tenth of the contact slips
+    # Each slip from the beginning of shear to gross slip. An onset estimated inside is no false alarm
     spans_s: tuple[tuple[float, float], ...] = ()
     frequency_hz: float | None = None
     label: str = ""

@@ -20,23 +20,15 @@ _TRIES = 3  # as configured, with the layout that was found, with the array that
 
 @dataclass(frozen=True)
 class FoundPort:
-    """Serial port with its adapter.
+    """Serial port with its adapter."""
 
-    Attributes
-    ----------
-    url : str
-        Name that follows the adapter, where udev gives it one.
-    serial_number, vendor, product : str
-        Of a USB adapter; vendor and product are four hexadecimal digits. Empty where unknown.
-    socket : str
-        Name in /dev/serial/by-path, which follows the USB socket. Empty where udev gives none.
-    """
-
-    url: str
+    url: str  # name that follows the adapter, where udev gives it one
+    # serial_number, vendor, product: of a USB adapter; vendor and product are four hexadecimal digits. Empty
+    # where unknown
     serial_number: str = ""
     vendor: str = ""
     product: str = ""
-    socket: str = ""
+    socket: str = ""  # name in /dev/serial/by-path, which follows the USB socket. Empty where udev gives none
 
 
 @dataclass(frozen=True)

@@ -22,15 +22,9 @@ LOADING_S = 1.0  # after first contact, excluded from the hold: the press itself
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Scans of one hold.
+    """Scans of one hold."""
 
-    Attributes
-    ----------
-    name : str
-        Name in the report: a file name, or "quiet hold".
-    """
-
-    name: str
+    name: str  # name in the report: a file name, or "quiet hold"
     array: Array
     items: tuple[ScanBlock | Gap, ...]
 

@@ -79,31 +79,19 @@ class SettingReports:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Results of `study`.
-
-    Attributes
-    ----------
-    hold_s, motion_s : float
-        Evaluated time: the longest contact without its first second; all contact.
-    noise_sd_v : (channels,) float64
-    settings : mapping of str to SettingReports
-    proposed : str
-        Setting that is proposed.
-    is_accepted : bool
-        False where even the proposed setting reports more than is accepted.
-    friction : Friction or None
-        Friction after both recordings; None where it is known no better than before them.
-    """
+    """Results of `study`."""
 
     accepted_per_hour: float
     quiet: Recording
     motion: Recording
+    # hold_s, motion_s: evaluated time: the longest contact without its first second; all contact
     hold_s: float
     motion_s: float
-    noise_sd_v: FloatArray
+    noise_sd_v: FloatArray  # (channels,)
     settings: Mapping[str, SettingReports]
     proposed: str
-    is_accepted: bool
+    is_accepted: bool  # False where even the proposed setting reports more than is accepted
+    # Friction after both recordings; None where it is known no better than before them
     friction: Friction | None
 
     def interval(self, count: int) -> tuple[float, float]:
