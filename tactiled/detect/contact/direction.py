@@ -50,10 +50,6 @@ def direction(scan: ContactScan, past: Sequence[FloatArray], n_averaged: int, *,
     ----------
     past : sequence of (2, taxels) float64
         Shear over the total load, of the newest scans up to this one.
-    n_averaged : int
-        See `averaged_scans`.
-    is_gross : bool
-        The slip is reported as gross.
     """
     shears = np.array(past)  # (scans, 2, taxels)
     totals = shears.sum(axis=2)

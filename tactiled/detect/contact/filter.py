@@ -73,8 +73,6 @@ class ContactFilter:
     slid_at : float
         Largest ratio since the gross slip opened that is open; 0.0 without one. A hand that grips harder
         lowers the ratio of a slide: friction is what the slide bore.
-    signs : Signs
-        Takes the scans.
     """
 
     def __init__(

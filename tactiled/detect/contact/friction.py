@@ -76,8 +76,6 @@ class FrictionMemory:
             Of the look before, by the posterior. A slide that is no likelier than a rest teaches nothing.
         kept : float
             Part of the load that is left: `kept_load`.
-        step_s : float
-            Time since the last look.
         """
         log_ratio = log(max(ratio, _LEAST_RATIO))
         self.walk(step_s)

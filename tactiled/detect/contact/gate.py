@@ -29,8 +29,6 @@ class SlipHysteresis:
     ----------
     incipient_p, gross_p : float
         Probabilities that a tenth of the area slips, or all of it, from which a slip is open.
-    look_s : float
-        Time between looks.
     """
 
     def __init__(self, incipient_p: float, gross_p: float, look_s: float) -> None:

@@ -67,8 +67,6 @@ class Memory:
 
         Parameters
         ----------
-        step_s : float
-            Time since the last look.
         kept : float
             Part of the load that is left: `kept_load`.
         """

@@ -169,8 +169,6 @@ class Posterior:
 
         Parameters
         ----------
-        is_gross : int
-            1 where a gross slip is open.
         least_sliding : float
             Probability of sliding, at least, while one is.
         log_friction, variance : float

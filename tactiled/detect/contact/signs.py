@@ -82,12 +82,8 @@ class Signs:
     ----------
     x, y : sequence of float
         Places of the taxels from their mean, over their mean distance from it.
-    look_s : float
-        Time between looks.
     shear_per_friction : float
         Reading of shear over that of load at a friction of 1.
-    is_seen : bool
-        The contact was seen to begin.
 
     Attributes
     ----------

@@ -63,8 +63,6 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
 
     Parameters
     ----------
-    waves : PlaneWaves
-        One wave.
     equations : NormalEquations
         With the lines in question.
     variance : (channels,) float64

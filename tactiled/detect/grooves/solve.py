@@ -146,8 +146,6 @@ class WaveSolver:
 
         Parameters
         ----------
-        waves : PlaneWaves
-            One wave.
         noise : (samples, channels, functions) float64
             Added to the products of the equations.
         """

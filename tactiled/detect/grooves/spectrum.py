@@ -54,11 +54,6 @@ def line_spectra(window: DetrendedWindow, *others: DetrendedWindow) -> list[Line
     ----------
     *others : DetrendedWindow
         Windows of the same readings with other trends.
-
-    Returns
-    -------
-    list of LineSpectrum
-        One for each window.
     """
     n = window.n
     even = np.linspace(-1.0, 1.0, n)

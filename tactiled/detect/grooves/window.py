@@ -24,8 +24,6 @@ class ScanWindow:
 
     Parameters
     ----------
-    size : int
-        Scans at most.
     most : int, optional
         Scans that are kept for `widen`; `size` if not given.
     """

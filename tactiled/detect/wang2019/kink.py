@@ -44,11 +44,6 @@ class KinkOnset(NamedTuple):
 class KinkFit:
     """Delay from a kink to the scan whose coefficient crosses the threshold.
 
-    Parameters
-    ----------
-    level : int
-        Wavelet level of the coefficient.
-
     Attributes
     ----------
     n_before : int
@@ -154,8 +149,6 @@ class _LobeSide:
 
     Attributes
     ----------
-    sign : float
-        Of the lobe.
     first : int
         Scan at which the lobe begins to rise.
     """

@@ -105,8 +105,6 @@ class MotionResponse:
         Unit vector of the slip.
     before : (axes,) float64
         Response before the slip, in grid steps.
-    view : ScanView
-        The scan in which the slip was detected.
 
     Attributes
     ----------
