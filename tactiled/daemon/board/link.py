@@ -100,11 +100,6 @@ class BoardLink:
             raises, because the bytes that made it fail are the ones to look at later.
         scans_published : callable, optional
             Called after scans were published, before the detectors run.
-
-        Returns
-        -------
-        list of Command
-            To be sent to the board.
         """
         session, outputs = self.session, list[Output]()
         try:
@@ -197,12 +192,8 @@ class BoardLink:
 
         Parameters
         ----------
-        started_s : float
-            Start of the daemon.
         connects : int
             Number of times that the port was opened.
-        warning : str
-            That of the port.
         """
         session, health = self.session, self.pipeline.health()
         # Before the first scan the age counts from the start of the daemon.
@@ -263,12 +254,8 @@ def make_link(
 
     Parameters
     ----------
-    baud : int
-        Named in diagnoses.
     others : mapping of str to Layout
         Layouts that a diagnosis tries on bytes that are no frames of the pipeline's layout.
-    turns : LoopTurns, optional
-        See `BoardLink`.
 
     Raises
     ------

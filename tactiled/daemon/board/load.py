@@ -40,13 +40,7 @@ class HostLoad:
         self._late: deque[tuple[float, int]] = deque([(0.0, 0)])
 
     def status(self, now_s: float, fits_late: int) -> float:
-        """Return the longest turn since the last call in seconds.
-
-        Parameters
-        ----------
-        fits_late : int
-            Number of late fits since the start.
-        """
+        """Return the longest turn since the last call in seconds."""
         longest_s = self._loop_turns.longest_since(self._status_s)
         self._status_s = now_s
         if longest_s > _LONG_TURN_S:

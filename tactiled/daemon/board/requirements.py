@@ -47,12 +47,8 @@ class BoardRequirements:
 
     Attributes
     ----------
-    introduces : bool
-        The protocol has a hello message.
     confirms : bool
         The board sends its hello when asked (``identify``), so that a setting can be confirmed.
-    has_stop : bool
-        The protocol has the command ``stop``.
     has_ping : bool
         The board answers pings with the ticks of the clock that dates its scans.
     token_bits : int
@@ -109,8 +105,6 @@ class BoardRequirements:
         ----------
         known : bool
             The board has identified itself since the last event that could have changed it.
-        rate_hz : float
-            Rate that the board stated.
         """
         if not known:
             return "identify" if self._layout.has("identify") else None

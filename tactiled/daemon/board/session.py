@@ -43,8 +43,6 @@ class Session:
 
     Parameters
     ----------
-    requirements : BoardRequirements
-        Requirements on the board.
     line : LineWatch
         Names the likely cause when no frame arrives.
     """

@@ -55,13 +55,7 @@ _Queue = deque[_ThreadJob[object]]
 
 
 class JobQueue:
-    """Jobs of one board for a worker that serves several.
-
-    Parameters
-    ----------
-    submit : callable
-        Takes a job.
-    """
+    """Jobs of one board for a worker that serves several."""
 
     def __init__(self, submit: Callable[[_ThreadJob[object]], None]) -> None:
         self._submit = submit

@@ -15,17 +15,7 @@ from tactiled.recording.contents import Read
 
 
 class Distributor:
-    """Send each event to publisher, recorder and metrics.
-
-    Parameters
-    ----------
-    pipeline : Pipeline
-        Its `hello` describes the board in a recording.
-    session : Session
-        Its `board_serial` is in every message.
-    clock : EpochClock
-        Followed by its owner.
-    """
+    """Send each event to publisher, recorder and metrics."""
 
     def __init__(
         self,

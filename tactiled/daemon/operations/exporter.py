@@ -43,8 +43,6 @@ class Exporter:
     ----------
     params : MetricsParams
         With a port other than 0.
-    text : callable
-        Returns the metrics, called for each scrape.
     """
 
     def __init__(self, params: MetricsParams, text: Callable[[], str]) -> None:

@@ -73,8 +73,6 @@ class Metrics:
 
     Parameters
     ----------
-    health : callable
-        Returns the counters of the pipeline.
     line_errors : callable
         Returns the counters of the UART, or None where there are none.
     board : callable

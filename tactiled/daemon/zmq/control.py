@@ -62,8 +62,6 @@ class Control:
     ----------
     publisher : Publisher
         Gives the stored messages and the number of this run.
-    do : callable
-        See `Do`.
     settings : callable
         Takes the serial number of a board, or an empty string for the only one, and a time (monotonic
         seconds); returns the settings as a plain map, empty for another board.
@@ -92,8 +90,6 @@ class Control:
 
         Parameters
         ----------
-        payload : bytes
-            Any bytes.
         respond : callable
             Takes the reply, at once or when a command is done.
         """

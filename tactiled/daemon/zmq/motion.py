@@ -56,8 +56,6 @@ class SenderClock:
 
         Parameters
         ----------
-        sent_s : float
-            In the sender's clock.
         now_s : float
             Arrival of the command in the daemon's clock.
         """
@@ -91,8 +89,6 @@ class MotionSenders:
         ----------
         sender : tuple of str
             Identifies a program that runs, and so a clock.
-        now_s : float
-            Arrival of the command.
         """
         values = command.acceleration_m_s2
         if command.time_s is None or command.sent_s is None:

@@ -47,13 +47,7 @@ class _Connection:
 
 
 class RequestServer(PeerServer):
-    """ROUTER endpoints without keys: requests of any program of this host, in turn, and replies to each.
-
-    Parameters
-    ----------
-    commands_over_tcp : bool
-        Take commands over TCP too.
-    """
+    """ROUTER endpoints without keys: requests of any program of this host, in turn, and replies to each."""
 
     def __init__(self, control: Control, *, commands_over_tcp: bool) -> None:
         super().__init__("ROUTER", ("DEALER", "REQ", "ROUTER"), BOUNDS)
@@ -109,13 +103,6 @@ class RequestServer(PeerServer):
 
 class Network:
     """Publisher and control server with their common context and authenticator.
-
-    Parameters
-    ----------
-    do, settings, boards : callable
-        See `Control`.
-    n_boards : int
-        Number of boards whose messages are published.
 
     Raises
     ------

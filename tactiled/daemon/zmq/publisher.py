@@ -101,8 +101,6 @@ class Publisher:
     ----------
     context, authenticator : optional
         Both are required for endpoints with keys.
-    n_boards : int
-        Number of boards whose messages are published here.
 
     Raises
     ------

@@ -62,11 +62,6 @@ class Handshakes:
     libzmq sends a ZAP request only for a client that uses CURVE with the public key of this daemon. Other
     clients it reports to a monitor of the socket: ACCEPTED with the descriptor of the connection,
     HANDSHAKE_FAILED_PROTOCOL with the cause, and DISCONNECTED with the descriptor (zmq_socket_monitor(3)).
-
-    Parameters
-    ----------
-    denied : RateLimitedLog
-        Logs each client that failed.
     """
 
     def __init__(self, context: zmq.Context[Any], guarded: zmq.Socket[Any], denied: RateLimitedLog) -> None:

@@ -41,8 +41,6 @@ class Store:
     bytes_per_topic : int
         Limit, including Python's overhead. The total is at most this times topics times
         (`n_boards` + `MORE_BOARDS`).
-    n_boards : int
-        Number of boards that the daemon reads.
     """
 
     def __init__(self, bytes_per_topic: int, n_boards: int = 1) -> None:
