@@ -111,15 +111,7 @@ class Extent:
 
 
 def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[McapRecord] | Damage]:
-    """Yield the records of each whole chunk, each metadata record alone, and the damage between them.
-
-    Parameters
-    ----------
-    stream : BinaryIO
-        A file on disk.
-    extent : Extent
-        Updated while the file is read.
-    """
+    """Yield the records of each whole chunk, each metadata record alone, and the damage between them."""
     size = extent.size_bytes = stream.seek(0, 2)
     known = _Known()
     newest_ns = n_damaged = at = 0

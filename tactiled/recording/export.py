@@ -26,11 +26,6 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
     reached : callable, optional
         Called with the completed fraction, 0 to 1.
 
-    Returns
-    -------
-    int
-        Scans written.
-
     Raises
     ------
     DataError

@@ -143,8 +143,6 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
 
     Parameters
     ----------
-    extent : Extent, optional
-        Updated while the file is read.
     reached : callable, optional
         Called with the fraction of the file that has been read, 0 to 1.
 

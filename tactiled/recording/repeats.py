@@ -46,11 +46,6 @@ class RepeatFilter:
     """Find the scans of a log among the rows that repeat them, batch by batch.
 
     A reading that stays for longer than a period of the sensor is one scan a period: nothing moves.
-
-    Parameters
-    ----------
-    period_rows : int
-        Of the sensor, see `rows_of_a_reading`.
     """
 
     def __init__(self, period_rows: int) -> None:

@@ -113,8 +113,6 @@ def replay(
 
     Parameters
     ----------
-    write_line : callable
-        Called with each line.
     topics : collection of str
         Topics to print; empty for all.
     speed : float

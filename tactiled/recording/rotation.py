@@ -77,15 +77,7 @@ OFF = RecordingProgress(state="off", reason="", file="", parts=0, bytes_written=
 
 
 class Rotation:
-    """Parts of one recording; the first is opened at once, or as soon as the disk allows it.
-
-    Parameters
-    ----------
-    path : Path
-        Name of the first part, see `part_path`.
-    header : Header
-        Header of the first part.
-    """
+    """Parts of one recording; the first is opened at once, or as soon as the disk allows it."""
 
     def __init__(self, path: Path, params: RecordParams, header: Header, now_s: float) -> None:
         self._path = path

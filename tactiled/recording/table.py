@@ -340,8 +340,6 @@ def to_blocks(
     time_s : (n,) float64
         Strictly increasing.
     volts : (n, channels) float64
-    rate_hz : float or None
-        As of `BlockSplitter`.
     valid : (n, channels) bool
         False for readings that are missing or saturated.
     """

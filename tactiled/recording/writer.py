@@ -37,11 +37,6 @@ _MEANINGS = {
 class RecordingWriter:
     """Writer of one recording file; a context manager that finishes it.
 
-    Parameters
-    ----------
-    path : Path
-        Name of the finished file.
-
     Raises
     ------
     DataError
