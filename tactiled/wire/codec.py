@@ -16,13 +16,7 @@ from tactiled.wire.schema import IN_UNITS, Direction
 
 
 class Decoder:
-    """Decode the bytes of one direction; `framing` states the rules.
-
-    Parameters
-    ----------
-    direction : {"board-to-host", "host-to-board"}
-        Direction of the bytes.
-    """
+    """Decode the bytes of one direction; `framing` states the rules."""
 
     def __init__(self, layout: Layout, direction: Direction = "board-to-host") -> None:
         self.layout = layout

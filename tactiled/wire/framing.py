@@ -221,8 +221,6 @@ class CobsFramer(Framer):
 
         Returns
         -------
-        framed : int
-            Number of bytes of the good frames.
         last : int
             End of the last of them; 0 for none.
         """

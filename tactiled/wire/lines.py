@@ -23,10 +23,6 @@ class LineFramer(Framer):
 
     A line that the stream begins with may lack its beginning, and `12.5` would read `2.5`: it is given up. A
     changed digit cannot be detected, and neither can a whole line that is lost.
-
-    Parameters
-    ----------
-    direction : {"board-to-host", "host-to-board"}
     """
 
     def __init__(self, layout: Layout, direction: Direction) -> None:

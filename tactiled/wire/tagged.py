@@ -27,12 +27,7 @@ from tactiled.wire.schema import Direction
 
 
 class TaggedFramer(LockingFramer):
-    """Find packets behind each other, and collect the scans in their records.
-
-    Parameters
-    ----------
-    direction : {"board-to-host", "host-to-board"}
-    """
+    """Find packets behind each other, and collect the scans in their records."""
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
         framing = layout.file.framing

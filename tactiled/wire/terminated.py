@@ -20,10 +20,6 @@ class TerminatorFramer(LockingFramer):
     """Find frames of fixed length behind each other, each with its terminator.
 
     A frame begins behind a terminator, so the first frame of a stream is given up.
-
-    Parameters
-    ----------
-    direction : {"board-to-host", "host-to-board"}
     """
 
     # Terminators in a row that lock. Two bytes agree by chance with probability 2^-16 at each place; in a
