@@ -28,8 +28,6 @@ def segments(outputs: FloatArray, used: list[int], step_s: float) -> NDArray[np.
         Reference, whose smallest force is a pause. Readings would not do: their zero drifts.
     used : list of int
         Columns that the reference has.
-    step_s : float
-        Length of a bin.
     """
     n = len(outputs)
     edges = np.flatnonzero(

@@ -35,8 +35,6 @@ def run_page_demo(port: int, *, opens: bool) -> None:
 
     Parameters
     ----------
-    port : int
-        Port of the page.
     opens : bool
         Open the page in the browser of this desktop.
 

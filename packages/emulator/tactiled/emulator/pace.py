@@ -58,13 +58,7 @@ class OverrunPolicy:
 
 
 class SceneClock:
-    """Conversion of scene time to true instants; the scene stands still while the board misses scans.
-
-    Parameters
-    ----------
-    t0_s : float
-        True instant of scene time 0.
-    """
+    """Conversion of scene time to true instants; the scene stands still while the board misses scans."""
 
     def __init__(self, t0_s: float) -> None:
         self._from_s = [-math.inf]

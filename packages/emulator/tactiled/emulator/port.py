@@ -33,8 +33,6 @@ class EmulatedPort:
 
     Attributes
     ----------
-    array : Array
-        The array of the board.
     contact : SceneContact
         Source of the truth; takes a controller's grip.
     plugged : bool

@@ -43,8 +43,6 @@ class Emulator:
 
     Parameters
     ----------
-    seed : int
-        Of the faults.
     report : callable
         Gets maps with ``what``: ``"ready"`` (address of the port), ``"preparing"`` (before each table that is
         solved, and after two seconds of search for those needed), ``"prepared"`` (if it took two seconds),

@@ -35,8 +35,6 @@ class Simulation:
 
     Attributes
     ----------
-    now_s : float
-        Simulated time.
     scans : list of ScanTruth
         Truth about each scan instant so far.
     """

@@ -19,15 +19,7 @@ _Write = Callable[[bytearray, Any], None]
 
 
 class CdrEncoder:
-    """CdrEncoder of one message type.
-
-    Parameters
-    ----------
-    name : str
-        Full name of the type.
-    types : mapping of str to RosType
-        The type and all that it contains.
-    """
+    """Encoder of one message type."""
 
     def __init__(self, name: str, types: Mapping[str, RosType]) -> None:
         self._write = _writer(types[name], types)

@@ -29,8 +29,6 @@ class BoardFreshness:
 
         Parameters
         ----------
-        data : mapping
-            Map of the message.
         now_s, unix_s : float
             Monotonic clock and epoch time at which it was received.
         """

@@ -97,8 +97,6 @@ class Node:
 
     Parameters
     ----------
-    domain_id : int
-        ``ROS_DOMAIN_ID``.
     name, namespace : str
         Name of the node, and its namespace without the leading slash.
     gid_bytes : int

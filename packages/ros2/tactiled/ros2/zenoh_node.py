@@ -78,8 +78,6 @@ class ZenohNode:
     ----------
     session : zenoh.Session
         With timestamps (`add_timestamps`); closed by its owner.
-    domain_id : int
-        ``ROS_DOMAIN_ID``.
     name, namespace : str
         Name of the node, and its namespace without the leading slash.
     """

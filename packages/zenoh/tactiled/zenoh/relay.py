@@ -61,8 +61,6 @@ class Relay:
 
         Parameters
         ----------
-        payload : bytes
-            Any bytes.
         may_command : bool
             It came over the key of commands.
         """

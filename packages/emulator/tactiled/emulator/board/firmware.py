@@ -60,8 +60,6 @@ class Board:
         Identity; its rate is the one after power-up.
     source : ScanSource
         Read in scene time, which begins at the first start command.
-    power_up_s : float
-        True instant of power-up.
     on_scan : callable
         Called with a `ScanTruth` for each scan instant.
 

@@ -27,13 +27,7 @@ class Arrival(NamedTuple):
 
 
 class CableModel:
-    """Line and adapter in the direction from board to host.
-
-    Parameters
-    ----------
-    counts : FaultCounts
-        Counters of the faults.
-    """
+    """Line and adapter in the direction from board to host."""
 
     def __init__(self, baud: int, params: FaultParams, seed: int, counts: FaultCounts) -> None:
         self._byte_s = 10.0 / baud

@@ -70,8 +70,6 @@ class Periodic:
     ----------
     azimuth_deg : (a,) float64
     readout : {"edge", "half"}
-    mesh : str
-        Mesh of the compliance.
 
     Raises
     ------

@@ -66,8 +66,6 @@ class RigSensor:
         ----------
         loads_n : (n, taxels, 3) float64
             Force of the object on each taxel: x, y, normal.
-        rng : Generator
-            Of the noise.
         temperature_k : (n,) float64 or float
             Above that of the beginning.
         """

@@ -17,11 +17,6 @@ class LoadMemory:
     """Creep lag and peak of a load, fed in order with any number of steps.
 
     The lag solves ``tau dc/dt = F - c`` exactly for a load that is linear between grid points.
-
-    Parameters
-    ----------
-    time_constant_s : float
-        Time constant of the lag.
     """
 
     def __init__(self, step_s: float, time_constant_s: float) -> None:

@@ -42,8 +42,6 @@ class SlipEpisodeTracker:
     ----------
     episodes : list of SlipEpisode
         The newest ones; the last may continue.
-    count : int
-        Number of episodes so far.
     """
 
     def __init__(self) -> None:
