@@ -103,10 +103,6 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
     ----------
     port_url : str, optional
         Overrides ``port.url``.
-
-    Raises
-    ------
-    ConfigError
     """
     document = tomlfile.read(path)
     if isinstance(board := document.get("board"), dict):

@@ -45,8 +45,6 @@ class RateLimitedLog:
 
         Parameters
         ----------
-        level : int
-            Of the log lines.
         kind : str, optional
             Which condition it is, where `reason` contains measured values; default: `reason` itself.
         """

@@ -289,8 +289,6 @@ class Pipeline:
             are those of the scans' clock); ``"adapter"``, which only the port says: its ``handover_s``;
             ``"ping"``, just before the daemon sends one: its ``token``; ``"late-fit"``, which only a
             recording says: the ``index`` of the scan at which a fit was due and not ready.
-        arguments : mapping
-            Checked ones.
 
         Returns
         -------

@@ -96,10 +96,6 @@ def need_extra(module: str, extra: str, what: str, distribution: str = "tactiled
         Name under which the library is imported.
     extra : str
         Extra of the distribution that installs it; empty where it is no extra of that.
-    what : str
-        Feature that needs it.
-    distribution : str
-        Distribution of the feature.
     """
     if importlib.util.find_spec(module) is None:
         raise OperatorError(f"{what} needs {module}: {install_command(extra, distribution)}")

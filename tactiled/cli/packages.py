@@ -81,8 +81,6 @@ def find(entry: str, what: str) -> "EntryPoint":
 
     Parameters
     ----------
-    entry : str
-        Name of the entry point.
     what : str
         Feature that needs it.
 
@@ -105,15 +103,7 @@ def install_words(entry: str) -> str:
 
 
 class DeferredCommand(click.Command):
-    """Stand-in for a verb of another distribution, whose module is imported when the verb is called.
-
-    Parameters
-    ----------
-    name : str
-        Verb.
-    entry : str
-        Name of its entry point.
-    """
+    """Stand-in for a verb of another distribution, whose module is imported when the verb is called."""
 
     def __init__(self, name: str, entry: str) -> None:
         super().__init__(name, help=VERBS[entry].summary if entry in VERBS else None)

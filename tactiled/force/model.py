@@ -235,8 +235,6 @@ def low_passed(values: FloatArray, steps_s: FloatArray, time_s: float) -> FloatA
     values : (n, channels) float64
     steps_s : (n,) float64
         Time of each value since the one before.
-    time_s : float
-        Time constant.
     """
     steps = steps_s / time_s
     stretch = (np.cumsum(steps) // _STRETCH).astype(np.int64)

@@ -24,10 +24,6 @@ def read_recording(path: Path, array: str | None = None, topic: str | None = Non
         Array of a table or bag: shipped name or TOML file.
     topic : str, optional
         Topic of a bag; see `read_bag`.
-
-    Raises
-    ------
-    DataError, ConfigError
     """
     is_of_ros = topic is not None or is_bag(path)
     if path.suffix == ".mcap" and not is_of_ros:

@@ -31,10 +31,6 @@ def record_live(
 
     Parameters
     ----------
-    endpoint : str
-        Endpoint where the daemon publishes.
-    quiet_s, motion_s : float
-        Duration of each.
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
     report : callable
