@@ -18,7 +18,7 @@ from tools.fem import plate
 from tools.fem.compliance import compliance_arrays
 from tools.fem.contact import Equilibrium, ImposedState, TaxelPress
 from tools.fem.linear import stiffness
-from tools.fem.mesh import MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
+from tools.fem.mesh import CELL_MM, CHIP_RADIUS_MM, MATERIALS, MESHES, Fineness, TaxelMesh, taxel_mesh
 from tools.fem.readout import EDGE_MM, read_out, side_parts
 from tools.fem.reference import COLUMNS, load_reference, reference_names
 from tools.fem.rubber import CellwiseYeoh
@@ -52,9 +52,7 @@ def test_all_cells_have_positive_volume_and_the_chip_is_in_its_place(name: str) 
     mesh = taxel_mesh(MESHES[name])
     assert corner_volumes(mesh).min() > 0
     middle = mesh.points_mm[mesh.cells].mean(axis=1)
-    chip = (np.hypot(middle[:, 0], middle[:, 1]) < taxel_shape.CHIP_RADIUS_MM) & (
-        middle[:, 2] < taxel_shape.CHIP_MM
-    )
+    chip = (np.hypot(middle[:, 0], middle[:, 1]) < CHIP_RADIUS_MM) & (middle[:, 2] < taxel_shape.CHIP_MM)
     assert np.array_equal(chip, mesh.material == 0)
     assert np.array_equal(mesh.material == 2, middle[:, 2] > taxel_shape.CHIP_MM)
     assert len(np.unique(mesh.points_mm.round(9), axis=0)) == len(mesh.points_mm)
@@ -67,7 +65,7 @@ def uniform(mesh: TaxelMesh, gradient: FloatArray) -> FloatArray:
 def test_volume_converges_to_that_of_the_taxel() -> None:
     cap = np.pi * taxel_shape.CAP_MM / 6 * (3 * taxel_shape.BUMP_RADIUS_MM**2 + taxel_shape.CAP_MM**2)
     rim = np.pi * taxel_shape.BUMP_RADIUS_MM**2 * taxel_shape.RIM_MM
-    exact = taxel_shape.CELL_MM**2 * (taxel_shape.CHIP_MM + taxel_shape.BASE_MM) + rim + cap
+    exact = CELL_MM**2 * (taxel_shape.CHIP_MM + taxel_shape.BASE_MM) + rim + cap
     errors = [abs(corner_volumes(taxel_mesh(MESHES[name])).mean(axis=1).sum() - exact) for name in MESHES]
     assert errors[2] < errors[1] < errors[0] < 0.004 * exact
 
@@ -167,7 +165,7 @@ def test_a_uniform_pressure_reads_out_as_area(name: str, beyond_mm: float) -> No
         across = np.einsum("a,fai->fi", dv, points[faces])
         area = along[:, 0] * across[:, 1] - along[:, 1] * across[:, 0]
         np.add.at(force, faces, shape * area[:, None])
-    radius = taxel_shape.CHIP_RADIUS_MM
+    radius = CHIP_RADIUS_MM
     angle = np.arccos(beyond_mm / radius)
     segment = radius**2 * (angle - np.sin(angle) * np.cos(angle))
     # Parts are cut out by samples, 16 along a cell of up to 0.3 mm: their outline is known to half of one.

@@ -26,6 +26,7 @@ import numpy as np
 from tactiled.array import FloatArray
 from tactiled.resources import shipped
 from tools.fem.linear import surface_response
+from tools.fem.materials import SOURCE
 from tools.fem.mesh import MATERIALS, MESHES, TaxelMesh, taxel_mesh
 from tools.fem.readout import EDGE_MM, Part, centre, read_out, side_parts, surface_areas
 
@@ -70,7 +71,7 @@ def write_compliance(fineness: str) -> str:
         "cells": len(mesh.cells),
         "unknowns": mesh.points_mm.size,
         "materials": {m.name: {"shear_mpa": m.shear_mpa, "bulk_mpa": m.bulk_mpa} for m in MATERIALS},
-        "source": MATERIALS[0].source,
+        "source": SOURCE,
     }
     path = shipped("config", "contact", f"compliance-{fineness}.npz")
     single = {name: array.astype(np.float32) for name, array in compliance_arrays(mesh).items()}

@@ -13,20 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.materials import PDMS, RTV, RUBBER, Yeoh
-from tactiled.emulator.mechanics.taxel_shape import (
-    BASE_MM,
-    BUMP_RADIUS_MM,
-    CELL_MM,
-    CHIP_MM,
-    CHIP_RADIUS_MM,
-    RIM_MM,
-    cap_mm,
-)
+from tactiled.emulator.mechanics.taxel_shape import BASE_MM, BUMP_RADIUS_MM, CAP_MM, CHIP_MM, RIM_MM
+from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
 
 IntArray = NDArray[np.int64]
 
 MATERIALS: tuple[Yeoh, ...] = (RUBBER, RTV, PDMS)
+CHIP_RADIUS_MM = 1.5  # paper: chips of 3.0 mm diameter
+CELL_MM = 3.5  # paper: spacing of adjacent units
 
 
 @dataclass(frozen=True)
@@ -151,3 +145,10 @@ def _plane(fineness: Fineness) -> tuple[FloatArray, IntArray, int, int]:
             inner_numbers = numbers
         counts.append(sum(map(len, faces)))
     return np.concatenate(points), np.concatenate(faces), counts[0], counts[1]
+
+
+def cap_mm(radius_mm: FloatArray) -> FloatArray:
+    """Height of the cap over its rim at a distance from the axis: a sphere through rim and apex."""
+    sphere = (BUMP_RADIUS_MM**2 + CAP_MM**2) / (2 * CAP_MM)
+    inside = np.minimum(radius_mm, BUMP_RADIUS_MM)
+    return np.asarray(np.sqrt(sphere**2 - inside**2) - (sphere - CAP_MM))

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.taxel_shape import CHIP_RADIUS_MM
-from tools.fem.mesh import TaxelMesh
+from tools.fem.mesh import CHIP_RADIUS_MM, TaxelMesh
 
 BoolArray = NDArray[np.bool_]
 Part = Callable[[FloatArray, FloatArray], BoolArray]

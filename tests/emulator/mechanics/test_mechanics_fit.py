@@ -9,8 +9,8 @@ from scipy.stats import binom
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.fit import YeohFit, fit_material_file, fit_yeoh
-from tactiled.emulator.mechanics.materials import PDMS, RTV, RUBBER, Yeoh
 from tactiled.errors import DataError
+from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
 
 RUBBERS = (RUBBER, RTV, PDMS)
 COMPRESSION = np.linspace(0.6, 0.99, 40)  # within the stable range of each

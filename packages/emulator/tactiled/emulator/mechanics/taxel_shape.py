@@ -3,22 +3,9 @@
 Shapes are assumed where the paper gives none (Wang et al. 2019, figure 1 has heights only).
 """
 
-import numpy as np
-
-from tactiled.array import FloatArray
-
-CHIP_RADIUS_MM = 1.5  # paper: chips of 3.0 mm diameter
 CHIP_MM = 0.5  # paper: adhesive layer that holds the chips
 BASE_MM = 0.4  # assumed: half of the 0.8 mm of PDMS
 RIM_MM = 0.1  # assumed: straight side of the bump
 CAP_MM = 0.3  # assumed: height of its spherical cap; base + rim + cap are the paper's 0.8 mm
 BUMP_MM = RIM_MM + CAP_MM  # height of the bump: pressed deeper, the plate meets the base
 BUMP_RADIUS_MM = 1.25  # assumed
-CELL_MM = 3.5  # paper: spacing of adjacent units
-
-
-def cap_mm(radius_mm: FloatArray) -> FloatArray:
-    """Height of the cap over its rim at a distance from the axis: a sphere through rim and apex."""
-    sphere = (BUMP_RADIUS_MM**2 + CAP_MM**2) / (2 * CAP_MM)
-    inside = np.minimum(radius_mm, BUMP_RADIUS_MM)
-    return np.asarray(np.sqrt(sphere**2 - inside**2) - (sphere - CAP_MM))

@@ -1,4 +1,4 @@
-"""Materials of the skin: Yeoh rubbers with the paper's constants, and linear PET. Stresses in MPa.
+"""Materials of the skin: Yeoh rubbers with the paper's constants. Stresses in MPa.
 
 Energy (Yeoh 1993, Rubber Chem. Technol. 66:754): W(I1) = C1 (I1 - 3) + C2 (I1 - 3)^2 + C3 (I1 - 3)^3.
 Uniaxial, incompressible: I1 = l^2 + 2 / l, nominal stress 2 (l - l^-2) W'(I1).
@@ -44,7 +44,6 @@ class Yeoh:
     c2_mpa: float
     c3_mpa: float
     poisson: float  # at small strain, below 0.5; gives the bulk modulus only
-    source: str = SOURCE
 
     @property
     def shear_mpa(self) -> float:
@@ -109,25 +108,6 @@ class Yeoh:
         )
 
 
-@dataclass(frozen=True)
-class LinearElastic:
-    """Stiff film at small strain."""
-
-    name: str
-    young_mpa: float
-    poisson: float
-    source: str = SOURCE
-
-    def uniaxial(self, stretch: ArrayLike) -> Uniaxial:
-        """Hooke's law, never continued; raises as `Yeoh.uniaxial` does."""
-        length = positive(stretch)
-        return Uniaxial(
-            stress_mpa=self.young_mpa * (length - 1),
-            tangent_mpa=np.full(length.shape, self.young_mpa),
-            continued=np.zeros(length.shape, dtype=bool),
-        )
-
-
 def positive(stretch: ArrayLike) -> FloatArray:
     """Stretch as an array; `ContractError` unless all are numbers whose powers stay finite."""
     length = np.asarray(stretch, dtype=np.float64)
@@ -139,4 +119,3 @@ def positive(stretch: ArrayLike) -> FloatArray:
 RUBBER = Yeoh("conductive rubber", 0.5686, 0.0540, -0.0181, 0.47)
 RTV = Yeoh("RTV adhesive", 0.5551, -0.0356, 0.0027, 0.48)
 PDMS = Yeoh("PDMS", 0.7997, 0.2881, -0.0375, 0.47)
-PET = LinearElastic("PET", 3000.0, 0.47)

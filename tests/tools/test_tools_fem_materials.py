@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.materials import PDMS, PET, RTV, RUBBER, LinearElastic, Yeoh
 from tactiled.emulator.mechanics.stability import any_state_limit, stable_range
 from tactiled.errors import ContractError
+from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
 
 RUBBERS = (RUBBER, RTV, PDMS)
 constants = st.tuples(st.floats(0.1, 2.0), st.floats(-0.5, 0.5), st.floats(-0.1, 0.1))
@@ -38,15 +38,14 @@ def test_stress_is_the_published_polynomial_up_to_the_continuation(rubber: Yeoh)
     assert inside.sum() > 80
 
 
-@pytest.mark.parametrize("material", [*RUBBERS, PET], ids=lambda material: material.name)
-def test_tangent_is_the_slope_of_stress_and_stress_that_of_energy(material: Yeoh | LinearElastic) -> None:
+@pytest.mark.parametrize("material", RUBBERS, ids=lambda material: material.name)
+def test_tangent_is_the_slope_of_stress_and_stress_that_of_energy(material: Yeoh) -> None:
     stretch, h = np.linspace(0.25, 3.0, 311), 1e-6
     answer = material.uniaxial(stretch)
     rise = (material.uniaxial(stretch + h).stress_mpa - material.uniaxial(stretch - h).stress_mpa) / (2 * h)
     np.testing.assert_allclose(answer.tangent_mpa, rise, rtol=1e-5, atol=1e-5)
-    if isinstance(material, Yeoh):
-        energy = [material.energy(a**2 + 2 / a - 3) for a in (stretch + h, stretch - h)]
-        np.testing.assert_allclose(answer.stress_mpa, (energy[0] - energy[1]) / (2 * h), rtol=1e-6, atol=1e-7)
+    energy = [material.energy(a**2 + 2 / a - 3) for a in (stretch + h, stretch - h)]
+    np.testing.assert_allclose(answer.stress_mpa, (energy[0] - energy[1]) / (2 * h), rtol=1e-6, atol=1e-7)
 
 
 def test_small_strain_is_linear_elasticity() -> None:
@@ -147,6 +146,5 @@ def test_the_continuation_is_flagged_and_joins_without_a_step(rubber: Yeoh) -> N
 
 @pytest.mark.parametrize("stretch", [0.0, -0.5, float("nan"), float("inf")])
 def test_stretches_that_are_not_positive_are_refused(stretch: float) -> None:
-    for material in (RUBBER, PET):
-        with pytest.raises(ContractError, match="stretch"):
-            material.uniaxial([1.0, stretch])
+    with pytest.raises(ContractError, match="stretch"):
+        RUBBER.uniaxial([1.0, stretch])
