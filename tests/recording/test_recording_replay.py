@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgpack
 import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
@@ -12,7 +13,7 @@ from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_r
 
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.errors import DataError
-from tactiled.events.codec import decode, encode
+from tactiled.events.codec import encode
 from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.offline import Choices, detect_messages
 from tactiled.pipeline import Pipeline
@@ -62,8 +63,8 @@ def messages(events: list[Event], board: str) -> list[str]:
     lines = []
     for event in events:
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
-        topic, message = decode(*encode(event, seq=seq, board=board, unix_offset_s=UNIX_OFFSET_S))
-        lines.append(json.dumps({"topic": topic, **message}))
+        _, payload = encode(event, seq=seq, board=board, unix_offset_s=UNIX_OFFSET_S)
+        lines.append(json.dumps({"topic": event.topic, **msgpack.unpackb(payload)}))
     return lines
 
 

@@ -1,4 +1,4 @@
-"""Conversion of events to messages (``[topic, msgpack map]``) and of messages to plain maps.
+"""Conversion of events to messages (``[topic, msgpack map]``) and to plain maps.
 
 The map has string keys, no bin, no ext, no nil, and a type for each field that never changes, so that
 PlotJuggler, nlohmann::json and every msgpack library can read it. `unix_offset_s` converts instants from the
@@ -12,7 +12,6 @@ from typing import Any, get_args, get_origin
 
 import msgpack
 
-from tactiled.errors import ContractError
 from tactiled.events.types import EVENT_TYPES, Event
 
 MESSAGE_VERSION = 1
@@ -92,20 +91,3 @@ def encode(event: Event, *, seq: int, board: str, unix_offset_s: float, run: int
 @functools.lru_cache(maxsize=256)
 def _topic_octets(board: str, event_topic: str) -> bytes:
     return topic_of(board, event_topic).encode()
-
-
-def decode(topic: bytes, payload: bytes) -> tuple[str, dict[str, Any]]:
-    """Return the last part of the topic, and the map.
-
-    Raises
-    ------
-    ContractError
-        The payload is not a map with string keys.
-    """
-    try:
-        message = msgpack.unpackb(payload, raw=False, strict_map_key=True)
-    except (ValueError, msgpack.exceptions.ExtraData) as error:
-        raise ContractError(f"message on {topic!r} is not msgpack: {error}") from None
-    if not isinstance(message, dict):
-        raise ContractError(f"message on {topic!r} is not a map")
-    return topic.decode(errors="replace").rsplit("/", 1)[-1], message
