@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.clock import has_signs, quiet_bins
+from tactiled.calibrate.clock import correlation_of, has_signs, quiet_bins
 from tactiled.calibrate.data import BinnedLog, ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES, has_nominal, load_calibration
@@ -112,8 +112,8 @@ def check_signs(
     for axis, name in ((0, "fx_n"), (1, "fy_n")):
         if axis not in used or np.ptp(outputs[:, axis]) < _LEAST_SHEAR * size:
             continue
-        own = _correlation(felt[:, axis], outputs[:, axis])
-        other = _correlation(felt[:, 1 - axis], outputs[:, axis])
+        own = correlation_of(felt[:, axis], outputs[:, axis])
+        other = correlation_of(felt[:, 1 - axis], outputs[:, axis])
         if own < _OPPOSITE:
             raise DataError(
                 f"{name} grows where the array says that it falls (correlation {own:.2f}): the axis is "
@@ -140,12 +140,6 @@ def _without(columns: FloatArray, other: FloatArray) -> FloatArray:
     centred = other - other.mean()
     slope = centred @ columns / max(float(centred @ centred), 1e-12)
     return np.asarray(columns - np.outer(centred, slope))
-
-
-def _correlation(one: FloatArray, other: FloatArray) -> float:
-    a, b = one - one.mean(), other - other.mean()
-    size = float(np.sqrt((a @ a) * (b @ b)))
-    return float(a @ b) / size if size > 0 else 0.0
 
 
 def check_fit(left_out: FloatArray, outputs: FloatArray, used: list[int]) -> None:

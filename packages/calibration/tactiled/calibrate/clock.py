@@ -94,7 +94,7 @@ def align(
         return Alignment(late_s, sd_s, 1.0)
     inside = reference.inside(late_s, 0.0)
     normal = reference.means(late_s, 0.0)[:, 2]
-    return Alignment(late_s, sd_s, _correlation(pressure(log, array)[inside], normal[inside]))
+    return Alignment(late_s, sd_s, correlation_of(pressure(log, array)[inside], normal[inside]))
 
 
 def _sd_s(lags_s: FloatArray, correlations: FloatArray, n_independent: float) -> float:
@@ -163,7 +163,7 @@ class _SameSize:
         if inside.sum() < self._least:
             return float("nan")
         shown = _size(self._reference, self._reference.means(late_s, 0.0))
-        return abs(_correlation(self._felt[inside], shown[inside]))
+        return abs(correlation_of(self._felt[inside], shown[inside]))
 
     def n_independent(self, late_s: float) -> float:
         """Return the number of independent residuals at an offset."""
@@ -183,7 +183,8 @@ def _size(reference: AlignedReference, outputs: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((centred**2).sum(axis=1)))
 
 
-def _correlation(one: FloatArray, other: FloatArray) -> float:
+def correlation_of(one: FloatArray, other: FloatArray) -> float:
+    """Correlation of two columns (n,); 0 where one is constant."""
     a, b = one - one.mean(), other - other.mean()
     size = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / size if size > 0 else 0.0
