@@ -10,6 +10,7 @@ from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log
 from tactiled.calibrate.smooth import PLAIN, RICH, FeatureTerms, fit_smooth
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import LARGEST_N, Loads, Motion
+from tactiled.emulator.rig.sensor import RigSensor
 from tactiled.emulator.rig.session import RATE_HZ, Rig, RigRun, draw_rig
 from tactiled.force.calibration import CalibrationFile, load_calibration
 from tactiled.force.estimator import ForceEstimator
@@ -95,7 +96,8 @@ class MagnetScore(NamedTuple):
 def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
     """Draw a rig, its calibration run and its test runs."""
     rig, rng = draw_rig(load_array(ARRAY), seed)
-    rig = replace(rig, sensor=rig.sensor.with_creep(case.creep))
+    assert isinstance(rig.sensor, RigSensor)
+    rig = replace(rig, sensor=replace(rig.sensor, creep=rig.sensor.creep * case.creep))
     tests = [rig.run("hold", TEST_S, rng), rig.run("walk", TEST_S, rng)]
     return rig, rig.run(case.motion, case.seconds, rng), tests
 

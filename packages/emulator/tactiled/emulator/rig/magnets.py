@@ -1,7 +1,6 @@
 """Magnetometer skins drawn at random: fields of magnets in a soft layer that is pressed and sheared."""
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,10 +23,6 @@ class MagnetSkin:
     temperature_per_k: float  # relative change of the field of the magnets
     noise: float  # uT
     stiffness: FloatArray  # (taxels,)
-
-    def with_creep(self, times: float) -> Self:
-        """Return the skin with so many times the creep."""
-        return replace(self, creep=self.creep * times)
 
     def readings(
         self,

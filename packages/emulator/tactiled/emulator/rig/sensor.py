@@ -4,8 +4,8 @@ Nothing here is shared with the model that is calibrated. Ranges are centred on 
 `tactiled.emulator.board.electronics`, whose sources are stated there; widths are those of single parts.
 """
 
-from dataclasses import dataclass, replace
-from typing import Literal, Self
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -48,10 +48,6 @@ class RigSensor:
     supply_v: float
     noise_v: float
     temperature_per_k: float  # relative change of conductance
-
-    def with_creep(self, times: float) -> Self:
-        """Return the sensor with so many times the creep."""
-        return replace(self, creep=self.creep * times)
 
     def readings(
         self,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 
@@ -42,10 +42,6 @@ class DrawnSensor(Protocol):
         temperature_k: FloatArray | float = 0.0,
     ) -> FloatArray:
         """Return the readings (n, channels) for forces (n, taxels, 3), at a temperature over the first."""
-        ...
-
-    def with_creep(self, times: float) -> Self:
-        """Return the sensor with so many times the creep."""
         ...
 
 
