@@ -8,8 +8,8 @@ Published sensitivities (Wang et al., Sens. Actuators A 297 (2019) 111512): 0.47
 resistors as normal voltage, and R1 - R3 and R2 - R4 as shear voltages. They cannot be per newton on the
 whole array: 20 N with friction 0.6 would change R1 - R3 by 5.6 V at an ADC of 3 V. They also do not agree
 with 1.2 V at 20 N on nine taxels (it would be 0.45 V), so there are two sets of constants: the defaults, for
-scenes on the whole array, and `PUBLISHED_SENSITIVITY`, for `config/scenes/one-taxel.toml`, whose
-``[electronics]`` can be copied into any scene.
+scenes on the whole array, and those of `config/scenes/one-taxel.toml`, whose ``[electronics]`` can be copied
+into any scene.
 """
 
 import numpy as np
@@ -18,17 +18,11 @@ from pydantic import Field
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Readout
-from tactiled.errors import ConfigError
 from tactiled.tomlfile import Params
 
 # Part of a taxel's load on one read-out area at rest: finite elements, coarse mesh, 1.667 N
 # (fem-coarse-flat-0.6.json).
 PART_OF_LOAD = {"edge": 0.05619 / (5 / 3), "half": 0.67987 / (5 / 3)}
-# Distribution of a taxel's load over the edge areas by contact model `lumped` (a test compares them): part of
-# the load at rest over the number above, at 3 N and from 3.8 N up; and left minus right at 3 N, per newton of
-# friction, over twice the area's force at rest and times the load.
-_AT_REST_3_N, _AT_REST = 1.0236, 1.0317
-_EDGE_IMBALANCE = 2.981
 
 
 class ElectronicsParams(Params):
@@ -55,8 +49,7 @@ class ElectronicsParams(Params):
         default=0.47, gt=0, le=1000, description="of shear channels, around mid-scale"
     )
     # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
-    # forces beside its area; see `calibrate`. Used with physical contact models; prescribed signals include
-    # it.
+    # forces beside its area. Used with physical contact models; prescribed signals include it.
     spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
     spread_y: float = Field(default=0.54, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
     hysteresis: float = Field(
@@ -175,59 +168,3 @@ def adc_counts(volts: FloatArray, bits: int, reference_v: float) -> NDArray[np.i
     """Counts of an ideal ADC with ``reference / 2**bits`` volts a count; clips at both ends."""
     counts = np.floor(volts * (2**bits / reference_v) + 0.5)
     return np.asarray(np.clip(counts, 0, 2**bits - 1), dtype=np.int64)
-
-
-def calibrate(
-    normal_v_per_n: tuple[float, float] = (0.201, 0.067),
-    shear_v_per_n: tuple[float, float] = (0.471, 0.466),
-    upto_n: tuple[float, float] = (6.0, 15.0),
-    divider_ohm: float = 270e3,
-    dead_zone_n: float = 0.0125,
-) -> ElectronicsParams:
-    """Rubber, supply and spread that give a taxel these sensitivities (defined in the module's text).
-
-    With ``V = U x / (x + c)``, x a quarter of the load less the dead zone and ``c = rubber / divider``, the
-    two normal sensitivities fix U and c. Shear at half of the first range, 3 N, and little friction: an
-    area's force changes by ``_EDGE_IMBALANCE T / N`` of itself, of which the electrode sees ``1 - spread``.
-    Forces on the areas are those of contact model `lumped`. With `compliance` the edges bear up to a tenth
-    more at such loads, for which there is no finite-element reference.
-
-    Parameters
-    ----------
-    normal_v_per_n : secants from 0 to the first and from there to the second of `upto_n`
-    shear_v_per_n : R1 - R3 and R2 - R4 per newton along x and y
-
-    Raises
-    ------
-    ConfigError
-        No divider has these sensitivities.
-    """
-    x1, x2 = (n / 4 * _AT_REST - dead_zone_n for n in upto_n)
-    v1 = normal_v_per_n[0] * upto_n[0]
-    v2 = v1 + normal_v_per_n[1] * (upto_n[1] - upto_n[0])
-
-    # Both sensitivities ask for the same U: v1 (x1 + c) / x1 = v2 (x2 + c) / x2.
-    flattening = v1 / x1 - v2 / x2
-    if v2 <= v1 or flattening <= 0:
-        fault = "normal sensitivities: the second must be smaller than the first, and above 0"
-        raise ConfigError("electronics", [fault])
-    c = (v2 - v1) / flattening
-    supply = v1 * (x1 + c) / x1
-    middle = upto_n[0] / 8 * _AT_REST_3_N - dead_zone_n
-    slope = supply * c / (middle + c) ** 2
-    full = 2 * slope / 4 * _AT_REST_3_N * _EDGE_IMBALANCE
-    spread_x, spread_y = (1 - v / full for v in shear_v_per_n)
-    if min(spread_x, spread_y) < 0:
-        raise ConfigError("electronics", [f"shear sensitivity: the areas give no more than {full:.3g} V/N"])
-    return ElectronicsParams(
-        rubber_ohm_n=c * divider_ohm,
-        dead_zone_n=dead_zone_n,
-        divider_ohm=divider_ohm,
-        supply_v=supply,
-        spread_x=spread_x,
-        spread_y=spread_y,
-    )
-
-
-PUBLISHED_SENSITIVITY = calibrate()
-"""A taxel with the sensitivities of Sens. Actuators A 297 (2019) 111512."""
