@@ -87,11 +87,11 @@ class ZmqTransport:
 
     def receive(self) -> list[bytes]:
         """Return topic and payload of a message that has arrived; empty for none."""
-        return _take(self._events)
+        return take(self._events)
 
     def take_reply(self) -> bytes | None:
         """Return a reply that has arrived; None for none."""
-        parts = [] if self._control is None else _take(self._control)
+        parts = [] if self._control is None else take(self._control)
         return parts[-1] if parts else None
 
     def send(self, payload: bytes) -> bool:
@@ -144,8 +144,8 @@ def _over_zenoh(
     return ZenohTransport(endpoint, topics, board, keys, can_ask=control is None)
 
 
-def _take(sock: zmq.Socket[bytes]) -> list[bytes]:
-    """Read a message that has arrived; empty for none."""
+def take(sock: zmq.Socket[bytes]) -> list[bytes]:
+    """Return the parts of a message that has arrived; empty for none."""
     try:
         return sock.recv_multipart(zmq.NOBLOCK)
     except zmq.Again:

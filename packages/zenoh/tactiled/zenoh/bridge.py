@@ -13,13 +13,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import zenoh
 import zmq
 
 from tactiled.client import connect
 from tactiled.client.over_zenoh import WakeUp, words_of, zenoh_chunk
+from tactiled.client.transports import take
 from tactiled.errors import UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.zenoh.relay import Relay
@@ -123,10 +123,10 @@ class ZenohBridge:
             now_s = time.monotonic()
             while self._queries:
                 self._take(self._queries.popleft(), now_s)
-            while parts := _receive(self._control):
+            while parts := take(self._control):
                 self._relay.reply(parts[-1])
             for _ in range(_MOST_AT_ONCE):
-                if len(parts := _receive(self._events)) != 2:
+                if len(parts := take(self._events)) != 2:
                     break
                 self._forward(parts[0], parts[1], now_s)
             self._boards.drop_silent(now_s)
@@ -280,10 +280,3 @@ def _advanced(session: "zenoh.Session", key: str) -> Put:
         publisher_detection=True,
     )
     return lambda payload, attachment: publisher.put(payload, attachment=attachment)
-
-
-def _receive(sock: "zmq.Socket[Any]") -> list[bytes]:
-    try:
-        return sock.recv_multipart(zmq.NOBLOCK)
-    except zmq.Again:
-        return []
