@@ -6,6 +6,7 @@ Strings with a fixed set of values come with constants. The files in ``ros2/tact
 """
 
 import json
+import textwrap
 from typing import Any
 
 from tactiled import resources
@@ -88,10 +89,5 @@ def _constants(name: str, field: dict[str, Any]) -> str:
 
 
 def _comment(text: str) -> str:
-    lines, line = [], "#"
-    for word in text.split():
-        if len(line) + 1 + len(word) > _WIDTH:
-            lines.append(line)
-            line = "#"
-        line += f" {word}"
-    return "".join(f"{each}\n" for each in [*lines, line]) if text else ""
+    lines = textwrap.wrap(text, _WIDTH - len("# "), break_long_words=False, break_on_hyphens=False)
+    return "".join(f"# {line}\n" for line in lines)
