@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.emulator.mechanics.base import Surface, TaxelModel
-from tactiled.emulator.mechanics.period import SHIPPED, is_solved, solved_tables, write_tables
+from tactiled.emulator.mechanics.period import SHIPPED, is_solved, ship_tables, solved_tables
 from tactiled.emulator.mechanics.periodic import STEP_S, TableCollector
 from tactiled.emulator.scene.contact import explain, model_name
 from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
@@ -114,7 +114,7 @@ def _write_shipped() -> None:
     for scene in [load_scene("demo"), *(s.with_changes(contact="periodic") for s in grooved)]:
         prepare(scene, load_array(scene.array))
         print(f"{scene.name}: {len(solved_tables())} tables", file=sys.stderr)
-    write_tables(SHIPPED, solved_tables())
+    ship_tables()
 
 
 if __name__ == "__main__":

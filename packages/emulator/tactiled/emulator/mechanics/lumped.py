@@ -86,7 +86,10 @@ class Lumped:
     def __init__(
         self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout = "edge"
     ) -> None:
-        refuse_grooves("lumped", surface, "a load curve has no ridges")
+        if surface.depth_mm > 0:
+            why = "a load curve has no ridges"
+            fault = f"contact: lumped cannot play grooves ({why}); use periodic, compliance or auto"
+            raise ConfigError("scene", [fault])
         self._surface = surface
         self.friction_part: float | FloatArray = 1.0
         self._n_taxels = n_taxels
@@ -241,13 +244,6 @@ def friction_at(surface: Surface, speed_mm_s: FloatArray) -> FloatArray:
     # Beyond 30 reference speeds the exponential is 0, and its argument must not overflow.
     fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
     return np.asarray(surface.friction * (1 + (surface.static_ratio - 1) * fall))
-
-
-def refuse_grooves(model: str, surface: Surface, why: str) -> None:
-    """Raise `ConfigError` where the plate is not flat."""
-    if surface.depth_mm > 0:
-        fault = f"contact: {model} cannot play grooves ({why}); use periodic, compliance or auto"
-        raise ConfigError("scene", [fault])
 
 
 def _mean_weights(weights: SideWeights) -> tuple[FloatArray, FloatArray]:

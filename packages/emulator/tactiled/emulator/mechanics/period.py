@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -180,15 +179,13 @@ def solved_tables() -> Mapping[str, FloatArray]:
 @cache
 def shipped_tables() -> Mapping[str, FloatArray]:
     """Tables in the shipped file."""
-    return _load(SHIPPED) if SHIPPED.exists() else {}
-
-
-def write_tables(path: Path, tables: Mapping[str, FloatArray]) -> None:
-    """Write tables, with an array of keys, since a key is no valid file name."""
-    arrays = {f"table_{k}": rows for k, rows in enumerate(tables.values())}
-    np.savez_compressed(path, allow_pickle=False, keys=np.array(list(tables)), **arrays)
-
-
-def _load(path: Path) -> dict[str, FloatArray]:
-    with np.load(path, allow_pickle=False) as file:
+    if not SHIPPED.exists():
+        return {}
+    with np.load(SHIPPED, allow_pickle=False) as file:
         return {str(key): file[f"table_{k}"] for k, key in enumerate(file["keys"])}
+
+
+def ship_tables() -> None:
+    """Write the tables that this process has solved, with an array of keys: a key is no valid file name."""
+    arrays = {f"table_{k}": rows for k, rows in enumerate(_solved.values())}
+    np.savez_compressed(SHIPPED, allow_pickle=False, keys=np.array(list(_solved)), **arrays)
