@@ -23,7 +23,7 @@ from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, SlipEvent
 from tactiled.force.calibration import CalibrationFile
-from tactiled.force.estimator import build_force
+from tactiled.force.estimator import ForceEstimator, ForceSource, UncalibratedForce
 from tactiled.received import Detected, Output, Received, joined
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock, ScanRun
@@ -120,7 +120,10 @@ class Pipeline:
             layout, params.samples, params.baud, live=live, in_counts=in_counts, in_range=in_range
         )
         self._meter = RateMeter()
-        force = build_force(array, params.calibration) if params.force else None
+        force: ForceSource | None = None
+        if params.force:  # without a calibration every force is unknown
+            file = params.calibration
+            force = UncalibratedForce() if file is None else ForceEstimator(array, file)
         self.tuning = TunedSuite(array, params.detect, partial(build_suite, worker=worker), force)
         self.reset()
 

@@ -363,8 +363,3 @@ class ForceEstimator:
         parts = self._model.weights[:3, : len(absent)] * (features[: len(absent)] * absent)
         own = parts.reshape(3, kinds, len(valid)).sum(axis=1)
         return [float(v) for v in ((_MISSING_PART * own) ** 2).sum(axis=1)]
-
-
-def build_force(array: Array, file: CalibrationFile | None) -> ForceSource:
-    """Make the source of force events; without a calibration every force is unknown."""
-    return UncalibratedForce() if file is None else ForceEstimator(array, file)

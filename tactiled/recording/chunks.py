@@ -7,6 +7,7 @@ points or, if that is wrong too, at the next bytes that form a valid chunk. A fi
 schemas and channels after the data, so they survive the loss of the chunk in which they first appeared.
 """
 
+import json
 import mmap
 import struct
 import zlib
@@ -24,7 +25,7 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from tactiled.outside import shown
-from tactiled.recording.contents import Input, damage_mark
+from tactiled.recording.contents import Input
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
@@ -62,7 +63,9 @@ class Damage:
 
     def mark(self) -> Input:
         """Return the `Input` that marks this stretch for the pipeline."""
-        return damage_mark(self.first_unix_s, self.n_bytes, self.duration_s)
+        # Its time is epoch time, as the monotonic time is lost.
+        values = {"bytes": self.n_bytes, "duration_s": self.duration_s}
+        return Input(self.first_unix_s, 0.0, "damaged", json.dumps(values))
 
 
 @dataclass

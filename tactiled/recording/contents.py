@@ -160,11 +160,6 @@ class Input:
         return loaded
 
 
-def damage_mark(first_unix_s: float, n_bytes: int, duration_s: float) -> Input:
-    """Mark an unreadable stretch of a file; its time is epoch time, as the monotonic time is lost."""
-    return Input(first_unix_s, 0.0, "damaged", json.dumps({"bytes": n_bytes, "duration_s": duration_s}))
-
-
 @dataclass(frozen=True)
 class RecordedEvent:
     """Event as it was recorded."""

@@ -60,11 +60,8 @@ class _Checker:
             covered = len(body).to_bytes(self._length_bytes, self._order) + body
         if self._checksum.compute(covered) != int.from_bytes(tail, self._order):
             return "checksum"
-        return None if self.knows(body) else "type"
-
-    def knows(self, body: bytes) -> bool:
-        """Return True where the layout has a message of this type and length."""
-        return self.body_bytes.get(int.from_bytes(body[: self._type_bytes], self._order)) == len(body)
+        type_ = int.from_bytes(body[: self._type_bytes], self._order)
+        return None if self.body_bytes.get(type_) == len(body) else "type"
 
 
 # Both ends accept frames of later protocol versions up to this number of stuffed bytes, to report them

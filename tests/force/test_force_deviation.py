@@ -16,7 +16,7 @@ from tactiled.force.calibration import (
     Uncertainty,
     load_calibration,
 )
-from tactiled.force.estimator import ForceEstimator, UncalibratedForce, build_force
+from tactiled.force.estimator import ForceEstimator
 from tactiled.samples.block import Gap, regular_block
 
 ARRAY = load_array("wang2019-3x3")
@@ -253,5 +253,3 @@ def test_a_tare_in_contact_makes_the_zero_certain_again() -> None:
 def test_forces_are_nominal_calibrated_or_unknown_by_the_file() -> None:
     assert force(load_calibration("wang2019-3x3")).calibration == "nominal"
     assert force(calibration()).calibration == "mine"
-    assert isinstance(build_force(ARRAY, None), UncalibratedForce)
-    assert isinstance(build_force(ARRAY, calibration()), ForceEstimator)

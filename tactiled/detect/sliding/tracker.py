@@ -150,7 +150,8 @@ class SlidingTracker:
         elif gained < 0 and self._odds < _LEARNS_BELOW:
             if touching.all() != rest.is_of_contact:  # the new state soon outweighs the old
                 rest.n, rest.is_of_contact = min(rest.n, _KNOWN_HOPS), bool(touching.all())
-            self._learn(found)
+            noise = found.noise if rest.noise is None else rest.noise
+            rest.learn(found.noise, own_power(found, noise))
         return None
 
     def _log_odds(self, found: Spectra) -> float:
@@ -161,10 +162,6 @@ class SlidingTracker:
         if rest.is_of_contact:
             return over_rest
         return min(over_rest, log_odds(found, own_power(found, found.noise), None))
-
-    def _learn(self, found: Spectra) -> None:
-        noise = found.noise if self._rest.noise is None else self._rest.noise
-        self._rest.learn(found.noise, own_power(found, noise))
 
     def _stops(self, readings: FloatArray) -> bool:
         """Return True where the newest readings of a slide change far less than those before."""
