@@ -10,13 +10,12 @@ import numpy as np
 from tactiled.array import Array, load_array
 from tactiled.client.commander import Commander
 from tactiled.client.items import Fresh, Message, Recovered, Restarted, Stale
-from tactiled.client.subscriber import Subscription
+from tactiled.client.subscriber import Subscription, first_info
 from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.types import ScanEvent
 from tactiled.tune.hold import LOADING_S, Collector, Recording
 
-_BOARD_S = 5.0  # a daemon publishes its board description once a second
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
 _PROGRESS_S = 10.0  # interval of progress messages
@@ -82,15 +81,9 @@ class _Feed:
 
     def board(self, endpoint: str) -> dict[str, Any]:
         """Wait for the daemon's description of its board."""
-        until_s = time.monotonic() + _BOARD_S
-        while (item := self._subscription.next_item(until_s)) is not None:
-            if isinstance(item, Message) and item.topic == "info":
-                self.serial = item.board
-                return item.data
-        raise DataError(
-            f"no board at {endpoint} within {_BOARD_S:g} s; check the daemon (tactiled run) and the board "
-            "(tactiled doctor)"
-        )
+        info = first_info(self._subscription, endpoint)
+        self.serial = info.board
+        return info.data
 
     def listen(self, seconds: float) -> list[ScanEvent]:
         """Return the scans of the next `seconds`."""

@@ -9,10 +9,9 @@ import numpy as np
 from tactiled.array import load_array
 from tactiled.calibrate.guide import Guide
 from tactiled.client.items import Message, Recovered, Stale
-from tactiled.client.subscriber import Subscription
+from tactiled.client.subscriber import Subscription, first_info
 from tactiled.errors import ConfigError, DataError
 
-_BOARD_S = 5.0  # a daemon publishes its board description once a second
 _LOOK_S = 1.0  # between two looks at what is lacking
 _LEAST_S = 15.0  # even if all is well before: creep takes seconds to show
 
@@ -52,7 +51,8 @@ def record_guided(
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])
     with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
-        info, board = _board(subscription, endpoint)
+        described = first_info(subscription, endpoint)
+        info, board = described.data, described.board
         known = load_array(array or str(info["array_id"]))
         if known.n_channels != info["channels"]:
             fault = f"{known.name} has {known.n_channels} channels, the board {info['channels']}"
@@ -93,15 +93,3 @@ def record_guided(
     lacking = "" if is_good else f"; still lacking: {advice.motion}"
     report(f"{log}: {len(time_s)} scans{lacking}. Stop the record of the force sensor.")
     return is_good
-
-
-def _board(subscription: Subscription, endpoint: str) -> tuple[dict[str, object], str]:
-    """Wait for the daemon's description of its board."""
-    until_s = time.monotonic() + _BOARD_S
-    while (item := subscription.next_item(until_s)) is not None:
-        if isinstance(item, Message) and item.topic == "info":
-            return item.data, item.board
-    raise DataError(
-        f"no board at {endpoint} within {_BOARD_S:g} s; check the daemon (tactiled run) and the board "
-        "(tactiled doctor)"
-    )

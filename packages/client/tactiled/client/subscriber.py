@@ -12,12 +12,14 @@ import zmq
 import zmq.asyncio
 
 from tactiled.client.inbox import Inbox
-from tactiled.client.items import Item
+from tactiled.client.items import Item, Message
 from tactiled.client.transports import Transport, open_transport
 from tactiled.client.typed import Topic
+from tactiled.errors import DataError
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
 
 STALE_AFTER_S = 0.5  # five periods of the status
+_INFO_S = 5.0  # a daemon publishes the description of a board once a second
 _RETRY_MS = 10  # interval of sending a request while the socket is not connected
 
 
@@ -185,6 +187,24 @@ class Subscription(_SubscriptionBase):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def first_info(subscription: Subscription, endpoint: str) -> Message:
+    """Wait for the daemon's description of its board, the first of several.
+
+    Raises
+    ------
+    DataError
+        None came; the message says what to check.
+    """
+    until_s = time.monotonic() + _INFO_S
+    while (item := subscription.next_item(until_s)) is not None:
+        if isinstance(item, Message) and item.topic == "info":
+            return item
+    raise DataError(
+        f"no board at {endpoint} within {_INFO_S:g} s; check the daemon (tactiled run) and the board "
+        "(tactiled doctor)"
+    )
 
 
 def subscribe(
