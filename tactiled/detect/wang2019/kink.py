@@ -83,18 +83,17 @@ class KinkFit:
     def fit(self, window: FloatArray, coefficient: float) -> KinkDelay:
         """Scans since the kink, seen from the newest scan.
 
+        The standard deviation is the root sum of squares of three terms: noise of rise and coefficient,
+        propagated through the ratio (at most that of the side's range, ``range / sqrt(12)``); half a scan of
+        rounding, ``1 / sqrt(12)``; and a quarter of the range, since real responses begin rounder or steeper
+        than a kink (on steps, exponentials and parabolas the error is that large, in both directions).
+
         Parameters
         ----------
         window : (taps,) float64
             Response with the kink, newest scan last.
         coefficient : float
             Filter output for that window.
-
-        Notes ----- The standard deviation is the root sum of squares of three terms: noise of rise and
-        coefficient, propagated through the ratio (at most that of the side's range, ``range / sqrt(12)``);
-        half a scan of rounding, ``1 / sqrt(12)``; and a quarter of the range, since real responses begin
-        rounder or steeper than a kink (on steps, exponentials and parabolas the error is that large, in both
-        directions).
         """
         before = window[: self.n_before]
         rise = float(window[-1] - before.mean())
@@ -114,15 +113,15 @@ class KinkFit:
     def onset(self, responses: FloatArray, coefficients: FloatArray) -> KinkOnset:
         """Delay and direction of a kink.
 
+        The direction is that of the change from before the kink to the newest scan. Its standard deviation is
+        the noise of that change, estimated before the kink, divided by its size.
+
         Parameters
         ----------
         responses : (taps, axes) float64
             Newest scan last.
         coefficients : (axes,) float64
             Filter output for them.
-
-        Notes ----- The direction is that of the change from before the kink to the newest scan. Its standard
-        deviation is the noise of that change, estimated before the kink, divided by its size.
         """
         before = responses[: self.n_before]
         moved = responses[-1] - before.mean(axis=0)
