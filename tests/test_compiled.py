@@ -136,6 +136,7 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
             of_largest,
             0.01,
             0.3,
+            np.array([0, 1, 0]),
         )
         answers = []
         for start, end in itertools.pairwise(cuts):

@@ -67,6 +67,11 @@ class StartZero:
         """Return the items that may go on; nothing while the zero is not known."""
         if self._first_s == 0 or self.zero is not None:
             return [item]
+        if isinstance(item, ScanBlock) and not any(isinstance(held, ScanBlock) for held in self._held):
+            is_read = item.valid.any(axis=1)
+            if not is_read.any():
+                return []  # the zero is that of the first readings
+            item = item[int(is_read.argmax()) :]
         self._held.append(item)
         blocks = [held for held in self._held if isinstance(held, ScanBlock)]
         if not blocks:

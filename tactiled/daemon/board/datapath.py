@@ -135,13 +135,13 @@ class DataPath:
     async def drain(self) -> None:
         """Stop the board, handle the scans that are still in transit, and report the port as lost."""
         if self._connection.is_open:
-            commands = self._session.stop()
-            self.act(commands)
+            self.act(self._session.stop())
+            is_answered = self._session.is_stopping
             end_s = time.monotonic() + STOP_S
             # A port that is closed loses what the board has not read yet: it would go on sending.
             while self._session.is_stopping and time.monotonic() < end_s:
                 await asyncio.sleep(_LOOK_S)
-            if not commands:
+            if not is_answered:
                 await asyncio.sleep(_DRAIN_S)
         self.lost("tactiled is stopping")
 

@@ -65,6 +65,7 @@ class BoardRequirements:
         self._check = check
         self.introduces = layout.has("hello")
         self.confirms = self.introduces and layout.has("identify")
+        self.acknowledges = layout.has("acknowledge")
         self.has_stop = layout.has("stop")
         answers = layout.bits("acknowledge", "ticks") is not None
         self.has_ping = layout.has("ping") and answers and layout.tick_s is not None

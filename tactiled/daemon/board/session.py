@@ -181,7 +181,7 @@ class Session:
         ):
             return []
         command = self._asking.command("stop")
-        self._last_token = command.token
+        self._last_token = command.token if self.requirements.acknowledges else None
         return [command]
 
     # ---- outputs -----------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels; of
 magnetic fields the size of that) exceeds a level: that of the parameters, else that of the array file, else
 one above the noise of its own channels, a small part of their range and, where shear is not measured, 15 %
-of the array's largest load of the last minutes, beyond the set that a soft skin may have kept. A reading of
+of the pad's largest load of the last minutes, beyond the set that a soft skin may have kept. A reading of
 one side channel alone is a fault and no contact: a press loads all four, and shear relieves two at most.
 Loading and holding are distinguished by the slope of the array's pressure response, a least-squares line over
 a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
@@ -44,12 +44,14 @@ _WANDER_OF_EARLY = 0.5
 # tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
 # that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
 # silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
-# much. It is the set of a taxel, and the least contact as a part of the array's largest load of late. For
+# much. It is the set of a taxel, and the least contact as a part of the pad's largest load of late. For
 # the latter, 0.05, 0.1 and 0.15 were tried on recordings of foil, of lattices and of an optical finger.
 _SET_OF_LOAD = 0.15
 _SET_S = 30.0  # tuned: on eFlesh, too; creep has no single time, this one is between presses and holds
 _LARGEST_S = 300.0  # choice: what is done with an object takes minutes; 60 s and for ever were tried, too
-_RISE_S = 0.2  # choice: a reading that is wrong once moves the largest load by a twentieth of it at 100 Hz
+# choice: the largest load follows within this time and twenty scans, so that a reading that is wrong once
+# moves it by a twentieth
+_RISE_S, _RISE_OF_SCAN = 0.2, 0.05
 # prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
 # what is left of a load below this part of it is rather an object that was lost.
 _SET_OF_SHEARED = 0.05
@@ -167,7 +169,8 @@ class ContactTracker:
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
             0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_LARGEST_S * rate_hz)),
-            -math.expm1(-1.0 / (_RISE_S * rate_hz)),
+            min(-math.expm1(-1.0 / (_RISE_S * rate_hz)), _RISE_OF_SCAN),
+            np.unique(array.pad, return_inverse=True)[1].astype(np.int64),
         )
         self._settle_scans = max(1, round(params.settle_s * rate_hz))
         self._begin()

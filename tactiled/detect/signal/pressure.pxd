@@ -53,13 +53,13 @@ cdef class Levels:
 
 
 cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides, n_hidden
-    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, largest, of_largest, forget_per_scan, rise_per_scan
+    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread
+    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
     cdef public bint is_begun, is_field
     cdef public Levels levels
     cdef public RestNoise rest
-    cdef public long long[::1] own, counts
-    cdef public double[::1] sign, total_weights, line, totals, set, pressure, taxel_noise
+    cdef public long long[::1] own, counts, pads
+    cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise
 
     cpdef interrupt(self, double set_kept, double largest_kept)
 

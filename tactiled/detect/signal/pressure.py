@@ -319,8 +319,7 @@ class Pressure:
     in a standard linear solid; only what is beyond it is compared with the levels. A magnet of a skin moves
     with the skin around it: the set of a field follows the mean pressure of the taxels where that is more
     than the taxel's own. What a skin keeps, for seconds or minutes, and how far it wanders is in proportion
-    to what presses it: beside the level of the noise, contact is a part of the largest load of the array of
-    late.
+    to what presses it: beside the level of the noise, contact is a part of the pad's largest load of late.
 
     Parameters
     ----------
@@ -340,10 +339,12 @@ class Pressure:
     set_of_load, set_per_scan : float
         Part of a load that a press of any length leaves, and the part of the way to it in a scan.
     of_largest : float
-        Least part of the array's largest load that is a contact.
+        Least part of the largest load of a pad that is a contact.
     forget_per_scan, rise_per_scan : float
         Part of the largest load that is forgotten in a scan, and part of the way to a larger one that is
         followed: a single wrong reading is none.
+    pads : (taxels,) int64
+        Pad of each taxel, from 0 on.
     """
 
     def __init__(
@@ -363,6 +364,7 @@ class Pressure:
         of_largest: float,
         forget_per_scan: float,
         rise_per_scan: float,
+        pads: Whole,
     ) -> None:
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
@@ -376,15 +378,18 @@ class Pressure:
         self.of_largest, self.forget_per_scan, self.rise_per_scan = of_largest, forget_per_scan, rise_per_scan
         zeros = bytes(8 * len(counts))
         self.set, self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros), array("d", zeros)
-        self.largest, self.is_begun, self.n_hidden = 0.0, False, 0
+        self.pads, self.n_pads = array("q", pads), max(pads) + 1
+        self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
+        self.is_begun, self.n_hidden, self.n_unread = False, 0, 0
 
     def interrupt(self, set_kept: float, largest_kept: float) -> None:
         """Pass over missing scans, after which parts of the set and of the largest load are left."""
-        self.is_begun, self.n_hidden = False, 0
+        self.is_begun, self.n_unread = False, 0
         self.rest.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= set_kept
-        self.largest *= largest_kept
+        for p in range(self.n_pads):
+            self.largest[p] *= largest_kept
 
     def take(
         self,
@@ -417,13 +422,16 @@ class Pressure:
         each = 0 if len(readings) == taxels else taxels
         for i in range(n):
             row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
-            loads, heaviest, is_hidden, is_read = 0.0, 0.0, False, False
+            loads, is_hidden, is_read = 0.0, False, False
+            for p in range(self.n_pads):
+                self.heaviest[p] = 0.0
             becomes_known = False if levels.all_given else rest.take(row, held, ok)
             for t in range(taxels):
                 total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
-                taxel_noise = 0.0
+                taxel_noise, is_ok = 0.0, True
                 for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
                     c = self.own[s]
+                    is_ok = is_ok and ok[row + c] != 0
                     one = steps[row + c] * self.sign[c]
                     total += one
                     largest, smallest = max(largest, one), min(smallest, one)
@@ -440,22 +448,25 @@ class Pressure:
                 self.pressure[t] = total * self.volts_per_step / max(n_read, 1.0)
                 self.taxel_noise[t] = taxel_noise * self.volts_per_step
                 loads += max(self.pressure[t], 0.0)
-                heaviest = max(heaviest, self.pressure[t])
-            self.largest -= self.forget_per_scan * self.largest
-            self.largest += self.rise_per_scan * max(heaviest - self.largest, 0.0)
-            least, shared = self.of_largest * self.largest, loads / taxels if self.is_field else 0.0
+                if is_ok:
+                    self.heaviest[self.pads[t]] = max(self.heaviest[self.pads[t]], self.pressure[t])
+            for p in range(self.n_pads):
+                self.largest[p] -= self.forget_per_scan * self.largest[p]
+                self.largest[p] += self.rise_per_scan * max(self.heaviest[p] - self.largest[p], 0.0)
+            shared = loads / taxels if self.is_field else 0.0
             for t in range(taxels):
                 pressed = max(max(self.pressure[t], shared), 0.0)
                 self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
                 pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
+                least = self.of_largest * self.largest[self.pads[t]]
                 is_above = pressure > levels.contact_at(taxel_noise)
-                touches, is_hidden = is_above and pressure > least, is_hidden or is_above
+                touches, is_hidden = is_above and self.pressure[t] > least, is_hidden or is_above
                 flags[3 * n + i * taxels + t] = 1 if touches else 0
                 if touches:
                     n_touching += 1
                     load += pressure
-                release = max(levels.release_at(taxel_noise), _RELEASE_OF_CONTACT * least)
-                n_released += 1 if pressure < release else 0
+                is_released = pressure < levels.release_at(taxel_noise)
+                n_released += 1 if is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least else 0
             if not self.is_begun:
                 self.is_begun = True
                 for k in range(n_line - 1):
@@ -465,7 +476,10 @@ class Pressure:
                 risen += self.totals[k] * self.line[k]
                 self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
             flags[i] = 1 if n_touching > 0 else 0
-            flags[n + i] = 1 if is_read and n_released == taxels else 0  # no reading is no release
+            # No reading is no release, for as long as the slope looks back.
+            self.n_unread = 0 if is_read else self.n_unread + 1
+            is_told = is_read or self.n_unread > n_line
+            flags[n + i] = 1 if is_told and n_released == taxels else 0
             # What was hidden for longer than a press takes did not begin when it is found.
             flags[2 * n + i] = 1 if becomes_known or (self.n_hidden >= n_line and n_touching > 0) else 0
             self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
