@@ -121,7 +121,7 @@ def test_what_is_not_valid_hides_no_touch(n_lost: int) -> None:
     valid = np.ones(values.shape, dtype=np.bool_)
     valid[100 : 100 + n_lost] = False
     events = ContactGate(COUNTS).process(regular_block(values, RATE_HZ, valid=valid))
-    found = [event for event in events if event.time_s > 3.0]
+    found = [event for event in events if isinstance(event, ContactEvent) and event.time_s > 3.0]
     assert found[0].state == "loading"
     assert found[0].time_s == pytest.approx(5.0, abs=0.05)
 
