@@ -254,7 +254,7 @@ class Array:
 
     @functools.cached_property
     def falls_under_load(self) -> NDArray[np.bool_]:
-        """Which channels fall under load (channels,); a press may move a field either way."""
+        """True for the channels (channels,) whose readings fall under load; a field may move either way."""
         loads = np.array([kind in ("normal", "side") for kind in self.channel_kind])
         return np.asarray(loads & (self.sign < 0) & (self.unit != "uT"))
 

@@ -24,7 +24,7 @@ from tactiled.wire.frames import Command
 # bucket (16 ms).
 _DRAIN_S = 0.1
 STOP_S = 1.0  # longest wait for the answer to that stop, which takes 20 ms, and more where the host is busy
-_LOOK_S = 0.005
+_LOOK_S = 0.005  # between looks for it: a stop takes at most a quarter longer than the board needs
 
 
 class DataPath:
