@@ -4,6 +4,8 @@ from array import array
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 
 class Trees:
     """Gradient-boosted trees: one score for each output.
@@ -23,8 +25,8 @@ class Trees:
     def __init__(self, table: Mapping[str, Any]) -> None:
         self.first = array("d", table["first"])
         self.root, self.output = array("q", table["root"]), array("q", table["output"])
-        self.links = array("i", [link for node in table["links"] for link in node])
-        self.value = array("d", table["value"])
+        self.links = array("i", np.ravel(table["links"]).tolist())
+        self.value = array("d", np.ravel(table["value"]).tolist())
         self.scores = array("d", self.first)
 
     def evaluate(self, row: "array[float]") -> None:
