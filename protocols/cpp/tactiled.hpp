@@ -205,28 +205,24 @@ public:
     template <class... Fields> Reply send(const std::string& command, const Fields&... fields)
     {
         begin(command, fields...);
-        for (;;) {
-            if (const Reply* reply = poll())
-                return *reply;
-            pollfd waits[] = {{detail::fd_of(socket_), POLLIN, 0}};
-            detail::wait(waits, deadline_s());
-        }
+        return wait();
+    }
+
+    // The same with fields whose number is known when it runs: `pack_fields` packs names and values.
+    template <class PackFields>
+    Reply send_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
+    {
+        begin_fields(command, n_fields, pack_fields);
+        return wait();
     }
 
     // Send a command without waiting; `poll` has its reply. The reply to one before is dropped.
     template <class... Fields> void begin(const std::string& command, const Fields&... fields)
     {
         static_assert(sizeof...(Fields) % 2 == 0, "fields are pairs of name and value");
-        id_ = session_.substr(0, 8) + "-" + std::to_string(++number_);
-        request_.clear();
-        msgpack::packer<msgpack::sbuffer> packer(request_);
-        packer.pack_map(static_cast<std::uint32_t>(5 + sizeof...(Fields) / 2));
-        packer.pack("v").pack(1).pack("session").pack(session_).pack("id").pack(id_).pack("do").pack(command);
-        packer.pack("who").pack(who_);
-        (packer.pack(fields), ...);
-        until_s_ = monotonic_s() + TIMEOUT_S;
-        again_s_ = 0.0;
-        poll_socket();
+        begin_fields(command, sizeof...(Fields) / 2, [&]([[maybe_unused]] auto& packer) {
+            (packer.pack(fields), ...);
+        });
     }
 
     // Reply to the newest command, once; nullptr while there is none. Call it from time to time, because it
@@ -258,6 +254,31 @@ public:
     }
 
 private:
+    template <class PackFields>
+    void begin_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
+    {
+        id_ = session_.substr(0, 8) + "-" + std::to_string(++number_);
+        request_.clear();
+        msgpack::packer<msgpack::sbuffer> packer(request_);
+        packer.pack_map(5 + n_fields);
+        packer.pack("v").pack(1).pack("session").pack(session_).pack("id").pack(id_).pack("do").pack(command);
+        packer.pack("who").pack(who_);
+        pack_fields(packer);
+        until_s_ = monotonic_s() + TIMEOUT_S;
+        again_s_ = 0.0;
+        poll_socket();
+    }
+
+    Reply wait()
+    {
+        for (;;) {
+            if (const Reply* reply = poll())
+                return *reply;
+            pollfd waits[] = {{detail::fd_of(socket_), POLLIN, 0}};
+            detail::wait(waits, deadline_s());
+        }
+    }
+
     double deadline_s() const
     {
         return id_.empty() ? INF : std::min(until_s_, std::max(again_s_, monotonic_s() + detail::RETRY_S));

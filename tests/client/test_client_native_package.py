@@ -1,4 +1,4 @@
-"""The client of C++ as others build it: installed, found by CMake and pkg-config, without a warning."""
+"""The clients of C++ and C as others build them: installed, found by CMake and pkg-config, no warning."""
 
 import re
 import subprocess
@@ -9,13 +9,15 @@ from cpp import HEADERS, ROOT, WARNINGS, compile_native, need_native
 
 from tactiled.version import __version__
 
-EXAMPLE = ROOT / "examples" / "hold.cpp"
+EXAMPLE, EXAMPLE_C = ROOT / "examples" / "hold.cpp", ROOT / "examples" / "listen.c"
 LISTS = """
 cmake_minimum_required(VERSION 3.16)
-project(controller CXX)
+project(controller C CXX)
 find_package(tactiled 0.1 REQUIRED)
 add_executable(hold hold.cpp other.cpp)
 target_link_libraries(hold tactiled::client)
+add_executable(listen listen.c)
+target_link_libraries(listen tactiled::c)
 """
 OTHER = "#include <tactiled.hpp>\nbool is_open(tactiled::Subscription& events) { return events.poll(); }\n"
 
@@ -32,6 +34,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     need_native("cmake", "pkg-config")
     folder = tmp_path_factory.mktemp("installed")
     run("cmake", "-S", HEADERS, "-B", folder / "build", cwd=folder)
+    run("cmake", "--build", folder / "build", cwd=folder)
     run("cmake", "--install", folder / "build", "--prefix", folder / "prefix", cwd=folder)
     return folder / "prefix"
 
@@ -39,18 +42,31 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_cmake_finds_it(installed: Path, tmp_path: Path) -> None:
     (tmp_path / "CMakeLists.txt").write_text(LISTS)
     (tmp_path / "hold.cpp").write_text(EXAMPLE.read_text())
+    (tmp_path / "listen.c").write_text(EXAMPLE_C.read_text())
     (tmp_path / "other.cpp").write_text(OTHER)  # two files of one program include the header
     flags = f"-DCMAKE_CXX_FLAGS={' '.join(WARNINGS)}"
     run("cmake", "-B", "build", f"-DCMAKE_PREFIX_PATH={installed}", flags, cwd=tmp_path)
     run("cmake", "--build", "build", cwd=tmp_path)
     assert (tmp_path / "build" / "hold").exists()
+    says_what_is_wrong(tmp_path / "build" / "listen")
+
+
+def says_what_is_wrong(listen: Path) -> None:
+    """Assert that the program has found libtactiled, which refuses to listen to nothing."""
+    done = subprocess.run([listen], capture_output=True, text=True, check=False)
+    assert done.stderr.startswith("listen: endpoint")
 
 
 def test_pkg_config_finds_it(installed: Path, tmp_path: Path) -> None:
-    environ = ("env", f"PKG_CONFIG_PATH={installed}/share/pkgconfig", "pkg-config")
+    (library,) = installed.glob("lib*/**/pkgconfig")
+    environ = ("env", f"PKG_CONFIG_PATH={installed}/share/pkgconfig:{library}", "pkg-config")
     flags = run(*environ, "--cflags", "--libs", "tactiled", cwd=tmp_path).split()
     run("c++", *WARNINGS, EXAMPLE, *flags, "-o", "hold", cwd=tmp_path)
-    assert run(*environ, "--modversion", "tactiled", cwd=tmp_path).strip() == __version__
+    flags = run(*environ, "--cflags", "--libs", "libtactiled", cwd=tmp_path).split()
+    run("cc", EXAMPLE_C, *flags, f"-Wl,-rpath,{library.parent}", "-o", "listen", cwd=tmp_path)
+    says_what_is_wrong(tmp_path / "listen")
+    for name in ("tactiled", "libtactiled"):
+        assert run(*environ, "--modversion", name, cwd=tmp_path).strip() == __version__
 
 
 @pytest.mark.parametrize("header", sorted(HEADERS.glob("*.hpp")), ids=lambda header: header.name)

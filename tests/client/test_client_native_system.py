@@ -2,14 +2,12 @@
 
 import json
 import subprocess
-import sys
-import threading
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from client_programs import Program, board, process
 from cpp import ROOT, compile_native, need_native
 from patience import PATIENCE_S
 from ports import free_pair
@@ -22,69 +20,6 @@ def native_client(tmp_path_factory: pytest.TempPathFactory) -> Path:
     need_native()
     source = ROOT / "tests" / "helpers" / "native_client.cpp"
     return compile_native(source, tmp_path_factory.mktemp("native") / "native_client")
-
-
-class Program:
-    """Client in a process, with the lines that it has printed."""
-
-    def __init__(self, *command: str | Path) -> None:
-        self.lines: list[str] = []
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        self.lines.extend(iter(self._process.stdout.readline, ""))
-
-    def say(self, line: str) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(f"{line}\n")
-        self._process.stdin.flush()
-
-    def until(self, enough: Callable[[list[list[str]]], bool], what: str, first: int = 0) -> list[list[str]]:
-        """Wait for lines from the first on, as words; return them."""
-        until_s = time.monotonic() + PATIENCE_S
-        while not enough(words := [line.split() for line in self.lines[first:]]):
-            assert time.monotonic() < until_s, f"never: {what}; last {self.lines[-3:]}"
-            assert self._process.poll() is None, f"ended, without {what}"
-            time.sleep(0.02)
-        return words
-
-    def kill(self) -> None:
-        """End the program, which still runs."""
-        assert self._process.poll() is None
-        self._process.kill()
-        self.close()
-
-    def close(self) -> int:
-        """End the input; return the exit code."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.close()
-        code = self._process.wait(PATIENCE_S)
-        self._reader.join()
-        self._process.stdout.close()
-        return code
-
-
-@contextmanager
-def process(*arguments: str | Path) -> Iterator["subprocess.Popen[str]"]:
-    command = [sys.executable, "-m", "tactiled", *map(str, arguments)]
-    with subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as child:
-        try:
-            yield child
-        finally:
-            child.kill()
-
-
-@contextmanager
-def board(folder: Path) -> Iterator[None]:
-    """Emulated board on a pty: an object that sticks and slips."""
-    with process("emulate", "--scene", "stick-slip", "--link", folder / "board") as emulator:
-        assert emulator.stdout is not None
-        assert json.loads(emulator.stdout.readline())["what"] == "ready"
-        yield
 
 
 def has(kind: str, *fields: str) -> Callable[[list[list[str]]], bool]:
