@@ -33,12 +33,12 @@ enum tactiled_kind {
     TACTILED_MALFORMED = 7  /* received data that are no message of tactiled */
 };
 
-/* Why a call of this thread failed, the newest that did; empty before any failure. Valid until the next call. */
+/* Why a call of this thread failed, the newest that did; empty before any. Valid until the next call. */
 const char *tactiled_error(void);
 
-/* Begin to receive from a daemon; NULL where the endpoint or a file is wrong. A daemon that is not there shows
- * as TACTILED_STALE. `topics`: separated by blanks, "slip grip"; NULL for all. `board`: serial number; NULL for
- * all. `keys`: file of `tactiled keys make`; NULL without keys. */
+/* Begin to receive from a daemon; NULL where the endpoint or a file is wrong. A daemon that is not there
+ * shows as TACTILED_STALE. `topics`: separated by blanks, "slip grip"; NULL for all. `board`: serial number;
+ * NULL for all. `keys`: file of `tactiled keys make`; NULL without keys. */
 tactiled_client *tactiled_open(const char *endpoint, const char *topics, const char *board, const char *keys);
 
 /* End; NULL is no mistake. */
@@ -78,10 +78,11 @@ const char *tactiled_text(tactiled_client *client, const char *field);
 /* The message as it came, a msgpack map; NULL and size 0 where the item is no message. */
 const unsigned char *tactiled_payload(const tactiled_client *client, size_t *size);
 
-/* Send a command (protocols/control.md) and wait for the reply, at most 5 s. `fields`: NAME=VALUE, one in each
- * line, as in "duration_s=0.4"; NULL for none. A value that is a number is sent as one, `true` and `false` as
- * such, all others as text; one in double quotes is text, whatever it looks like. The board of `tactiled_open` is added. Returns 0 where it was carried out, 1 where
- * it was refused, -1 without a reply: it may have been carried out all the same. */
+/* Send a command (protocols/control.md) and wait for the reply, at most 5 s. `fields`: NAME=VALUE, one in
+ * each line, as in "duration_s=0.4"; NULL for none. A value that is a number is sent as one, `true` and
+ * `false` as such, all others as text; one in double quotes is text, whatever it looks like. The board of
+ * `tactiled_open` is added. Returns 0 where the command was carried out, 1 where it was refused, -1 without a
+ * reply: it may have been carried out all the same. */
 int tactiled_command(tactiled_client *client, const char *command, const char *fields);
 
 #ifdef __cplusplus

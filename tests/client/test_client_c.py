@@ -16,7 +16,7 @@ from client_programs import Program, board, process
 from cpp import HEADERS, ROOT, compile_native, need_native
 from patience import PATIENCE_S
 
-KINDS = dict(re.findall(r"TACTILED_(\w+) = (-?\d+)", (HEADERS / "tactiled.h").read_text()))
+KINDS: dict[str, str] = dict(re.findall(r"TACTILED_(\w+) = (-?\d+)", (HEADERS / "tactiled.h").read_text()))
 C_WARNINGS = "-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"
 pytestmark = pytest.mark.system
 
