@@ -74,6 +74,7 @@ class PosteriorSlips:
         events: list[SlipEvent] = []
         if self.open is not None and not self.gate.is_open:
             events.append(self.end(at.time_s, valid=at.is_valid))
+            self._forget_all_but_newest()
         if self.open is None and self.gate.is_open:
             self.open = self._onset(scan, at)
             events.append(self.open)
@@ -88,6 +89,12 @@ class PosteriorSlips:
         ended = dataclasses.replace(self.open, state="end", time_s=time_s, detected_s=time_s, valid=valid)
         self.open = None
         return ended
+
+    def _forget_all_but_newest(self) -> None:
+        """Forget how shear came to what it is: that was the slip that has ended, and the fall after it."""
+        newest = self._past.pop()
+        self._past.clear()
+        self._past.append(newest)
 
     def _onset(self, scan: ContactScan, at: ScanInstant) -> SlipEvent:
         p = scan.filter.p_incipient

@@ -24,6 +24,8 @@ HANDS = {
     "plates": ("slide", "gripped", "load"),
 }
 
+ROUNDING_S = 1e-9  # an onset is a mean of instants
+
 
 @pytest.fixture(scope="module", params=sorted(GENERATORS))
 def worlds(request: pytest.FixtureRequest) -> list[World]:
@@ -66,6 +68,17 @@ def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], se
                     assert event.state == "partial"
                     assert event.utilisation >= INCIPIENT_USED
     assert n_gross > 0
+
+
+@pytest.mark.parametrize("setting", sorted(SETTINGS))
+def test_a_slip_begins_after_the_one_before_has_ended(worlds: list[World], setting: str) -> None:
+    """A contact whose slide has just ended shows a fall of shear, which is no growth towards another slip."""
+    for world in worlds:
+        ended_s = -math.inf
+        for event in told(world, setting):
+            if isinstance(event, SlipEvent):
+                assert event.onset_s >= ended_s - ROUNDING_S or event.state == "end"
+                ended_s = event.time_s if event.state == "end" else ended_s
 
 
 @pytest.mark.parametrize("part", [1.0, 0.1, 0.02])
