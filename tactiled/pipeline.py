@@ -112,12 +112,15 @@ class Pipeline:
         self.layout = layout
         self.array = array
         self._decoder = Decoder(layout)
-        in_counts = array.unit == "count"
-        # Full scale is rest for channels that fall under load.
-        has_range = layout.carries_units or (in_counts and bool(array.falls_under_load.any()))
-        in_range = array.in_range if has_range else None
+        fits = array.n_channels == layout.n_channels  # `check_hello` refuses a board that does not
         self._assembler = Assembler(
-            layout, params.samples, params.baud, live=live, in_counts=in_counts, in_range=in_range
+            layout,
+            params.samples,
+            params.baud,
+            live=live,
+            in_counts=array.unit == "count",
+            in_range=array.in_range if fits else None,
+            falls_under_load=array.falls_under_load if fits else None,
         )
         self._meter = RateMeter()
         force: ForceSource | None = None

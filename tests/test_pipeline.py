@@ -300,16 +300,25 @@ def hello_of_board() -> Hello:
     )
 
 
-@pytest.mark.parametrize(("sign", "valid"), [(1.0, False), (-1.0, True)])
-def test_full_scale_is_rest_where_readings_fall_under_load(sign: float, valid: bool, tmp_path: Path) -> None:
-    array = in_unit(tmp_path, "count")
-    target = Pipeline(LAYOUT, dataclasses.replace(array, sign=np.full(array.n_channels, sign)))
-    encoder = Encoder(LAYOUT)
-    full = Scan(sequence=0, ticks=0, flags=0, counts=np.full(36, 4095, dtype=np.int64))
-    found = target.receive_data(encoder.encode(hello_of_board()) + encoder.encode(full), 1.0)
-    (scan,) = [event for event in found if isinstance(event, ScanEvent)]
-    assert scan.volts == (4095.0,) * 36
-    assert scan.valid == (valid,) * 36
+@pytest.mark.parametrize("unit", ["count", "V"])
+def test_full_scale_is_rest_where_readings_fall_under_load(unit: str, tmp_path: Path) -> None:
+    falls = np.arange(36) % 2 == 1
+    array = load_array("wang2019-3x3") if unit == "V" else in_unit(tmp_path, unit)
+    encoder, hello = Encoder(LAYOUT), hello_of_board()
+    full = [
+        encoder.encode(Scan(sequence=k, ticks=200 * k, flags=0, counts=np.full(36, 4095, dtype=np.int64)))
+        for k in range(3)
+    ]
+    reads = [encoder.encode(hello) + full[0], full[1] + full[2]]  # a scan alone is converted another way
+    target = Pipeline(LAYOUT, dataclasses.replace(array, sign=np.where(falls, -1.0, 1.0)))
+    found = [event for k, data in enumerate(reads) for event in target.receive_data(data, 1.0 + 0.02 * k)]
+    scans = [event for event in found if isinstance(event, ScanEvent)]
+    assert len(scans) == 3
+    for scan in scans:
+        assert scan.volts == pytest.approx(
+            (4095.0 if unit == "count" else 4095 * hello.volts_per_count,) * 36
+        )
+        assert scan.valid == tuple(falls.tolist())
 
 
 def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import lt
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -127,7 +128,9 @@ class Conversion:
 
     hello: Hello
     per_count: float  # unit of the array for each count of the frames
-    full_count: int  # largest count of the converter: the true reading may be higher
+    # (channels,): least count that is no reading. That is the largest of the converter, beyond which the load
+    # may be higher; one more for channels that fall under load, which rest there
+    full_count: NDArray[np.int64]
     channel_offset_s: FloatArray  # (channels,): as in `ScanBlock`
     fault_flag: int  # flag of a frame none of whose readings is valid; 0 where the layout has none
     # Returns True for the readings that are not saturated, in place of `full_count`
@@ -136,7 +139,7 @@ class Conversion:
     def readings(self, frames: Sequence[Scan]) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the readings (frames, channels), and which of them are valid."""
         counts = np.array([frame.counts for frame in frames])
-        # At full scale the true voltage may be higher; zero is a valid reading without contact.
+        # Zero is a valid reading without contact.
         if self.in_range is None:
             valid = counts < self.full_count
         else:
@@ -169,9 +172,9 @@ class ScanRun:
             frame = self.scans[0].frame
             if not frame.flags & conversion.fault_flag:
                 counts: list[int] = frame.counts.tolist()
-                per_count, full_count = conversion.per_count, conversion.full_count
+                per_count, full_counts = conversion.per_count, conversion.full_count.tolist()
                 volts = tuple([count * per_count for count in counts])
-                return [(volts, tuple([count < full_count for count in counts]))]
+                return [(volts, tuple(map(lt, counts, full_counts)))]
         of_all, are_valid = self._readings
         of_all = np.where(np.isfinite(of_all), of_all, 0.0)  # messages have numbers only
         pairs = zip(of_all.tolist(), are_valid.tolist(), strict=True)
