@@ -159,12 +159,17 @@ def summary(
         yield from _texture(array, tally.textures, rate_hz, speed_mm_s, tally.slip_s > 0 or sliding_is_given)
 
 
-def _lost_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
-    """Yield a line on channels with readings, none of them from the time that gives the zero."""
+def channels_without_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> list[int]:
+    """Return the channels with valid readings, none of them from the time that gives the zero."""
     first = time_s < time_s[0] + array.zero_first_s
     valid = array.in_range(readings)
-    lost = np.flatnonzero(valid.any(axis=0) & ~valid[first].any(axis=0)).tolist()
-    if first.any() and lost:
+    lost: list[int] = np.flatnonzero(valid.any(axis=0) & ~valid[first].any(axis=0)).tolist()
+    return lost if first.any() else []
+
+
+def _lost_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
+    """Yield a line on channels that are left out because their first readings come too late."""
+    if lost := channels_without_zero(array, time_s, readings):
         yield (
             f"channels {lost} have no valid reading in the first {array.zero_first_s:g} s to be their zero, "
             "and are left out: write numbers as `zero` in the array file"
@@ -177,7 +182,9 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
     first = time_s < time_s[0] + array.zero_first_s
     if not first.any() or not weights.any() or array.unit == "uT":  # a load may lower a field
         return
-    pressure = np.nan_to_num(readings - readings[first].mean(axis=0)) @ weights.mean(axis=0)
+    readings = np.where(array.in_range(readings), readings, np.nan)
+    zero = np.array([np.nanmedian(one) if np.isfinite(one).any() else np.nan for one in readings[first].T])
+    pressure = np.nan_to_num(readings - zero) @ weights.mean(axis=0)
     low, high = np.quantile(pressure, [_BELOW_SCANS, 1 - _BELOW_SCANS]).tolist()
     if -low > max(_BELOW_RANGE * (array.high - array.low), _BELOW_SPAN * (high - low)):
         at_lowest = readings[pressure <= low]

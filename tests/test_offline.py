@@ -546,3 +546,9 @@ def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None
     zeros = re.findall(r"zero = \[([0-9.]+), ", " ".join(said))
     assert [round(float(zero), -1) for zero in zeros] == ([1000.0] if begins_pressed else [])
     assert not any("--tare-s" in line for line in said)  # the zero is taken from the beginning already
+
+
+def test_saturated_readings_at_the_beginning_are_no_zero_taken_under_load() -> None:
+    readings = 1000 + np.random.default_rng(0).normal(0, 2, (300, 16))
+    readings[:8] = 4095.0  # of the 11 scans that give the zero
+    assert not any("was the sensor touched" in line for line in said_of_a_pad(readings))

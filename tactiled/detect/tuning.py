@@ -171,6 +171,18 @@ class TunedSuite:
         """Instant of the scan at which a zero from the first scans was known."""
         return self._start.known_s
 
+    @property
+    def zero_warning(self) -> str:
+        """Channels that are left out because the first scans have no zero for them; empty for none."""
+        zero = self._start.zero
+        if self.baseline_volts is not None or zero is None or np.isfinite(zero).all():
+            return ""
+        return (
+            f"channels {np.flatnonzero(np.isnan(zero)).tolist()} had no valid reading in the first "
+            f"{self._array.zero_first_s:g} s, which give the zero, and are left out: repair them, then "
+            "tare with nothing in contact"
+        )
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; mark slips in announced intervals as suppressed."""
         if isinstance(item, Gap):

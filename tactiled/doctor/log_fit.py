@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.doctor.finding import Finding
 from tactiled.errors import DataError
-from tactiled.log_summary import percent
+from tactiled.log_summary import channels_without_zero, percent
 from tactiled.recording.table import spacing_of
 
 _AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
@@ -43,7 +43,7 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
         _rate(time_s, readings),
         _range(array, readings),
         _dead(array, readings),
-        _zero(array, rest),
+        _zero(array, time_s, readings, rest),
         _signs(array, readings - rest),
     ]
 
@@ -105,10 +105,15 @@ def _dead(array: Array, readings: FloatArray) -> Finding:
     return Finding("log: channels", "warn", words, remedy, {"dead": dead.tolist()})
 
 
-def _zero(array: Array, rest: FloatArray) -> Finding:
+def _zero(array: Array, time_s: FloatArray, readings: FloatArray, rest: FloatArray) -> Finding:
     if array.zero_first_s:
         words = f"first {array.zero_first_s:g} s; nothing may touch the array then"
-        return Finding("log: zero", "ok", words)
+        late = np.array(channels_without_zero(array, time_s, readings), dtype=np.int64)
+        if not late.size:
+            return Finding("log: zero", "ok", words)
+        words = f"no valid reading in the first {array.zero_first_s:g} s: {_names(array, late)}"
+        remedy = "write numbers as zero; detectors leave such channels out"
+        return Finding("log: zero", "warn", words, remedy, {"late": late.tolist()})
     far = np.flatnonzero(np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low))
     if not far.size:
         return Finding("log: zero", "ok", "that of the array, within 2 % of the range")

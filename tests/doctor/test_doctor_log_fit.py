@@ -73,6 +73,16 @@ def test_range_zero_and_dead_channels_are_compared() -> None:
     assert (clipped.verdict, "saturated" in clipped.words) == ("warn", True)
 
 
+def test_channels_that_come_up_after_the_zero_are_named() -> None:
+    time_s, readings = press()
+    readings[:10, 3] = np.nan
+    assert findings(array(), time_s, readings)["zero"].verdict == "ok"
+    readings[:20, 3] = np.nan
+    zero = findings(array(), time_s, readings)["zero"]
+    assert (zero.verdict, zero.values["late"]) == ("warn", [3])
+    assert "t1.Z" in zero.words
+
+
 def test_uneven_steps_and_pauses_are_told() -> None:
     rng = np.random.default_rng(1)
     steps_s = rng.permutation(np.repeat([0.073, 0.136], 250))

@@ -64,7 +64,7 @@ class BoardLink:
         self.pipeline = pipeline
         self.session = session
         self.warnings: dict[str, str] = {}
-        """Faults at the newest status that do not stop the scans, by cause: line, clock, port, host."""
+        """Faults at the newest status that do not stop the scans, by cause: line, clock, port, zero, host."""
         self._load = HostLoad(turns or LoopTurns())
         self._line = line
         self._patience_s = SILENT_S
@@ -210,6 +210,7 @@ class BoardLink:
             "line": self._line.warning(),
             "clock": health.clock_warning,
             "port": warning,
+            "zero": self.pipeline.tuning.zero_warning,
             "host": self._load.warning(),
         }
         self.warnings = {cause: words for cause, words in found.items() if words}

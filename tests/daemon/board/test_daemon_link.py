@@ -17,6 +17,7 @@ from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import ARRAY, Daemon, play
 from patience import PATIENCE_S
 
+from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.link import SILENT_S, BoardLink
 from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
@@ -139,10 +140,10 @@ def test_a_connection_that_delivers_nothing_is_reopened(tmp_path: Path) -> None:
     assert any("no byte for 3 s: opened anew" in row["reason"] for row in daemon.rows("status"))
 
 
-def bare_link() -> BoardLink:
+def bare_link(array: Array = ARRAY) -> BoardLink:
     line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
     session = Session(BoardRequirements(SessionParams(), LAYOUT, lambda _: None), line)
-    return BoardLink(Pipeline(LAYOUT, ARRAY), session, line)
+    return BoardLink(Pipeline(LAYOUT, array), session, line)
 
 
 def test_a_silent_port_is_reopened_at_growing_intervals() -> None:
@@ -322,6 +323,23 @@ def test_a_status_that_is_not_valid_for_late_scans_says_so() -> None:
     late = link.status(104.5, started_s=100.0, connects=1)
     assert (late.state, late.valid) == ("running", False)
     assert late.reason.startswith("scans come late: the newest was taken 3")
+
+
+def test_a_channel_that_comes_up_after_the_zero_is_named_until_a_tare() -> None:
+    sim, link = SimBoard(), bare_link(replace(ARRAY, zero_first_s=0.3))
+    encode, events = Encoder(LAYOUT).encode, list[Event]()
+    late = []
+    for k in range(30):
+        scan = sim.scan(10_000 * k)
+        scan.counts[5] = 4095
+        late.append(encode(scan))
+    link.opened(100.0)
+    link.received(encode(sim.hello()) + b"".join(late), 100.3, events.append)
+    link.received(stream(sim, 60, 300_000), 100.9, events.append)
+    link.status(100.9, started_s=100.0, connects=1)
+    assert link.warnings["zero"].startswith("channels [5] had no valid reading in the first 0.3 s")
+    assert link.pipeline.command("tare", {"force": False}, 100.9) == ("", [])
+    assert not link.status(100.9, started_s=100.0, connects=1).warning
 
 
 def test_lost_frames_are_missing_and_no_restart() -> None:
