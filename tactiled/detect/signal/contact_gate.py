@@ -86,12 +86,12 @@ class PressureMeasurement:
     touches, released : (n,) bool
         Some taxel above the contact level; every taxel below the release level.
     slope_volts_s : (n,) float64
-        Slope of the pressure response, for each taxel in contact.
+        Slope of the pressure response, for each taxel in contact; NaN where nothing is read.
     loading_volts_s : (n,) float64
         Slope above which the load rises.
     level_falls : (n,) bool
-        The noise became known, or the skin has come back: a contact that is seen from this scan on may have
-        begun before.
+        The noise became known, or a load that was hidden is found without a press: a contact that is seen
+        from this scan on may have begun before.
     """
 
     taxel_touches: NDArray[np.bool_]
@@ -232,7 +232,8 @@ class ContactTracker:
         level_falls: bool,
     ) -> ContactTransition | None:
         """Process one scan and return the change of state, if any."""
-        self._follow_load(abs(slope_volts_s) <= loading_volts_s)
+        if not math.isnan(slope_volts_s):
+            self._follow_load(abs(slope_volts_s) <= loading_volts_s)
         is_first, self._is_first = self._is_first or level_falls, False
         if self.state == "none":
             if touches and is_first:

@@ -4,7 +4,7 @@ cdef extern from "math.h" nogil:
     cpdef double exp(double x)
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
+cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
 cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS
 cdef long _LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED, _MEANS
 

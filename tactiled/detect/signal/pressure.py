@@ -14,7 +14,7 @@ from tactiled.detect.signal.front_end import Flags, Reals, Whole
 # derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
 # to even.
 _TO_WHOLE = 1.5 * 2.0**52
-_INFINITE = float("inf")
+_INFINITE, _NO_NUMBER = float("inf"), float("nan")
 # choice: a side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
@@ -412,7 +412,7 @@ class Pressure:
         readings : (taxels,) or (n * taxels,) float64
             Number of readings of a taxel, in all scans or in each.
         reals : (2 * n,) float64
-            Slope for each taxel in contact, and slope above which the load rises.
+            Slope for each taxel in contact, NaN where nothing is read, and slope above which the load rises.
         flags : ((3 + taxels) * n,) uint8
             Some taxel touches, all are released, a contact may have begun before it is seen, taxels that
             touch (n, taxels).
@@ -480,12 +480,15 @@ class Pressure:
             self.n_unread = 0 if is_read else self.n_unread + 1
             is_told = is_read or self.n_unread > n_line
             flags[n + i] = 1 if is_told and n_released == taxels else 0
-            # What was hidden for longer than a press takes did not begin when it is found.
-            flags[2 * n + i] = 1 if becomes_known or (self.n_hidden >= n_line and n_touching > 0) else 0
-            self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
             of_each = max(1.0, 1.0 * n_touching)
-            reals[i] = risen * self.slope_scale / of_each
-            reals[n + i] = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)
+            slope = risen * self.slope_scale / of_each
+            loading = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)
+            reals[i] = slope if is_read else _NO_NUMBER
+            reals[n + i] = loading
+            # What was hidden for longer than a press takes did not begin when it is found without a press.
+            is_found = self.n_hidden >= n_line and n_touching > 0 and slope <= loading
+            flags[2 * n + i] = 1 if becomes_known or is_found else 0
+            self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
 
     def _total_noise(self) -> float:
         """Return the standard deviation of the array's total by the noise at rest, in steps."""

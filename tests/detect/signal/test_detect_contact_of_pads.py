@@ -146,6 +146,24 @@ def test_a_touch_that_was_hidden_before_a_gap_is_no_new_press() -> None:
     assert contact_states(events)[:1] == ["unknown"]
 
 
+@pytest.mark.parametrize("left", [0.03, 0.08])
+@pytest.mark.parametrize("takes_s", [0.1, 4.0])
+def test_a_press_on_what_the_last_one_left_is_loading(left: float, takes_s: float) -> None:
+    rest = np.full(round(5 * RATE_HZ), left * LOAD)
+    again = np.linspace(left * LOAD, LOAD, round(takes_s * RATE_HZ))
+    load = np.concatenate([press(3.0, 0.0, after_s=0.0), rest, again, np.full(300, LOAD)])
+    states = [event.state for event in contacts(COUNTS, readings(load, np.ones(4)))]
+    assert states == ["loading", "holding", "none", "loading", "holding"]
+
+
+def test_a_load_that_is_not_read_is_not_steady() -> None:
+    values = readings(press(2.0, 0.0), np.ones(4))
+    values[round(2.4 * RATE_HZ) : round(2.65 * RATE_HZ)] = np.nan
+    events = contacts(COUNTS, values)
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[1].time_s >= 2.65
+
+
 def test_scans_without_any_reading_end_no_contact() -> None:
     values = readings(press(2.0, 0.0), np.ones(4))
     whole = contacts(COUNTS, values)
