@@ -84,6 +84,8 @@ class GrowthTracker:
         self._sum = np.zeros(array.n_channels)
         self._n_summed = 0
         self._means = np.zeros((self._reach, array.n_channels))
+        self._unread = np.zeros(array.n_channels, dtype=np.int64)  # hops in a row with scans that it lacks
+        self._lacks = np.zeros(array.n_channels, dtype=np.bool_)  # a scan of this hop
         self._n = 0  # hops
         self._noise = np.full(array.n_channels, _LEAST_NOISE)
         self._growths = np.full((self._n_kept, len(halves)), np.nan)  # of the hold
@@ -100,12 +102,16 @@ class GrowthTracker:
             if self._moves and bool(touches[row]) != self._was_touching:
                 self._since_touch = self._since_touch if self._was_touching is None else 0
                 self._was_touching = bool(touches[row])
+            if not held.all_ok:
+                self._lacks |= ~held.ok[row]
             self._sum = self._sum + steps
             self._n_summed += 1
             if self._n_summed < self._mean_of:
                 continue
             self._means = np.concatenate([self._means[1:], self._sum[np.newaxis] / self._mean_of])
             self._sum, self._n_summed = np.zeros_like(self._sum), 0
+            self._unread = np.where(self._lacks, self._unread + 1, 0)
+            self._lacks[:] = False
             self._n += 1
             self._since_touch += 1
             self._learn_noise()
@@ -175,7 +181,9 @@ class GrowthTracker:
         lasts = bool((newest @ scaled > 0.5 * squared).all())
         if self._moves:
             loads = scaled * self._sign
-            return max((_moved(loads[pad]) for pad in self._pads), default=0.0), lasts
+            is_read = self._unread < length + half  # at least once in these hops
+            live = [own for pad in self._pads if (own := pad & is_read).sum() >= _MANY]
+            return max((_moved(loads[own]) for own in live), default=0.0), lasts
         if len(scaled) >= _MANY:
             lasts &= float((scaled**2).max()) < _MOST_OF_ONE * squared
         if self._normal.any():

@@ -45,20 +45,23 @@ class Change(NamedTuple):
 class _Rest:
     """Noise and own changes of the channels, from windows at rest; see `own_power`."""
 
-    def __init__(self) -> None:
+    def __init__(self, n_channels: int) -> None:
         self.n = 0
         self.is_of_contact = False
-        self.noise: FloatArray | None = None
+        self._noise = np.full(n_channels, np.nan)
         self.own: FloatArray | None = None
 
-    def learn(self, noise: FloatArray, own: FloatArray) -> None:
-        """Take in a window at rest."""
+    def noise(self, used: NDArray[np.bool_], now: FloatArray) -> FloatArray:
+        """Noise of the channels that are used; that of `now` where none is known."""
+        known = self._noise[used]
+        return np.where(np.isfinite(known), known, now)
+
+    def learn(self, used: NDArray[np.bool_], noise: FloatArray, own: FloatArray) -> None:
+        """Take in a window at rest: noise of the channels that are used, and their own changes."""
         self.n = min(self.n + 1, _MEMORY_HOPS)
-        if self.noise is None or self.own is None:
-            self.noise, self.own = noise, own
-        else:
-            self.noise = self.noise + (noise - self.noise) / self.n
-            self.own = self.own + (own - self.own) / self.n
+        before = self.noise(used, noise)
+        self._noise[used] = before + (noise - before) / self.n
+        self.own = own if self.own is None else self.own + (own - self.own) / self.n
 
 
 class SlidingTracker:
@@ -77,7 +80,7 @@ class SlidingTracker:
         self._n = 0  # means so far
         self._was_touching = False
         self._unchanged = 0  # scans since contact began or ended
-        self._rest = _Rest()
+        self._rest = _Rest(array.n_channels)
         self._odds, self._since_hop = 0.0, 0
         self._activities: list[float] = []
         self._n_stopped = 0
@@ -129,13 +132,14 @@ class SlidingTracker:
         used = good.mean(axis=0) > 0.9
         if not used.any():
             return None
-        readings = np.where(used, readings, 0.0)
+        readings = readings[:, used]
         change = np.abs(np.diff(readings, axis=0))
         smallest = np.where(change > 0, change, np.inf).min(axis=0)
         rounding = np.maximum(np.where(np.isfinite(smallest), smallest, 0.0) ** 2 * _ROUNDING, _LEAST_STEPS)
         found = spectra(readings, rounding)
         rest = self._rest
-        gained = self._log_odds(found)
+        noise = rest.noise(used, found.noise)
+        gained = self._log_odds(found, noise)
         self._odds = float(np.clip(self._odds + gained, 0.0, _BOUND))
         if self._odds == 0.0:
             self._since_hop = self._n
@@ -150,15 +154,14 @@ class SlidingTracker:
         elif gained < 0 and self._odds < _LEARNS_BELOW:
             if touching.all() != rest.is_of_contact:  # the new state soon outweighs the old
                 rest.n, rest.is_of_contact = min(rest.n, _KNOWN_HOPS), bool(touching.all())
-            noise = found.noise if rest.noise is None else rest.noise
-            rest.learn(found.noise, own_power(found, noise))
+            rest.learn(used, found.noise, own_power(found, noise))
         return None
 
-    def _log_odds(self, found: Spectra) -> float:
+    def _log_odds(self, found: Spectra, noise: FloatArray) -> float:
         rest = self._rest
-        if rest.noise is None or rest.n < _KNOWN_HOPS:
+        if rest.n < _KNOWN_HOPS:
             return ripple_odds(found) or _NO_RIPPLE
-        over_rest = log_odds(found, own_power(found, rest.noise), rest.own)
+        over_rest = log_odds(found, own_power(found, noise), rest.own)
         if rest.is_of_contact:
             return over_rest
         return min(over_rest, log_odds(found, own_power(found, found.noise), None))

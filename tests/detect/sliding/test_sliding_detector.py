@@ -108,6 +108,36 @@ def test_a_rough_slide_is_one_slip_without_direction(seed: int) -> None:
     assert onset.direction_sd_deg == UNKNOWN_SD_DEG
 
 
+@functools.cache
+def four_cells() -> Array:
+    channel = {"name": "N", "kind": "normal"}
+    document = {"name": "pad", "unit": "count", "range": [-500, 3500], "taxel_count": 4}
+    return build(parse({**document, "taxel_channels": [channel]}, ArrayFile, "test"))
+
+
+@pytest.mark.parametrize(("n_live", "slides"), [(4, True), (3, False)])
+def test_load_that_moves_is_told_of_four_channels_that_are_read(n_live: int, slides: bool) -> None:
+    t = np.arange(N)[:, np.newaxis] / RATE_HZ
+    moves = 1 + 0.3 * np.array([-1.0, 1.0, -1.0, 1.0]) * np.clip(t - 6.0, 0, 1)
+    noise = 2 * np.random.default_rng(0).standard_normal((N, 4))
+    is_read = np.tile(np.arange(4) < n_live, (N, 1))
+    block = regular_block(np.rint(500 * np.clip(t - 1, 0, 1) * moves + noise), RATE_HZ, valid=is_read)
+    found = slips(build_methods(four_cells(), DetectParams(), topics=("slip",)).process(block))
+    assert any(slip.kind == "incipient" for slip in found) == slides
+
+
+@pytest.mark.parametrize("n_live", [2, 3])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_pad_of_which_few_channels_are_read_does_not_slide_at_rest(n_live: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    wanders = np.cumsum(rng.standard_normal((1000, 4)), axis=0)  # its own way each: cells that warm up
+    load = 500.0 * (np.arange(1000)[:, np.newaxis] > 100)
+    readings = np.rint(load + 3 * wanders + 2 * rng.standard_normal((1000, 4)))
+    is_read = np.tile(np.arange(4) < n_live, (1000, 1))
+    found = build_methods(four_cells(), DetectParams(), topics=("slip",))
+    assert slips(found.process(regular_block(readings, RATE_HZ, valid=is_read))) == []
+
+
 def test_an_onset_names_the_taxels_that_touch() -> None:
     touches = (np.arange(16) >= 4).astype(float)
     block = hold(0, rough(0))
