@@ -139,9 +139,9 @@ class Feed:
         Messages that wait for the next frame are not in it: the browser gets them with that frame.
         """
         self._forget(now_unix_s)
-        waiting = set(self._pending)
-        state = sorted(self._newest.values(), key=lambda entry: _NEWEST.index(entry.topic))
-        listed = set(self._history)
+        waiting, listed = set(self._pending), set(self._history)
+        newest = [entry for entry in self._newest.values() if entry not in waiting]
+        state = sorted(newest, key=lambda entry: _NEWEST.index(entry.topic))
         packed = [entry.packed for entry in state if entry.topic != "status" and entry not in listed]
         packed += [entry.packed for entry in self._history if entry not in waiting]
         packed += [entry.packed for entry in state if entry.topic == "status"]

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import pytest
 from frames import rows
 from messages import CONTACT, SLIP, STATUS
 
@@ -93,6 +94,20 @@ def test_the_history_has_the_newest_state_once_and_scans_thinned() -> None:
     assert len([row for row in found if row[1] == "scan"]) in (19, 20, 21)
     assert [row[2]["state"] for row in found if row[1] == "contact"] == ["loading", "holding"]
     assert found[-1][1] == "status"
+
+
+@pytest.mark.parametrize("is_sent", [True, False])
+def test_a_browser_gets_each_state_once(is_sent: bool) -> None:
+    """It joins before or after the frame with the newest states, and gets the frames that follow."""
+    feed, found = Feed(), list[Any]()
+    for topic in ("status", "contact", "info"):
+        feed.take(0, message(topic, 0))
+    if is_sent:
+        feed.frames(NOW_S, 0.0)
+    found += rows(feed.history(NOW_S, 0.0))
+    frames = feed.frames(NOW_S, 0.0)
+    found += rows(frames.kept) + rows(frames.live)
+    assert sorted(row[1] for row in found) == ["contact", "geometry", "info", "status"]
 
 
 def test_the_history_forgets_what_is_older_than_the_timeline() -> None:
