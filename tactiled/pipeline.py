@@ -77,6 +77,8 @@ class Health:
     rate_hz: float
     contact: ContactState
     slipping: bool
+    hidden_below: float
+    """Load of a taxel that is no contact beside the largest load of late; 0 where that does not count."""
     loss_known: bool
     """Scans carry a sequence number; otherwise `scans_missing` misses most of the lost ones."""
     damage_known: bool
@@ -277,6 +279,7 @@ class Pipeline:
             rate_hz=self._assembler.rate_hz,
             contact=self._contact,
             slipping=self._slipping,
+            hidden_below=self.tuning.hidden_below,
             loss_known=self.layout.counts_scans,
             damage_known=self.layout.detects_damage,
             fits_late=self._fits_late,

@@ -681,6 +681,9 @@ struct Status {
     static constexpr const char* PATH_COMPILED = "compiled";
     static constexpr const char* PATH_PYTHON = "python";
     std::string path;
+    // Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without
+    // shear, 15 % of the largest load of late. 0 where no load hides another.
+    double hidden_below = 0.0;
     // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     // some.
     Sent sent;
@@ -720,6 +723,7 @@ template <class Json> void from_json(const Json& map, Status& out) {
     map.at("loss_known").get_to(out.loss_known);
     map.at("damage_known").get_to(out.damage_known);
     map.at("path").get_to(out.path);
+    map.at("hidden_below").get_to(out.hidden_below);
     map.at("sent").get_to(out.sent);
 }
 

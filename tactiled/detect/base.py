@@ -36,3 +36,12 @@ class Detector(Protocol):
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         ...
+
+
+class ContactDetector(Detector, Protocol):
+    """Detector that reports contact."""
+
+    @property
+    def hidden_below(self) -> float:
+        """Load of a taxel, in the unit of the array, that is no contact beside the largest load of late."""
+        ...

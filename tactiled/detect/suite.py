@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 from pydantic import Field, model_validator
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.base import Detector
+from tactiled.detect.base import ContactDetector, Detector
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointTexture, WindowFit
@@ -126,7 +126,7 @@ class DetectorPair:
 
     def __init__(
         self,
-        slip: Detector | None,
+        slip: ContactDetector | None,
         texture: TextureEstimator | None,
         grip: Detector | None = None,
         sliding: KnownSliding | None = None,
@@ -144,6 +144,11 @@ class DetectorPair:
             if part is not None:
                 part.reset()
 
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return 0.0 if self._slip is None else self._slip.hidden_below
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes, in order of their evidence for any chunking."""
         events = [] if self._slip is None else self._slip.process(item)
@@ -154,7 +159,7 @@ class DetectorPair:
         return sorted([*events, *texture, *grip], key=lambda event: event.evidence_s)
 
 
-class Suite(Detector, Protocol):
+class Suite(ContactDetector, Protocol):
     """Detectors of a setting as one detector."""
 
     @property
@@ -173,7 +178,13 @@ class BridgedSuite(GapBridge):
 
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
+        self._methods = methods
         self.texture, self.models = methods.texture, methods.models
+
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return self._methods.hidden_below
 
 
 class DetectorFactories(NamedTuple):
@@ -182,7 +193,7 @@ class DetectorFactories(NamedTuple):
     # slip, texture: make the detector for an array from the parameters of all detectors. The texture
     # estimator may hand long computations to the worker; the last argument says that sliding is known from
     # outside
-    slip: Callable[[Array, DetectParams], Detector]
+    slip: Callable[[Array, DetectParams], ContactDetector]
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
 
 
@@ -215,7 +226,7 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
     return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
 
 
-def _model_slip(array: Array, params: DetectParams) -> Detector:
+def _model_slip(array: Array, params: DetectParams) -> ContactDetector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if array.measures_ratio:
         return GripSlip(array, params.grip)

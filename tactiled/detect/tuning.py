@@ -172,6 +172,11 @@ class TunedSuite:
         return self._start.known_s
 
     @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return self._suite.hidden_below
+
+    @property
     def zero_warning(self) -> str:
         """Channels that are left out because the first scans have no zero for them; empty for none."""
         zero = self._start.zero

@@ -111,6 +111,8 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
     contact = board.newest.get("contact", status or {}).get(
         "state" if "contact" in board.newest else "contact", "-"
     )
+    if contact == "none" and (below := (status or {}).get("hidden_below", 0.0)):
+        contact = f"none, told from {below:.3g} {'' if geometry is None else geometry['unit']}"
     rows.append(("contact", str(contact) if live else "unknown", "bold"))
     if board.slip is not None and live:
         rows.append(

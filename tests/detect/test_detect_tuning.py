@@ -150,6 +150,7 @@ class ScriptedSlips:
 
     texture = None
     models = ()
+    hidden_below = 0.0
 
     def __init__(self, onset_s: float) -> None:
         self._onset_s = onset_s

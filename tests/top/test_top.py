@@ -101,6 +101,15 @@ def test_every_array_fits_every_screen(name: str, size: tuple[int, int], after_s
     assert "keys" in words
 
 
+def test_a_load_that_may_be_hidden_stands_beside_the_contact() -> None:
+    for below, is_shown in ((0.0, False), (450.0, True)):
+        views = BoardViews()
+        views.take(info("normal-4x4"))
+        views.take(message(replace(STATUS, time_s=NOW_S, contact="none", hidden_below=below)))
+        text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, ""))
+        assert ("contact  none, told from 450 " in text) == is_shown
+
+
 def test_stale_numbers_are_not_shown() -> None:
     board = views_of().boards["TS1"]
     fresh, stale = (

@@ -212,6 +212,11 @@ class GripDetector:
         return "none" if self.tracker is None else self.tracker.state
 
     @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return 0.0 if self.tracker is None else self.tracker.hidden_below
+
+    @property
     def contact(self) -> ContactScan | None:
         """Newest scan of the present contact; None without one, or where its load is too small to tell."""
         return None if self._touch is None else self._touch.scan

@@ -82,6 +82,11 @@ class GripSlip:
         """State of the contact after the last scan."""
         return self._grip.contact_state
 
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return self._grip.hidden_below
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes.
 

@@ -182,6 +182,11 @@ class ContactTracker:
         self._steady_before = 0  # length of the steady stretch before this unsteady one
         self._unsteady = 0
 
+    @property
+    def hidden_below(self) -> float:
+        """Part of the largest load of late, of the pad with the most, that a contact must exceed."""
+        return self._pressure.of_largest * max(self._pressure.largest)
+
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         gap_s = n_missing / self._rate_hz

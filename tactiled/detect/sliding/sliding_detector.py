@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.detect.base import Detector
+from tactiled.detect.base import ContactDetector
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.sliding.growth import GROWS, GrowthTracker
 from tactiled.detect.sliding.tracker import BEGINS, Change, SlidingTracker
@@ -35,11 +35,11 @@ class SlidingSlip:
 
     Parameters
     ----------
-    first : Detector
+    first : ContactDetector
         Reports contact, and slip by shear.
     """
 
-    def __init__(self, array: Array, first: Detector) -> None:
+    def __init__(self, array: Array, first: ContactDetector) -> None:
         self._array = array
         self._first = first
         self._grows = array.has_shear
@@ -57,6 +57,11 @@ class SlidingSlip:
         self._own: dict[int, SlipEvent] = {}  # by tracker: onset of a slip that has not ended
         self._newest: SlipEvent | None = None  # newest onset that was published
         self._gross_end_s = -np.inf
+
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return self._first.hidden_below
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; a gap ends slip and contact as not valid."""

@@ -248,6 +248,11 @@ class WaveletSlip:
         """State of the contact after the last scan."""
         return self._tracker.state if self._rate_hz else "none"
 
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return self._tracker.hidden_below if self._rate_hz else 0.0
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that an item completes.
 

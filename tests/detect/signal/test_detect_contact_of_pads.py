@@ -8,8 +8,9 @@ from contact_gate import ContactGate
 from touches import contact_states
 
 from tactiled import tomlfile
-from tactiled.array import Array, ArrayFile, FloatArray, build
+from tactiled.array import Array, ArrayFile, ContactLevels, FloatArray, build
 from tactiled.detect.contact.slip_detector import GripSlip
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import ContactEvent
 from tactiled.samples.block import Gap, regular_block
 
@@ -144,6 +145,25 @@ def test_a_touch_that_was_hidden_before_a_gap_is_no_new_press() -> None:
     detector.process(Gap(1, "missing", 3601))
     events = detector.process(regular_block(values[3601:], RATE_HZ, start_s=36.01, index=3601))
     assert contact_states(events)[:1] == ["unknown"]
+
+
+def test_the_load_that_hides_a_touch_is_known() -> None:
+    suite = build_suite(COUNTS, DetectParams())
+    values = readings(press(3.0, 0.0, after_s=60.0), np.ones(4))
+    suite.process(regular_block(values, RATE_HZ))
+    below = suite.hidden_below
+    assert below == pytest.approx(0.15 * LOAD * np.exp(-60 / 300), rel=0.02)
+    for load, states in ((0.98 * below, []), (1.1 * below, ["loading"])):
+        touched = build_suite(COUNTS, DetectParams())
+        touched.process(regular_block(values, RATE_HZ))
+        touch = readings(np.full(50, load), np.ones(4))
+        after = regular_block(touch, RATE_HZ, start_s=len(values) / RATE_HZ, index=len(values))
+        found = [event for event in touched.process(after) if isinstance(event, ContactEvent)]
+        assert [event.state for event in found][:1] == states
+    given = replace(COUNTS, contact=ContactLevels(above=100.0, below=60.0, loading_per_s=10.0))
+    of_levels = build_suite(given, DetectParams())
+    of_levels.process(regular_block(values, RATE_HZ))
+    assert of_levels.hidden_below == 0.0
 
 
 @pytest.mark.parametrize("left", [0.03, 0.08])

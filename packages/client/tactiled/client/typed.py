@@ -578,6 +578,10 @@ class StatusData(TypedDict):
     """Path of a scan through the daemon: compiled, or plain Python where it was installed without a C
     compiler; the results are the same, plain Python takes more processor time.
     """
+    hidden_below: float
+    """Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without shear,
+    15 % of the largest load of late. 0 where no load hides another.
+    """
     sent: SentData
     """Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     some.

@@ -311,6 +311,9 @@ class StatusEvent(Event):
     """False where frames have no checksum: a damaged reading may then pass as a good one."""
     path: ScanPath = "compiled"
     """Compiled code, or numpy where the library is missing; the results are the same."""
+    hidden_below: float = 0.0
+    """Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without shear,
+    15 % of the largest load of late. 0 where no load hides another."""
     sent: Sent = Sent()
     """Messages that a subscriber without losses has received by now."""
 
