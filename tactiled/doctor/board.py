@@ -149,7 +149,7 @@ def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     if len(observed.scans_s) > 1 and hello is not None:
         findings += [_rate(observed.scans_s, hello.rate_hz), _clock(health)]
     if status.warning:
-        findings.append(split("line quality", status.warning, "warn"))
+        findings.append(split("warnings", status.warning, "warn"))
     return findings
 
 
