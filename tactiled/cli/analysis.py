@@ -251,6 +251,7 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
 @click.option(
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
+@click.option("--board", help="Serial number of the board, where the daemon reads several.")
 @click.option("--topic", help="Topic of a bag, as for `detect`.")
 @JSON
 @KEYS
@@ -262,6 +263,7 @@ def tune(
     quiet_s: float,
     motion_s: float,
     array: str | None,
+    board: str | None,
     topic: str | None,
     as_json: bool,
     keys: Path | None,
@@ -282,4 +284,4 @@ def tune(
     if quiet is not None and motion is not None:
         tune_files(quiet, motion, array, per_hour, topic, as_json=as_json)
     else:
-        tune_live(endpoint, quiet_s, motion_s, array, keys, per_hour, as_json=as_json)
+        tune_live(endpoint, quiet_s, motion_s, array, board, keys, per_hour, as_json=as_json)

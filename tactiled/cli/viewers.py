@@ -96,7 +96,8 @@ def web(
         from tactiled.client.over_zenoh import spread
 
         endpoints = spread(endpoints, keys, _HOSTS_S)
-    loaded = [load_array(name) for name in arrays]
+    array_files = {name: load_array(name) for name in arrays}
+    loaded = [*array_files.values()]
     replay = None
     if files:
         with ProgressBar(f"read {files[0]}") as bar:
@@ -117,7 +118,7 @@ def web(
             )
 
     guard = Guard(token, host_names)
-    run_web(Listening(endpoints, host, port, loaded, keys, guard, replay, recordings), ready)
+    run_web(Listening(endpoints, host, port, array_files, keys, guard, replay, recordings), ready)
 
 
 @click.command()

@@ -24,7 +24,13 @@ Report = Callable[[str], None]
 
 
 def record_live(
-    endpoint: str, quiet_s: float, motion_s: float, array: str | None, keys: Path | None, report: Report
+    endpoint: str,
+    quiet_s: float,
+    motion_s: float,
+    array: str | None,
+    board: str | None,
+    keys: Path | None,
+    report: Report,
 ) -> tuple[Recording, Recording]:
     """Record a quiet hold and a motion from a daemon.
 
@@ -32,6 +38,8 @@ def record_live(
     ----------
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
+    board : str, optional
+        Serial number of the board; without it, the first one that is heard.
     report : callable
         Called with prompts for the user.
 
@@ -42,7 +50,7 @@ def record_live(
     ConfigError
         The endpoint is invalid, or the array does not match the board.
     """
-    with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
+    with Subscription(endpoint, ("scan", "info"), board, keys=keys) as subscription:
         feed = _Feed(subscription, report)
         info = feed.board(endpoint)
         if warning := _warning_of_tare(endpoint, feed.serial, keys):

@@ -42,19 +42,20 @@ def tune_live(
     quiet_s: float,
     motion_s: float,
     array: str | None,
+    board: str | None,
     keys: Path | None,
     accepted_per_hour: float,
     *,
     as_json: bool = True,
 ) -> None:
     """Record both from a running daemon and evaluate them; see `live.record_live`."""
-    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, keys, tell)
+    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
     judge(quiet, motion, accepted_per_hour, as_json=as_json)
 
 
 def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_json: bool) -> None:
     """Evaluate two recordings and print the result."""
-    with ProgressBar("tune", N_STAGES) as bar:
+    with ProgressBar("count the reports of each setting", N_STAGES) as bar:
         found = study(quiet, motion, accepted_per_hour, bar.advance)
     tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
     if as_json:

@@ -31,6 +31,7 @@ def as_map(found: Study) -> dict[str, Any]:
     return {
         "array": found.quiet.array.name,
         "accepted_per_hour": found.accepted_per_hour,
+        "toml": as_toml(found),
         "quiet": _recording_map(found.quiet, found.hold_s),
         "motion": _recording_map(found.motion, found.motion_s),
         "noise_sd_v": dict(zip(names, _numbers(found.noise_sd_v.tolist()), strict=True)),

@@ -22,6 +22,10 @@ FIELDS: dict[str, dict[str, type]] = {
     "thresholds": {"values": dict},
 }
 """Commands that the page may give, with their fields (protocols/control.md). The daemon checks the values."""
+GUIDED: dict[str, dict[str, type]] = {
+    "tune": {"array": str, "quiet_s": float, "motion_s": float, "reports_per_hour": float},
+}
+"""Verbs of the terminal that the page may start (see `guided`), with their fields."""
 _WHO = "web page"
 _ASK_S = 0.5  # for a question: a daemon answers within milliseconds, and a command may wait behind it
 
@@ -103,8 +107,8 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
     source, do, fields = document.get("source", 0), document.get("do"), document.get("fields", {})
     if type(source) is not int or not 0 <= source < n_sources:
         raise ValueError(f"source is {source!r}; there are 0 to {n_sources - 1}")
-    if not isinstance(do, str) or do not in FIELDS:
-        raise ValueError(f"no command {do!r}; there are: {', '.join(FIELDS)}")
+    if not isinstance(do, str) or do not in (known := FIELDS | GUIDED):
+        raise ValueError(f"no command {do!r}; there are: {', '.join(known)}")
     if not isinstance(fields, dict):
         raise ValueError("fields is not a JSON object")  # noqa: TRY004
     board = document.get("board", "")
@@ -112,7 +116,7 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
         raise ValueError(f"board is {board!r}, not a serial number")  # noqa: TRY004
     checked: dict[str, Any] = {"board": board} if board else {}  # a daemon may read several boards
     for name, value in fields.items():
-        kind = FIELDS[do].get(name)
+        kind = known[do].get(name)
         if kind is None:
             raise ValueError(f"{do} has no field {name!r}")
         if kind is float and type(value) in (int, float):

@@ -9,7 +9,7 @@ import itertools
 import logging
 import signal
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,11 @@ from tactiled.errors import DataError, UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.version import __version__
 from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
-from tactiled.web.commands import DaemonCommands, check_request, parse_request
+from tactiled.web.commands import GUIDED, DaemonCommands, check_request, parse_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
 from tactiled.web.guard import Guard
+from tactiled.web.guided import GuidedVerbs
 from tactiled.web.recordings import RecordingFolder, RecordingRoutes, answer
 from tactiled.web.replay import ReplayFile
 from tactiled.web.static_files import read_static
@@ -65,8 +66,8 @@ class Listening:
         Endpoints of events; empty with a recording.
     host, port
         Address of the page; port 0 takes a free one.
-    arrays : sequence of Array
-        Arrays that do not ship with tactiled.
+    arrays : mapping of str to Array
+        Arrays that do not ship with tactiled, by their files.
     keys : Path, optional
         Key file of this client, for daemons of other hosts.
     replay : ReplayFile, optional
@@ -78,7 +79,7 @@ class Listening:
     endpoints: Sequence[str]
     host: str = "127.0.0.1"
     port: int = 8765
-    arrays: Sequence[Array] = ()
+    arrays: Mapping[str, Array] = field(default_factory=dict)
     keys: Path | None = None
     guard: Guard = field(default_factory=Guard)
     replay: ReplayFile | None = None
@@ -90,15 +91,18 @@ class PageServer:
 
     def __init__(self, params: Listening) -> None:
         self._params = params
-        self._feed = Feed(params.arrays)
+        arrays = [*params.arrays.values()]
+        self._feed = Feed(arrays)
         self._browsers: set[Browser] = set()
         self._sockets: set[web.WebSocketResponse] = set()
         self._commands = [DaemonCommands(endpoint, params.keys) for endpoint in params.endpoints]
+        files = {array.name: file for file, array in params.arrays.items()}
+        self._guided = GuidedVerbs(params.endpoints, files, params.keys)
         self._static = read_static(STATIC)
         self._log = RateLimitedLog(logger)
         self._connections = Connections(self._crowded)
         self._settings: dict[tuple[int, str], dict[str, Any]] = {}
-        folder = None if params.recordings is None else RecordingFolder(params.recordings, params.arrays)
+        folder = None if params.recordings is None else RecordingFolder(params.recordings, arrays)
         self._recordings = RecordingRoutes(folder, params.replay)
 
     def application(self) -> web.Application:
@@ -296,6 +300,8 @@ class PageServer:
             return answer(408, f"the request was not complete within {IDLE_S:g} s")
         except ValueError as error:
             return answer(400, str(error))
+        if do in GUIDED:
+            return await self._guided.answer(request, _HEADERS, source, fields)
         reply = await self._commands[source].send(do, fields)
         if reply.ok and "board" in fields:
             await self._ask_settings(source, fields["board"])

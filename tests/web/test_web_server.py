@@ -115,6 +115,31 @@ def test_what_json_cannot_mean_is_refused(tmp_path: Path, body: bytes) -> None:
     serve(tmp_path, act, TOKEN)
 
 
+def tuning(board: str = "") -> dict[str, Any]:
+    return {"do": "tune", "board": board, "fields": {"quiet_s": 5, "motion_s": 5, "array": "--help"}}
+
+
+def test_one_person_is_guided_at_a_time_and_only_with_the_token(tmp_path: Path) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        async def ask(body: dict[str, Any], token: str = TOKEN) -> tuple[int, list[dict[str, Any]]]:
+            headers = {"Authorization": f"Bearer {token}"}
+            async with session.post(url + "api/command", json=body, headers=headers) as answer:
+                return answer.status, [json.loads(line) for line in (await answer.text()).splitlines()]
+
+        assert (await ask(tuning(), "wrong"))[0] == 403
+        assert (await ask({"do": "tune", "fields": {"motion": "a.mcap"}}))[0] == 400
+        # Nothing that a browser sends is taken for an option.
+        (status, lines), (refused, _) = sorted(
+            await asyncio.gather(*(ask(tuning("--help")) for _ in range(2)))
+        )
+        assert (status, refused) == (200, 409)
+        assert lines[-1]["ok"] is False
+        assert lines[-1]["reason"].startswith("no board at ipc://")  # after 5 s
+        assert {} in lines  # signs of life
+
+    serve(tmp_path, act, TOKEN)
+
+
 def test_browsers_are_bounded_and_leave_nothing(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:
         sockets = [await session.ws_connect(url + "api/live") for _ in range(MOST_BROWSERS)]

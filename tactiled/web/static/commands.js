@@ -1,5 +1,7 @@
 // Buttons for commands, shown only where the server accepts the token.
 
+import { guideTuning } from "./tune.js";
+
 const FIELDS = {
   tare: () => ({}),
   inhibit: () => ({ duration_s: 0.5 }),
@@ -46,20 +48,21 @@ function showSetting(field, value) {
 export function showCommands(panel, token) {
   const section = panel.root.querySelector(".commands"), reply = section.querySelector(".reply");
   section.hidden = false;
-  panel.give = async (name) => {
-    const button = section.querySelector(`[data-do="${name}"]`), label = button.textContent;
+  const post = (name, fields, signal) => fetch("/api/command", {
+    method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) }, signal,
+    body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields }),
+  });
+  const send = async (button, name, fields) => {
+    const label = button.textContent;
     button.disabled = true;
     let answer;
-    try {
-      const response = await fetch("/api/command", {
-        method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) },
-        body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields: FIELDS[name](panel.root, panel.board) }),
-      });
-      answer = await response.json();
-    } catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
+    try { answer = await (await post(name, fields)).json(); }
+    catch (error) { answer = { ok: false, reason: `no answer from tactiled web (${error.message})` }; }
     button.disabled = false;
     reply.dataset.ok = answer.ok;
     reply.textContent = answer.ok ? `✓ ${label}: done` : `✗ ${label}: refused: ${answer.reason}`;
   };
+  panel.give = (name) => send(section.querySelector(`[data-do="${name}"]`), name, FIELDS[name](panel.root, panel.board));
+  guideTuning(panel, post, (values) => send(section.querySelector(".tune .use"), "thresholds", { values }));
   for (const button of section.querySelectorAll("button[data-do]")) button.onclick = () => panel.give(button.dataset.do);
 }

@@ -1,0 +1,87 @@
+"""`tactiled tune` in the page: a person is guided through a hold and a motion, and sees the verdict."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from access import faults
+from pages import Robot, robot
+from playwright.sync_api import Page, expect
+
+pytestmark = pytest.mark.system
+TOKEN = "0123456789abcdef"
+HELD = """
+name = "held"
+contact = "signal"
+phases = [
+    { kind = "press", duration_s = 0.5, force_n = 20.0 },
+    { kind = "hold", duration_s = 600.0 },
+]
+"""
+LOW = """() => [...document.querySelectorAll(".tune :is(button, input, summary)")]
+  .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
+
+
+@pytest.fixture
+def held(tmp_path: Path) -> Iterator[Robot]:
+    """A daemon whose skin is held still all the time."""
+    (tmp_path / "held.toml").write_text(HELD)
+    with robot(tmp_path) as made:
+        made.run()
+        made.plug(str(tmp_path / "held.toml"))
+        yield made
+
+
+def open_guide(page: Page, made: Robot) -> None:
+    """Open the guide with the keyboard, with the shortest times."""
+    token = made.folder / "token"
+    token.write_text(TOKEN)
+    token.chmod(0o600)
+    page.goto(f"{made.serve('--allow-commands', '--token-file', str(token))}#token={TOKEN}")
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+    page.locator(".tune > summary").press("Enter")
+    for field in (".quiet-s", ".motion-s"):
+        page.locator(f".tune {field}").fill("5")
+
+
+def test_a_person_is_guided_to_a_setting_and_uses_it(held: Robot, page: Page, pictures: Path | None) -> None:
+    open_guide(page, held)
+    step = page.locator(".tune .step")
+    page.locator(".tune .start").press("Enter")
+    expect(step).to_have_text("Grip an object firmly and hold it still for 5 s after contact.")
+    expect(page.locator(".tune .seconds")).to_have_text(re.compile(r"\d s"))
+    expect(step).to_contain_text("Now move arm and gripper")
+    expect(page.locator(".tune .verdict")).to_be_visible()
+    expect(step).to_have_text("Proposed: fast")
+    expect(page.locator(".tune .how-sure")).to_contain_text("0 slips reported in 5 s of motion")
+    assert page.locator(".tune tbody td:first-child").all_inner_texts() == ["fast", "balanced", "quiet"]
+    assert page.locator(".tune .toml").inner_text().startswith('[detect]\nsetting = "fast"')
+    page.locator(".tune details summary").press("Enter")
+    expect(page.locator(".tune .said")).to_contain_text("the rule of three")
+    assert faults(page) == []
+    if pictures is not None:
+        (pictures / "web-tune.png").write_bytes(page.locator(".tune").screenshot())
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate(LOW) == []
+    page.locator(".tune .use").press("Enter")
+    expect(page.locator(".reply")).to_have_text("✓ Use fast now: done")
+    expect(page.locator(".commands .setting")).to_have_value("0.7 0.35")
+
+
+def test_a_run_is_cancelled_and_another_begins(held: Robot, page: Page) -> None:
+    open_guide(page, held)
+    start, cancel, step = (page.locator(f".tune .{name}") for name in ("start", "cancel", "step"))
+    start.press("Enter")
+    expect(step).to_contain_text("hold it still")
+    expect(cancel).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(step).to_contain_text("Cancelled")
+    expect(start).to_be_focused()
+    page.locator(".tune .motion-s").fill("1")
+    start.press("Enter")
+    expect(step).to_contain_text("--motion-s")  # the reason, in the words of the verb
+    page.locator(".tune .motion-s").fill("5")
+    expect(start).to_be_enabled()
+    start.press("Enter")
+    expect(step).to_contain_text("hold it still")
