@@ -67,6 +67,7 @@ class Feed:
     def __init__(self, arrays: Sequence[Array] = ()) -> None:
         self._arrays = {array.name: array for array in arrays}
         self._pending: list[Entry] = []
+        self._replaceable: dict[tuple[int, str, str], Message] = {}  # newest of each live topic but scans
         self._history: deque[Entry] = deque(maxlen=_HISTORY_MESSAGES)
         self._newest: dict[tuple[int, str, str], Entry] = {}
         self._thinned_s: dict[tuple[int, str, str], float] = {}
@@ -79,12 +80,11 @@ class Feed:
         """Take an item of the subscription to an endpoint."""
         if isinstance(item, Message | Recovered):
             message = item.message if isinstance(item, Recovered) else item
-            try:
-                message = replace(message, data=checked_map(message.topic, message.data))
-            except ContractError:
-                self.unreadable += 1
-                return
-            self._message(source, message, recovered=isinstance(item, Recovered))
+            if message.topic in LIVE and message.topic != "scan" and message is item:
+                # Of several between two frames the newest is sent: it alone is checked and packed.
+                self._replaceable[source, message.board, message.topic] = message
+            else:
+                self._message(source, message, recovered=message is not item)
         elif isinstance(item, Lost):
             lost = "message was" if item.count == 1 else "messages were"
             words = f"{item.count} {item.topic} {lost} lost on the way"
@@ -124,12 +124,15 @@ class Feed:
             Return live messages, too; else they wait for the next call.
         """
         self._forget(now_unix_s)
+        if with_live:
+            for (source, _, _), message in self._replaceable.items():
+                self._message(source, message, recovered=False)
+            self._replaceable.clear()
         kept = [entry.packed for entry in self._pending if entry.topic not in LIVE]
         waiting = [entry for entry in self._pending if entry.topic in LIVE]
         self._pending = [] if with_live else waiting
-        newest = {entry.key: entry for entry in waiting}
         # Scans last: the page draws their loads in the unit of the newest force message.
-        others = [entry.packed for entry in waiting if entry.topic != "scan" and newest[entry.key] is entry]
+        others = [entry.packed for entry in waiting if entry.topic != "scan"]
         live = others + [entry.packed for entry in waiting if entry.topic == "scan"]
         return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
 
@@ -158,6 +161,11 @@ class Feed:
             self._history.popleft()
 
     def _message(self, source: int, message: Message, *, recovered: bool) -> None:
+        try:
+            message = replace(message, data=checked_map(message.topic, message.data))
+        except ContractError:
+            self.unreadable += 1
+            return
         if message.topic == "info":
             known = (str(message.data.get("array_id", "")), int(message.data.get("channels", 0)))
             key = (source, message.board)
