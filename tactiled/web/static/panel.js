@@ -11,8 +11,8 @@ import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
-const TEXT_S = 0.1;       // numbers change at 10 Hz: faster cannot be read
-const PLOT_S = 0.1;
+const PICTURE_S = 0.1;    // numbers, skin: faster cannot be read, and painting is most of what the page costs
+const PLOT_S = 0.2;       // timeline: two pixels of a minute
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
@@ -43,7 +43,7 @@ export class BoardPanel {
     historyControls(find, this);
     this.scope = new Scope(find(".scope .plot"));
     this.spectrum = new Spectrum(find(".spectrum .plot"));
-    this.due = { text: 0, plot: 0, slow: 0 };
+    this.due = { picture: 0, plot: 0, slow: 0 };
     this.drawn = { changed: -1, state: "", events: -1 };
     this.retry = 0;
     this.visible = new WeakMap();
@@ -61,10 +61,11 @@ export class BoardPanel {
     this.lamp = lamp;
     const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
-    if (changed || perf >= this.due.text || board.eventCount !== this.drawn.events) { this.due.text = perf + TEXT_S; this._texts(lamp, now); }
-    if (changed || board.changed !== this.drawn.changed) {
+    if (changed || perf >= this.due.picture || board.eventCount !== this.drawn.events) {
+      this.due.picture = perf + PICTURE_S;
+      this._texts(lamp, now);
+      if (this.visible.get(this.canvas) !== false && (changed || board.changed !== this.drawn.changed)) this.skin.draw(board, lamp.shows ?? lamp.state);
       this.drawn.changed = board.changed;
-      if (this.visible.get(this.canvas) !== false) this.skin.draw(board, lamp.shows ?? lamp.state);
     }
     if (perf >= this.due.plot && now !== null) {
       this.due.plot = perf + PLOT_S;

@@ -1,16 +1,16 @@
 // Colours for canvases, read from the style sheet, so that there is one place for them.
 
-let colours = null;
+const colours = new Map();
 const listeners = new Set();
 
 export function colour(name) {
-  if (colours === null) colours = getComputedStyle(document.documentElement);
-  return colours.getPropertyValue(`--${name}`).trim();
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+  return colours.get(name);
 }
 
 export const onTheme = (listener) => listeners.add(listener);
 
-function changed() { colours = null; for (const listener of listeners) listener(); }
+function changed() { colours.clear(); for (const listener of listeners) listener(); }
 
 export function switchTheme() {
   const root = document.documentElement;
