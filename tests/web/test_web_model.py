@@ -127,14 +127,14 @@ GRIP |= {"state": "sticking", "unit": "relative"}
         ("holding", {}, {"utilisation": 0.8, "valid": False}, "good", "Holding"),
         ("unknown", {}, {}, "near", "Touching, may hold or slip: lift once"),
         ("shearing", {"kind": "incipient"}, {}, "partial",
-         "Beginning to slip towards −x for 0.4 s: tighten"),
-        ("sliding", {"kind": "gross"}, {}, "gross", "Slipping towards −x for 0.4 s: tighten"),
+         "Beginning to slip towards −x for 0.4\u00a0s: tighten"),
+        ("sliding", {"kind": "gross"}, {}, "gross", "Slipping towards −x for 0.4\u00a0s: tighten"),
         ("sliding", {"kind": "gross", "direction_sd_deg": 180}, {}, "gross",
-         "Slipping for 0.4 s: tighten"),
+         "Slipping for 0.4\u00a0s: tighten"),
         ("sliding", {"kind": "gross", "valid": False}, {}, "near",
-         "Slipping towards −x for 0.4 s: do not act on it"),
+         "Slipping towards −x for 0.4\u00a0s: do not act on it"),
         ("sliding", {"kind": "gross", "valid": False, "suppressed": "inhibit"}, {}, "good",
-         "Slipping towards −x for 0.4 s, as announced (inhibit)"),
+         "Slipping towards −x for 0.4\u00a0s, as announced (inhibit)"),
         ("sliding", {}, {}, "gross", "Slipping: tighten"),  # the page was opened later than its onset
     ],
 )  # fmt: skip
@@ -153,6 +153,21 @@ def test_one_sentence_says_what_the_contact_does(
       return verdict(board, 20);"""
     found = model(opened, act)
     assert (found["level"], found["sentence"]) == (level, sentence)
+
+
+@pytest.mark.parametrize(
+    ("p_gross_100ms", "sure"),
+    [(0.1, "20 % of the friction limit in use"), (0.8, "80 % sure that it slips within 0.1 s")],
+)
+def test_one_number_says_how_surely(opened: Page, p_gross_100ms: float, sure: str) -> None:
+    grip = {**GRIP, "utilisation": 0.2, "p_gross_100ms": p_gross_100ms}
+    act = f"""
+      board.take("slip", {{ ...common(1, 11), seq: 5, state: "end", kind: "gross", valid: true }});
+      scan(1, 20);
+      board.take("contact", {{ ...common(1, 20), seq: 1, state: "holding", taxels: [0] }});
+      board.take("grip", {{ ...common(1, 20), seq: 1, ...{json.dumps(grip)} }});
+      return verdict(board, 20);"""
+    assert model(opened, act)["sure"] == sure
 
 
 def test_forces_and_readings_point_the_same_way(opened: Page) -> None:

@@ -6,7 +6,7 @@ import { percent } from "./verdict.js";
 import { sig } from "./words.js";
 
 const KEPT = "tactiled-curves";
-const FIRST = ["load", "shear", "risk", "use"];
+const FIRST = ["load", "shear", "use"];
 const COLOURS = ["series-3", "series-4", "series-5", "series-6", "series-1", "series-2"]; // of channels
 const number = (unit) => (v) => `${sig(v, 3)} ${unit}`;
 

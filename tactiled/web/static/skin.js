@@ -208,7 +208,7 @@ export class SkinPicture {
 
   _legendWords(g, state) {
     const words = state === "none" || state === "stale" ? "Last known picture, not live."
-      : `A full disc is ${sig(this.full, 2)} ${g.unit} of load` + (g.has_shear ? ", a full arrow as much shear; arrows point the way the skin goes." : "; no shear channels.");
+      : g.has_shear ? "Discs: load. Arrows: shear, the way the skin goes." : "Discs: load. No shear channels.";
     const text = g.words ? `${words} ${g.words}.` : words;
     if (this.legend.textContent !== text) this.legend.textContent = text;
   }

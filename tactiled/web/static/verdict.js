@@ -41,12 +41,13 @@ function chances(grip, state, slip) {
   if (grip.state === "unknown") return "";
   if (state === "sliding") return `${percent(grip.p_sliding)} sure that all of the contact slides`;
   if (state === "shearing" && slip !== null) return `${percent(slip.confidence)} sure that a part of the contact slips`;
-  return `${percent(grip.utilisation)} of the friction limit in use, slip within 0.1 s: ${percent(grip.p_gross_100ms)}`;
+  if (grip.p_gross_100ms > LIKELY) return `${percent(grip.p_gross_100ms)} sure that it slips within 0.1 s`;
+  return `${percent(grip.utilisation)} of the friction limit in use`;
 }
 
 export const percent = (share) => `${Math.round(100 * share)} %`;
 
 function duration(seconds) {
   const s = Math.max(0, seconds);
-  return s < 10 ? `${s.toFixed(1)} s` : s < 100 ? `${Math.round(s)} s` : `${Math.round(s / 60)} min`;
+  return s < 10 ? `${s.toFixed(1)}\u00a0s` : s < 100 ? `${Math.round(s)}\u00a0s` : `${Math.round(s / 60)}\u00a0min`; // a line does not end before the unit
 }
