@@ -67,7 +67,7 @@ class Feed:
     def __init__(self, arrays: Sequence[Array] = ()) -> None:
         self._arrays = {array.name: array for array in arrays}
         self._pending: list[Entry] = []
-        self._replaceable: dict[tuple[int, str, str], Message] = {}  # newest of each live topic but scans
+        self._replaceable: dict[tuple[int, str, str], Message] = {}  # newest, not needed by the history
         self._history: deque[Entry] = deque(maxlen=_HISTORY_MESSAGES)
         self._newest: dict[tuple[int, str, str], Entry] = {}
         self._thinned_s: dict[tuple[int, str, str], float] = {}
@@ -80,10 +80,13 @@ class Feed:
         """Take an item of the subscription to an endpoint."""
         if isinstance(item, Message | Recovered):
             message = item.message if isinstance(item, Recovered) else item
-            if message.topic in LIVE and message.topic != "scan" and message is item:
-                # Of several between two frames the newest is sent: it alone is checked and packed.
-                self._replaceable[source, message.board, message.topic] = message
+            key = (source, message.board, message.topic)
+            is_thinned = message.timestamp - self._thinned_s.get(key, -1.0) < _THIN_S
+            if message.topic in LIVE and message.topic != "scan" and is_thinned and message is item:
+                # Of several between two frames the newest is sent; no other one is checked or packed.
+                self._replaceable[key] = message
             else:
+                self._replaceable.pop(key, None)
                 self._message(source, message, recovered=message is not item)
         elif isinstance(item, Lost):
             lost = "message was" if item.count == 1 else "messages were"
@@ -131,8 +134,9 @@ class Feed:
         kept = [entry.packed for entry in self._pending if entry.topic not in LIVE]
         waiting = [entry for entry in self._pending if entry.topic in LIVE]
         self._pending = [] if with_live else waiting
+        newest = {entry.key: entry for entry in waiting}
         # Scans last: the page draws their loads in the unit of the newest force message.
-        others = [entry.packed for entry in waiting if entry.topic != "scan"]
+        others = [entry.packed for entry in waiting if entry.topic != "scan" and newest[entry.key] is entry]
         live = others + [entry.packed for entry in waiting if entry.topic == "scan"]
         return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
 

@@ -1,5 +1,6 @@
 """Frames and history of the page server."""
 
+import itertools
 import math
 from dataclasses import replace
 from typing import Any
@@ -12,7 +13,7 @@ from tactiled.array import load_array
 from tactiled.board_geometry import geometry_of
 from tactiled.client import Lost, Message, Recovered, Restarted
 from tactiled.events.codec import to_map
-from tactiled.events.types import Event, InfoEvent, ScanEvent
+from tactiled.events.types import Event, ForceEvent, InfoEvent, ScanEvent
 from tactiled.resources import shipped_names
 from tactiled.web.feed import HISTORY_S, Feed
 
@@ -23,7 +24,11 @@ INFO = InfoEvent(
     volts_per_count=1.0, channel_offset_s=(0.0,), tactiled_version="0",
 )  # fmt: skip
 SCAN = ScanEvent(time_s=0.0, index=0, volts=(1.0,), valid=(True,), time_sd_s=0.0, age_s=0.0, late=False)
-SAMPLES: dict[str, Event] = {event.topic: event for event in (SLIP, CONTACT, STATUS, SCAN, INFO)}
+FORCE = ForceEvent(
+    time_s=0.0, fx_n=0.0, fy_n=0.0, fz_n=1.0, fx_sd_n=0.1, fy_sd_n=0.1, fz_sd_n=0.1, x_mm=0.0, y_mm=0.0,
+    calibration="finger-7", valid=True,
+)  # fmt: skip
+SAMPLES: dict[str, Event] = {event.topic: event for event in (SLIP, CONTACT, STATUS, SCAN, INFO, FORCE)}
 
 
 def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message:
@@ -108,6 +113,16 @@ def test_a_browser_gets_each_state_once(is_sent: bool) -> None:
     frames = feed.frames(NOW_S, 0.0)
     found += rows(frames.kept) + rows(frames.live)
     assert sorted(row[1] for row in found) == ["contact", "geometry", "info", "status"]
+
+
+def test_a_late_frame_has_the_newest_force_and_the_history_one_of_each_tenth_of_a_second() -> None:
+    feed = Feed()
+    for n in range(100):
+        feed.take(0, message("force", n, NOW_S + 0.01 * n))
+    assert [row[2]["seq"] for row in rows(feed.frames(NOW_S + 1.0, 0.0).live)] == [99]
+    kept_s = [row[2]["timestamp"] for row in rows(feed.history(NOW_S + 1.0, 0.0))]
+    assert len(kept_s) in (9, 10, 11)
+    assert max(after - before for before, after in itertools.pairwise(kept_s)) < 0.15
 
 
 def test_the_history_forgets_what_is_older_than_the_timeline() -> None:
