@@ -138,7 +138,7 @@ export class BoardPanel {
     put(at.used, held === null ? NONE : percent(held.utilisation));
     drawBar(at.bar, held);
     facts(at.margin, [
-      ["90 % interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
+      ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
       ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not calibrated"],
     ]);
   }
