@@ -20,7 +20,7 @@
 #define DEFAULT_RATE_MILLIHERTZ 100000u
 #define ADC_BITS 12u
 #define ADC_REFERENCE_MILLIVOLTS 3000u
-#define SAMPLE_US 80u /* from one channel to the next: measure it, see "Scan skew" in docs/bring-up.md */
+#define SAMPLE_US 80u /* from one channel to the next: measure it, see bring-up.md, "Scan skew" */
 
 /* Input of the multiplexer for each channel, in the order of the wire (channel = 4 * taxel + k). This board
  * has the nine R1 on inputs 0 to 8, the nine R2 on inputs 9 to 17, and so on. */
@@ -291,8 +291,6 @@ void firmware_run(uint_least16_t boot_count)
 {
     boots = boot_count;
     period_us = period_of(DEFAULT_RATE_MILLIHERTZ);
-    frame[0] = 0u; /* ends the frame that the reset cut off; without it, the host would lose the hello too */
-    send_frame(1u, 0u);
     say_hello();
     for (;;) {
         receive_octets();

@@ -1,5 +1,5 @@
 /* An example firmware: what it needs from the microcontroller (port_...), and what the interrupts of the
- * microcontroller call (firmware_...). docs/bring-up.md is the guide; mps2_an385.c is a port.
+ * microcontroller call (firmware_...). bring-up.md is the guide; mps2_an385.c is a port.
  */
 #ifndef TACTILED_EXAMPLE_FIRMWARE_H
 #define TACTILED_EXAMPLE_FIRMWARE_H

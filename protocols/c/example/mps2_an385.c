@@ -109,32 +109,24 @@ int port_reference_good(void)
 
 /* ---- UART -------------------------------------------------------------------------------------------- */
 
-/* The emulated UART sends an octet in no time. Each millisecond allows as many octets as the line carries in
- * it, so that frames take their time, queues fill, and a reset cuts frames off. A real UART is slower than
- * this by itself and needs no allowance. */
-static volatile uint32_t allowed_millioctets;
-#define MILLIOCTETS_EACH_MS (BAUD / 10u)
+/* The emulated UART sends an octet in no time. It is given the next one only when the line is over with those
+ * before, so that frames take their time, queues fill, and a reset cuts frames off. A real UART needs no such
+ * wait, nor the interrupt each millisecond that ends it. */
+#define OCTET_US 87u /* ten bits at 115200 baud */
+static uint32_t line_free_us;
 
 static void send_octets(void)
 {
+    uint32_t now_us = port_ticks_us();
     uint_least16_t octet;
-    while (allowed_millioctets >= 1000u && !(UART_STATE & UART_TRANSMIT_FULL)) {
+    while (now_us - line_free_us < 0x80000000u && !(UART_STATE & UART_TRANSMIT_FULL)) {
         if (!firmware_next_octet(&octet)) {
+            line_free_us = now_us;
             return;
         }
-        allowed_millioctets -= 1000u;
         UART_DATA = octet;
+        line_free_us += OCTET_US;
     }
-}
-
-static void line_interrupt(void)
-{
-    if (allowed_millioctets < 1000u) {
-        allowed_millioctets += MILLIOCTETS_EACH_MS;
-    } else {
-        allowed_millioctets = MILLIOCTETS_EACH_MS; /* time in which nothing was sent is over */
-    }
-    send_octets();
 }
 
 void port_transmit(void)
@@ -202,7 +194,7 @@ __attribute__((section(".vectors"), used)) static const vector VECTORS[16 + 9] =
     (vector)stack_end, reset, fault, fault, fault, fault, fault,
     [11] = fault, /* supervisor call */
     [14] = fault,
-    [15] = line_interrupt,
+    [15] = send_octets,
     [16 + 0] = received_interrupt,
     [16 + 1] = sent_interrupt,
     [16 + 8] = timer_interrupt,
