@@ -29,11 +29,10 @@ def compile_firmware(folder: Path) -> Path:
     if missing and "TACTILED_CI" not in os.environ:
         pytest.skip(f"needs {' and '.join(missing)}")
     example = SOURCES / "example"
-    program, image = folder / "firmware.elf", folder / "firmware.bin"
+    image = folder / "firmware.elf"
     sources = [example / "firmware.c", example / "mps2_an385.c", SOURCES / "tactiled_board.c"]
     script = example / "mps2_an385.ld"
-    subprocess.run(["arm-none-eabi-gcc", *FLAGS, "-T", script, "-o", program, *sources], check=True)
-    subprocess.run(["arm-none-eabi-objcopy", "-O", "binary", program, image], check=True)
+    subprocess.run(["arm-none-eabi-gcc", *FLAGS, "-T", script, "-o", image, *sources], check=True)
     return image
 
 
@@ -53,7 +52,7 @@ class BoardInQemu:
 
     def __init__(self, image: Path, folder: Path) -> None:
         self.sent = folder / "sent.bin"
-        symbols = subprocess.check_output(["arm-none-eabi-nm", image.with_suffix(".elf")], text=True)
+        symbols = subprocess.check_output(["arm-none-eabi-nm", image], text=True)
         self._addresses = {name: address for address, _, name in map(str.split, symbols.splitlines())}
         self._debugger = folder / "debugger"
         monitor = folder / "monitor"
