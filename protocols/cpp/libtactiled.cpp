@@ -4,6 +4,7 @@
 #pragma GCC visibility pop
 
 #include <charconv>
+#include <cmath>
 #include <exception>
 #include <limits>
 #include <memory>
@@ -47,6 +48,10 @@ Fields fields_of(const char* text)
     std::istringstream stream(text_or_empty(text));
     Fields fields;
     for (std::string line; std::getline(stream, line);) {
+        if (!line.empty() && line.back() == '\r')
+            line.pop_back();
+        if (line.empty())
+            continue;
         const std::size_t at = line.find('=');
         if (at == std::string::npos || at == 0)
             throw tactiled::Error("fields: NAME=VALUE is wanted in each line, not " + line);
@@ -60,7 +65,7 @@ template <class Packer> void pack_value(Packer& packer, const std::string& value
     double number = 0.0;
     const char* end = value.data() + value.size();
     const auto [stop, fault] = std::from_chars(value.data(), end, number);
-    if (fault == std::errc() && stop == end)
+    if (fault == std::errc() && stop == end && std::isfinite(number))
         packer.pack(number);
     else if (value == "true" || value == "false")
         packer.pack(value == "true");
@@ -238,8 +243,8 @@ int tactiled_command(tactiled_client* client, const char* command, const char* f
 {
     return guarded(-1, [&] {
         Fields values = fields_of(fields);
-        if (!client->options.board.empty())
-            values.emplace_back("board", client->options.board);
+        if (const std::string& board = client->options.board; !board.empty())
+            values.emplace_back("board", '"' + board + '"');  // text, also where it looks like a number
         if (!client->commander)
             client->commander = std::make_unique<tactiled::Commander>(client->endpoint, client->options);
         const tactiled::Reply reply = client->commander->send_fields(

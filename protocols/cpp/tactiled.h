@@ -2,11 +2,11 @@
  *
  *     tactiled_client *events = tactiled_open("ipc:///run/tactiled/all/events.ipc", "slip", NULL, NULL);
  *     while (events && (kind = tactiled_next(events, -1.0)) >= 0)
- *         if (kind == TACTILED_MESSAGE && tactiled_is_fresh(events) && tactiled_age_s(events) < 0.2)
+ *         if (kind == TACTILED_MESSAGE && tactiled_is_fresh(events) && fabs(tactiled_age_s(events)) < 0.2)
  *             puts(tactiled_text(events, "kind"));
  *
  * The rules are those of tactiled.hpp; docs/native.md says how to build and use it. A client belongs to one
- * thread at a time. What a client returns by pointer is valid until the next call with this client. Texts are
+ * thread at a time, and only `tactiled_close` takes a NULL. What a client returns by pointer is valid until the next call with this client. Texts are
  * UTF-8. Where a function fails, `tactiled_error` has the reason. */
 #ifndef TACTILED_H
 #define TACTILED_H
@@ -79,8 +79,8 @@ const char *tactiled_text(tactiled_client *client, const char *field);
 const unsigned char *tactiled_payload(const tactiled_client *client, size_t *size);
 
 /* Send a command (protocols/control.md) and wait for the reply, at most 5 s. `fields`: NAME=VALUE, one in
- * each line, as in "duration_s=0.4"; NULL for none. A value that is a number is sent as one, `true` and
- * `false` as such, all others as text; one in double quotes is text, whatever it looks like. The board of
+ * each line, as in "duration_s=0.4"; NULL for none. A value that is a finite number is sent as one, `true`
+ * and `false` as such, all others as text; one in double quotes is text, whatever it looks like. The board of
  * `tactiled_open` is added. Returns 0 where the command was carried out, 1 where it was refused, -1 without a
  * reply: it may have been carried out all the same. */
 int tactiled_command(tactiled_client *client, const char *command, const char *fields);

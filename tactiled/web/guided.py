@@ -83,6 +83,7 @@ async def _run(arguments: Sequence[str]) -> AsyncGenerator[dict[str, Any], None]
     pipe = asyncio.subprocess.PIPE
     process = await asyncio.create_subprocess_exec(
         sys.executable,
+        "-P",  # modules of the folder in which the server was started are not those of tactiled
         "-m",
         "tactiled",
         *arguments,
@@ -92,6 +93,7 @@ async def _run(arguments: Sequence[str]) -> AsyncGenerator[dict[str, Any], None]
     )
     assert process.stdout is not None  # as asked for
     assert process.stderr is not None
+    result = asyncio.create_task(process.stdout.read())  # a full pipe would stop the verb
     try:
         said = ""
         while True:
@@ -106,12 +108,13 @@ async def _run(arguments: Sequence[str]) -> AsyncGenerator[dict[str, Any], None]
             said = words or said
             left = _LEFT.fullmatch(words)
             yield {"words": words} if left is None else {"left_s": int(left[1])}
-        result = await process.stdout.read()
+        found = await result
         if await process.wait() == 0:
-            yield {"ok": True, "found": json.loads(result)}
+            yield {"ok": True, "found": json.loads(found)}
         else:
             yield {"ok": False, "reason": said.removeprefix("tactiled: ")}
     finally:
         if process.returncode is None:
             process.kill()
             await process.wait()
+        result.cancel()

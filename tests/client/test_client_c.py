@@ -134,16 +134,18 @@ def test_commands_are_carried_out_or_refused(library: Library, endpoint: str) ->
     assert library.call("command", b"mark", b"text=12") == 1  # a number is no text
     assert library.call("command", b"mark", b'text="12"') == 0
     assert library.call("command", b"object-changed", None) == 0
+    assert library.call("command", b"inhibit", b"duration_s=0.5\r\n\r\n") == 0  # lines of Windows
     assert library.call("command", b"inhibit", b"duration_s=-1") == 1
     assert "duration_s" in library.error
     assert library.call("command", b"inhibit", b"duration_s") == -1
     assert library.error == "fields: NAME=VALUE is wanted in each line, not duration_s"
 
 
-def test_another_board_is_not_heard(library: Library, endpoint: str) -> None:
-    assert library.open(endpoint, None, "other", None)
+@pytest.mark.parametrize("other", ["other", "00123", "1e5"])
+def test_another_board_is_not_heard(library: Library, endpoint: str, other: str) -> None:
+    assert library.open(endpoint, None, other, None)
     assert library.call("command", b"object-changed", None) == 1  # the board of the client goes with it
-    assert "other" in library.error
+    assert other in library.error
 
 
 def test_no_daemon_is_stale_and_no_mistake(library: Library, tmp_path: Path) -> None:

@@ -196,9 +196,12 @@ static void stop(void)
     port_lock();
     running = 0;
     port_timer_stop();
-    /* Scans that wait are not sent. Give their numbers back: nothing was lost. */
-    sequence = (uint_least16_t)(sequence - (uint_least16_t)(scans_written - scans_read));
-    scans_written = scans_read;
+    /* Scans that wait are not sent. Give their numbers back: nothing was lost but what they tell to be. */
+    while (scans_written != scans_read) {
+        scans_written = (uint_least16_t)(scans_written - 1u);
+        sequence = (uint_least16_t)(sequence - 1u);
+        next_flags |= (uint_least16_t)(scans[scans_written % SCANS].flags & TACTILED_OVERRUN);
+    }
     port_unlock();
 }
 

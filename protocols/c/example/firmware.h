@@ -40,7 +40,8 @@ void port_wait(void);
 /* From reset, with all interrupts set up; never returns. */
 void firmware_run(uint_least16_t boot_count);
 
-/* From interrupts. */
+/* From interrupts. Those of the UART must be able to interrupt that of the timer, which samples all channels:
+ * 36 of 80 us are 33 octets at 115200 baud. */
 void firmware_timer_fired(void);
 void firmware_octet_received(uint_least16_t octet);
 int firmware_next_octet(uint_least16_t *octet); /* 0: nothing to send */

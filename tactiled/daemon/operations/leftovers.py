@@ -66,7 +66,7 @@ class Leftovers:
             if not (files := unfinished(self._directory)):
                 return
             logger.info("recovering %d unfinished recordings in %s", len(files), self._directory)
-            command = [sys.executable, "-m", "tactiled", "recover", str(self._directory)]
+            command = [sys.executable, "-P", "-m", "tactiled", "recover", str(self._directory)]
             environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
             self._child = subprocess.Popen(
                 [*command, "--min-free-mb", str(self._min_free_mb)],

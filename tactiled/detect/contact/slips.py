@@ -178,7 +178,9 @@ class PosteriorSlips:
         began_s = time_s[row] - unseen_s / 2  # the ratio may have met the limit at any time of a gap
         met = ~below[-1] if not below[-1].all() else np.ones_like(below[-1])
         mean_s = float(began_s[met].mean())
-        spread = float(((began_s - mean_s) ** 2 + unseen_s**2 / 12)[met].mean())
+        # Where the oldest scan that is kept has met the limit, it may have been met at any time since then.
+        since_s = np.where(row == 0, time_s[-1] - time_s[0], 0.0)
+        spread = float(((began_s - mean_s) ** 2 + (unseen_s**2 + since_s**2) / 12)[met].mean())
         signs = scan.filter.signs
         growth = scan.filter.per_friction * signs.growth
         noise_s = min(signs.ratio_noise / max(growth, _LEAST_GROWTH), _HISTORY_S)

@@ -184,8 +184,13 @@ class ContactTracker:
 
     @property
     def hidden_below(self) -> float:
-        """Part of the largest load of late, of the pad with the most, that a contact must exceed."""
-        return self._pressure.of_largest * max(self._pressure.largest)
+        """Part of the largest load of late, of the pad with the most, that a contact must exceed.
+
+        0 where that is no more than the level of contact, below which nothing is told in any case.
+        """
+        hidden = self._pressure.of_largest * max(self._pressure.largest)
+        level = min(map(self._pressure.levels.contact_at, self._pressure.taxel_noise))
+        return hidden if hidden > level else 0.0
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""

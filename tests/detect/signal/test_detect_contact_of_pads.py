@@ -245,3 +245,10 @@ def test_any_chunking_gives_the_same_contacts() -> None:
     block, gate = regular_block(values, RATE_HZ), ContactGate(COUNTS)
     found = [event for first in range(0, len(values), 7) for event in gate.process(block[first : first + 7])]
     assert found == contacts(COUNTS, values)
+
+
+def test_no_load_is_called_hidden_that_would_not_be_told_in_any_case() -> None:
+    noise = np.random.default_rng(5).normal(0.0, 2.0, (round(20 * RATE_HZ), 4))
+    suite = build_suite(COUNTS, DetectParams())
+    suite.process(regular_block(np.rint(noise), RATE_HZ))
+    assert suite.hidden_below == 0.0
