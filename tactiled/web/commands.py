@@ -112,8 +112,8 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
     if not isinstance(fields, dict):
         raise ValueError("fields is not a JSON object")  # noqa: TRY004
     board = document.get("board", "")
-    if not isinstance(board, str):
-        raise ValueError(f"board is {board!r}, not a serial number")  # noqa: TRY004
+    if not isinstance(board, str) or "\0" in board:
+        raise ValueError(f"board is {board!r}, not a serial number")
     checked: dict[str, Any] = {"board": board} if board else {}  # a daemon may read several boards
     for name, value in fields.items():
         kind = known[do].get(name)

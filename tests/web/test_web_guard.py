@@ -56,6 +56,7 @@ def test_the_token_admits_and_without_one_nothing_does() -> None:
     [
         ([], "object"),
         ({"do": "events"}, "no command"),
+        ({"do": "tare", "board": "a\0b"}, "not a serial number"),
         ({"do": "tare", "source": 1}, "source"),
         ({"do": "tare", "source": True}, "source"),
         ({"do": "inhibit", "fields": {"duration_s": "1"}}, "no float"),
