@@ -279,9 +279,12 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
-    from tactiled.tune.run import tune_files, tune_live
+    from tactiled.progress import tell
+    from tactiled.tune.live import record_live
+    from tactiled.tune.run import judge, tune_files
 
     if quiet is not None and motion is not None:
         tune_files(quiet, motion, array, per_hour, topic, as_json=as_json)
     else:
-        tune_live(endpoint, quiet_s, motion_s, array, board, keys, per_hour, as_json=as_json)
+        recordings = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
+        judge(*recordings, per_hour, as_json=as_json)

@@ -9,7 +9,6 @@ from tactiled.errors import ConfigError
 from tactiled.progress import ProgressBar, tell
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
-from tactiled.tune.live import record_live
 from tactiled.tune.study import N_STAGES, study
 from tactiled.tune.words import as_map, as_toml, in_words
 
@@ -35,22 +34,6 @@ def tune_files(
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])
     judge(first, second, accepted_per_hour, as_json=as_json)
-
-
-def tune_live(
-    endpoint: str,
-    quiet_s: float,
-    motion_s: float,
-    array: str | None,
-    board: str | None,
-    keys: Path | None,
-    accepted_per_hour: float,
-    *,
-    as_json: bool = True,
-) -> None:
-    """Record both from a running daemon and evaluate them; see `live.record_live`."""
-    quiet, motion = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
-    judge(quiet, motion, accepted_per_hour, as_json=as_json)
 
 
 def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_json: bool) -> None:

@@ -8,19 +8,12 @@ import time
 from pathlib import Path
 
 import pytest
+from held_scene import HELD
 from patience import PATIENCE_S
 
 from tactiled.client import Commander
 
 pytestmark = pytest.mark.system
-HELD = """
-name = "held"
-contact = "signal"
-phases = [
-    { kind = "press", duration_s = 0.5, force_n = 20.0 },
-    { kind = "hold", duration_s = 120.0 },
-]
-"""
 
 
 def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:

@@ -6,19 +6,12 @@ from pathlib import Path
 
 import pytest
 from access import faults
+from held_scene import HELD
 from pages import Robot, robot
 from playwright.sync_api import Page, expect
 
 pytestmark = pytest.mark.system
 TOKEN = "0123456789abcdef"
-HELD = """
-name = "held"
-contact = "signal"
-phases = [
-    { kind = "press", duration_s = 0.5, force_n = 20.0 },
-    { kind = "hold", duration_s = 600.0 },
-]
-"""
 LOW = """() => [...document.querySelectorAll(".tune :is(button, input, summary)")]
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
 

@@ -140,7 +140,7 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline of a ping that is about to be written; other commands do not concern it.
+        """Tell the pipeline of a ping that is about to be written.
 
         Parameters
         ----------
