@@ -24,6 +24,7 @@ FIELDS: dict[str, dict[str, type]] = {
 """Commands that the page may give, with their fields (protocols/control.md). The daemon checks the values."""
 GUIDED: dict[str, dict[str, type]] = {
     "tune": {"array": str, "quiet_s": float, "motion_s": float, "reports_per_hour": float},
+    "calibrate": {"array": str, "guide_s": float},
 }
 """Verbs of the terminal that the page may start (see `guided`), with their fields."""
 _WHO = "web page"

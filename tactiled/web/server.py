@@ -112,6 +112,7 @@ class PageServer:
         app.router.add_get("/api/session", self._session)
         app.router.add_get("/api/live", self._live)
         app.router.add_post("/api/command", self._command)
+        app.router.add_post("/api/calibration", self._calibration)
         app.router.add_get("/static/{name:.*}", self._file)
         self._recordings.add_to(app)
         return app
@@ -172,6 +173,7 @@ class PageServer:
                         await socket.close(code=WSCloseCode.GOING_AWAY)
             for commands in self._commands:
                 commands.close()
+            self._guided.close()
             if listener is not None:
                 listener.close()
             await runner.cleanup()
@@ -301,11 +303,17 @@ class PageServer:
         except ValueError as error:
             return answer(400, str(error))
         if do in GUIDED:
-            return await self._guided.answer(request, _HEADERS, source, fields)
+            return await self._guided.answer(request, _HEADERS, source, do, fields)
         reply = await self._commands[source].send(do, fields)
         if reply.ok and "board" in fields:
             await self._ask_settings(source, fields["board"])
         return web.json_response({"ok": reply.ok, "reason": reply.reason, "do": do})
+
+    async def _calibration(self, request: web.Request) -> web.StreamResponse:
+        """Fit what was recorded last to the record of a force sensor."""
+        if refusal := self._params.guard.refuse_command(request.headers.get("Authorization")):
+            return answer(403, refusal)
+        return await self._guided.fit(request, _HEADERS)
 
 
 def run_web(params: Listening, ready: Callable[[str], None]) -> None:

@@ -44,7 +44,9 @@ def message(topic: str, data: dict[str, Any]) -> Message:
     return Message(topic, "b", 0, 0.0, data, 0.0, 0.0, 0.0)
 
 
-def record(log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray) -> tuple[bool, list[str]]:
+def record(
+    log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray
+) -> tuple[live.GuidedLog, list[str]]:
     monkeypatch.setattr(live, "Subscription", lambda *_, **__: PlayedSubscription(readings))
     monkeypatch.setattr(live, "_LEAST_S", 0.0)
     said: list[str] = []
@@ -54,18 +56,19 @@ def record(log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray) -> 
 def test_prompts_until_nothing_is_lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig, rng = draw_rig(ARRAY, 2)
     runs = [rig.run(motion, 60.0, rng).readings for motion in ("walk", "tip")]
-    is_good, said = record(tmp_path / "log.npz", monkeypatch, np.concatenate(runs))
-    assert is_good
+    found, said = record(tmp_path / "log.npz", monkeypatch, np.concatenate(runs))
+    assert found.lacking == ""
     assert any("finger tip" in line for line in said)
     log = read_log(tmp_path / "log.npz")
-    assert log.readings.shape[1] == 36
-    assert len(log.time_s) > 1000
+    assert log.readings.shape == (found.scans, 36)
+    assert found.scans > 1000
+    assert log.time_s[-1] - log.time_s[0] == pytest.approx(found.duration_s)
 
 
 def test_says_what_is_still_lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     quiet = 1e-3 * np.random.default_rng(0).standard_normal((300, 36))
-    is_good, said = record(tmp_path / "log.npz", monkeypatch, quiet)
-    assert not is_good
+    found, said = record(tmp_path / "log.npz", monkeypatch, quiet)
+    assert found.lacking in said[-1]
     assert "still lacking: press" in said[-1]
 
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import ANY
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -136,6 +137,21 @@ def test_one_person_is_guided_at_a_time_and_only_with_the_token(tmp_path: Path) 
         assert lines[-1]["ok"] is False
         assert lines[-1]["reason"].startswith("no board at ipc://")  # after 5 s
         assert {} in lines  # signs of life
+
+    serve(tmp_path, act, TOKEN)
+
+
+def test_a_record_is_fitted_only_with_the_token_and_to_what_was_recorded(tmp_path: Path) -> None:
+    async def act(session: aiohttp.ClientSession, url: str) -> None:
+        async def send(query: str, token: str = TOKEN) -> tuple[int, str]:
+            headers = {"Authorization": f"Bearer {token}"}
+            body = b"time_s,fz_n\n" * 10_000  # more than a command may have
+            async with session.post(f"{url}api/calibration?{query}", data=body, headers=headers) as answer:
+                return answer.status, (await answer.json())["reason"]
+
+        assert (await send("name=mine&log=0", "wrong"))[0] == 403
+        assert await send("name=../mine&log=0") == (400, ANY)
+        assert await send("name=mine&log=0") == (409, "its readings are no longer here: record again")
 
     serve(tmp_path, act, TOKEN)
 

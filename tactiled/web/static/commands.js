@@ -1,5 +1,6 @@
 // Buttons for commands, shown only where the server accepts the token.
 
+import { guideCalibration } from "./calibrate.js";
 import { guideTuning } from "./tune.js";
 
 const FIELDS = {
@@ -52,6 +53,7 @@ export function showCommands(panel, token) {
     method: "POST", headers: { "Content-Type": "application/json", ...authorization(token) }, signal,
     body: JSON.stringify({ source: panel.board.source, board: panel.board.name, do: name, fields }),
   });
+  const upload = (path, file, signal) => fetch(path, { method: "POST", headers: authorization(token), signal, body: file });
   const send = async (button, name, fields) => {
     const label = button.textContent;
     button.disabled = true;
@@ -64,5 +66,6 @@ export function showCommands(panel, token) {
   };
   panel.give = (name) => send(section.querySelector(`[data-do="${name}"]`), name, FIELDS[name](panel.root, panel.board));
   guideTuning(panel, post, (values) => send(section.querySelector(".tune .use"), "thresholds", { values }));
+  guideCalibration(panel, post, upload);
   for (const button of section.querySelectorAll("button[data-do]")) button.onclick = () => panel.give(button.dataset.do);
 }

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,9 +19,23 @@ _LEAST_S = 15.0  # even if all is well before: creep takes seconds to show
 Report = Callable[[str], None]
 
 
+class GuidedLog(NamedTuple):
+    """What was recorded."""
+
+    scans: int
+    duration_s: float
+    lacking: str  # motion that is still lacking; empty where every sensitivity can be known
+
+
 def record_guided(
-    log: Path, endpoint: str, array: str | None, keys: Path | None, most_s: float, report: Report
-) -> bool:
+    log: Path,
+    endpoint: str,
+    array: str | None,
+    keys: Path | None,
+    most_s: float,
+    report: Report,
+    board: str = "",
+) -> GuidedLog:
     """Record until every sensitivity can be known, and write the scans.
 
     Parameters
@@ -35,11 +50,8 @@ def record_guided(
         Longest duration.
     report : callable
         Called with a line for the person who presses.
-
-    Returns
-    -------
-    bool
-        True where nothing is lacking.
+    board : str
+        Serial number of the board; empty for the first of the daemon.
 
     Raises
     ------
@@ -50,9 +62,9 @@ def record_guided(
     """
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])
-    with Subscription(endpoint, ("scan", "info"), keys=keys) as subscription:
+    with Subscription(endpoint, ("scan", "info"), board=board or None, keys=keys) as subscription:
         described = first_info(subscription, endpoint)
-        info, board = described.data, described.board
+        info, serial = described.data, described.board
         known = load_array(array or str(info["array_id"]))
         if known.n_channels != info["channels"]:
             fault = f"{known.name} has {known.n_channels} channels, the board {info['channels']}"
@@ -68,7 +80,7 @@ def record_guided(
             until_s = time.monotonic() + _LOOK_S
             while (item := subscription.next_item(until_s)) is not None:
                 message = item.message if isinstance(item, Recovered) else item
-                if isinstance(message, Message) and (message.topic, message.board) == ("scan", board):
+                if isinstance(message, Message) and (message.topic, message.board) == ("scan", serial):
                     if not time_s or message.data["timestamp"] > time_s[-1]:
                         time_s.append(message.data["timestamp"])
                         volts.append(message.data["volts"])
@@ -92,4 +104,4 @@ def record_guided(
     np.savez_compressed(log, time_s=time_s, volts=volts, valid=valid)
     lacking = "" if is_good else f"; still lacking: {advice.motion}"
     report(f"{log}: {len(time_s)} scans{lacking}. Stop the record of the force sensor.")
-    return is_good
+    return GuidedLog(len(time_s), time_s[-1] - time_s[0], "" if is_good else advice.motion)

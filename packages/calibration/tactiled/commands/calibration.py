@@ -1,5 +1,6 @@
 """Force calibration of an array against a force sensor."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from tactiled.progress import tell
 )  # fmt: skip
 @click.option("-o", "--out", type=FILE, help="Calibration file to write (.toml).")
 @click.option("--array", help="Array of a table: shipped name or TOML file. A recording contains its array.")
-@click.option("--board", default="", help="Serial number of the board, for the file.")
+@click.option("--board", default="", help="Serial number of the board, for the file and for --guide.")
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @click.option("--columns", metavar="NAMES", help="Columns of a CSV in channel order, as for `detect`.")
 @click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
@@ -76,8 +77,10 @@ def calibrate(
     if guide is not None:
         from tactiled.calibrate.live import record_guided
 
-        is_good = record_guided(log, guide, array, keys, guide_s, tell)
-        sys.exit(0 if is_good else 1)
+        found = record_guided(log, guide, array, keys, guide_s, tell, about["board"])
+        if about["as_json"]:
+            click.echo(json.dumps(found._asdict()))
+        sys.exit(1 if found.lacking else 0)
     if reference is None or out is None:
         raise click.UsageError("give --reference FILE and -o FILE, or --guide to record LOG first")
     need_readable(*(path for path in (log, reference) if not path.is_dir()))
