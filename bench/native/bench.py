@@ -3,12 +3,13 @@
 Two processes of `receive.cpp` have a publisher each, which send scans in turn, 5 ms apart, so that the
 programs do not compete for the processors. The client has read the scan into its structure when it notes the
 time; the other program has its bytes. Latency is from before the send to that instant, wake-up included.
+The controllers of C++ and Python hold emulated objects (`grasps`).
 """
 
 import subprocess
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +18,21 @@ import msgpack
 import numpy as np
 import zmq
 
+from bench.hold.bench import REPORTED_FROM
+from bench.hold.play import GraspResult
+from bench.native.grasps import BATCH, GRASPS, QUICK_GRASPS, grasps, grasps_table
 from bench.processes import compile_program
-from bench.report import Aim, BenchOptions, aims_table, at_most, load_words, median_aim, over_runs, table
+from bench.report import (
+    Aim,
+    BenchOptions,
+    aims_table,
+    at_most,
+    load_words,
+    median_aim,
+    over_runs,
+    seeds_in_words,
+    table,
+)
 from tactiled.array import FloatArray
 from tactiled.errors import OperatorError
 from tactiled.events.codec import encode
@@ -34,7 +48,8 @@ _STATUS_EVERY = 10  # scans
 _SETTLE = 100  # scans that are left out at the beginning: caches, the first answer to the client
 _COST_SCANS = 100_000
 _BOARD, _RUN = "TS0001", 7
-_HEADERS = Path(__file__).parents[2] / "protocols" / "cpp"
+_HERE = Path(__file__).parent
+_HEADERS = _HERE.parents[1] / "protocols" / "cpp"
 _SCAN = ScanEvent(
     time_s=0.0, index=1, volts=tuple(1.0 + 0.01 * k for k in range(36)), valid=(True,) * 36, time_sd_s=2e-5,
     age_s=0.004, late=False,
@@ -85,20 +100,35 @@ class NativeResults:
 
     runs: Sequence[NativeRun]
     cost: NativeCost
+    held: Mapping[str, Sequence[GraspResult]]  # by controller
+
+    @property
+    def further_drops(self) -> int:
+        """Objects that the controller of C++ drops, beyond those that Python's does."""
+        drops = {name: sum(one.dropped for one in some) for name, some in self.held.items()}
+        return drops["C++"] - drops["Python"]
 
 
 def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the client of C++."""
     repeats, n_scans = (_QUICK_REPEATS, _QUICK_SCANS) if options.quick else (_REPEATS, _SCANS)
+    n_batches = (QUICK_GRASPS if options.quick else GRASPS) // BATCH
     runs = []
     with tempfile.TemporaryDirectory(prefix="tactiled-native-") as name:
         receive = compile_receiver(Path(name))
         for repeat in range(repeats):
-            progress.reach(repeat / repeats)
+            progress.reach(repeat / (repeats + n_batches))
             folder = Path(name) / str(repeat)
             folder.mkdir()
             runs.append(run_once(folder, receive, n_scans))
         cost = measure_cost(Path(name), receive)
+        controller = compile_controller(Path(name))
+        held: dict[str, list[GraspResult]] = {"C++": [], "Python": []}
+        for batch in range(n_batches):
+            progress.reach((repeats + batch) / (repeats + n_batches))
+            first = REPORTED_FROM + batch * BATCH
+            for who, some in grasps(controller, range(first, first + BATCH)).items():
+                held[who] += some
     text = (
         f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
         "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). Ratios are within a "
@@ -109,8 +139,9 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "time a scan, through the inbox and into its structure. "
         f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
     )
-    aims = aims_table(AIMS, {"measured": NativeResults(runs, cost)})
-    return [text, _latency_table(runs), cost_text, aims]
+    aims = aims_table(AIMS, {"measured": NativeResults(runs, cost, held)})
+    held_text = f"Emulated grasps of {seeds_in_words(n_batches * BATCH, REPORTED_FROM)}, as in `bench hold`."
+    return [text, _latency_table(runs), cost_text, held_text, grasps_table(held), aims]
 
 
 def compile_receiver(folder: Path) -> Path:
@@ -120,8 +151,13 @@ def compile_receiver(folder: Path) -> Path:
         raise OperatorError(
             "bench native needs sudo apt install g++ cppzmq-dev libmsgpack-cxx-dev libzmq3-dev"
         )
-    source = Path(__file__).with_name("receive.cpp")
-    return compile_program(folder, source, "-std=c++17", "-Wl,--wrap=malloc", f"-I{_HEADERS}", "-lzmq")
+    flags = "-std=c++17", "-Wl,--wrap=malloc", f"-I{_HEADERS}", "-lzmq"
+    return compile_program(folder, _HERE / "receive.cpp", *flags)
+
+
+def compile_controller(folder: Path) -> Path:
+    """Compile the controller that `grasps` plays."""
+    return compile_program(folder, _HERE / "hold.cpp", "-std=c++17", f"-I{_HEADERS}")
 
 
 def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
@@ -249,4 +285,5 @@ AIMS: tuple[Aim[NativeResults], ...] = (
         lambda found: found.cost.allocations - found.cost.of_msgpack,
         ".2f",
     ),
+    at_most("drops beyond those of Python", 0.0, "", lambda found: float(found.further_drops), ".0f"),
 )
