@@ -168,12 +168,17 @@ def test_keys_that_are_not_there_are_refused(library: Library, tmp_path: Path) -
     assert "none.toml" in library.error
 
 
-@pytest.fixture(scope="module")
-def example(built: Path) -> Path:
-    """Program of examples/listen.c."""
-    program = built / "listen"
-    flags = f"-I{HEADERS}", f"-L{built}", f"-Wl,-rpath,{built}", "-ltactiled"
-    subprocess.run(["cc", *C_WARNINGS, ROOT / "examples" / "listen.c", *flags, "-o", program], check=True)
+@pytest.fixture(scope="module", params=["listen.c", "listen.rs"])
+def example(built: Path, request: pytest.FixtureRequest) -> Path:
+    """Program of an example."""
+    source, runs_with = ROOT / "examples" / request.param, f"-Wl,-rpath,{built}"
+    program = built / request.param.replace(".", "-")
+    if source.suffix == ".c":
+        command = ["cc", *C_WARNINGS, source, f"-I{HEADERS}", f"-L{built}", runs_with, "-ltactiled"]
+    else:
+        need_native("rustc")
+        command = ["rustc", "--edition=2021", "-Dwarnings", source, f"-L{built}", f"-Clink-arg={runs_with}"]
+    subprocess.run([*command, "-o", program], check=True)
     return program
 
 
@@ -186,9 +191,9 @@ def test_the_example_tells_slips(example: Path, endpoint: str) -> None:
 
 
 def test_the_example_says_what_is_wrong(example: Path) -> None:
-    done = subprocess.run([example], capture_output=True, text=True, check=False)
+    done = subprocess.run([example, "nowhere"], capture_output=True, text=True, check=False)
     assert done.returncode == 1
-    assert done.stderr.startswith("listen: endpoint")
+    assert "nowhere: Invalid argument" in done.stderr
 
 
 def test_the_page_runs(built: Path, endpoint: str, tmp_path: Path) -> None:

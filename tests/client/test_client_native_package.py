@@ -1,6 +1,7 @@
 """The clients of C++ and C as others build them: installed, found by CMake and pkg-config, no warning."""
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from cpp import HEADERS, ROOT, WARNINGS, compile_native, need_native
 
 from tactiled.version import __version__
 
+HEADER_C = HEADERS / "tactiled.h"
 EXAMPLE, EXAMPLE_C = ROOT / "examples" / "hold.cpp", ROOT / "examples" / "listen.c"
 LISTS = """
 cmake_minimum_required(VERSION 3.16)
@@ -90,3 +92,17 @@ def test_the_page_compiles(tmp_path: Path) -> None:
 
 def test_the_example_has_30_lines() -> None:
     assert len(EXAMPLE.read_text().splitlines()) <= 30
+
+
+def test_the_manual_has_every_function(installed: Path) -> None:
+    page = installed / "share" / "man" / "man3" / "libtactiled.3"
+    words = re.findall(r"^\.Fn (tactiled_\w+) \S", page.read_text(), re.MULTILINE)
+    declared = re.findall(
+        r"\b(tactiled_\w+)\(", re.sub(r"/\*.*?\*/", "", HEADER_C.read_text(), flags=re.DOTALL)
+    )
+    assert sorted(set(words)) == sorted(declared)
+    if shutil.which("groff") is not None:
+        done = subprocess.run(
+            ["groff", "-mdoc", "-Tutf8", "-ww", page], capture_output=True, text=True, check=True
+        )
+        assert done.stderr == ""
