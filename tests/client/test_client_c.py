@@ -172,7 +172,7 @@ def test_keys_that_are_not_there_are_refused(library: Library, tmp_path: Path) -
 def example(built: Path, request: pytest.FixtureRequest) -> Path:
     """Program of an example."""
     source, runs_with = ROOT / "examples" / request.param, f"-Wl,-rpath,{built}"
-    program = built / request.param.replace(".", "-")
+    program = built / str(request.param).replace(".", "-")
     if source.suffix == ".c":
         command = ["cc", *C_WARNINGS, source, f"-I{HEADERS}", f"-L{built}", runs_with, "-ltactiled"]
     else:
