@@ -1,15 +1,17 @@
 """The list of boards from replies of hosts."""
 
 import json
-from pathlib import Path
+import urllib.request
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from prometheus_client.parser import text_string_to_metric_families
 
 from tactiled.commands.fleet import fleet
-from tactiled.errors import OperatorError
-from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of, write_targets
+from tactiled.errors import UnavailableError
+from tactiled.zenoh.fleet import FleetList, FleetRow, draw_table, rows_of
+from tactiled.zenoh.fleet_metrics import FleetMetrics
 
 NOW = 1000.0
 STATUS: dict[str, Any] = {
@@ -148,15 +150,47 @@ def test_the_table_shows_no_control_characters(capsys: pytest.CaptureFixture[str
     assert "B1" in shown
 
 
-def test_prometheus_gets_each_host_once_and_keeps_those_that_went(tmp_path: Path) -> None:
-    file = tmp_path / "targets.json"
-    rows = [FleetRow("b", "1", "running"), FleetRow("a", "1", "gone"), FleetRow("b", "2", "running")]
-    assert write_targets(file, rows, (9874, 9884))
-    assert json.loads(file.read_text()) == [
-        {"targets": [f"{host}:9874", f"{host}:9884"], "labels": {"host": host}} for host in ("a", "b")
-    ]
-    assert not write_targets(file, rows, (9874, 9884))
-    assert [path.name for path in tmp_path.iterdir()] == ["targets.json"]
+def page(port: int) -> dict[tuple[str, ...], float]:
+    """Metrics of a page: name, host, board, and a further label where there is one."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics") as answer:
+        text = answer.read().decode()
+    return {
+        (sample.name, labels.pop("host"), labels.pop("board"), *labels.values()): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+        for labels in [dict(sample.labels)]
+    }
+
+
+def test_prometheus_gets_all_boards_and_no_number_that_is_not_known() -> None:
+    metrics = FleetMetrics()
+    with metrics.serving(0) as port:
+        assert page(port) == {}
+        metrics.rows = [
+            FleetRow(
+                "a", 'B"1', "running", valid=True, age_s=0.02, utilisation=0.4, loss_ppm=20.0, firmware="9"
+            ),
+            FleetRow("b", "B1", "gone"),
+        ]
+        assert page(port) == {
+            ("tactiled_state", "a", 'B"1', "running"): 1.0,
+            ("tactiled_state", "b", "B1", "gone"): 1.0,
+            ("tactiled_firmware", "a", 'B"1', "9"): 1.0,
+            ("tactiled_valid", "a", 'B"1'): 1.0,
+            ("tactiled_valid", "b", "B1"): 0.0,
+            ("tactiled_scan_age_seconds", "a", 'B"1'): 0.02,
+            ("tactiled_utilisation", "a", 'B"1'): 0.4,
+            ("tactiled_missing_ratio", "a", 'B"1'): pytest.approx(2e-5),
+        }
+        metrics.lose()
+        assert page(port) == {
+            ("tactiled_state", "a", 'B"1', "silent"): 1.0,
+            ("tactiled_state", "b", "B1", "silent"): 1.0,
+            ("tactiled_valid", "a", 'B"1'): 0.0,
+            ("tactiled_valid", "b", "B1"): 0.0,
+        }
+        with pytest.raises(UnavailableError, match=f"{port} cannot be had: .* in use"), metrics.serving(port):
+            pass
 
 
 @pytest.mark.parametrize(
@@ -239,8 +273,3 @@ def test_hosts_and_boards_that_went_are_gone_until_they_return() -> None:
 def test_paths_that_are_none_of_a_board_make_no_row() -> None:
     messages = {"tactile/B1": STATUS, "a/b/c/d": STATUS, "tactile/B2/status": 3, "tactile/B3/status": STATUS}
     assert [row.board for row in rows_of("h", {"messages": messages}, NOW)] == ["B3"]
-
-
-def test_targets_that_cannot_be_written_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(OperatorError, match="cannot be written"):
-        write_targets(tmp_path / "none" / "targets.json", [], ())

@@ -5,7 +5,7 @@ import logging
 import signal
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -140,10 +140,9 @@ def _publish_to_ros2(
     "--every", "period_s", default=2.0, show_default=True, type=click.FloatRange(0.5), help="Seconds."
 )
 @KEYS
-@click.option("--targets", type=FILE, help="Also write the hosts for Prometheus (file_sd_configs).")
 @click.option(
-    "--metrics-port", "ports", multiple=True, default=(9874,), show_default=True,
-    type=click.IntRange(1, 65535), help="Port of their metrics pages; once for each daemon of a host.",
+    "--serve", "port", type=click.IntRange(0, 65535), metavar="PORT",
+    help="Also serve http://127.0.0.1:PORT/metrics with all boards, for Prometheus.",
 )  # fmt: skip
 def fleet(
     endpoint: str,
@@ -152,8 +151,7 @@ def fleet(
     as_json: bool,
     period_s: float,
     keys: Path | None,
-    targets: Path | None,
-    ports: tuple[int, ...],
+    port: int | None,
 ) -> None:
     """List the boards of a zenoh network: state, age, utilisation, loss, firmware, disk.
 
@@ -164,10 +162,19 @@ def fleet(
     """
     need_extra("zenoh", "zenoh", "the list", "tactiled-client")
     from tactiled.errors import UnavailableError
-    from tactiled.zenoh.fleet import FleetList, draw_table, write_targets
+    from tactiled.zenoh.fleet import FleetList, draw_table
 
-    boards = FleetList(endpoint, keys, expected)
-    with suppress(KeyboardInterrupt):
+    boards, metrics = FleetList(endpoint, keys, expected), None
+    if once and port is not None:
+        raise click.UsageError("--serve: leave out --once, since the page lasts as long as the list")
+    with ExitStack() as stack:
+        stack.enter_context(suppress(KeyboardInterrupt))
+        if port is not None:
+            from tactiled.zenoh.fleet_metrics import FleetMetrics
+
+            metrics = FleetMetrics()
+            port = stack.enter_context(metrics.serving(port))
+            click.echo(f"fleet: http://127.0.0.1:{port}/metrics", err=True)
         while True:
             try:
                 rows = boards.ask()
@@ -182,8 +189,8 @@ def fleet(
                     click.echo(json.dumps(row.as_map()))
             else:
                 draw_table(rows, clear=not once and sys.stdout.isatty())
-            if targets is not None and write_targets(targets, rows, ports):
-                click.echo(f"{targets}: written", err=True)
+            if metrics is not None:
+                metrics.rows = rows
             if once:
                 sys.exit(0 if rows and all(row.valid for row in rows) else 1)
             time.sleep(period_s)

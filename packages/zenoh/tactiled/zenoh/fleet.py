@@ -1,6 +1,5 @@
 """List of the boards of a zenoh network, from one request to all hosts."""
 
-import json
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -13,8 +12,6 @@ from rich.table import Table
 from rich.text import Text
 
 from tactiled.client.over_zenoh import states
-from tactiled.errors import OperatorError
-from tactiled.outside import read_text
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
@@ -148,26 +145,6 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
         free_mb=float(recording["free_mb"]) if recording.get("state", "off") != "off" else -1.0,
         reason=reason,
     )
-
-
-def write_targets(file: Path, rows: Sequence[FleetRow], ports: Sequence[int]) -> bool:
-    """Write the metrics pages of all hosts for Prometheus' discovery by files; return whether it changed.
-
-    Hosts that have gone stay in the file, so that Prometheus reports them as down. The format is that of
-    ``file_sd_configs``. The file is replaced at once, because Prometheus may read it at any time.
-    """
-    hosts = sorted({row.host for row in rows})
-    entries = [{"targets": [f"{host}:{port}" for port in ports], "labels": {"host": host}} for host in hosts]
-    text = json.dumps(entries, indent=2) + "\n"
-    if file.exists() and read_text(file) == text:
-        return False
-    part = file.with_name(f".{file.name}.part")
-    try:
-        part.write_text(text)
-        part.replace(file)
-    except OSError as error:
-        raise OperatorError(f"{file}: cannot be written: {error.strerror}") from None
-    return True
 
 
 def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
