@@ -1,0 +1,1 @@
+"""The site of ``./run docs``: the pages of the repository, and a reference generated from the code."""

@@ -1,0 +1,24 @@
+"""Hooks of MkDocs, which `mkdocs.yml` names."""
+
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+from tools.site.pages import ROOT, repository_files, with_four_column_lists, with_links_to_pages
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the pages of the repository, and what they link to."""
+    for place, source in repository_files().items():
+        if isinstance(source, Path):
+            files.append(File.generated(config, place, abs_src_path=str(source)))
+        else:
+            files.append(File.generated(config, place, content=source))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Translate what hosts of git repositories and Python-Markdown read differently."""
+    return with_four_column_lists(with_links_to_pages(markdown, ROOT / page.file.src_uri))
