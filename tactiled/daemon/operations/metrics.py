@@ -7,8 +7,8 @@ is version 0.0.4 of prometheus.io/docs/instrumenting/exposition_formats: base un
 
 import bisect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
-from itertools import accumulate
+from dataclasses import dataclass, fields
+from itertools import accumulate, starmap
 from typing import Literal, get_args
 
 from tactiled import compiled
@@ -33,11 +33,65 @@ _HANDLING_S = (0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.05, 0.1, 1.0
 _CONTACTS = get_args(Health.__annotations__["contact"])
 _STATES = get_args(BoardState)
 
-Kind = Literal["counter", "gauge", "histogram"]
 Sample = tuple[str, Mapping[str, str], float]
 """Suffix of the metric name, labels, value."""
-Family = tuple[str, Kind, str, list[Sample]]
-"""Name without prefix, kind, description, samples."""
+Family = tuple[str, list[Sample]]
+"""Name in `METRICS`, and samples."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Kind and meaning of one metric."""
+
+    kind: Literal["counter", "gauge", "histogram"]
+    meaning: str
+    labels: tuple[str, ...] = ()  # besides ``board``
+
+
+METRICS: Mapping[str, Metric] = {
+    "info": Metric(
+        "gauge",
+        "1; the labels have the version of tactiled and the path of a scan.",
+        ("version", "scan_path"),
+    ),
+    "frames_total": Metric("counter", "Frames by result: good, or why they were rejected.", ("result",)),
+    "scans_total": Metric("counter", "Scans that the board took: received, missing, duplicate.", ("result",)),
+    "bytes_total": Metric("counter", "Bytes received: part of a frame, or discarded.", ("result",)),
+    "fits_late_total": Metric(
+        "counter", "Groove fits that were not ready at the scan at which they were due."
+    ),
+    "board_restarts_total": Metric("counter", "Number of times that the board booted."),
+    "uart_errors_total": Metric(
+        "counter", "Errors that the driver of a UART counts, where there is one.", ("kind",)
+    ),
+    "state": Metric("gauge", "1 for the present state of the board, 0 for all others.", ("state",)),
+    "valid": Metric("gauge", "1 while the tactile data are fresh, else 0."),
+    "scan_age_seconds": Metric("gauge", "Age of the newest scan."),
+    "scan_rate_hertz": Metric("gauge", "Scan rate that the board states."),
+    "clock_sd_seconds": Metric("gauge", "Standard deviation of the times of scans; 1e9 while it is unknown."),
+    "clock_drift_ratio": Metric("gauge", "Part by which the board's clock is slower than the host's."),
+    "contact": Metric("gauge", "1 for the present state of the contact, 0 for all others.", ("state",)),
+    "slipping": Metric("gauge", "1 from the onset of a slip to its end, else 0."),
+    "inhibited_seconds": Metric("gauge", "Remaining time for which slips are marked as not valid."),
+    "connects_total": Metric("counter", "Number of times that the port was opened."),
+    "uptime_seconds": Metric("gauge", "Time since the daemon started."),
+    "scan_latency_seconds": Metric("histogram", "Time from a scan to its handling."),
+    "loop_lag_seconds": Metric("histogram", "Longest turn of the event loop in each tenth of a second."),
+    "handling_seconds": Metric("histogram", "Time from a read of the port to the last message from it."),
+    "slip_onsets_total": Metric(
+        "counter", "Onsets of slip, and which announcement explains them.", ("kind", "suppressed")
+    ),
+    "messages_total": Metric("counter", "Messages of this board by topic.", ("topic",)),
+    "messages_refused_total": Metric(
+        "counter", "Messages dropped for subscribers without keys that do not keep up."
+    ),
+    "recording": Metric("gauge", "1 while a recording is written, else 0."),
+    "recorded_bytes": Metric("gauge", "Size of the recording."),
+    "disk_free_bytes": Metric("gauge", "Free space of the disk that holds the recording."),
+    "reads_unrecorded_total": Metric("counter", "Reads of the port that are in no recording."),
+    "reads_waiting": Metric("gauge", "Reads of the port that wait for the disk."),
+}
+"""All metrics; the names on the page begin with ``tactiled_``."""
 
 
 class Histogram:
@@ -116,97 +170,71 @@ class Metrics:
     def families(self) -> Iterator[Family]:
         """Yield all metrics, with the serial number of the board as label ``board``."""
         board = {"board": self._board()}
-        for name, kind, words, samples in (
-            *self._line(), *self._state(), *self._delivery(), *self._disk()
-        ):  # fmt: skip
-            yield name, kind, words, [(end, {**board, **labels}, value) for end, labels, value in samples]
+        for name, samples in (*self._line(), *self._state(), *self._delivery(), *self._disk()):
+            yield name, [(end, {**board, **labels}, value) for end, labels, value in samples]
 
     def _line(self) -> Iterator[Family]:
         health = self._health()
-        frames = {"good": health.frames, **health.corrupt_by_reason}
-        what = "Frames by result: good, or why they were rejected."
-        yield "frames_total", "counter", what, _by("result", frames)
+        yield "frames_total", _by("result", {"good": health.frames, **health.corrupt_by_reason})
         scans = {
             "received": health.scans, "missing": health.scans_missing, "duplicate": health.scans_duplicate
         }  # fmt: skip
-        yield "scans_total", "counter", "Scans the board took, by what became of them.", _by("result", scans)
-        became = {"framed": health.bytes_framed, "discarded": health.bytes_discarded}
-        yield "bytes_total", "counter", "Bytes received, by what became of them.", _by("result", became)
-        what = "Groove fits that were not ready at the scan at which they were due."
-        yield "fits_late_total", "counter", what, _one(health.fits_late)
-        yield "board_restarts_total", "counter", "How often the board booted.", _one(health.restarts)
+        yield "scans_total", _by("result", scans)
+        octets = {"framed": health.bytes_framed, "discarded": health.bytes_discarded}
+        yield "bytes_total", _by("result", octets)
+        yield "fits_late_total", _one(health.fits_late)
+        yield "board_restarts_total", _one(health.restarts)
         if (errors := self._line_errors()) is not None:
-            counts = {"framing": errors.framing, "overrun": errors.overrun}
-            yield "uart_errors_total", "counter", "Errors that the UART's driver counts.", _by("kind", counts)
+            yield "uart_errors_total", _by("kind", {"framing": errors.framing, "overrun": errors.overrun})
 
     def _state(self) -> Iterator[Family]:
         status = self._status
         if status is None:
             return
-        yield "state", "gauge", "1 for the state that holds.", _enum("state", _STATES, status.state)
-        yield "valid", "gauge", "1 while the tactile data are fresh.", _one(status.valid)
-        yield "scan_age_seconds", "gauge", "Age of the newest scan.", _one(status.age_s)
-        yield "scan_rate_hertz", "gauge", "Scan rate, as the board says.", _one(status.rate_hz)
-        yield "clock_sd_seconds", "gauge", "Sigma of scan instants; 1e9: unknown.", _one(status.clock_sd_s)
-        yield (
-            "clock_drift_ratio",
-            "gauge",
-            "Board clock slow relative to the host clock, as a ratio.",
-            _one(1e-6 * status.clock_rate_ppm),
-        )
-        yield "contact", "gauge", "1 for the state that holds.", _enum("state", _CONTACTS, status.contact)
-        yield "slipping", "gauge", "Whether slip has begun and not ended.", _one(status.slipping)
-        yield (
-            "inhibited_seconds",
-            "gauge",
-            "Remaining time for which slips are marked as not valid.",
-            _one(status.inhibited_s),
-        )
-        yield "connects_total", "counter", "How often the port was opened.", _one(status.connects)
-        yield "uptime_seconds", "gauge", "Since the daemon started.", _one(status.uptime_s)
+        yield "state", _enum("state", _STATES, status.state)
+        yield "valid", _one(status.valid)
+        yield "scan_age_seconds", _one(status.age_s)
+        yield "scan_rate_hertz", _one(status.rate_hz)
+        yield "clock_sd_seconds", _one(status.clock_sd_s)
+        yield "clock_drift_ratio", _one(1e-6 * status.clock_rate_ppm)
+        yield "contact", _enum("state", _CONTACTS, status.contact)
+        yield "slipping", _one(status.slipping)
+        yield "inhibited_seconds", _one(status.inhibited_s)
+        yield "connects_total", _one(status.connects)
+        yield "uptime_seconds", _one(status.uptime_s)
 
     def _delivery(self) -> Iterator[Family]:
-        what = "From a scan's instant to its handling."
-        yield "scan_latency_seconds", "histogram", what, list(self._latency.samples())
-        what = "Longest turn of the event loop in each tenth of a second."
-        yield "loop_lag_seconds", "histogram", what, list(self._lag.samples())
-        what = "From bytes in hand to messages sent."
-        yield "handling_seconds", "histogram", what, list(self._handling.samples())
+        yield "scan_latency_seconds", list(self._latency.samples())
+        yield "loop_lag_seconds", list(self._lag.samples())
+        yield "handling_seconds", list(self._handling.samples())
         slips: list[Sample] = [
             ("", {"kind": kind, "suppressed": by or "no"}, n) for (kind, by), n in self._slips.items()
         ]
-        yield "slip_onsets_total", "counter", "Onsets of slip, and which announcement explains them.", slips
+        yield "slip_onsets_total", slips
         if self._status is not None:
             sent = {field.name: getattr(self._status.sent, field.name) for field in fields(Sent)}
-            yield "messages_total", "counter", "Messages of this board by topic.", _by("topic", sent)
-        what = "Messages dropped for subscribers without keys that do not keep up."
-        yield "messages_refused_total", "counter", what, _one(self._dropped)
+            yield "messages_total", _by("topic", sent)
+        yield "messages_refused_total", _one(self._dropped)
 
     def _disk(self) -> Iterator[Family]:
         recording = self._recording
         if recording is None:
             return
-        yield (
-            "recording",
-            "gauge",
-            "Whether a recording is being written.",
-            _one(recording.state == "recording"),
-        )
-        yield "recorded_bytes", "gauge", "Size of the recording.", _one(recording.bytes_written)
-        yield "disk_free_bytes", "gauge", "Free disk space at the recording.", _one(1e6 * recording.free_mb)
-        yield "reads_unrecorded_total", "counter", "Reads that are in no file.", _one(recording.reads_dropped)
-        yield "reads_waiting", "gauge", "Items that wait for the disk.", _one(recording.reads_waiting)
+        yield "recording", _one(recording.state == "recording")
+        yield "recorded_bytes", _one(recording.bytes_written)
+        yield "disk_free_bytes", _one(1e6 * recording.free_mb)
+        yield "reads_unrecorded_total", _one(recording.reads_dropped)
+        yield "reads_waiting", _one(recording.reads_waiting)
 
 
 def metrics_text(boards: Iterable[Metrics]) -> str:
     """Format the metrics of all boards for one scrape, each family once."""
     labels = {"version": __version__, "scan_path": compiled.path_words()}
-    version: Family = ("info", "gauge", "Version of tactiled, and the path of a scan.", [("", labels, 1)])
-    merged: dict[str, Family] = {"info": version}
+    merged: dict[str, list[Sample]] = {"info": [("", labels, 1)]}
     for metrics in boards:
-        for family in metrics.families():
-            merged.setdefault(family[0], (*family[:3], []))[3].extend(family[3])
-    return "".join(_family(*family) for family in merged.values())
+        for name, samples in metrics.families():
+            merged.setdefault(name, []).extend(samples)
+    return "".join(starmap(_family, merged.items()))
 
 
 def _one(value: float) -> list[Sample]:
@@ -221,9 +249,9 @@ def _enum(label: str, names: Sequence[str], holds: str) -> list[Sample]:
     return _by(label, {name: name == holds for name in names})
 
 
-def _family(name: str, kind: Kind, words: str, samples: Sequence[Sample]) -> str:
-    name = f"tactiled_{name}"
-    lines = [f"# HELP {name} {words}", f"# TYPE {name} {kind}"]
+def _family(name: str, samples: Sequence[Sample]) -> str:
+    metric, name = METRICS[name], f"tactiled_{name}"
+    lines = [f"# HELP {name} {metric.meaning}", f"# TYPE {name} {metric.kind}"]
     for ending, labels, value in samples:
         inside = ",".join(f'{label}="{_escaped(text)}"' for label, text in labels.items())
         lines.append(f"{name}{ending}{f'{{{inside}}}' if inside else ''} {_number(value)}")

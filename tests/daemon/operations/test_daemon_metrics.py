@@ -20,7 +20,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from tactiled import compiled
 from tactiled.daemon.operations import exporter as exporter_module
 from tactiled.daemon.operations.exporter import Exporter, MetricsParams
-from tactiled.daemon.operations.metrics import Histogram, Metrics, metrics_text
+from tactiled.daemon.operations.metrics import METRICS, Histogram, Metrics, metrics_text
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.service import Service
 from tactiled.events.types import RecordingEvent, SlipEvent
@@ -65,6 +65,16 @@ async def scrape(port: int, request: bytes = b"GET /metrics HTTP/1.1\r\nHost: x\
     return head, body
 
 
+def labels_of(families: dict[str, Metric]) -> dict[str, set[str]]:
+    """Labels of all samples of each metric that are not of every metric."""
+    return {
+        family.name.removeprefix("tactiled_") + "_total" * (family.type == "counter"): {
+            label for sample in family.samples for label in sample.labels if label not in ("board", "le")
+        }
+        for family in families.values()
+    }
+
+
 def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
     port = free_port()
     daemon = Daemon(tmp_path)
@@ -96,7 +106,10 @@ def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
     count = value(families, "tactiled_scan_latency_seconds_count")
     assert count == value(families, "tactiled_scan_latency_seconds_bucket", le="+Inf") >= 20
     assert value(families, "tactiled_handling_seconds_count") > 0
-    assert all(family.documentation for family in families.values())
+    described = {name: set(metric.labels) for name, metric in METRICS.items()}
+    assert labels_of(families).items() <= described.items()
+    of_uarts_and_disks = described.keys() - labels_of(families)
+    assert all(name.startswith(("uart", "record", "disk", "reads")) for name in of_uarts_and_disks)
 
 
 def bare(errors: LineErrors | None = None) -> Metrics:
@@ -126,6 +139,7 @@ def test_uart_and_disk_metrics_appear_where_known() -> None:
     families = parse(metrics_text([metrics]))
     assert value(families, "tactiled_uart_errors_total", kind="framing") == 3
     assert value(families, "tactiled_uart_errors_total", kind="overrun") == 4
+    assert labels_of(families)["uart_errors_total"] == set(METRICS["uart_errors_total"].labels)
     assert value(families, "tactiled_recording") == 1
     assert value(families, "tactiled_disk_free_bytes") == 2.5e6
     assert value(families, "tactiled_reads_unrecorded_total") == 6
