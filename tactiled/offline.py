@@ -51,24 +51,22 @@ _NO_READING_PART = 0.5
 class Choices:
     """Options of `detect` for one log: what is known of it, and what is wanted from it."""
 
-    # speed_mm_s, direction_deg: motion of the skin, for texture
-    speed_mm_s: float | None = None
-    direction_deg: float | None = None
+    speed_mm_s: float | None = None  # speed of the skin over the surface, for texture
+    direction_deg: float | None = None  # direction of that motion, from +x towards +y
     period_mm: tuple[float, float] | None = None  # shortest and longest groove period
     max_tilt_deg: float | None = None  # largest angle from groove normal to motion
-    setting: str | None = None
+    setting: str | None = None  # of the detectors: fast, balanced, quiet or wang2019
     # File whose table `detect` holds parameters; the options above replace its values
     config: Path | None = None
     # Time at the beginning of the log whose readings are the zero, in place of the array's own
     tare_s: float | None = None
-    sliding: KnownSliding | None = None
+    sliding: KnownSliding | None = None  # times at which the skin is known to slide
     topics: tuple[str, ...] = OFFLINE_TOPICS  # topics that are computed and printed
     grip_hz: float = 0.0  # grip events a second that are printed, besides changes of state; 0 for none
     calibration: str | None = None  # name or path of the force calibration; without one no force is computed
     force_hz: float = 10.0  # force events a second that are printed; 0 for none
-    # columns, time_unit: see `read_table`
-    columns: tuple[str, ...] = ()
-    time_unit: TimeUnit | None = None
+    columns: tuple[str, ...] = ()  # columns of a table that have the channels; see `read_table`
+    time_unit: TimeUnit | None = None  # unit of the times of a table, where it is not seconds
     topic: str | None = None  # topic of a bag; see `read_bag`
     # Name or path of the layout that reads the bytes of a recording, in place of its own
     layout: str | None = None

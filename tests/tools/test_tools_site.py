@@ -1,9 +1,12 @@
-"""The site of ``./run docs``: pages that hosts of git repositories show as well."""
+"""The site of ``./run docs``: the pages of the repository, and the reference from the code."""
 
 from pathlib import Path
 
 import pytest
 
+from tactiled.cli.packages import VERBS
+from tactiled.daemon.operations.metrics import METRICS
+from tools.site.field_comments import comment_of, description_of
 from tools.site.pages import (
     ROOT,
     folder_page,
@@ -12,6 +15,7 @@ from tools.site.pages import (
     with_four_column_lists,
     with_links_to_pages,
 )
+from tools.site.reference import metrics_page, options_page, verbs_page
 
 
 def test_the_site_has_each_page_and_what_it_links_to_at_its_place() -> None:
@@ -49,3 +53,56 @@ def test_the_page_of_a_folder_names_its_pages_by_title(tmp_path: Path) -> None:
 )
 def test_items_of_lists_are_indented_by_four_columns(written: str, read: str) -> None:
     assert with_four_column_lists(written) == read
+
+
+def test_verbs_of_all_distributions_are_in_the_reference_with_their_options() -> None:
+    sections = {part.split("\n")[0]: part for part in verbs_page().split("\n## ")}
+    assert {f"tactiled {entry.replace('.', ' ')}" for entry in VERBS} <= sections.keys()
+    assert "--max-tilt" in sections["tactiled detect"]
+    assert "--commander" in sections["tactiled keys fleet"]
+    assert all("Usage: tactiled" in text for name, text in sections.items() if name != "# Verbs")
+
+
+@pytest.mark.parametrize(
+    ("table", "row"),
+    [
+        (
+            "samples.clock",
+            "| `window_buckets` | integer, >= 3, <= 300 | `120` | number of buckets in the fit |",
+        ),
+        ("port", "| `url` | text | required | Serial port"),
+        (
+            "publish",
+            '| `endpoints` | list of texts | `["tcp://127.0.0.1:9872", "ipc://{runtime}/events.ipc"]` |',
+        ),
+        ("detect.texture", '| `preset` | `"quick"`, `"balanced"`, `"fine"` | `"balanced"` |'),
+        ("detect.grip.contact", "| `contact_volts` | number, > 0 |  |"),
+        ("detect.wang2019.slip.contact", "| `contact_volts` | number, > 0 | `0.5` |"),
+    ],
+)
+def test_an_option_is_in_the_reference_with_values_default_and_meaning(table: str, row: str) -> None:
+    (section,) = [part for part in options_page().split("\n## ") if part.startswith(f"[{table}]")]
+    assert f"\n{row}" in section
+
+
+def test_every_metric_is_in_the_reference() -> None:
+    assert all(f"| `tactiled_{name}` | {metric.kind} |" in metrics_page() for name, metric in METRICS.items())
+
+
+@pytest.mark.parametrize(
+    ("lines", "meaning"),
+    [
+        (["x: int = 0  # metres"], "metres"),
+        (["# Of the", "# board", "x: int"], "Of the board"),
+        (["y: int = 0  # metres", "x: int"], ""),
+        (["x: int = f()  # type: ignore[misc]"], ""),
+    ],
+)
+def test_the_meaning_of_a_field_is_its_comment(lines: list[str], meaning: str) -> None:
+    indented = [f"    {line}" for line in lines]
+    assert comment_of(indented[:-1], indented[-1]) == meaning
+
+
+def test_the_meaning_of_an_option_is_its_description() -> None:
+    assert description_of("Field(default=0, description='speed, ' 'mm/s')") == "speed, mm/s"
+    assert description_of("Field(default=0)") == description_of("0") == description_of("None") == ""

@@ -7,11 +7,12 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 from tools.site.pages import ROOT, repository_files, with_four_column_lists, with_links_to_pages
+from tools.site.reference import generated_pages
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of the repository, and what they link to."""
-    for place, source in repository_files().items():
+    """Add the pages of the repository with what they link to, and the generated pages."""
+    for place, source in {**repository_files(), **generated_pages()}.items():
         if isinstance(source, Path):
             files.append(File.generated(config, place, abs_src_path=str(source)))
         else:
