@@ -74,8 +74,8 @@ def bench_clock(progress: ProgressBar, options: BenchOptions) -> list[str]:
                 f"{before}rms (ms)": f"{1e3 * rms(error_s):.3f}",
                 f"{before}largest rms of a run": f"{max(runs_ms):.3f}",
                 f"{before}largest": f"{1e3 * np.max(np.abs(error_s)):.2f}",
-                f"{before}sigma": f"{1e3 * rms(sd_s):.3f}",
-                f"{before}error / sigma": f"{rms(error_s / sd_s):.1f}",
+                f"{before}stated sd": f"{1e3 * rms(sd_s):.3f}",
+                f"{before}error / stated sd": f"{rms(error_s / sd_s):.1f}",
             }
         progress.advance(line.name)
         rows.append(row)

@@ -12,7 +12,7 @@ An `Aim` has a name, its limit in words, and `measure`: a function from what was
     AIMS = (
         at_most("processor time of a simulated second", 5.0, " ms", lambda found: found.cost_ms, ".1f"),
         never("answers where there are no grooves", lambda found: [t.is_ok for t in found.flat]),
-        Aim("direction within one stated sigma", "68 % within 5 points", measure_coverage),
+        Aim("direction within one stated standard deviation", "68 % within 5 points", measure_coverage),
     )
     aims_table(AIMS, {"quick": found["quick"], "balanced": found["balanced"]})
 """

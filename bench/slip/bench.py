@@ -64,7 +64,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
     with executor(BENCH_WORKERS, options.dask) as pool:
         some = counted(pool.map(read_worlds, batches), progress, "random worlds")
-        some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "families")
+        some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "scenes")
         slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
         gratings = counted(pool.map(read_grating, slides), progress, "gratings")
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
@@ -73,7 +73,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     return [
         *_sections(events, n_worlds, n_scenes),
         f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
-        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: told as gross slip, and answered by the "
+        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: reported as gross slip, and answered by the "
         "groove estimator, whose speed is given.",
         table(rows(gratings)),
         f"Slides and rests of a minute ({seeds_in_words(len(read), MINUTES_FROM)}; {len(read) - len(long)} "
@@ -98,7 +98,7 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
     groups = grouped(events, lambda one: one.case.group)
     noises = ", ".join(name for name in groups if name != RANDOM)
     yield (
-        f"{n_worlds} random worlds ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {len(SCENES)} families "
+        f"{n_worlds} random worlds ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {len(SCENES)} scenes "
         f"({seeds_in_words(n_scenes, REPORT_SEED)}), these at {noises}. Slow slips take {SLOW_S:g} s or more "
         "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
         f"{1e3 * AHEAD_S:.0f} ms before it becomes gross. Nothing slips where less than a tenth of the area "
@@ -109,6 +109,6 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
     )
     for group, some in groups.items():
         slips = sum(one.case.slips for one in some)
-        kind = "Random worlds" if group == RANDOM else f"Families at {group}"
+        kind = "Random worlds" if group == RANDOM else f"Scenes at {group}"
         yield f"{kind}: {len(some)} cases, {slips} with gross slip."
         yield settings_table(some)

@@ -117,7 +117,7 @@ def rows(found: Sequence[GratingAnswer]) -> Iterator[dict[str, str]]:
             yield {
                 "slides": name,
                 "number": f"{len(some)}",
-                "told as gross": ratio([one.told_s > 0 for one in some]),
+                "reported as gross": ratio([one.told_s > 0 for one in some]),
                 "part of their time": f"{sum(one.told_s for one in some) / whole_s:.2f}",
                 "grooves answered": ratio([one.is_answered for one in some]),
                 "wrong": ratio([one.is_wrong for one in some]),

@@ -71,8 +71,10 @@ def minute_rows(found: Sequence[Minute]) -> Iterator[dict[str, str]]:
         slides, rests = ([one for one in some if one.slides is slid] for slid in (True, False))
         yield {
             "plate": name,
-            f"slides told in {_MOST_OF:.0%} of their time": ratio([one.told >= _MOST_OF for one in slides]),
-            "never told": ratio([one.told == 0 for one in slides]),
+            f"slides reported in {_MOST_OF:.0%} of their time": ratio(
+                [one.told >= _MOST_OF for one in slides]
+            ),
+            "never reported": ratio([one.told == 0 for one in slides]),
             "p of sliding in those that are not": _median([o for o in slides if o.told < _MOST_OF]),
             "rests called gross": ratio([one.told > 0 for one in rests]),
             "p of sliding in rests": _median(rests),

@@ -70,7 +70,7 @@ def _rarely_wrong(part: str, found: Found) -> Reading:
 
 def _rarely_wrong_slides(found: Found) -> Reading:
     """Answers of one slide are not independent: only their rate is judged."""
-    trials = TrialSet(t for t in found["tracks"] if "stray" not in t.name)
+    trials = TrialSet(t for t in found["tracks"] if "phase offsets" not in t.name)
     is_met = trials.n_wrong <= _WRONG * len(trials.ok)
     return judge(f"{trials.n_wrong} of {len(trials.ok)}", is_met, is_open=not trials.ok)
 
@@ -134,7 +134,7 @@ AIMS: tuple[Aim[Found], ...] = (
         for words, part in (
             ("white noise", "grid"),
             ("coloured noise", "coloured noise"),
-            ("strays of 0 to 0.3 rad", "strays"),
+            ("phase offsets of 0 to 0.3 rad", "strays"),
         )
     ),
     Aim("wrong answers, followed slides", _IN_1000, _rarely_wrong_slides),
@@ -145,7 +145,7 @@ AIMS: tuple[Aim[Found], ...] = (
     ),
     *(
         Aim(
-            f"strays of {_STRAYS.channel_rad:g} rad, {speed}: answered",
+            f"phase offsets of {_STRAYS.channel_rad:g} rad, {speed}: answered",
             f"{100 * _STRAYED_ANSWERED:g} %",
             partial(_strayed, known),
         )

@@ -177,9 +177,9 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         f"Slides of {SLIDE_S:g} s that are followed ({seeds_in_words(sizes.tracks)} of each kind, the speed "
         "given to every other), gains 0.7 to 1.3: the answer of every hop is counted.",
         tables.answers_table("noise", tables.named(trials["tracks"], with_speed=False)),
-        f"Channels whose phases stray, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB "
+        f"Channels with phase offsets, {STRAYED_S:g} s at {STRAYED_SNR_DB:g} dB "
         f"({seeds_in_words(sizes.arrays)}):",
-        tables.answers_table("strays", tables.named(trials["strays"])),
+        tables.answers_table("phase offsets", tables.named(trials["strays"])),
         f"Grooves that change under the skin, {CHANGE_PERIODS_MM[0]:g} to {CHANGE_PERIODS_MM[1]:g} mm "
         f"before, {CHANGE_SNR_DB:g} dB: time until the old answer is withdrawn or replaced.",
         tables.after_table("change", grouped(trials["changes"], lambda t: t.name)),

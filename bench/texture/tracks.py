@@ -63,7 +63,7 @@ class TrackKind(NamedTuple):
     def name(self) -> str:
         """Words for a table."""
         if self.stray_rad:
-            return f"phases stray by {self.stray_rad:g} rad, {self.snr_db:g} dB"
+            return f"phase offsets of {self.stray_rad:g} rad, {self.snr_db:g} dB"
         return f"{noise_name(self.memory) if self.memory else 'white noise'}, {self.snr_db:g} dB"
 
 

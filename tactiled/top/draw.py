@@ -19,7 +19,7 @@ _LAMPS = {
     "STALE": ("■", "bold white on rgb(90,100,110)"),
     "NO BOARD": ("○", "bold reverse"),
 }
-_SLIP = "rgb(213,94,0)"  # vermillion and blue of Okabe and Ito: told apart by every kind of colour vision
+_SLIP = "rgb(213,94,0)"  # vermilion and blue of Okabe and Ito: told apart by every kind of colour vision
 _MEANINGS = (
     "A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; "
     "· touched, ! slipping.",

@@ -105,7 +105,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put("results", "busy", value=0), "results.busy: 0 is used twice"),
     (V1, put("results", "busy", value="soon"), "results.busy: "),
     (V1, put("flags", "overrun", value=16), "flags.overrun: the scan's flags have no bit 16"),
-    (V1, put("flags", "overun", value=5), "flags.overun: no such flag; known: first_after_start"),
+    (V1, put("flags", "overflow", value=5), "flags.overflow: no such flag; known: first_after_start"),
     (L9, drop("framing", "sync_hex"), "framing: sync_hex and length belong"),
     (L9, put("framing", "sync_hex", value="A5 5A"), "framing.sync_hex: "),
     (L9, put("framing", "length", value="u64"), "framing.length: "),

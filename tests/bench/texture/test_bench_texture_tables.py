@@ -111,8 +111,8 @@ def test_strayed_channels_must_be_answered_at_either_speed() -> None:
     known = replace(RIGHT, name="channels 0.13, taxels 0 rad")
     unknown = replace(known, is_speed_known=False)
     found = aims([RIGHT], strays=[known] * 100 + [unknown] * 50 + [refused(unknown)] * 50)
-    assert found["strays of 0.13 rad, speed known: answered"] == "met: 100 % of 100"
-    assert found["strays of 0.13 rad, speed unknown: answered"] == "MISSED: 50 % of 100"
+    assert found["phase offsets of 0.13 rad, speed known: answered"] == "met: 100 % of 100"
+    assert found["phase offsets of 0.13 rad, speed unknown: answered"] == "MISSED: 50 % of 100"
 
 
 def test_plates_drawn_at_random_must_be_answered() -> None:

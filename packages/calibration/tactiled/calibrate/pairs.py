@@ -2,9 +2,9 @@
 
 The physical parameters are crosstalk, the load curve, creep and the two clocks. Given these, forces are
 linear in the weights, which are eliminated at every step (variable projection: Golub and Pereyra, SIAM J.
-Numer. Anal. 10, 1973, 413), so that the search has a dozen dimensions. Priors make taxels share what the
-reference does not separate: the weights of each electrode position have a common part and a smaller part of
-each taxel's own.
+Numerical Analysis 10, 1973, 413), so that the search has a dozen dimensions. Priors make taxels share what
+the reference does not separate: the weights of each electrode position have a common part and a smaller part
+of each taxel's own.
 """
 
 from collections.abc import Callable

@@ -55,7 +55,7 @@ class SkinCompliance:
         Values between the known azimuths are interpolated trigonometrically.
         """
         side = np.tensordot(_azimuth_weights(azimuth_deg, self.side_azimuth_deg), self.side, 1)
-        return side, np.einsum("dnl,al->adn", self.gradient, side[:, 0])
+        return side, np.einsum("dfl,al->adf", self.gradient, side[:, 0])
 
 
 def _azimuth_weights(wanted_deg: FloatArray, known_deg: FloatArray) -> FloatArray:
