@@ -113,7 +113,10 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
             folder = Path(name) / str(repeat)
             folder.mkdir()
             runs.append(play_scene(folder, reference))
-    text = f"{repeats} runs; {load_words()}. Ratios are within a run: median over the runs, and their range."
+    text = (
+        f"{repeats} runs; {load_words()}. A ratio compares two programs in the same run; the table has its "
+        "median over the runs, and its range."
+    )
     return [text, _latency_table(runs), aims_table(AIMS, {"measured": runs})]
 
 

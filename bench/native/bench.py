@@ -131,8 +131,8 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
                 held[who] += some
     text = (
         f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
-        "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). Ratios are within a "
-        "run: median over the runs, and their range."
+        "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). A ratio compares "
+        "two programs in the same run; the table has its median over the runs, and its range."
     )
     cost_text = (
         f"In a loop without sockets, {_COST_SCANS} scans of 36 channels: {cost.scan_us:.1f} us of processor "

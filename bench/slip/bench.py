@@ -101,11 +101,12 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
         f"{n_worlds} random worlds ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {len(SCENES)} scenes "
         f"({seeds_in_words(n_scenes, REPORT_SEED)}), these at {noises}. Slow slips take {SLOW_S:g} s or more "
         "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
-        f"{1e3 * AHEAD_S:.0f} ms before it becomes gross. Nothing slips where less than a tenth of the area "
-        "does, and did so in the last 0.1 s. Rests: cases without gross slip. Ended: an end was reported "
-        "while all of the contact slid, and no new slip within 0.1 s. Inside: errors of direction within one "
-        "stated standard deviation. Reversed: an error beyond 90 deg with a standard deviation below 30 deg. "
-        "Heads name the probabilities at which incipient and gross slip are reported."
+        f'{1e3 * AHEAD_S:.0f} ms before the slip becomes gross. "Nothing slips": less than a tenth of the '
+        "area slips, and no more of it did in the last 0.1 s. Rests: cases without gross slip. Ended: an end "
+        "was reported while all of the contact slid, and no new slip within 0.1 s. Inside: errors of "
+        "direction within one stated standard deviation. Reversed: an error beyond 90 deg with a standard "
+        "deviation below 30 deg. "
+        "The head of a column has the probabilities from which incipient and gross slip are reported."
     )
     for group, some in groups.items():
         slips = sum(one.case.slips for one in some)
