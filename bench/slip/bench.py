@@ -105,8 +105,8 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
         "area slips, and no more of it did in the last 0.1 s. Rests: cases without gross slip. Ended: an end "
         "was reported while all of the contact slid, and no new slip within 0.1 s. Inside: errors of "
         "direction within one stated standard deviation. Reversed: an error beyond 90 deg with a standard "
-        "deviation below 30 deg. "
-        "The head of a column has the probabilities from which incipient and gross slip are reported."
+        "deviation below 30 deg. The head of a column has the probabilities from which incipient and gross "
+        "slip are reported."
     )
     for group, some in groups.items():
         slips = sum(one.case.slips for one in some)
