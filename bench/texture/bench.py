@@ -144,7 +144,8 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
     grid, drawn = trials["grid"], trials["drawn plates"]
     firsts = [t for part in ("plates", "drawn plates") for t in tables.first_answers(trials[part])]
     return [
-        f"Error over the Cramer-Rao bound, angle / period (answered); {sizes.trials} windows a cell "
+        "Error of the angle / of the period over the Cramer-Rao bound, and in brackets the part of the "
+        f"windows that was answered; {sizes.trials} windows a cell "
         f"({seeds_in_words(sizes.trials)}) of three periods or more. Gratings of 0.6 to 6 mm, -75 to 75 "
         "degrees off the motion, 0.5 to 10 mm/s; 3x3 array, 20 mV of ripple in white noise. Speed known:",
         tables.over_bound_table(grid, True),
