@@ -194,10 +194,13 @@ def _likely_friction(scan: ContactScan) -> FloatArray:
 
 
 def _slipping_taxels(scan: ContactScan) -> tuple[int, ...]:
-    """Return the taxels whose own shear uses so much of what their load bears that a tenth of them slips."""
+    """Return the taxels whose own shear uses so much of what their load bears that a tenth of them slips.
+
+    Where a tenth of the contact slips, so do taxels that bear no less of their load than the contact does.
+    """
     load = np.maximum(np.array(scan.filter.signs.scan_load) / scan.filter.signs.total_load, _LEAST_PART)
-    used = np.hypot(*scan.shear) / load / scan.filter.friction[1]
-    return tuple(np.flatnonzero(used >= INCIPIENT_USED).tolist())
+    least = min(INCIPIENT_USED * scan.filter.friction[1], np.hypot(*scan.shear.sum(axis=1)))
+    return tuple(np.flatnonzero(np.hypot(*scan.shear) / load >= least).tolist())
 
 
 def _ripple_began(scan: ContactScan, at: ScanInstant) -> tuple[float, float]:

@@ -36,8 +36,11 @@ def test_a_channel_that_never_worked_takes_its_taxel_out(volts: float, noise: fl
     block = Touch(uneven=0.05, noise=noise, seed=2).block(ARRAY)
     events = detect(stuck_at(block, [17], volts, 0))
     assert told(events) == WHOLE
-    assert all(e.taxels == (0, 1, 2, 3, 5, 6, 7, 8) for e in slips(events))
-    assert slips(events)[0].onset_s == pytest.approx(slips(detect(block))[0].onset_s, abs=0.02)
+    incipient, *gross = slips(events)
+    assert incipient.taxels
+    assert set(incipient.taxels) <= {0, 1, 2, 3, 5, 6, 7, 8}
+    assert all(e.taxels == (0, 1, 2, 3, 5, 6, 7, 8) for e in gross)
+    assert incipient.onset_s == pytest.approx(slips(detect(block))[0].onset_s, abs=0.02)
 
 
 @pytest.mark.parametrize("volts", [None, 0.0, 2.9])
