@@ -2,8 +2,9 @@
 
 Each look of 20 ms, trees judge the signs of the moment alone (`signs`); the odds that they give enter the
 memory (`memory`); other trees weigh the memory and a few signs and give the posterior of the state
-(`posterior`): utilisation in cells, or sliding. A third forest gives the time to gross slip of what does not
-slide yet. All three are trained by ``./run train slip``.
+(`posterior`): utilisation in cells, or sliding. The log odds of sliding are the mean of those by both. A
+third forest gives the time to gross slip of what does not slide yet. All three are trained by
+``./run train slip``.
 
 A slip opens and closes by thresholds on this one posterior, with hysteresis (`gate`). What is published of
 the state follows the slip that is open, so that slip events, grip messages and contact state never differ.
@@ -32,6 +33,7 @@ STATE_SIGNS = (
 ROW_NAMES = (*NAMES, *STATE_SIGNS, *MEMORY_NAMES)
 """Names of the inputs by place: of the first trees, then of the second ones."""
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
+_ODDS = MEMORY_NAMES.index("odds")
 _LEAST_RATIO = 0.02  # physical: that a slide bears: the friction of wet ice
 
 
@@ -160,6 +162,7 @@ class ContactFilter:
         posterior.take(
             self._state_scores,
             self._soon_scores,
+            learnt.base_odds + self._memory_row[_ODDS],
             signs.ratio,
             friction.contact_log_mean,
             friction.contact_variance,

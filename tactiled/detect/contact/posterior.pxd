@@ -17,7 +17,7 @@ cdef class Posterior:
     cdef public double p_sliding, slipping_share
 
     cpdef gather(self, double[::1] signs, double[::1] memory)
-    cpdef take(self, double[::1] scores, double[::1] soon_scores, double ratio,
+    cpdef take(self, double[::1] scores, double[::1] soon_scores, double signs_odds, double ratio,
                double log_friction, double variance, int has_zero, int ripple_travels)
     cpdef publish(self, int is_gross, double least_sliding, double ratio, double log_friction, double variance)
     cdef _take_quantiles(self)

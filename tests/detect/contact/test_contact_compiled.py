@@ -100,12 +100,12 @@ def test_posterior(seed: int, ratio: float) -> None:
     rng = np.random.default_rng(seed)
     signs_row, memory_row = array("d", rng.standard_normal(7)), array("d", rng.standard_normal(3))
     scores, soon = (array("d", 5 * rng.standard_normal(n)) for n in (posterior.N_STATES, 4))
-    flags = rng.integers(0, 2, 2).tolist()
+    odds, flags = rng.normal(0, 5), rng.integers(0, 2, 2).tolist()
     found = []
     for one in (posterior, of("posterior")):
         state = one.Posterior([5, 0, 2], 3)
         state.gather(signs_row, memory_row)
-        state.take(scores, soon, ratio, -0.7, 0.05, flags[1], flags[0])
+        state.take(scores, soon, odds, ratio, -0.7, 0.05, flags[1], flags[0])
         state.publish(flags[1], 0.2, ratio, -0.6, 0.04)
         parts = state.row, state.cells, state.soon, state.utilisation, state.friction
         found.append([*map(bits, parts), state.p_sliding, state.slipping_share])

@@ -152,11 +152,19 @@ def test_a_slide_that_is_surely_over_closes_at_once() -> None:
     assert not gate.is_open
 
 
+def odds_of(scores: Sequence[float]) -> float:
+    """Log odds of sliding by scores of the states."""
+    return scores[-1] - math.log(sum(map(math.exp, scores[:-1])))
+
+
 def posterior(cells: Sequence[float]) -> Posterior:
-    """Posterior after scores that are cells; a ratio that every friction of the prior may bear."""
+    """Posterior after scores that are cells; a ratio that every friction of the prior may bear.
+
+    The signs give sliding the same odds.
+    """
     one = Posterior([], 0)
     scores = [math.log(max(p, 1e-9)) for p in cells]
-    one.take(scores, [0.0, -2.0, -3.0, -4.0], 0.16, math.log(0.6), 0.36, 1, 0)
+    one.take(scores, [0.0, -2.0, -3.0, -4.0], odds_of(scores), 0.16, math.log(0.6), 0.36, 1, 0)
     return one
 
 
@@ -184,35 +192,45 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
         assert verdict.p_sliding == pytest.approx(weights[-1] / sum(weights))
 
 
-@given(POSITIVE, st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
+@given(POSITIVE, st.floats(-30, 30), st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
 def test_the_posterior_is_a_distribution_for_any_ratio(
-    weights: list[float], ratio: float, sd: float, has_zero: bool, ripple_travels: bool
+    weights: list[float], odds: float, ratio: float, sd: float, has_zero: bool, ripple_travels: bool
 ) -> None:
     one = Posterior([], 0)
     scores = [math.log(weight) for weight in weights]
-    one.take(scores, [0.0, 1.0, 2.0, 3.0], ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
+    one.take(scores, [0.0, 1.0, 2.0, 3.0], odds, ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
     assert min(one.cells) > 0
     assert 0 < one.soon[0] < one.soon[1] < one.soon[2] < 1
     assert not ripple_travels or one.cells[-1] >= RIPPLE_P - 1e-12
 
 
+def test_the_odds_of_sliding_are_the_mean_of_those_by_state_and_by_signs() -> None:
+    scores = [0.0, *[-40.0] * (N_STATES - 2), -1.0]
+    here = math.log(0.6), 0.36, 1, 0
+    of_state, of_both = Posterior([], 0), Posterior([], 0)
+    of_state.take(scores, [0.0] * 4, -1.0, 0.3, *here)
+    of_both.take(scores, [0.0] * 4, 3.0, 0.3, *here)
+    odds = [math.log(one.cells[-1] / (1.0 - one.cells[-1])) for one in (of_state, of_both)]
+    assert odds[1] - odds[0] == pytest.approx(2.0)
+
+
 def test_a_friction_that_nothing_has_is_not_believed() -> None:
     """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
     one = Posterior([], 0)
     alike = [0.0] * N_STATES
-    one.take(alike, [0.0] * 4, 3.0, math.log(0.6), 0.36, 1, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 3.0, math.log(0.6), 0.36, 1, 0)
     assert sum(one.cells[:3]) < 0.05
-    one.take(alike, [0.0] * 4, 0.3, math.log(0.6), 0.36, 1, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.3, math.log(0.6), 0.36, 1, 0)
     assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
 
 
 def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
     alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01, 1)
     one = Posterior([], 0)
-    one.take(alike, [0.0] * 4, 0.55, *known, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.55, *known, 0)
     whole = one.cells[-1]
-    one.take(alike, [0.0] * 4, 0.15, *known, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.15, *known, 0)
     assert one.cells[-1] < 0.02 < whole
 
 
