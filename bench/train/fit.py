@@ -154,16 +154,21 @@ def weights(
 ) -> FloatArray:
     """Return the weight of each look among some, so that generators weigh the same.
 
-    Looks count by their time. Those that are so have a part of each generator's weight.
+    The looks of a world count by the root of their time, those that are so and the others apart: a long slide
+    or rest says much the same at each look. Those that are so have a part of each generator's weight.
     """
-    seconds = np.repeat([w.look_s for w in worlds], [len(w.signs) for w in worlds])
-    generator = np.repeat([w.generator for w in worlds], [len(w.signs) for w in worlds])
+    n_looks = [len(w.signs) for w in worlds]
+    seconds = np.repeat([w.look_s for w in worlds], n_looks)
+    world = np.repeat(np.arange(len(worlds)), n_looks)
+    generator = np.repeat([w.generator for w in worlds], n_looks)
     weight = np.zeros(len(seconds))
     names = np.unique(generator)
     for name in names:
         for chosen, share in ((is_so, part), (~is_so, 1.0 - part)):
             of = among & chosen & (generator == name)
-            weight[of] = seconds[of] * share / max(float(seconds[of].sum()), 1e-9)
+            time_s = np.bincount(world[of], seconds[of], minlength=len(worlds))
+            weight[of] = seconds[of] / np.sqrt(time_s[world[of]])
+            weight[of] *= share / max(float(weight[of].sum()), 1e-9)
     return weight * int(among.sum()) / len(names)
 
 

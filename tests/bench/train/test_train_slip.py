@@ -1,5 +1,6 @@
 """Learning the contact filter: looks with their truth, weights, and and trees as flat arrays."""
 
+import dataclasses
 import json
 import math
 from array import array
@@ -21,6 +22,8 @@ from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
 from tactiled.detect.contact.trees import Trees
 from tactiled.resources import shipped
+
+LOOKS = ("time_s", "signs", "begins", "slides", "utilisation", "ahead_s")
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +57,14 @@ def test_generators_and_classes_have_the_weight_that_was_stated(worlds: list[Loo
         own = generator == name
         assert weight[own].sum() == pytest.approx(weight.sum() / 2)
         assert weight[own & slides].sum() == pytest.approx(0.1 * weight[own].sum())
+
+
+def test_a_slide_that_is_four_times_as_long_has_twice_the_weight(worlds: list[Looks]) -> None:
+    one = next(w for w in worlds if len(w.signs) >= 80)
+    few = [dataclasses.replace(one, **{f: getattr(one, f)[:n] for f in LOOKS}) for n in (20, 80)]
+    all_slide = np.ones(100, dtype=np.bool_)
+    weight = fit.weights(few, all_slide, 0.1, all_slide)
+    assert weight[20:].sum() == pytest.approx(2 * weight[:20].sum())
 
 
 def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
