@@ -26,7 +26,7 @@ class Shape(NamedTuple):
     leaves: int
     rate: float
     least_rows: int
-    bins: int = 255  # of each column: as many as scikit-learn has
+    bins: int = 120  # levels of each column; with 255, the areas are the same
 
 
 class Shapes(NamedTuple):
@@ -183,6 +183,7 @@ def grown(
     empty = np.isnan(rows).all(axis=0)
     if empty.any():  # a column without any value cannot be divided into bins
         rows = np.where(empty & (np.arange(len(rows)) == 0)[:, np.newaxis], 0.0, rows)
+    rows = _rounded(rows, shape.bins)
     return HistGradientBoostingClassifier(
         max_iter=shape.trees,
         max_leaf_nodes=shape.leaves,
@@ -194,6 +195,22 @@ def grown(
         early_stopping=False,
         random_state=0,
     ).fit(rows, classes, sample_weight=weight)
+
+
+def _rounded(rows: FloatArray, n_levels: int) -> FloatArray:
+    """Round each column to the nearest of its quantiles.
+
+    scikit-learn sorts weighted values by themselves to find bins, and takes ten times as long as for the trees;
+    of few values, it takes the means of neighbours, which is where rounding has its borders.
+    """
+    rounded = np.full_like(rows, np.nan)
+    for column, values in enumerate(rows.T):
+        known = ~np.isnan(values)
+        if known.any():
+            levels = np.unique(np.quantile(values[known], np.linspace(0.0, 1.0, n_levels)))
+            borders = (levels[1:] + levels[:-1]) / 2
+            rounded[known, column] = levels[np.searchsorted(borders, values[known])]
+    return rounded
 
 
 def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
