@@ -200,8 +200,8 @@ def grown(
 def _rounded(rows: FloatArray, n_levels: int) -> FloatArray:
     """Round each column to the nearest of its quantiles.
 
-    scikit-learn sorts weighted values by themselves to find bins, and takes ten times as long as for the trees;
-    of few values, it takes the means of neighbours, which is where rounding has its borders.
+    To find bins of many weighted values, scikit-learn takes ten times as long as for the trees. Of few, it
+    takes the means of neighbours, which is where rounding has its borders.
     """
     rounded = np.full_like(rows, np.nan)
     for column, values in enumerate(rows.T):
