@@ -1,5 +1,6 @@
 """Write the files of a plan, and remove them again; doing either twice changes nothing more."""
 
+import contextlib
 import hashlib
 import json
 import re
@@ -51,7 +52,8 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
 def remove(name: str, root: Path, say: Say) -> None:
     """Remove what `write` wrote for a board, except for files that were edited since.
 
-    Files that all boards share go with the last board.
+    Files that all boards share go with the last board. The folder of its recordings, which its unit has made,
+    goes if it is empty.
 
     Raises
     ------
@@ -76,6 +78,10 @@ def remove(name: str, root: Path, say: Say) -> None:
             _unlink(path)
             say(f"removed    {name_of_file}")
     _unlink(manifest)
+    state = _under(root, f"/var/lib/tactiled/{name}")
+    with contextlib.suppress(OSError):  # there is none, or one with recordings
+        state.rmdir()
+        state.parent.rmdir()
 
 
 def run_commands(commands: Sequence[tuple[str, ...]], say: Say) -> None:

@@ -161,6 +161,19 @@ def test_doing_it_twice_changes_nothing_and_removal_leaves_nothing(tmp_path: Pat
         remove("left", tmp_path, said.append)
 
 
+def test_removal_takes_the_folder_of_recordings_only_if_it_is_empty(tmp_path: Path) -> None:
+    places = [tmp_path / f"var/lib/tactiled/{name}" for name in ("left", "right")]
+    for place in places:  # systemd makes them for the units
+        place.mkdir(parents=True)
+        write(make_plan(board(), place.name), tmp_path, lambda _: None)
+    recording = places[1] / "one.mcap"
+    recording.write_text("scans")
+    remove("left", tmp_path, lambda _: None)
+    assert not places[0].exists()
+    remove("right", tmp_path, lambda _: None)
+    assert recording.exists()
+
+
 def test_edited_files_are_kept(tmp_path: Path) -> None:
     said: list[str] = []
     plan = make_plan(board(), "left")
