@@ -25,9 +25,11 @@ BENCHES = {
     "texture": "bench.texture.bench",
     "recordings": "bench.recordings.bench",
     "web": "bench.web.bench",
+    "machine": "bench.machine.bench",
 }
 WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
 WITH_DATA = ("recordings",)
+WITH_CUTS = ("machine",)
 
 
 @click.command()
@@ -37,6 +39,9 @@ WITH_DATA = ("recordings",)
 @click.option(
     "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
 )
+@click.option(
+    "--cuts", type=click.IntRange(1), help=f"{', '.join(WITH_CUTS)}: cut the power so often.  [default: 20]"
+)
 @click.option("--data", type=FILES, help=f"{', '.join(WITH_DATA)}: folder of the checkouts.")
 def bench(
     names: tuple[str, ...],
@@ -44,6 +49,7 @@ def bench(
     numbers: Path | None,
     dask: str | None,
     data: Path | None,
+    cuts: int | None,
 ) -> None:
     """Measure, and print tables of what was measured.
 
@@ -56,13 +62,18 @@ def bench(
     and slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge regression.
     texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model.
     recordings: public recordings of other groups, beside simple rules and trees. web: bytes, layout
-    shifts, processor and delay of the live page in Chromium.
+    shifts, processor and delay of the live page in Chromium. machine: the Debian package in a virtual
+    machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.
 
     Several are measured one after the other, each under its heading of docs/measured.md.
 
     Example: ./run bench slip --quick --json slip.json
     """
-    for option, value, benches in (("--dask", dask, WITH_JOBS), ("--data", data, WITH_DATA)):
+    for option, value, benches in (
+        ("--dask", dask, WITH_JOBS),
+        ("--data", data, WITH_DATA),
+        ("--cuts", cuts, WITH_CUTS),
+    ):
         if value is not None and not set(names) <= set(benches):
             raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")
     if numbers is not None and len(names) > 1:
@@ -70,7 +81,7 @@ def bench(
     for name in names:
         measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
         with ProgressBar(f"bench {name}", None) as progress:
-            sections: Sequence[str] = measure(progress, BenchOptions(quick, dask, data))
+            sections: Sequence[str] = measure(progress, BenchOptions(quick, dask, data, cuts))
         if numbers is not None:
             numbers.write_text(as_json(name, quick, sections))
         heading = [f"## `./run bench {name}`"] if len(names) > 1 else []

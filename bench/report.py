@@ -52,11 +52,14 @@ class BenchOptions:
         Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
     data : Path, optional
         Folder with data of others.
+    cuts : int, optional
+        Number of power cuts.
     """
 
     quick: bool = False
     dask: str | None = None
     data: Path | None = None
+    cuts: int | None = None
 
 
 def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:

@@ -33,8 +33,7 @@ settings.register_profile("explore", deadline=None)
 settings.register_profile("same", settings.get_profile("explore"), derandomize=True)
 settings.load_profile("same")
 
-# Not tests: what test modules share, and programs that run inside a virtual machine.
-collect_ignore = ["helpers", "system/vm"]
+collect_ignore = ["helpers"]  # no tests: what test modules share
 
 _SYSTEM_TIMEOUT_S = 600
 _GRACE_S = 20.0  # for threads and descriptors whose end was asked for in the test

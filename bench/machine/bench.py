@@ -1,0 +1,120 @@
+"""A whole robot host in a virtual machine: package, setup, boot, USB, clock, disk, memory, power cuts.
+
+Debian 12 runs in qemu, which emulates the processor, with its own kernel, systemd, udev and ext4. The Debian
+package of this checkout is installed in it, and `tactiled setup` sets it up. The emulated boards run on this
+host, behind the FTDI adapters that qemu emulates.
+"""
+
+import re
+import subprocess
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+
+from bench.machine import cases
+from bench.machine.cases import Found
+from bench.machine.guest import RATE_HZ, Board, Guest
+from bench.machine.image import make_image
+from bench.report import (
+    Aim,
+    BenchOptions,
+    Reading,
+    aims_table,
+    at_most,
+    judge,
+    load_words,
+    median_aim,
+    never,
+    ratio,
+)
+from tactiled.progress import ProgressBar
+
+_ROOT = Path(__file__).parents[2]
+_TIMES, _QUICK_TIMES = 20, 2  # replugs, and power cuts unless asked for
+_SWAPS, _QUICK_SWAPS = 4, 1
+_FIRST_S = 1.0  # a port is tried at least each 0.5 s (`daemon.serial.connection`)
+
+
+def _verified(found: Found) -> Reading:
+    return judge(ratio(found.verified), bool(found.verified) and all(found.verified))
+
+
+def _same_boot(found: Found) -> list[float]:
+    return [fresh_s / system_s for system_s, fresh_s in found.boots_s]
+
+
+def _lost_by_step(found: Found) -> int:
+    return found.clock.lost_with_board + abs(found.clock.unaccounted)
+
+
+def _own_boot(found: Found) -> list[float]:
+    return [fresh_s / found.own_boot_s for _, fresh_s in found.boots_s]
+
+
+AIMS: tuple[Aim[Found], ...] = (
+    never("setup: configuration, unit, user, name of the port: missing", lambda f: len(f.missing_files)),
+    never("setup: no board found though one is there", lambda f: f.setups_failed),
+    at_most("latency timer of the adapter, set by the rule", 1, " ms", lambda f: f.timer_ms, "d"),
+    never("setup and --remove: files that differ", lambda f: len(f.left_by_remove)),
+    never("installed and purged: files that differ, without recordings", lambda f: len(f.left_by_purge)),
+    median_aim("first fresh scan over multi-user.target of the same boot", 1.1, _same_boot, ".2f"),
+    median_aim("first fresh scan over multi-user.target without the daemon", 1.1, _own_boot, ".2f"),
+    never("replugs: scans unaccounted for", lambda f: abs(f.plugs.unaccounted)),
+    never("replugs: scans lost with the adapter plugged in", lambda f: f.plugs.lost_with_board),
+    median_aim("replugs: device node to first scan (s)", _FIRST_S, lambda f: f.replugged_s, ".2f"),
+    at_most("adapter in another socket: the same", _FIRST_S, " s", lambda f: f.other_socket_s, ".2f"),
+    never("two adapters swapped: daemons with the wrong board", lambda f: f.swapped),
+    never("clock stepped: scans lost or unaccounted for", _lost_by_step),
+    at_most("clock stepped: until messages follow", 2, " s", lambda f: max(f.stepped_s), ".2f"),
+    never("disk full for 10 s: scans lost", lambda f: f.full_disk_missing),
+    at_most("disk has room again: until recorded", 15, " s", lambda f: f.recording_again_s, ".1f"),
+    never("64 MB of memory left for 30 s: scans lost", lambda f: f.low_memory_missing),
+    never("64 MB of memory left for 30 s: restarts", lambda f: f.low_memory_restarts),
+    Aim("power cuts: recordings that verify", "all", _verified),
+    at_most("power cuts: lost before the cut", 2, " s", lambda f: max(f.lost_by_cut_s), ".2f"),
+)
+
+
+def bench_machine(progress: ProgressBar, options: BenchOptions) -> list[str]:
+    """Install the package in the guest, and print what became of each case."""
+    times, swaps = (_QUICK_TIMES, _QUICK_SWAPS) if options.quick else (_TIMES, _SWAPS)
+    cuts = options.cuts or times
+    progress.note("disk of the guest, made once in some five minutes")
+    image, found = make_image(), Found()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        board, other = (stack.enter_context(Board(folder, serial)) for serial in ("TS0001", "TS0002"))
+        guest = stack.enter_context(Guest(image, folder))
+        progress.note("Debian package")
+        build: list[str | Path] = [_ROOT / "packages/debian/build", "--out", str(guest.share)]
+        subprocess.run(build, check=True, stdout=subprocess.DEVNULL)
+        progress.note("installation")
+        guest.boot()
+        before = cases.tree(guest)
+        cases.install(guest, board, found)
+        progress.note(f"{times} replugs")
+        cases.replug(guest, board, times, found)
+        progress.note("clock, disk, memory")
+        cases.step_clock(guest, board, found)
+        cases.fill_disk(guest, found)
+        cases.fill_memory(guest, found)
+        progress.note("two adapters")
+        cases.swap(guest, board, other, swaps, found)
+        progress.note(f"{cuts} power cuts")
+        cases.cut_power(guest, board, cuts, found)
+        cases.boot_without(guest, board, found)
+        cases.purge(guest, before, found)
+    version = subprocess.check_output(["qemu-system-x86_64", "--version"], text=True)
+    emulator = re.sub(r" \(.*", "", version.splitlines()[0].replace("QEMU emulator version", "qemu"))
+    intro = (
+        f"{found.system} in {emulator} without KVM, one emulated processor, on a host with {load_words()}; "
+        f"boards at {RATE_HZ:g} Hz. {times} replugs, {swaps} swaps, {cuts} power cuts. dpkg took "
+        f"{found.install_s:.0f} s; multi-user.target is reached in {found.own_boot_s:.0f} s without "
+        "the daemon. Seconds are of the guest."
+    )
+    changed = [
+        f"Left by {name}: {', '.join(lines)}"
+        for name, lines in (("--remove", found.left_by_remove), ("apt purge", found.left_by_purge))
+        if lines
+    ]
+    return [intro, aims_table(AIMS, {"measured": found}), *changed]

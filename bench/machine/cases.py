@@ -1,0 +1,281 @@
+"""What happens to the guest, and what is measured of it."""
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bench.machine.guest import Board, Guest
+from bench.machine.records import Recorded, first_after, read_recording
+from tactiled.errors import OperatorError
+
+UNIT = "tactiled@TS0001.service"
+_CONFIG = "/etc/tactiled/TS0001.toml"
+_PLACE = "/var/lib/tactiled/TS0001"
+_METRICS_PORT = 9874
+_SCRAPE = (
+    f"exec 3<>/dev/tcp/127.0.0.1/{_METRICS_PORT}; printf 'GET /metrics HTTP/1.0\\r\\n\\r\\n' >&3; cat <&3"
+)
+# Rights, owners, sizes, names and targets of files, without logs, caches and what systemd and dpkg note.
+_TREE = (
+    r"find / -xdev -regextype egrep -regex '/var/(log|cache|lib/(systemd|dpkg))|(/var)?/tmp/.*' "
+    r"-prune -o -type d -printf '%m %u:%g %p\n' -o -printf '%m %u:%g %s %p %l\n'"
+)
+# Recordings and the user stay after a purge.
+_STAYS = re.compile(r" /var/lib/tactiled| /etc/(passwd|group|g?shadow)")
+_MISSING = 'tactiled_scans_total{result="missing"}'
+_HOUR_S = 3600.0
+_MOST_FAILED = 5  # more than that is no matter of a busy host
+
+
+@dataclass
+class Found:
+    """All that was measured; times in seconds of the guest's clock."""
+
+    system: str = ""
+    own_boot_s: float = 0.0  # to multi-user.target, without tactiled
+    boots_s: list[tuple[float, float]] = field(default_factory=list)  # multi-user.target, first fresh scan
+    install_s: float = 0.0
+    timer_ms: int = 0  # latency timer of the adapter
+    setups_failed: int = 0
+    missing_files: list[str] = field(default_factory=list)  # which setup should have written
+    left_by_remove: list[str] = field(default_factory=list)
+    left_by_purge: list[str] = field(default_factory=list)
+    plugs: Recorded = field(default_factory=Recorded)
+    replugged_s: list[float] = field(default_factory=list)  # device node to the first scan
+    other_socket_s: float = 0.0
+    swapped: list[bool] = field(default_factory=list)  # whether a daemon has the other's board
+    clock: Recorded = field(default_factory=Recorded)
+    stepped_s: list[float] = field(default_factory=list)  # clock stepped to messages with its new time
+    full_disk_missing: int = 0
+    recording_again_s: float = 0.0
+    low_memory_missing: int = 0
+    low_memory_restarts: int = 0
+    lost_by_cut_s: list[float] = field(default_factory=list)
+    verified: list[bool] = field(default_factory=list)
+
+
+def tree(guest: Guest) -> set[str]:
+    """Return a line for each file of the guest."""
+    return set(guest.run(_TREE).splitlines())
+
+
+def metrics(guest: Guest) -> dict[str, float]:
+    """Return the metrics of the daemon, by name with labels apart from that of the board."""
+    lines = [line.rpartition(" ") for line in guest.run(_SCRAPE).splitlines() if line.startswith("tactiled_")]
+    return {
+        name.replace('board="TS0001",', "").replace('{board="TS0001"}', ""): float(n) for name, _, n in lines
+    }
+
+
+def wait_until_fresh(guest: Guest, unit: str = UNIT) -> None:
+    """Wait until the daemon says that its board runs."""
+    guest.until(f"systemctl show -P StatusText {unit} | grep -q running")
+
+
+def multi_user_s(guest: Guest) -> float:
+    """Return when multi-user.target was reached, since the start of the kernel."""
+    guest.until("systemctl is-active multi-user.target")
+    return int(guest.run("systemctl show -P ActiveEnterTimestampMonotonic multi-user.target")) * 1e-6
+
+
+def boot_times_s(guest: Guest) -> tuple[float, float]:
+    """Return when multi-user.target was reached and when the board ran, since the start of the kernel."""
+    wait_until_fresh(guest)
+    line = guest.run(f"journalctl -b -o short-monotonic -u {UNIT} | grep -m 1 'TS0001 running'")
+    return multi_user_s(guest), float(line.split("]")[0].strip(" ["))
+
+
+def set_up(guest: Guest, found: Found, options: str = "") -> None:
+    """Let `tactiled setup` find a board; on a busy host, scans may stall while it looks."""
+    while guest.run(f"tactiled setup {options} && echo made || true").rpartition("\n")[2] != "made":
+        found.setups_failed += 1
+        if found.setups_failed > _MOST_FAILED:
+            raise OperatorError(guest.run(f"tactiled setup {options}"))
+
+
+def recorded(guest: Guest, board: Board, during: Callable[[], None]) -> Recorded:
+    """Return what the daemon records from a new start to a stop, while something happens."""
+    guest.unplug(board)  # qemu would keep what the board sends until the daemon has started
+    guest.run(f"systemctl restart {UNIT}")
+    guest.plug(board)
+    wait_until_fresh(guest)
+    during()
+    guest.run(f"systemctl stop {UNIT}")
+    newest = guest.run(f"ls -t {_PLACE}/*.mcap | head -n 1")
+    guest.mount_share()
+    guest.run(f"cp {newest} /mnt/newest.mcap; umount /mnt; systemctl start {UNIT}")
+    return read_recording(guest.share / "newest.mcap")
+
+
+def uptime_s(guest: Guest) -> float:
+    """Clock of the guest that is never set."""
+    return float(guest.run("cut -d ' ' -f 1 /proc/uptime"))
+
+
+# ---- cases, in the order of their run -------------------------------------------------------------------
+
+
+def install(guest: Guest, board: Board, found: Found) -> None:
+    """Install the package, set the board up, undo that, and set it up again to record."""
+    found.system = guest.run("echo Debian $(cat /etc/debian_version), Linux $(uname -r)")
+    began_s = uptime_s(guest)
+    guest.mount_share()
+    guest.run("dpkg --install /mnt/*.deb; umount /mnt")
+    found.install_s = uptime_s(guest) - began_s
+    guest.plug(board)
+    guest.until("test -e /dev/tactiled-TS0001")
+    found.timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))
+    before = tree(guest)
+    set_up(guest, found)
+    wanted = (_CONFIG, "/dev/tactiled-TS0001", f"/etc/systemd/system/multi-user.target.wants/{UNIT}")
+    checks = {path: f"test -e {path}" for path in wanted} | {
+        "user": "id tactiled",
+        "unit": f"systemctl is-active {UNIT}",
+    }
+    found.missing_files = [
+        name
+        for name, check in checks.items()
+        if guest.run(f"{check} >/dev/null && echo there || true") != "there"
+    ]
+    guest.run("tactiled setup TS0001 --remove")
+    found.left_by_remove = sorted(before ^ tree(guest))
+    set_up(guest, found)
+    guest.run(
+        f"sed -i 's/^# directory/directory/' {_CONFIG}; "
+        f"printf '\\n[metrics]\\nport = {_METRICS_PORT}\\n' >>{_CONFIG}; sync"
+    )
+
+
+def replug(guest: Guest, board: Board, times: int, found: Found) -> None:
+    """Pull the adapter out and plug it in again, each time after another time; then use the other socket."""
+    sockets = [1] * times + [2]
+
+    def plug_all() -> None:
+        for number, usb_socket in enumerate(sockets):
+            guest.unplug(board)
+            guest.until("test ! -e /dev/tactiled-TS0001")
+            time.sleep(0.1 + 0.37 * (number % 5))
+            guest.plug(board, usb_socket)
+            guest.until("test -e /dev/tactiled-TS0001")
+            time.sleep(5.0)
+
+    found.plugs = recorded(guest, board, plug_all)
+    lines = guest.run("journalctl -b -k -o short-monotonic | grep 'now attached to ttyUSB'").splitlines()
+    attached_s = [float(line.split("]")[0].strip(" [")) for line in lines[-len(sockets) :]]
+    *found.replugged_s, found.other_socket_s = [first_after(found.plugs.scan_s, s) for s in attached_s]
+
+
+def swap(guest: Guest, board: Board, other: Board, times: int, found: Found) -> None:
+    """Set a second board up, and let both adapters change their sockets and their order."""
+    guest.plug(other, 2)
+    guest.until("test -e /dev/tactiled-TS0002")
+    by_id = guest.run("ls -d /dev/serial/by-id/*TS0002*")
+    set_up(guest, found, f"--port {by_id} --tcp-port 9882")
+    units = {board.serial: UNIT, other.serial: f"tactiled@{other.serial}.service"}
+    for number in range(times):
+        for one in (board, other):
+            guest.unplug(one)
+            guest.until(f"test ! -e /dev/tactiled-{one.serial}")
+        pair = (other, board) if number % 2 == 0 else (board, other)
+        for usb_socket, one in enumerate(pair, 1):
+            guest.plug(one, usb_socket)
+            guest.until(f"test -e /dev/tactiled-{one.serial}")
+        for one in pair:
+            wait_until_fresh(guest, units[one.serial])
+            state = guest.run(f"systemctl show -P StatusText {units[one.serial]}")
+            found.swapped.append(f"board {one.serial} " not in state)
+    guest.run(f"systemctl disable --now {units[other.serial]}")
+    guest.unplug(other)
+
+
+def step_clock(guest: Guest, board: Board, found: Found) -> None:
+    """Set the wall clock an hour forward, then back."""
+    at_s = []
+
+    def step() -> None:
+        for hours in ("+1", "-1"):
+            time.sleep(5.0)
+            at_s.append(uptime_s(guest))
+            guest.run(f"date -s '{hours} hour'")
+        time.sleep(5.0)
+
+    found.clock = recorded(guest, board, step)
+    steps_s = [s for s, step_s in found.clock.steps_s if abs(abs(step_s) - _HOUR_S) < 1.0]
+    found.stepped_s = [first_after(steps_s, s) for s in at_s]
+
+
+def fill_disk(guest: Guest, found: Found) -> None:
+    """Fill the disk while the daemon records, then make room."""
+    wait_until_fresh(guest)
+    before = metrics(guest)
+    guest.run("fallocate -l $(df --output=avail -B 1 / | tail -n 1) /fill")
+    guest.until(f"( {_SCRAPE} ) | grep -q 'tactiled_recording{{.*}} 0'")
+    time.sleep(10.0)
+    during = metrics(guest)
+    found.full_disk_missing = int(during[_MISSING] - before[_MISSING])
+    guest.run("rm /fill")
+    began_s = uptime_s(guest)
+    guest.until(f"( {_SCRAPE} ) | grep -q 'tactiled_recording{{.*}} 1'")
+    found.recording_again_s = uptime_s(guest) - began_s
+
+
+def fill_memory(guest: Guest, found: Found) -> None:
+    """Leave 64 MB of memory for half a minute."""
+    before = metrics(guest)
+    guest.run(
+        "mount -o remount,size=100% /dev/shm; "
+        "fallocate -l $(awk '/MemAvailable/ { print 1024 * $2 - 64000000 }' /proc/meminfo) /dev/shm/fill"
+    )
+    time.sleep(30.0)
+    after = metrics(guest)
+    guest.run("rm /dev/shm/fill")
+    found.low_memory_missing = int(after[_MISSING] - before[_MISSING])
+    found.low_memory_restarts = int(guest.run(f"systemctl show -P NRestarts {UNIT}"))
+
+
+def cut_power(guest: Guest, board: Board, times: int, found: Found) -> None:
+    """Cut the power while the daemon records, after different times; then verify all recordings."""
+    cut_unix_s = []
+    guest.unplug(board)
+    guest.run(f"systemctl stop {UNIT}; rm {_PLACE}/*; systemctl start {UNIT}")
+    guest.plug(board)
+    for number in range(times + 1):
+        wait_until_fresh(guest)
+        if number < times:
+            time.sleep(5.0 + 0.73 * (number % 8))
+            asked_s = time.time()
+            ahead_s = float(guest.run("date +%s.%N")) - (asked_s + time.time()) / 2
+            guest.cut_power()
+            board.restart()
+            cut_unix_s.append(time.time() + ahead_s)
+            guest.boot(board)
+            found.boots_s.append(boot_times_s(guest))
+    guest.until(f"test $(ls {_PLACE}/*.active | wc -l) -le 1")
+    guest.run(f"systemctl stop {UNIT}")
+    names = guest.run(f"cd {_PLACE}; ls *.mcap").split()
+    for name in names:
+        found.verified.append(
+            "good" in guest.run(f"tactiled replay --verify {_PLACE}/{name} && echo good || true")
+        )
+    guest.mount_share()
+    guest.run(f"cp {_PLACE}/* /mnt; umount /mnt")
+    ends_s = sorted(read_recording(guest.share / name).last_unix_s for name in names)
+    # The newest end before each cut is that of the recording which the cut ended.
+    found.lost_by_cut_s = [
+        cut_s - max((s for s in ends_s if s <= cut_s), default=0.0) for cut_s in cut_unix_s
+    ]
+
+
+def boot_without(guest: Guest, board: Board, found: Found) -> None:
+    """Boot as after the power cuts, but without the daemon."""
+    guest.run("sync")
+    guest.cut_power()
+    guest.boot(board, masked_unit=UNIT)
+    found.own_boot_s = multi_user_s(guest)
+
+
+def purge(guest: Guest, before: set[str], found: Found) -> None:
+    """Remove package and configuration; recordings and the user stay, as the page says."""
+    guest.run("dpkg --purge tactiled")
+    found.left_by_purge = sorted(line for line in before ^ tree(guest) if not _STAYS.search(line))

@@ -1,0 +1,199 @@
+"""Virtual machine with emulated USB adapters, a root shell, and a plug for its power."""
+
+import json
+import re
+import socket
+import subprocess
+import time
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Self
+
+from bench.machine.image import CONTROL, Image
+from bench.processes import TACTILED, next_line
+from tactiled import child
+from tactiled.errors import OperatorError
+
+PATIENCE_S = 900.0  # without KVM everything is some twenty times slower, the installation most of all
+RATE_HZ = 25.0  # of the boards: the usual 100 Hz would take all of the emulated processor
+_MEMORY_MB = 1024
+_END = re.compile(rb"\n\x01(\d+)\x02\n")  # after the output of a command: its exit status
+
+
+class Board:
+    """Emulated board on this host, behind TCP as the other side of an adapter."""
+
+    def __init__(self, folder: Path, serial: str) -> None:
+        self.serial = serial
+        self._identity = folder / f"{serial}.toml"
+        self._identity.write_text(f'board_serial = "{serial}"\nrate_hz = {RATE_HZ}\n')
+        self._start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        child.end(self._process)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+    def restart(self) -> None:
+        """Switch the board off and on, as a cut of the power of its host does."""
+        self.__exit__()
+        self._start()
+
+    def _start(self) -> None:
+        command = [*TACTILED, "emulate", "--scene", "rest", "--tcp", "127.0.0.1:0", "--board"]
+        self._process = subprocess.Popen(
+            [*command, str(self._identity)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        self.port = json.loads(next_line(self._process))["link"].rpartition(":")[2]
+
+
+class Guest:
+    """Virtual machine that runs from `boot` until `cut_power`; its disk lasts as long as the folder.
+
+    Each boot writes into a new layer (qcow2) over what was there. qemu notes in the file which blocks a layer
+    has when the guest flushes its disk: after a cut, blocks that were new and not flushed are lost, as in a
+    disk with a volatile cache.
+
+    Parameters
+    ----------
+    folder : Path
+        Place of layers and sockets. Its folder `share` can be mounted by the guest (`mount_share`).
+    """
+
+    def __init__(self, image: Image, folder: Path) -> None:
+        self._image, self._folder, self._layer = image, folder, image.disk
+        self._layers = 0
+        self.share = folder / "share"
+        self.share.mkdir()
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.cut_power()
+
+    def boot(self, *boards: Board, masked_unit: str = "") -> None:
+        """Switch the power on, with boards plugged in, and wait for the root shell.
+
+        Parameters
+        ----------
+        masked_unit : str, optional
+            Unit that systemd does not start at this boot.
+        """
+        self._layers += 1
+        layer = self._folder / f"{self._layers}.qcow2"
+        form = "raw" if self._layer == self._image.disk else "qcow2"
+        command = ["qemu-img", "create", "-q", "-f", "qcow2", "-F", form, "-b", str(self._layer), str(layer)]
+        subprocess.run(command, check=True)
+        self._layer = layer
+        mask = f" systemd.mask={masked_unit}" if masked_unit else ""
+        control, monitor = self._folder / "control", self._folder / "monitor"
+        for path in (control, monitor):
+            path.unlink(missing_ok=True)
+        self._process = subprocess.Popen(
+            ["qemu-system-x86_64", "-accel", "tcg", "-cpu", "max", "-m", str(_MEMORY_MB),
+             "-display", "none", "-nic", "none", "-serial", f"file:{self._folder}/console.log",
+             "-kernel", self._image.kernel, "-initrd", self._image.initrd,
+             "-append", f"root=/dev/vda ro console=ttyS0 quiet{mask}",
+             "-drive", f"file={layer},if=virtio",
+             "-device", "piix3-usb-uhci,id=usb",
+             "-virtfs", f"local,path={self.share},mount_tag=share,security_model=none",
+             "-chardev", f"socket,id={CONTROL},path={control},server=on,wait=off", "-device", "virtio-serial",
+             "-device", f"virtserialport,chardev={CONTROL},name={CONTROL}",
+             "-qmp", f"unix:{monitor},server=on,wait=off"],
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
+        self._monitor = self._connect(monitor)
+        self._answers = self._monitor.makefile()
+        self._answers.readline()  # the greeting
+        self.qmp("qmp_capabilities")
+        self._control = self._connect(control)
+        for board in boards:
+            self.plug(board)
+        self.run("true")
+
+    def cut_power(self) -> None:
+        """Kill the machine, if it runs."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            self._process = None
+            for stream in (self._answers, self._monitor, self._control):
+                stream.close()
+
+    def run(self, command: str, timeout_s: float = PATIENCE_S) -> str:
+        """Run a command of the shell in the guest, which must succeed, and return what it printed."""
+        self._control.settimeout(timeout_s)
+        self._control.sendall(f"( {command}\n) </dev/null 2>&1; printf '\\n\\1%d\\2\\n' $?\n".encode())
+        printed = b""
+        while (end := _END.search(printed)) is None:
+            try:
+                more = self._control.recv(65536)
+            except TimeoutError:
+                more = b""
+            if not more:
+                raise OperatorError(
+                    f"in the guest, no end of {command!r} within {timeout_s:g} s: {printed!r}"
+                )
+            printed += more
+        words = printed[: end.start()].decode(errors="replace").strip()
+        if end[1] != b"0":
+            raise OperatorError(f"in the guest, {command!r} has exit status {end[1].decode()}: {words}")
+        return words
+
+    def until(self, command: str) -> None:
+        """Wait until a command of the shell in the guest succeeds, asked every 2 s."""
+        self.run(f"until {command} >/dev/null; do sleep 2; done")
+
+    def qmp(self, name: str, **arguments: Any) -> Any:
+        """Give qemu a command of its monitor, and return the answer."""
+        self._monitor.sendall(json.dumps({"execute": name, "arguments": arguments}).encode() + b"\n")
+        while "return" not in (answer := json.loads(self._answers.readline())):
+            if "error" in answer:
+                raise OperatorError(f"qemu, {name}: {answer['error']['desc']}")
+        return answer["return"]
+
+    def plug(self, board: Board, socket_number: int = 1) -> None:
+        """Plug the adapter of a board into a USB socket of the guest."""
+        address = {"type": "inet", "data": {"host": "127.0.0.1", "port": board.port}}
+        self.qmp(
+            "chardev-add",
+            id=board.serial,
+            backend={"type": "socket", "data": {"addr": address, "server": False}},
+        )
+        adapter = {
+            "driver": "usb-serial",
+            "serial": board.serial,
+            "chardev": board.serial,
+            "always-plugged": True,
+        }
+        self.qmp("device_add", id=f"adapter-{board.serial}", port=str(socket_number), **adapter)
+
+    def unplug(self, board: Board) -> None:
+        """Pull the adapter of a board out; what the board sends from now on is lost."""
+        self.qmp("device_del", id=f"adapter-{board.serial}")
+        until_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until_s:
+            with suppress(OperatorError):  # the adapter has not gone yet
+                self.qmp("chardev-remove", id=board.serial)
+                return
+            time.sleep(0.02)
+        raise OperatorError(f"qemu does not let the adapter of {board.serial} go")
+
+    def mount_share(self) -> None:
+        """Mount the shared folder of this host at /mnt in the guest."""
+        self.run("mount -t 9p -o trans=virtio,version=9p2000.L share /mnt")
+
+    def _connect(self, path: Path) -> socket.socket:
+        until_s = time.monotonic() + PATIENCE_S
+        link = socket.socket(socket.AF_UNIX)
+        while link.connect_ex(str(path)):
+            assert self._process is not None
+            if self._process.poll() is not None or time.monotonic() > until_s:
+                raise OperatorError("qemu did not start; its error is above")
+            time.sleep(0.05)
+        return link
