@@ -50,9 +50,11 @@ def test_detect_finds_the_same_in_the_table(tmp_path: Path, capsys: pytest.Captu
     detect_file(tmp_path / "a.csv")
     table = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(e["topic"], e["state"]) for e in table] == [(e["topic"], e["state"]) for e in ours]
-    # A table does not say when within a scan each channel was sampled: an onset may move by a scan, and an
-    # event by one of the looks at the taxels' parts of the shear.
-    assert [e["timestamp"] for e in table] == pytest.approx([e["timestamp"] for e in ours], abs=0.01 + LOOK_S)
+    # A table does not say when within a scan each channel was sampled: an onset may move within its standard
+    # deviation, and an event by some looks at the taxels.
+    for one, other in zip(table, ours, strict=True):
+        may_move_s = max(other.get("onset_sd_s", 0.0), 3 * LOOK_S)
+        assert one["timestamp"] == pytest.approx(other["timestamp"], abs=may_move_s), one
 
 
 def test_a_failed_export_gives_a_reason_and_leaves_no_file(tmp_path: Path, recording: Path) -> None:
