@@ -24,7 +24,9 @@ _ENDED_S = 2.5  # within which a run that was cancelled has ended
 _LARGEST_REFERENCE_BYTES = 64 * 2**20  # an hour of a force sensor of 100 Hz has half of that
 _UPLOAD_S = 60.0
 _BUSY = "somebody is being guided on a page of this server: wait, or cancel it there"
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # of a calibration, which is that of its file
+_NAME = re.compile(
+    r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}"
+)  # of a calibration, which is that of its file, and of an array
 
 Lines = AsyncGenerator[dict[str, Any], None]
 
@@ -63,7 +65,7 @@ class GuidedVerbs:
     def close(self) -> None:
         """Remove what was recorded."""
         if self._files is not None:
-            self._files.cleanup()
+            self._files.cleanup()  # a process that writes there may not have ended yet
 
     async def answer(
         self,
@@ -120,14 +122,23 @@ class GuidedVerbs:
 
     async def _record(self, source: int, fields: Mapping[str, Any]) -> Lines:
         """Yield the lines of `tactiled calibrate --guide`; the numbers have the number of the log."""
+        array = fields.get("array", "")
+        if array not in self._array_files and not _NAME.fullmatch(array):  # no path, which the fit would open
+            yield {"ok": False, "reason": "the board has not said which array it has: wait until it is fresh"}
+            return
         if self._files is None:
-            self._files = tempfile.TemporaryDirectory(prefix="tactiled-web-")
-        log = Path(self._files.name, "log.npz")
+            self._files = tempfile.TemporaryDirectory(prefix="tactiled-web-", ignore_cleanup_errors=True)
+        log = Path(self._files.name, "new.npz")  # until it is whole: a run that is cancelled changes nothing
         arguments = ["calibrate", f"{log}", f"--guide={self._endpoints[source]}", *self._options(fields)]
-        self._log = _Log(self._log.number + 1, fields.get("array", ""), fields.get("board", ""))
         async with aclosing(_run(arguments)) as lines:
             async for line in lines:
-                yield line | {"found": line["found"] | {"log": self._log.number}} if "found" in line else line
+                if "found" in line:
+                    log.replace(log.with_name("log.npz"))
+                    self._log = _Log(self._log.number + 1, array, fields.get("board", ""))
+                    line["found"]["log"] = self._log.number
+                if "words" in line:  # the paths of this server tell a browser nothing
+                    line["words"] = line["words"].replace(f"{log}: ", "")
+                yield line
 
     async def _fit(self, reference: Path, name: str) -> Lines:
         """Yield the lines of `tactiled calibrate`."""
@@ -142,7 +153,7 @@ class GuidedVerbs:
                     text = file.read_text(encoding="utf-8")
                     file.unlink()
                     line |= {"found": line["found"] | {"file": text}}
-                elif "reason" in line:  # the paths of this server tell a browser nothing
+                elif "reason" in line:
                     line["reason"] = line["reason"].replace(f"{reference.parent}/", "")
                 yield line
 

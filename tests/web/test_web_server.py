@@ -152,6 +152,10 @@ def test_a_record_is_fitted_only_with_the_token_and_to_what_was_recorded(tmp_pat
         assert (await send("name=mine&log=0", "wrong"))[0] == 403
         assert await send("name=../mine&log=0") == (400, ANY)
         assert await send("name=mine&log=0") == (409, "its readings are no longer here: record again")
+        asked = {"do": "calibrate", "fields": {"array": "/etc/passwd", "guide_s": 5}}
+        headers = {"Authorization": f"Bearer {TOKEN}"}
+        async with session.post(url + "api/command", json=asked, headers=headers) as answer:
+            assert json.loads(await answer.text())["reason"].startswith("the board has not said which array it has")
 
     serve(tmp_path, act, TOKEN)
 

@@ -1,6 +1,7 @@
 """The list of boards from replies of hosts."""
 
 import json
+import socket
 import urllib.request
 from typing import Any
 
@@ -191,6 +192,26 @@ def test_prometheus_gets_all_boards_and_no_number_that_is_not_known() -> None:
         }
         with pytest.raises(UnavailableError, match=f"{port} cannot be had: .* in use"), metrics.serving(port):
             pass
+
+
+def test_the_page_tells_that_the_router_has_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers: list[Any] = [[FleetRow("a", "B1", "running", valid=True)], UnavailableError("no router")]
+    pages: list[dict[tuple[str, ...], float]] = []
+
+    def ask(_: FleetList) -> list[FleetRow]:
+        if pages or len(answers) < 2:
+            pages.append(page(port))
+        if not answers:
+            raise KeyboardInterrupt
+        if isinstance(answer := answers.pop(0), Exception):
+            raise answer
+        return list(answer)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = int(server.getsockname()[1])
+    monkeypatch.setattr(FleetList, "ask", ask)
+    CliRunner().invoke(fleet, ["--serve", f"{port}", "--every", "0.5", "--json"])
+    assert [shown["tactiled_valid", "a", "B1"] for shown in pages] == [1.0, 0.0]
 
 
 @pytest.mark.parametrize(

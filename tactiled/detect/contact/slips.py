@@ -196,11 +196,11 @@ def _likely_friction(scan: ContactScan) -> FloatArray:
 def _slipping_taxels(scan: ContactScan) -> tuple[int, ...]:
     """Return the taxels whose own shear uses so much of what their load bears that a tenth of them slips.
 
-    Where a tenth of the contact slips, so do taxels that bear no less of their load than the contact does.
+    Where a tenth of the contact slips, so does the taxel that uses most, if no other.
     """
     load = np.maximum(np.array(scan.filter.signs.scan_load) / scan.filter.signs.total_load, _LEAST_PART)
-    least = min(INCIPIENT_USED * scan.filter.friction[1], np.hypot(*scan.shear.sum(axis=1)))
-    return tuple(np.flatnonzero(np.hypot(*scan.shear) / load >= least).tolist())
+    used = np.where(load > _LEAST_PART, np.hypot(*scan.shear) / load / scan.filter.friction[1], 0.0)
+    return tuple(np.flatnonzero(used >= min(INCIPIENT_USED, used.max())).tolist())
 
 
 def _ripple_began(scan: ContactScan, at: ScanInstant) -> tuple[float, float]:

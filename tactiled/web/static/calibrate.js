@@ -45,8 +45,6 @@ export function guideCalibration(panel, post, upload) {
 
   start.onclick = () => {
     verdict.hidden = true;
-    log = null;
-    enable();
     const fields = { array: panel.board.info?.array_id ?? "", guide_s: Number(at(".guide-s").value) };
     return run(start, (signal) => post("calibrate", fields, signal), showLog);
   };

@@ -182,6 +182,8 @@ def fleet(
                 if once:
                     raise
                 click.echo(f"fleet: {error}", err=True)  # a router that restarts ends no list
+                if metrics is not None:
+                    metrics.lose()
                 time.sleep(period_s)
                 continue
             if as_json:

@@ -1,7 +1,7 @@
 """Metrics page of all boards of a network, for Prometheus on the host of the list.
 
 Metrics pages of daemons listen on loopback. What they say of freshness comes here over zenoh, with its
-certificates. Metrics that the daemons' pages have, too, have the same names: alerts hold for both.
+certificates. Metrics that the daemons' pages have, too, have the same names.
 """
 
 from collections.abc import Iterator, Sequence
