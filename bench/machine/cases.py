@@ -1,4 +1,4 @@
-"""What happens to the guest, and what is measured of it."""
+"""Cases of `bench machine`: what happens to the guest, and the measurements of each."""
 
 import re
 import time

@@ -136,9 +136,7 @@ class GuidedVerbs:
                     log.replace(log.with_name("log.npz"))
                     self._log = _Log(self._log.number + 1, array, fields.get("board", ""))
                     line["found"]["log"] = self._log.number
-                if "words" in line:  # the paths of this server tell a browser nothing
-                    line["words"] = line["words"].replace(f"{log}: ", "")
-                yield line
+                yield _without_folder(line, log.parent)
 
     async def _fit(self, reference: Path, name: str) -> Lines:
         """Yield the lines of `tactiled calibrate`."""
@@ -153,9 +151,7 @@ class GuidedVerbs:
                     text = file.read_text(encoding="utf-8")
                     file.unlink()
                     line |= {"found": line["found"] | {"file": text}}
-                elif "reason" in line:
-                    line["reason"] = line["reason"].replace(f"{reference.parent}/", "")
-                yield line
+                yield _without_folder(line, reference.parent)
 
     def _options(self, fields: Mapping[str, Any]) -> list[str]:
         """Return options; what the browser sent stands behind ``=``, so that it is no option."""
@@ -165,17 +161,25 @@ class GuidedVerbs:
         return [f"{option}={value}" for option, value in options.items() if value is not None]
 
 
+def _without_folder(line: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a line without a folder of this server, which tells a browser nothing."""
+    told = {key: line[key].replace(f"{folder}/", "") for key in ("words", "reason") if key in line}
+    return line | told
+
+
 async def _refuse_upload(request: web.Request, to: Path) -> web.Response | None:
     """Write the body of a request to a file; return why it was not taken."""
     try:
         async with asyncio.timeout(_UPLOAD_S):
             with to.open("wb") as stream:
                 async for part in request.content.iter_chunked(2**16):
-                    stream.write(part)
+                    await asyncio.to_thread(stream.write, part)  # a slow disk delays no browser
                     if stream.tell() > _LARGEST_REFERENCE_BYTES:
                         return answer(413, f"the record has more than {_LARGEST_REFERENCE_BYTES} bytes")
     except TimeoutError:
         return answer(408, f"the record was not complete within {_UPLOAD_S:g} s")
+    except OSError as error:
+        return answer(507, f"the server cannot keep the record: {error.strerror}")
     return None
 
 

@@ -98,6 +98,15 @@ class Robot:
             self.stop(name, signal.SIGKILL)
 
 
+def open_with_commands(page: Page, made: Robot) -> None:
+    """Open the page of a server that accepts commands, and wait until data are fresh."""
+    token = made.folder / "token"
+    token.write_text("0123456789abcdef")
+    token.chmod(0o600)
+    page.goto(f"{made.serve('--allow-commands', '--token-file', str(token))}#token={token.read_text()}")
+    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+
+
 @contextmanager
 def staged(
     page: Page, made: Robot, *plays: tuple[str, str, float], then: Then, forces: bool = False

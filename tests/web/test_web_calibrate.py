@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from access import faults
-from pages import Robot, robot
+from pages import Robot, open_with_commands, robot
 from playwright.sync_api import Page, expect
 
 from tactiled.emulator.scene.description import load_scene
@@ -16,7 +16,6 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.force.calibration import load_calibration
 
 pytestmark = pytest.mark.system
-TOKEN = "0123456789abcdef"
 FORCES_N = (6, 14, 20, 9, 17, 11, 19, 8, 13, 20, 7, 16)
 RECORD_S = 22
 LOW = """() => [...document.querySelectorAll(".calibrate :is(button, input, summary)")]
@@ -43,11 +42,7 @@ def pressed(tmp_path: Path) -> Iterator[Robot]:
 
 
 def open_guide(page: Page, made: Robot) -> None:
-    token = made.folder / "token"
-    token.write_text(TOKEN)
-    token.chmod(0o600)
-    page.goto(f"{made.serve('--allow-commands', '--token-file', str(token))}#token={TOKEN}")
-    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+    open_with_commands(page, made)
     page.locator(".calibrate > summary").press("Enter")
 
 

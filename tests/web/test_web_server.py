@@ -155,7 +155,8 @@ def test_a_record_is_fitted_only_with_the_token_and_to_what_was_recorded(tmp_pat
         asked = {"do": "calibrate", "fields": {"array": "/etc/passwd", "guide_s": 5}}
         headers = {"Authorization": f"Bearer {TOKEN}"}
         async with session.post(url + "api/command", json=asked, headers=headers) as answer:
-            assert json.loads(await answer.text())["reason"].startswith("the board has not said which array it has")
+            reason = json.loads(await answer.text())["reason"]
+            assert reason.startswith("the board has not said which array it has")
 
     serve(tmp_path, act, TOKEN)
 

@@ -7,11 +7,10 @@ from pathlib import Path
 import pytest
 from access import faults
 from held_scene import HELD
-from pages import Robot, robot
+from pages import Robot, open_with_commands, robot
 from playwright.sync_api import Page, expect
 
 pytestmark = pytest.mark.system
-TOKEN = "0123456789abcdef"
 LOW = """() => [...document.querySelectorAll(".tune :is(button, input, summary)")]
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
 
@@ -28,11 +27,7 @@ def held(tmp_path: Path) -> Iterator[Robot]:
 
 def open_guide(page: Page, made: Robot) -> None:
     """Open the guide with the keyboard, with the shortest times."""
-    token = made.folder / "token"
-    token.write_text(TOKEN)
-    token.chmod(0o600)
-    page.goto(f"{made.serve('--allow-commands', '--token-file', str(token))}#token={TOKEN}")
-    expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+    open_with_commands(page, made)
     page.locator(".tune > summary").press("Enter")
     for field in (".quiet-s", ".motion-s"):
         page.locator(f".tune {field}").fill("5")

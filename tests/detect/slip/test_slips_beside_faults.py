@@ -103,13 +103,16 @@ def test_broken_channels_do_not_hide_a_slip() -> None:
     assert {0, 4}.isdisjoint(gross.taxels)
 
 
-def test_a_noisy_channel_costs_less_than_a_tenth_of_a_second() -> None:
+@pytest.mark.xfail(
+    strict=True, reason="it costs 80 ms with the trees of now, and cost none with those before"
+)
+def test_a_noisy_channel_costs_no_time() -> None:
     block = Touch(uneven=0.05, slide_s=7.0, shear=0.3, shear_takes_s=1.0, noise=1e-3, seed=8).block(ARRAY)
     volts = block.volts.copy()
     volts[:, 17] += 30e-3 * np.random.default_rng(8).normal(size=len(volts))
     whole, noisy = (slips(detect(b))[0] for b in (block, dataclasses.replace(block, volts=volts)))
     assert whole.kind == noisy.kind == "incipient"
-    assert noisy.detected_s < whole.detected_s + 0.1
+    assert noisy.detected_s <= whole.detected_s + 0.02
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.3e-3, 30e-3), (1e-3, 100e-3)])
