@@ -5,10 +5,9 @@ command that needs them, so that ``--help`` and ``listen`` start at once.
 
 `entry` holds the group and `main`; the commands are in these modules:
 
-- `live`: run, listen, command
+- `live`: run, listen, command, top
 - `recordings`: record, replay, recover, export
-- `analysis`: detect, tune
-- `viewers`: web, top
+- `analysis`: detect
 - `upkeep`: check-config, doctor, keys, setup
 - `packages`: how the verbs of other distributions are found, which are in `tactiled.commands`
 """

@@ -10,7 +10,6 @@ from tactiled.cli import (
     live,
     recordings,
     upkeep,
-    viewers,
 )  # fmt: skip
 from tactiled.cli.packages import OpenGroup
 from tactiled.errors import TactiledError
@@ -46,10 +45,9 @@ def cli() -> None:
 
 
 for verb in (
-    live.run, live.listen, live.command,
+    live.run, live.listen, live.command, live.top,
     recordings.record, recordings.replay, recordings.recover, recordings.export,
-    analysis.detect, analysis.tune,
-    viewers.web, viewers.top,
+    analysis.detect,
     upkeep.check_config, upkeep.doctor, upkeep.keys, upkeep.setup,
 ):  # fmt: skip
     cli.add_command(verb)

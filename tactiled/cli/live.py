@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_toml
+from tactiled.cli.options import CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_named, need_toml
 
 
 @click.command()
@@ -153,3 +153,24 @@ def command(
     if not reply.ok:
         click.echo(f"{name}: {reply.reason}", err=True)
     sys.exit(0 if reply.ok else 1)
+
+
+@click.command()
+@click.argument("endpoint", default="tcp://127.0.0.1:9872")
+@click.option("--array", help="Array file of a board whose array does not ship.")
+@click.option("--once", is_flag=True, help="Print one picture after a second; exit code 1 without a daemon.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each second or --once.")
+@KEYS
+def top(endpoint: str, array: str | None, once: bool, as_json: bool, keys: Path | None) -> None:
+    """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
+
+    Commands need ipc, or --keys: give the daemon's ipc endpoint.
+
+    Example: tactiled top ipc:///run/tactiled/left/events.ipc
+    """
+    need_named(array, "config/arrays")
+    from tactiled.array import load_array
+    from tactiled.top.run import run_top
+
+    loaded = None if array is None else load_array(array)
+    sys.exit(run_top(endpoint, loaded, keys, once=once, as_json=as_json))

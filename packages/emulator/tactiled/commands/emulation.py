@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from tactiled.cli.options import FILE, need_extra, need_named, need_readable, need_toml
+from tactiled.cli.packages import find
 
 
 @click.command()
@@ -23,7 +24,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
     Example: tactiled demo --out /tmp/demo.png
     """
     if page:
-        need_extra("aiohttp", "web", "the page")
+        find("web", "the page")
         from tactiled.demo.page import run_page_demo
 
         run_page_demo(port, opens=not no_browser)

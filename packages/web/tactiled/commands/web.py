@@ -1,9 +1,8 @@
-"""Commands that show a board to people: the page for browsers, and the view for terminals."""
+"""The verb that shows boards in a browser."""
 
 import json
 import os
 import secrets
-import sys
 from pathlib import Path
 
 import click
@@ -67,7 +66,7 @@ def web(
 
     Example: tactiled web --events ipc:///run/tactiled/left/events.ipc --port 8765
     """
-    need_extra("aiohttp", "web", "the page")
+    need_extra("aiohttp", "", "the page", "tactiled-web")
     need_readable(*files)
     for name in arrays:
         need_named(name, "config/arrays")
@@ -119,27 +118,6 @@ def web(
 
     guard = Guard(token, host_names)
     run_web(Listening(endpoints, host, port, array_files, keys, guard, replay, recordings), ready)
-
-
-@click.command()
-@click.argument("endpoint", default="tcp://127.0.0.1:9872")
-@click.option("--array", help="Array file of a board whose array does not ship.")
-@click.option("--once", is_flag=True, help="Print one picture after a second; exit code 1 without a daemon.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each second or --once.")
-@KEYS
-def top(endpoint: str, array: str | None, once: bool, as_json: bool, keys: Path | None) -> None:
-    """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
-
-    Commands need ipc, or --keys: give the daemon's ipc endpoint.
-
-    Example: tactiled top ipc:///run/tactiled/left/events.ipc
-    """
-    need_named(array, "config/arrays")
-    from tactiled.array import load_array
-    from tactiled.top.run import run_top
-
-    loaded = None if array is None else load_array(array)
-    sys.exit(run_top(endpoint, loaded, keys, once=once, as_json=as_json))
 
 
 def _token(file: Path | None) -> str:
