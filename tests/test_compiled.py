@@ -19,8 +19,7 @@ from touches import Touch, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.readings import TaxelReadings
-from tactiled.detect.contact.responses import Responses
+from tactiled.detect.contact.readings import Responses, TaxelReadings
 from tactiled.detect.signal import front_end, pressure
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite

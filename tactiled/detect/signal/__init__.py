@@ -1,1 +1,1 @@
-"""Shared parts of detectors: contact gate, wavelet bank, pairs of channels, quantiser, slip gate."""
+"""Shared parts of detectors: contact gate, wavelet bank, quantiser, slip gate."""

@@ -43,10 +43,10 @@ from tactiled.detect.signal.contact_gate import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import MAX_LEVEL, SwtBank, border_scans
 from tactiled.detect.wang2019.kink import KinkFit
+from tactiled.detect.wang2019.opposed_pairs import PairResponse, mean_response
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.responses import Responses, relieved_sides
+from tactiled.detect.contact.readings import Responses, relieved_sides
 from tactiled.detect.signal.fast import RelievedSides
 
 ARRAY = load_array("wang2019-3x3")

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from touches import onsets
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.responses import Responses
+from tactiled.detect.contact.readings import Responses
 from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.events.types import GripEvent

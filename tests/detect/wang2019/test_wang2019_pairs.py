@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import load_array
-from tactiled.detect.signal.opposed_pairs import PairResponse, mean_response, whole_weights
+from tactiled.detect.wang2019.opposed_pairs import PairResponse, mean_response, whole_weights
 
 ARRAY = load_array("wang2019-3x3")
 PAIRS = PairResponse(ARRAY)
