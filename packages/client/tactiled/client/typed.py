@@ -9,7 +9,8 @@ topic or field then is an error of the type checker. ::
         case SlipMessage(data=slip) if slip["valid"] and slip["state"] == "onset":
             tighten()
 
-The types state what the daemon sends (protocols/events); they are not checked when a message is received.
+The types state what the daemon sends; they are not checked when a message is received. What each field means,
+and in which unit, is in protocols/events.md.
 """
 
 from dataclasses import dataclass, field
@@ -31,70 +32,33 @@ Topic = Literal[
 ]
 
 
-class SlipData(TypedDict):
-    """Fields of `slip` messages."""
+class HeadData(TypedDict):
+    """Fields that every message has."""
 
     v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
     timestamp: float
-    """Epoch seconds of the physical instant: the same as onset where state is onset; the instant at which the
-    slip ended where state is end.
-    """
     seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
     board: str
-    """Serial number of the board; empty until it has reported one."""
     run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
+
+
+class SlipData(HeadData):
+    """Fields of `slip` messages."""
+
     state: Literal["onset", "end"]
-    """onset: a slip begins, or becomes gross; end: it has ended."""
     kind: Literal["incipient", "gross"]
-    """incipient: part of the contact slips; gross: all of it slides."""
     onset: float
-    """Estimated instant at which the slip physically began, or, for kind gross, at which all of the contact
-    began to slide; epoch seconds. An end repeats that of the newest onset.
-    """
     onset_sd_s: float
-    """Standard deviation of onset, seconds."""
     direction_deg: float
-    """Direction in which the skin moves over the surface, from +x (along columns) towards +y (along rows),
-    degrees.
-    """
     direction_sd_deg: float
-    """Standard deviation of direction_deg, degrees; 180 where the direction is not known."""
     confidence: float
-    """Probability of what is reported: that a tenth of the contact area slips (incipient), or all of it
-    (gross). With the setting wang2019, not a probability: agreement of the channels, 0 to 1.
-    """
     taxels: list[int]
-    """Indices of the taxels that take part."""
     detector: str
-    """Name of the detector that reports the slip; several may run side by side."""
     statistic: float
-    """Quantity that the detector compared with its threshold: grip, the probability (the same as confidence);
-    sliding, the logarithm of the odds or a squared ratio; wang2019, a wavelet coefficient in volts.
-    """
     threshold: float
-    """Threshold of the detector, in the same unit."""
     valid: bool
-    """False where the evidence includes readings that cannot be trusted, or where the event is suppressed: do
-    not act on it.
-    """
     detected: float
-    """Instant of the scan that completed the evidence, epoch seconds; detected - onset is the delay of the
-    detector.
-    """
     suppressed: Literal["", "inhibit", "load-change"]
-    """The announcement that explains the event and makes it not valid: inhibit (the hand itself moves) or
-    load-change (a change of load is expected). Empty otherwise; where valid is false and this is empty,
-    readings cannot be trusted.
-    """
 
 
 @dataclass(frozen=True)
@@ -105,33 +69,13 @@ class SlipMessage(Message):
     data: SlipData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class ContactData(TypedDict):
+class ContactData(HeadData):
     """Fields of `contact` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of the instant of the change."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     state: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
-    """State from this instant on."""
     previous: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
-    """State until this instant."""
     taxels: list[int]
-    """Indices of the taxels in contact."""
     valid: bool
-    """False where the evidence includes readings that cannot be trusted."""
 
 
 @dataclass(frozen=True)
@@ -142,73 +86,30 @@ class ContactMessage(Message):
     data: ContactData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class GripData(TypedDict):
+class GripData(HeadData):
     """Fields of `grip` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds at which the scan began that the message is about."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     utilisation: float
-    """Tangential load over the limit that friction sets, median of the posterior; 1 is gross slip."""
     utilisation_low: float
-    """Quantile of 5 % of utilisation."""
     utilisation_high: float
-    """Quantile of 95 % of utilisation: 1 where gross slip cannot be excluded."""
     friction: float
-    """Coefficient of friction of this contact, median of the posterior; reading of shear over reading of load
-    where unit is relative.
-    """
     friction_low: float
-    """Quantile of 5 % of friction."""
     friction_high: float
-    """Quantile of 95 % of friction."""
     slipping_share: float
-    """Part of the contact area that slips now, expectation over the posterior."""
     p_sliding: float
-    """Probability that all of the contact slides now."""
     p_gross_50ms: float
-    """Probability that gross slip goes on or begins within 50 ms; 1 while state is gross."""
     p_gross_100ms: float
-    """Probability that gross slip goes on or begins within 100 ms; 1 while state is gross."""
     p_gross_300ms: float
-    """Probability that gross slip goes on or begins within 300 ms; 1 while state is gross."""
     load: float
-    """Normal load of the array, in unit; above 0 presses."""
     shear_x: float
-    """Tangential force of the object on the skin along x, in unit."""
     shear_y: float
-    """Tangential force of the object on the skin along y, in unit."""
     torsion: float
-    """Moment of the object on the skin about the normal through the centre of the array, in unit times mm."""
     unit: Literal["N", "relative"]
-    """N where the readings are calibrated; relative: sums of readings, in which only ratios have a meaning.
-    """
     needed_load: float
-    """Load at which utilisation would be 0.7 if friction were friction_low, in unit."""
     state: Literal["none", "unknown", "sticking", "partial", "gross", "unloading"]
-    """none: the contact has ended; unknown: nobody saw the contact begin, so that it may hold or slide;
-    sticking; partial: more than a tenth of the area slips, or an incipient slip is open; gross: a gross slip
-    is open, as in the slip events; unloading: shear over load falls.
-    """
     valid: bool
-    """False where readings cannot be trusted or the message is suppressed: do not act on it."""
     late: bool
-    """True where the scan was delivered long after its instant."""
     suppressed: Literal["", "inhibit", "load-change"]
-    """The announcement that makes the message not valid: inhibit (the hand itself moves). Empty otherwise."""
 
 
 @dataclass(frozen=True)
@@ -219,76 +120,29 @@ class GripMessage(Message):
     data: GripData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class ForceData(TypedDict):
+class ForceData(HeadData):
     """Fields of `force` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds at which the scan began that the message is about."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     fx_n: float
-    """Force of the object on the skin along x, newtons. 0.0 where the calibration does not know it."""
     fy_n: float
-    """Force of the object on the skin along y, newtons. 0.0 where the calibration does not know it."""
     fz_n: float
-    """Normal force of the object on the skin, newtons; above 0 presses. 0.0 where the calibration does not
-    know it.
-    """
     fx_sd_n: float
-    """Standard deviation of fx_n, newtons; 1e9 where the calibration does not know the component."""
     fy_sd_n: float
-    """Standard deviation of fy_n, newtons; 1e9 where the calibration does not know the component."""
     fz_sd_n: float
-    """Standard deviation of fz_n, newtons; 1e9 where the calibration does not know the component."""
     tx_nmm: float
-    """Moment about the x axis of the array frame, newton millimetres: sum of y times normal force."""
     ty_nmm: float
-    """Moment about the y axis of the array frame, newton millimetres: minus the sum of x times normal force.
-    """
     tz_nmm: float
-    """Moment about the normal through the origin of the array frame, newton millimetres."""
     x_mm: float
-    """Centre of pressure along x in the array frame, mm; the centre of the array where fz_n is below three
-    standard deviations of that on a free array.
-    """
     y_mm: float
-    """Centre of pressure along y, likewise."""
     taxel_fx_n: list[float]
-    """fx of each taxel, newtons, in the order of the array."""
     taxel_fy_n: list[float]
-    """fy of each taxel, newtons, in the order of the array."""
     taxel_fz_n: list[float]
-    """fz of each taxel, newtons, in the order of the array."""
     calibration: str
-    """Name in the calibration file; nominal for published sensitivities; none where the array has no
-    calibration, and every force is then unknown.
-    """
     saturated: bool
-    """True where a channel is saturated: the force is at least what is stated."""
     beyond_range: bool
-    """True where a reading exceeds those of the calibration by more than a tenth: the force is extrapolated,
-    with a larger standard deviation.
-    """
     channels_missing: int
-    """Number of channels without a valid reading; the others of their taxel stand in for them."""
     valid: bool
-    """False where more than a quarter of the channels is missing, where the scan is late, or where there is
-    no calibration: do not act on it.
-    """
     late: bool
-    """True where the scan was delivered long after its instant."""
 
 
 @dataclass(frozen=True)
@@ -303,43 +157,16 @@ class CandidateData(TypedDict):
     """Entry of `texture` messages."""
 
     period_mm: float
-    """Spatial period of this candidate, millimetres."""
     angle_deg: float
-    """Direction of the groove normal of this candidate, degrees."""
     weight: float
-    """Relative weight of this candidate."""
     period_sd_mm: float
-    """Standard deviation of the period of this candidate where status is period-only, millimetres; else 0.0.
-    """
     period_min_mm: float
-    """Shortest period of this candidate for the permitted tilts where status is period-only, millimetres;
-    else 0.0.
-    """
     period_max_mm: float
-    """Longest period of this candidate where status is period-only, that of motion across the grooves,
-    millimetres; else 0.0.
-    """
 
 
-class TextureData(TypedDict):
+class TextureData(HeadData):
     """Fields of `texture` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of the end of the window that was used."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     status: Literal[
         "ok",
         "period-only",
@@ -354,60 +181,22 @@ class TextureData(TypedDict):
         "saturated",
         "stale",
     ]
-    """ok; period-only: frequency and period are known, the angle is not (angle_sd_deg is 180); or why there
-    is no estimate: the numbers and their standard deviations then mean nothing. no-slip: the slip was too
-    short, or the published procedure was not given the speed. too-few-periods: the window holds too few
-    periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings fit
-    the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ from
-    those of one wave by stray_rad, too much to tell the true grating from others. several-gratings: more than
-    one wave is in view, two gratings or a grating and a vibration at its frequency. machine: the strongest
-    swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds the noise.
-    saturated: too few channels can be read. stale: the newest scan of the window was handled more than
-    samples.late_after_s after it was taken, so that the estimate would be of the past, or the fit was not
-    ready at the scan at which it was due.
-    """
     answered: float
-    """Epoch seconds of the scan at which this was reported: answered - timestamp is the time that the fit was
-    given.
-    """
     period_mm: float
-    """Spatial period D of the grooves, measured across them, millimetres."""
     period_sd_mm: float
-    """Standard deviation of period_mm, millimetres."""
     angle_deg: float
-    """Direction of the groove normal, from +x towards +y, degrees: 0 is grooves parallel to y."""
     angle_sd_deg: float
-    """Standard deviation of angle_deg, degrees."""
     speed_mm_s: float
-    """Sliding speed, millimetres a second."""
     speed_sd_mm_s: float
-    """Standard deviation of speed_mm_s, millimetres a second."""
     period_min_mm: float
-    """Shortest period, where status is period-only, for the permitted tilts of the grooves
-    (texture.max_tilt_deg), less two standard deviations, millimetres; else 0.0.
-    """
     period_max_mm: float
-    """Longest period, where status is period-only: that of motion across the grooves, plus two standard
-    deviations, millimetres; else 0.0.
-    """
     speed_source: Literal["given", "estimated", "none"]
-    """given: by the controller or the configuration; estimated: from the signals; none: not known."""
     frequency_hz: float
-    """Frequency at which the grooves pass, hertz."""
     window_s: float
-    """Length of the signal that was used, seconds."""
     snr_db: float
-    """Power at that frequency over the noise, decibels."""
     stray_rad: float
-    """Root-mean-square difference of the channels' phases from those of one wave, apart from noise, radians:
-    how unlike the taxels are. 0.0 where it was not estimated.
-    """
     candidates: list[CandidateData]
-    """Gratings that the signals cannot tell apart, or, with period-only, the gratings in view, if several;
-    empty otherwise.
-    """
     estimator: str
-    """Name of the estimator that reports it."""
 
 
 @dataclass(frozen=True)
@@ -418,44 +207,15 @@ class TextureMessage(Message):
     data: TextureData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class ScanData(TypedDict):
+class ScanData(HeadData):
     """Fields of `scan` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of the instant at which the scan began; channel c was sampled info.channel_offset_s[c]
-    later.
-    """
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     index: int
-    """Number of the scan since the daemon first saw the board; missing scans are counted, so a jump is a gap.
-    """
     volts: list[float]
-    """One voltage for each channel, in wire order (info.channel_names), volts."""
     valid: list[bool]
-    """For each channel: false where the reading is saturated, dead or flagged. It may be displayed, but must
-    not be acted on.
-    """
     time_sd_s: float
-    """Standard deviation of the timestamp, seconds."""
     age_s: float
-    """Time from the instant of the scan to its handling by the daemon, seconds."""
     late: bool
-    """True for a scan that was delivered late, such as backlog after a stall: valid as a record, too old to
-    act on.
-    """
 
 
 @dataclass(frozen=True)
@@ -470,122 +230,49 @@ class SentData(TypedDict):
     """Entry of `status` messages."""
 
     slip: int
-    """Messages of slip: the next one has this seq."""
     contact: int
-    """Messages of contact: the next one has this seq."""
     texture: int
-    """Messages of texture: the next one has this seq."""
     grip: int
-    """Messages of grip: the next one has this seq."""
     scan: int
-    """Messages of scan: the next one has this seq."""
     info: int
-    """Messages of info: the next one has this seq."""
     recording: int
-    """Messages of recording: the next one has this seq."""
     command: int
-    """Messages of command: the next one has this seq."""
     force: int
-    """Messages of force: the next one has this seq."""
 
 
-class StatusData(TypedDict):
+class StatusData(HeadData):
     """Fields of `status` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of this report."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     state: Literal["no-device", "syncing", "running", "stalled", "fault"]
-    """no-device: the port cannot be opened; syncing: no bytes yet, or no valid frames yet; running: scans
-    arrive; stalled: they have stopped; fault: the board cannot be used as it is.
-    """
     valid: bool
-    """True only while fresh scans arrive: when false, nothing on the other topics may be acted on."""
     reason: str
-    """One line for people: why valid is false (the board does not run, or its scans come late); empty while
-    valid is true.
-    """
     warning: str
-    """One line for people: what should be corrected although the daemon works, such as a noisy line; empty
-    otherwise.
-    """
     age_s: float
-    """Time since the newest scan began, seconds: the age of everything on the other topics."""
     clock_sd_s: float
-    """Standard deviation of the instants given to scans, seconds; 1e9 before the first scan."""
     clock_rate_ppm: float
-    """How much longer a second of the board is than one of the host, parts in a million: positive where the
-    board's clock is slow.
-    """
     rate_hz: float
-    """Scan rate that the board has been set to, hertz."""
     scans: int
-    """Scans received since the daemon started."""
     frames_corrupt: int
-    """Damaged frames."""
     scans_missing: int
-    """Scans that the board attempted and the daemon never received."""
     scans_duplicate: int
-    """Scans received twice; the copy is dropped."""
     restarts: int
-    """How often the board booted or restarted its counters; no scans are counted as missing for that."""
     bytes_in: int
-    """Bytes received; bytes_in = bytes_framed + bytes_discarded + bytes_pending."""
     bytes_framed: int
-    """Bytes that were part of good frames."""
     bytes_discarded: int
-    """Bytes that were part of no good frame."""
     bytes_pending: int
-    """Bytes not yet decided."""
     connects: int
-    """How often the port was opened."""
     contact: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
-    """State of the contact."""
     slipping: bool
-    """True while a slip has begun and not ended."""
     uptime_s: float
-    """Time since the daemon started, seconds."""
     inhibited_s: float
-    """For how many more seconds slips are published as not valid because a client asked for it (inhibit)."""
     scans_overrun: int
-    """Those of scans_missing that the board itself missed and flagged (overrun)."""
     loop_lag_s: float
-    """Longest time since the last status for which the daemon could not react to anything, seconds."""
     fits_late: int
-    """Number of groove fits since the start that were not ready at the scan at which they were due; the
-    texture is then stale.
-    """
     loss_known: bool
-    """False where the frames of the board have no sequence number: lost scans are then not counted in
-    scans_missing.
-    """
     damage_known: bool
-    """False where the frames of the board have no checksum: a damaged reading may then pass as a good one."""
     path: Literal["compiled", "python"]
-    """Path of a scan through the daemon: compiled, or plain Python where it was installed without a C
-    compiler; the results are the same, plain Python takes more processor time.
-    """
     hidden_below: float
-    """Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without shear,
-    15 % of the largest load of late. 0 where no load hides another.
-    """
     sent: SentData
-    """Number of messages of each topic published in this run: a subscriber that has received fewer has lost
-    some.
-    """
 
 
 @dataclass(frozen=True)
@@ -596,53 +283,23 @@ class StatusMessage(Message):
     data: StatusData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class InfoData(TypedDict):
+class InfoData(HeadData):
     """Fields of `info` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of this report."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     board_serial: str
-    """Serial number that the board reports."""
     firmware_version: str
-    """Firmware version that the board reports."""
     protocol: str
-    """Name of the frame layout."""
     protocol_version: int
-    """Version of the protocol."""
     array_id: str
-    """Name of the array."""
     channels: int
-    """Number of channels."""
     taxels: int
-    """Number of taxels."""
     x_mm: list[float]
-    """x position of each taxel (along the columns), millimetres."""
     y_mm: list[float]
-    """y position of each taxel (along the rows), millimetres."""
     channel_names: list[str]
-    """Name of each channel, in the order of scan.volts."""
     rate_hz: float
-    """Scan rate, hertz."""
     volts_per_count: float
-    """Voltage of one count of the board's ADC, volts."""
     channel_offset_s: list[float]
-    """How long after the scan began each channel is sampled, seconds."""
     tactiled_version: str
-    """Version of the daemon."""
 
 
 @dataclass(frozen=True)
@@ -653,45 +310,17 @@ class InfoMessage(Message):
     data: InfoData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class RecordingData(TypedDict):
+class RecordingData(HeadData):
     """Fields of `recording` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of this report."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     state: Literal["off", "recording", "no-room", "failed"]
-    """recording; off; no-room: the disk has less free space than record.min_free_mb, and recording continues
-    when there is more; failed: writing failed, and is tried again every 10 s.
-    """
     reason: str
-    """Why nothing is recorded; empty while recording."""
     file: str
-    """Name of the part that is being written, as it will be when finished; empty where there is none."""
     parts: int
-    """Number of parts begun so far."""
     bytes_written: int
-    """Size of all parts together, bytes."""
     free_mb: float
-    """Free space on the disk when last checked, 10^6 bytes."""
     reads_dropped: int
-    """Reads of the port that are in no file because the disk was too slow or too full, or because writing
-    failed.
-    """
     reads_waiting: int
-    """Items in the queue that wait for the disk."""
 
 
 @dataclass(frozen=True)
@@ -702,45 +331,18 @@ class RecordingMessage(Message):
     data: RecordingData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
 
 
-class CommandData(TypedDict):
+class CommandData(HeadData):
     """Fields of `command` messages."""
 
-    v: int
-    """Version of this message. Within a version fields are added, never changed or removed; ignore fields
-    that you do not know.
-    """
-    timestamp: float
-    """Epoch seconds of the instant at which the command was carried out or refused."""
-    seq: int
-    """Counts the messages of this topic in this run of the daemon; a jump tells how many messages were lost,
-    and which ones to request.
-    """
-    board: str
-    """Serial number of the board; empty until it has reported one."""
-    run: int
-    """Identifies this run of the daemon: a different number means that the daemon was restarted and seq began
-    again. 0 in files.
-    """
     request_id: str
-    """The id that the client gave its request."""
     command: str
-    """Name of the command: tare, speed, friction, object-changed, motion, inhibit, expect-load-change,
-    thresholds, rate, record, mark.
-    """
     arguments: str
-    """The other fields of the request, as a JSON object."""
     who: str
-    """Name that the client gave itself; it is not verified."""
     key: str
-    """Name of the key that the client proved to hold; empty on endpoints without keys."""
     uid: int
-    """User id of the client, as reported by the kernel; -1 where the transport does not tell it (TCP)."""
     ok: bool
-    """True where the command was carried out."""
     reason: str
-    """Why the command was refused; empty where ok."""
     scan_index: int
-    """First scan (scan.index) to which the command applies."""
 
 
 @dataclass(frozen=True)
