@@ -30,7 +30,7 @@ class World:
     def __init__(self, history_mb: float = 4.0, topics: tuple[str, ...] = ("slip", "contact")) -> None:
         self.now_s = 100.0
         self.history_mb = history_mb
-        self.inbox = Inbox(topics, None, 1e9, self.now_s, catch_up=True)
+        self.inbox = Inbox(topics, None, 1e9, self.now_s, can_ask=True)
         self.items: list[Item] = []
         self.deaf = False
         """Whether requests go nowhere."""
@@ -203,7 +203,7 @@ def test_catching_up_gives_up_on_a_daemon_that_does_not_answer() -> None:
 def test_nothing_waits_before_the_daemon_has_answered_once() -> None:
     world = World.__new__(World)
     world.history_mb, world.now_s, world.items, world.deaf = 4.0, 100.0, [], True
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
     world.start()
     world.slips(True, False, True)
     assert world.story() == [0, "lost 1", 2]
@@ -233,7 +233,7 @@ def test_a_late_subscriber_gets_the_newest_message_of_each_topic_and_no_loss() -
     for _ in range(5):
         world.publish(SLIP, heard=False)
     world.publish(CONTACT, heard=False)
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
     world.items = world.inbox.tick(world.now_s)
     world.exchange()
     world.publish(SLIP, heard=True)
@@ -245,7 +245,7 @@ def test_a_late_subscriber_gets_the_newest_message_of_each_topic_and_no_loss() -
 def test_a_retained_message_is_never_delivered_after_a_newer_one() -> None:
     world = World()
     world.publish(SLIP, heard=False)
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=True)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
     world.items = world.inbox.tick(world.now_s)
     world.publish(SLIP, heard=True)  # overtakes the reply
     world.exchange()
@@ -256,7 +256,7 @@ def test_a_retained_message_is_never_delivered_after_a_newer_one() -> None:
 def test_a_reply_that_overtakes_waiting_messages_hides_none_of_them(topic: str) -> None:
     world = World()
     world.start()
-    world.inbox = Inbox((topic,), None, 1e9, world.now_s, catch_up=True)
+    world.inbox = Inbox((topic,), None, 1e9, world.now_s, can_ask=True)
     world.items = world.inbox.tick(world.now_s)
     receive, waiting = world.inbox.receive, []
     world.inbox.receive = lambda *args: waiting.append(args) or []  # type: ignore[method-assign, func-returns-value]
@@ -397,7 +397,7 @@ def test_a_hostile_daemon_never_raises(replies: list[Any]) -> None:
 @pytest.mark.parametrize("catch_up", [False, True])
 def test_many_gaps_use_bounded_memory(catch_up: bool) -> None:
     world = World()
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, catch_up=catch_up)
+    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=catch_up)
     world.inbox.tick(world.now_s)
     world.exchange()
     world.deaf = True

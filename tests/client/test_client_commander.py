@@ -14,10 +14,9 @@ import pytest
 import zmq
 from patience import PATIENCE_S
 
-from tactiled.client import AsyncCommander, Commander
+from tactiled.client import AsyncCommander, Commander, Stale, Subscription
 from tactiled.client import __main__ as program
 from tactiled.client.commander import Reply, fields_of
-from tactiled.client.transports import open_transport
 from tactiled.errors import ConfigError, OperatorError
 
 Answer = Callable[[dict[str, Any], int], list[Any]]
@@ -263,43 +262,22 @@ def test_a_word_without_a_field_is_refused(word: str) -> None:
         fields_of("speed", [word])
 
 
-@pytest.mark.parametrize("control", ["", None])
-def test_a_connection_asks_at_the_endpoint_for_requests_unless_it_is_empty(
-    control: str | None, tmp_path: Path
-) -> None:
-    """`open_transport`: an empty endpoint for requests means that nothing is asked."""
-    asked: Answer = lambda request, _: [done(request)]  # noqa: E731
-    with daemon(tmp_path, asked) as (endpoint, requests):
-        events = endpoint.replace("control", "events")
-        transport = open_transport(zmq.Context, events, control, ("slip",), None, None)
-        try:
-            if control == "":
-                assert not transport.send(msgpack.packb({"id": "1", "do": "state"}))
-                assert transport.take_reply() is None
-                return
-            sock = transport.pollables[1]
-            assert isinstance(sock, zmq.Socket)
-            assert sock.poll(round(1000 * PATIENCE_S), zmq.POLLOUT)
-            assert transport.send(msgpack.packb({"id": "1", "do": "state"}))
-            assert sock.poll(round(1000 * PATIENCE_S))
-            assert msgpack.unpackb(transport.take_reply() or b"")["id"] == "1"
-            assert transport.receive() == []
-        finally:
-            transport.close()
+def test_requests_go_to_the_endpoint_beside_that_of_events(tmp_path: Path) -> None:
+    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, requests):
+        with Subscription(control.replace("control", "events"), ("slip",), stale_after_s=1e9) as subscription:
+            while not requests:
+                assert subscription.next_item(time.monotonic() + 0.05) is None
+        assert requests[0]["do"] == "state"
+        with Subscription(control.replace("control", "events"), control="") as silent:
+            assert isinstance(silent.next_item(), Stale)
     assert len(requests) == 1
-
-
-def test_while_the_daemon_is_away_no_request_leaves(tmp_path: Path) -> None:
-    transport = open_transport(zmq.Context, f"ipc://{tmp_path}/events.ipc", None, (), None, None)
-    assert not transport.send(b"x")
-    transport.close()
 
 
 def test_zenoh_subscribes_to_one_host_and_finds_requests_by_itself() -> None:
     with pytest.raises(ConfigError, match="a subscription is for one host"):
-        open_transport(zmq.Context, "zenoh://127.0.0.1:1/*", None, ("slip",), None, None)
+        Subscription("zenoh://127.0.0.1:1/*", ("slip",))
     with pytest.raises(OperatorError, match="leave it out"):
-        open_transport(zmq.Context, "zenoh://127.0.0.1:1/h", "tcp://127.0.0.1:2", (), None, None)
+        Subscription("zenoh://127.0.0.1:1/h", control="tcp://127.0.0.1:2")
 
 
 def test_options_of_the_module_reach_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:

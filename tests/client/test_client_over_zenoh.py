@@ -10,11 +10,10 @@ import pytest
 from patience import PATIENCE_S
 
 from tactiled.client import Lost, Message, Recovered
+from tactiled.client.catchup import PATIENT_HOLD_S
 from tactiled.client.inbox import Inbox
-from tactiled.client.over_zenoh import WakeUp, ZenohAddress, parse_address, zenoh_chunk
+from tactiled.client.over_zenoh import ZenohAddress, parse_address, zenoh_chunk
 from tactiled.errors import ConfigError
-
-HOLD_S = 2.0
 
 
 @pytest.mark.parametrize(
@@ -59,23 +58,12 @@ def test_boards_have_names_that_zenoh_takes() -> None:
     assert zenoh_chunk("a*b$c?d#e@f") == "a-b-c-d-e-f"
 
 
-def test_what_came_before_the_wait_wakes_up_once() -> None:
-    wakeup = WakeUp()
-    wakeup.set()
-    wakeup.set()
-    wakeup.clear()
-    wakeup.clear()
-    wakeup.close()
-    wakeup.set()
-
-
 class Subscriber:
     """Inbox of a patient connection, at a time of its own."""
 
     def __init__(self, *topics: str) -> None:
         self.now_s = 100.0
-        self.inbox = Inbox(topics, None, 0.5, self.now_s, catch_up=True)
-        self.inbox.catch_up.is_patient, self.inbox.catch_up.hold_s = True, HOLD_S
+        self.inbox = Inbox(topics, None, 0.5, self.now_s, can_ask=True, is_patient=True)
 
     def receive(
         self, topic: str, seq: int, thinned: frozenset[str] = frozenset(), **fields: Any
@@ -110,12 +98,12 @@ def test_requests_are_repeated_while_nothing_is_received_and_given_up_otherwise(
     subscriber.receive("slip", 2)
     subscriber.requests()
     for _ in range(5):  # the line is cut
-        subscriber.now_s += HOLD_S
+        subscriber.now_s += PATIENT_HOLD_S
         assert not [item for item in subscriber.inbox.tick(subscriber.now_s) if isinstance(item, Lost)]
         assert len(subscriber.requests()) == 1
     repeated, lost = 0, list[Any]()
     for seq in range(40):  # the line carries again, and nobody answers
-        subscriber.now_s += 0.1 * HOLD_S
+        subscriber.now_s += 0.1 * PATIENT_HOLD_S
         items = subscriber.receive("status", seq, valid=True, sent={})
         repeated += len(subscriber.requests())
         lost += [(item.count, seq) for item in items if isinstance(item, Lost)]

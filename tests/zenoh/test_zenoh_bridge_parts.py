@@ -49,8 +49,7 @@ def session(monkeypatch: pytest.MonkeyPatch) -> FakeSession:
     def publish(_session: object, key: str, *_: object) -> Any:
         return lambda payload, attachment: made.put.append((key, payload, attachment))
 
-    monkeypatch.setattr(module, "_plain", publish)
-    monkeypatch.setattr(module, "_advanced", publish)
+    monkeypatch.setattr(module, "_publisher", publish)
     return made
 
 
@@ -143,19 +142,9 @@ def test_a_router_that_comes_later_is_found(
     monkeypatch.setattr(module, "_RETRY_S", 0.2)
     monkeypatch.setattr(zenoh, "open", open_)
     config: Any = None
-    assert wait_for_session(config, lambda: False) == "session"  # type: ignore[comparison-overlap]
+    assert wait_for_session(config) == "session"  # type: ignore[comparison-overlap]
     assert all(later - earlier >= 0.2 for earlier, later in itertools.pairwise(tried))
     assert len(caplog.messages) == 1  # one line for one reason
-
-
-def test_a_program_that_ends_waits_for_no_router(monkeypatch: pytest.MonkeyPatch) -> None:
-    def open_(_: object) -> None:
-        raise zenoh.ZError("nobody there")
-
-    monkeypatch.setattr(zenoh, "open", open_)
-    asked = iter([False, True, True, True])
-    config: Any = None
-    assert wait_for_session(config, lambda: next(asked)) is None
 
 
 @pytest.mark.parametrize(("node", "name"), [("robot7.lab.example", "robot7"), ("", "host")])

@@ -1,6 +1,5 @@
 """Configurations of a fleet: who connects where, with which certificate, and what each may do."""
 
-import base64
 import json
 import subprocess
 from pathlib import Path
@@ -60,21 +59,6 @@ def test_each_pair_of_routers_has_one_connection(folder: Path) -> None:
         assert found["scouting"] == {"multicast": {"enabled": False}}
         assert found["listen"]["endpoints"] == ["tls/[::]:7447"]
         assert found["access_control"] == access_control(MEMBERS)
-
-
-@pytest.mark.parametrize(("name", "ways"), [("hall", ("listen", "connect")), ("dash", ("connect",))])
-def test_both_sides_of_a_connection_prove_who_they_are(
-    folder: Path, name: str, ways: tuple[str, ...]
-) -> None:
-    tls = config(folder, name)["transport"]["link"]["tls"]
-    assert tls["enable_mtls"] is True
-    expected = {"root_ca_certificate_base64": "ca.pem"}
-    for way in ways:
-        expected[f"{way}_private_key_base64"] = f"{name}-key.pem"
-        expected[f"{way}_certificate_base64"] = f"{name}.pem"
-    assert tls.keys() == expected.keys() | {"enable_mtls"}
-    for key, file in expected.items():
-        assert base64.b64decode(tls[key]) == (folder / file).read_bytes()
 
 
 def test_certificates_are_of_this_authority_for_825_days(folder: Path) -> None:
@@ -151,17 +135,6 @@ def test_only_commanders_send_commands_and_no_reader_publishes(member: str, *, m
     sends = [(messages, keys) for messages, flows, keys in found.values() if "ingress" in flows]
     assert not any(messages & {"put", "delete", "reply", "declare_queryable"} for messages, _ in sends)
     assert any("tactile/*/command" in keys for _, keys in sends) is may_command
-
-
-def test_routers_pass_everything_on() -> None:
-    assert rules_of("lab").keys() == {"all"}
-    assert rules_of("lab")["all"][1] == {"ingress", "egress"}
-    assert rules_of("stranger") == {}
-
-
-def test_kinds_without_members_have_no_rules() -> None:
-    control = access_control(FleetMembers({"hall": "h"}))
-    assert [subject["id"] for subject in control["subjects"]] == ["routers"]
 
 
 @pytest.mark.parametrize(

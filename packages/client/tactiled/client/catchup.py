@@ -22,7 +22,10 @@ from tactiled.client.parse import is_count, message_of
 # Longest delay of a message behind a hole, over ZeroMQ: more than a reconnection to the daemon takes (0.1 s),
 # and little enough for a controller.
 HOLD_S = 0.5
-_REPEATS = 2  # of a patient connection: answers to a hundred boards may take longer than `hold_s`
+# The same of a patient connection: after a line was cut, routers may need a second until requests find their
+# way again, while messages flow already.
+PATIENT_HOLD_S = 2.0
+_REPEATS = 2  # of a patient connection: answers to a hundred boards may take longer than `PATIENT_HOLD_S`
 PROBE_S = 1.0  # period of asking a daemon that does not answer
 _MOST_HELD = 4000  # messages of one topic: 40 s of scans, far more than arrive within `HOLD_S`
 _MOST_TOPICS = 1024  # bounds the memory that a publisher of invalid topics can occupy
@@ -33,17 +36,13 @@ class _Line:
     """State of one topic of one board."""
 
     next_seq: int
-    end_seq: int = 0
-    """End of the sequence numbers that are known to have been sent."""
-    hole_end: int = 0
-    """End of the hole that was requested; 0 for none."""
-    asked: str = ""
+    end_seq: int = 0  # of the sequence numbers that are known to have been sent
+    hole_end: int = 0  # of the hole that was requested; 0 for none
+    asked: str = ""  # id of that request
     until_s: float = math.inf
-    n_repeated: int = 0
-    """How often the request was repeated although messages are received."""
+    n_repeated: int = 0  # times that the request was repeated although messages are received
     held: deque[Message] = field(default_factory=deque)
-    given: bool = False
-    """True after any message of the topic was handed on."""
+    given: bool = False  # any message of the topic was handed on
 
 
 class CatchUp:
@@ -51,22 +50,18 @@ class CatchUp:
 
     Parameters
     ----------
-    enabled : bool
+    can_ask : bool
         There is a daemon to send requests to.
-
-    Attributes
-    ----------
-    hold_s : float
-        Longest delay of a message behind a hole, seconds.
     is_patient : bool
-        Request holes also before the daemon has answered anything, and request again what was not answered in
-        a time in which nothing was received, instead of counting it as lost: data are stale then anyway.
-        While messages are received, repeat a request twice.
+        For connections on which topics overtake each other and requests find no way for a time. Request holes
+        also before the daemon has answered anything, and request again what was not answered in a time in
+        which nothing was received, instead of counting it as lost: data are stale then anyway. While messages
+        are received, repeat a request twice.
     """
 
-    def __init__(self, enabled: bool, now_s: float) -> None:
-        self.hold_s = HOLD_S
-        self.is_patient = False
+    def __init__(self, can_ask: bool, now_s: float, *, is_patient: bool = False) -> None:
+        self.is_patient = is_patient
+        self._hold_s = PATIENT_HOLD_S if is_patient else HOLD_S
         self.lost = 0
         self.recovered = 0
         self._lines: dict[Key, _Line] = {}
@@ -77,7 +72,7 @@ class CatchUp:
         self._name = secrets.token_hex(4)  # a relay of several clients tells them apart by their ids
         self._number = 0
         self._answered = False
-        self._probe_s = now_s if enabled else math.inf
+        self._probe_s = now_s if can_ask else math.inf
         self._known: set[str] = set()  # boards of which a status was read
         self._retained: dict[Key, Message] = {}  # handed on after the next message or status
 
@@ -105,9 +100,10 @@ class CatchUp:
         for key, line in self._lines.items():
             if now_s < line.until_s:
                 continue
-            if self.is_patient and (silent_s >= self.hold_s or line.n_repeated < _REPEATS):
-                line.n_repeated = 0 if silent_s >= self.hold_s else line.n_repeated + 1
-                self._ask_again(key, line, now_s)
+            if self.is_patient and (silent_s >= self._hold_s or line.n_repeated < _REPEATS):
+                end_seq, n_repeated = line.hole_end, 0 if silent_s >= self._hold_s else line.n_repeated + 1
+                self._forget(line)  # under another id: the answer to the first may still come
+                self._ask_for(key, line, end_seq, now_s, n_repeated)
             else:
                 items += self._give_up(key, line)
                 self._answered, self._probe_s = False, now_s + PROBE_S
@@ -273,18 +269,11 @@ class CatchUp:
         line.given = True
         return [Recovered(message)]
 
-    def _ask_for(self, key: Key, line: _Line, end_seq: int, now_s: float) -> None:
+    def _ask_for(self, key: Key, line: _Line, end_seq: int, now_s: float, n_repeated: int = 0) -> None:
         board, topic = key
-        line.hole_end, line.until_s = end_seq, now_s + self.hold_s
+        line.hole_end, line.until_s, line.n_repeated = end_seq, now_s + self._hold_s, n_repeated
         line.asked = self._ask("events", board=board, topic=topic, first_seq=line.next_seq, end_seq=end_seq)
         self._asking[line.asked] = key
-
-    def _ask_again(self, key: Key, line: _Line, now_s: float) -> None:
-        """Repeat the request for a hole, under another id: the answer to the first may still come."""
-        end_seq, n_repeated = line.hole_end, line.n_repeated
-        self._forget(line)
-        line.n_repeated = n_repeated
-        self._ask_for(key, line, end_seq, now_s)
 
     def _ask(self, do: str, **arguments: Any) -> str:
         self._number += 1
@@ -297,4 +286,3 @@ class CatchUp:
         self._asking.pop(line.asked, None)
         self._unsent.pop(line.asked, None)
         line.asked, line.hole_end, line.until_s = "", 0, math.inf
-        line.n_repeated = 0

@@ -17,9 +17,10 @@ import msgpack
 import zmq
 import zmq.asyncio
 
-from tactiled.client import connect, nearby
+from tactiled.client import nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
+from tactiled.client.transports import connect_requests
 from tactiled.errors import DataError, OperatorError
 from tactiled.events.endpoints import ZENOH_SCHEME, control_endpoint
 from tactiled.outside import json_of
@@ -115,7 +116,7 @@ class _Connected:
         self._context = zmq.Context()
         self._socket: zmq.Socket[bytes] = self._context.socket(zmq.DEALER)
         try:
-            connect.ask(self._socket, self._endpoint, None if keys is None else Path(keys))
+            connect_requests(self._socket, self._endpoint, None if keys is None else Path(keys))
         except BaseException:
             self.close()
             raise

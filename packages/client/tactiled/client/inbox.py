@@ -28,16 +28,14 @@ class Inbox:
 
     Parameters
     ----------
-    topics : sequence of str
-        Topics to hand on; empty for all. Statuses are always evaluated, whether handed on or not.
-    board : str, optional
-        Hand on messages of this board only.
-    stale_after_s : float
-        Silence, or age of the newest status, that counts as stale.
+    topics, board, stale_after_s
+        As for `Client`. Statuses are always evaluated, whether handed on or not.
     now_s : float
         Monotonic clock at the start.
-    catch_up : bool
-        Request missed messages: `catch_up` has the requests, `answer` takes the replies.
+    can_ask : bool
+        There is a daemon to ask for missed messages: `catch_up` has the requests, `answer` takes the replies.
+    is_patient : bool
+        As for `CatchUp`.
     """
 
     def __init__(
@@ -46,13 +44,15 @@ class Inbox:
         board: str | None,
         stale_after_s: float,
         now_s: float,
-        catch_up: bool = False,
+        can_ask: bool = False,
+        *,
+        is_patient: bool = False,
     ) -> None:
         self._topics = frozenset(topics)
         self._board = board
         self._stale_after_s = stale_after_s
         self.malformed = 0
-        self.catch_up = CatchUp(catch_up, now_s)
+        self.catch_up = CatchUp(can_ask, now_s, is_patient=is_patient)
         self._status_s = now_s
         self._received_s = now_s
         self._sent_before: dict[str, tuple[int, dict[str, int]]] = {}
@@ -80,16 +80,9 @@ class Inbox:
         unix_s: float,
         thinned: AbstractSet[str] = frozenset(),
     ) -> list[Item]:
-        """Return the items from a received message; never raises, whatever it contains.
+        """Return the items from topic and payload of a message; never raises, whatever it contains.
 
-        Parameters
-        ----------
-        parts : sequence of bytes
-            Topic and payload.
-        now_s, unix_s : float
-            Both clocks.
-        thinned : set of str
-            Topics of which not every message is sent on this connection: their holes are no losses.
+        Not every message of the topics `thinned` is sent on this connection: their holes are no losses.
         """
         items = self.tick(now_s)  # after a pause, stale comes before the messages that waited
         message = self._parse(parts, now_s, unix_s)

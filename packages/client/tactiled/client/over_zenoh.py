@@ -25,6 +25,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgpack
 
+from tactiled.client.catchup import PATIENT_HOLD_S
 from tactiled.errors import ConfigError, OperatorError, UnavailableError, install_command
 from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import ZENOH_SCHEME
@@ -38,12 +39,11 @@ except ModuleNotFoundError:
     raise OperatorError(f"zenoh:// endpoints need zenoh: {command}") from None
 
 DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
-# Behind a hole, a message may wait for this: after a link was cut, routers may need a second until requests
-# find their way again, while messages flow already.
-HOLD_S = 2.0
 _RECEIVE_HIGH_WATER = 2000  # messages, as over ZeroMQ; further ones are dropped, and recovered later
 _QUERY_TIMEOUT_S = 5.0
-_AGAIN_S = 0.1  # interval of repeating a request that reached no host: right after a cut, routes are missing
+# A request that reached no host is repeated while it may be of use: right after a cut, routes are missing.
+_AGAIN_S = 0.1
+_TRIES = round(PATIENT_HOLD_S / _AGAIN_S)
 _RETRY_S = 0.5  # period of looking for a router
 _CLOSE_S = 2.0  # a host that drops packets keeps a connection attempt waiting for longer; it ends by itself
 _EXIT_S = 10.0  # for the same at the end of a program that did not close its client
@@ -52,21 +52,11 @@ _LONGEST_CHUNK = 128
 
 @dataclass(frozen=True)
 class ZenohAddress:
-    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST?config=FILE``.
+    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST?config=FILE``."""
 
-    Attributes
-    ----------
-    router : str
-        Locator of the router, such as ``tcp/router:7447``; empty: the file of the configuration has it.
-    host : str
-        Name under which `tactiled zenoh` publishes; ``*`` for all hosts.
-    config : Path, optional
-        Configuration of zenoh (JSON5).
-    """
-
-    router: str
-    host: str
-    config: Path | None
+    router: str  # locator, such as ``tcp/router:7447``; empty: the file of the configuration has it
+    host: str  # name under which `tactiled zenoh` publishes; ``*`` for all hosts
+    config: Path | None  # configuration of zenoh (JSON5)
 
     @property
     def control(self) -> str:
@@ -82,11 +72,8 @@ class ZenohAddress:
 def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
     """Parse an endpoint.
 
-    Parameters
-    ----------
-    keys : Path, optional
-        Configuration of zenoh with the certificates of this client; the endpoint may name it instead. With
-        it, the router is reached over TLS.
+    `keys` is a configuration of zenoh with the certificates of this client; the endpoint may name it instead.
+    With it, the router is reached over TLS.
 
     Raises
     ------
@@ -120,8 +107,24 @@ def is_chunk(name: str) -> bool:
     return 0 < len(name) <= _LONGEST_CHUNK and name.isprintable() and not set(name) & set("/*$?# @")
 
 
+def quiet_config(file: Path | None) -> "zenoh.Config":
+    """Read a configuration of zenoh; where it does not say otherwise, a client that looks for nobody.
+
+    Raises
+    ------
+    zenoh.ZError
+        The file cannot be read.
+    """
+    config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
+    for key, value in (("mode", '"client"'), ("scouting/multicast/enabled", "false")):
+        if config.get_json(key) == "null":
+            config.insert_json5(key, value)
+    config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
+    return config
+
+
 def session_config(address: ZenohAddress) -> "zenoh.Config":
-    """Make the configuration of a session in the mode `client`, which listens nowhere and looks for nobody.
+    """Make the configuration of a session in the mode `client`, which listens nowhere.
 
     Raises
     ------
@@ -129,11 +132,8 @@ def session_config(address: ZenohAddress) -> "zenoh.Config":
         The file cannot be read.
     """
     try:
-        config = zenoh.Config() if address.config is None else zenoh.Config.from_file(address.config)
+        config = quiet_config(address.config)
         config.insert_json5("mode", '"client"')
-        if config.get_json("scouting/multicast/enabled") == "null":
-            config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
         if address.router:
             config.insert_json5("connect/endpoints", json.dumps([address.router]))
     except zenoh.ZError as error:
@@ -170,46 +170,36 @@ class ZenohTransport:
 
     A router that does not answer yet is tried again in a thread, as ZeroMQ does with a daemon.
 
-    Parameters
-    ----------
-    endpoint, topics, board, keys
-        As for `Client`.
-    can_ask : bool
-        Requests are sent.
-
     Raises
     ------
     ConfigError
         As for `parse_address` and `session_config`.
     """
 
-    is_patient = True
-    hold_s = HOLD_S
-
     def __init__(
         self, endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None, *, can_ask: bool
     ) -> None:
-        address = parse_address(endpoint, keys)
-        if address.host == "*":
+        self._address = parse_address(endpoint, keys)
+        if self._address.host == "*":
             raise ConfigError("endpoint", [f"{endpoint!r}: a subscription is for one host: name it"])
+        session_config(self._address)  # faults of the file are the caller's
         self.thinned: frozenset[str] = frozenset()
         self._can_ask = can_ask
+        self._keys = _keys(self._address.host, topics, board)
         self._arrived: deque[tuple[str, bytes, bytes]] = deque()
         self._replies: deque[bytes] = deque()
         self._wakeup = WakeUp()
         self.pollables = [self._wakeup.fileno()]
-        self._address = address
-        self._keys = _keys(address.host, topics, board)
-        self._queries: Queries | None = None
+        self._session: zenoh.Session | None = None
         self._closed = threading.Event()
-        session_config(address)  # faults of the file are the caller's
+        self._unreached: queue.SimpleQueue[tuple[float, bytes, int] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._connect, name="tactiled-zenoh-session", daemon=True)
         self._thread.start()
         # A thread that is within zenoh when the interpreter ends would abort the process.
         atexit.register(self._stop, _EXIT_S)
 
     def _connect(self) -> None:
-        """Open the session as soon as a router answers, and subscribe; closed in this thread, too."""
+        """Open the session as soon as a router answers, and serve it; closed in this thread, too."""
         fault = ""
         while not self._closed.is_set():
             try:
@@ -219,18 +209,21 @@ class ZenohTransport:
                     logger.warning("%s; tried again every %g s", fault, _RETRY_S)
                 self._closed.wait(_RETRY_S)
                 continue
-            self._serve(session)
+            with session:
+                self._serve(session)
 
     def _serve(self, session: "zenoh.Session") -> None:
-        """Subscribe and take requests until closed."""
+        """Subscribe, and repeat the requests that reached no host until closed."""
         # Called in zenoh's thread of the connection: threads of their own would change the order of topics.
         came = zenoh.handlers.Callback(self._came, indirect=False)
-        with session:
-            for key in self._keys:
-                session.declare_subscriber(key, came)
-            self._queries = Queries(session, self._address.control, self._answered)
-            self._closed.wait()
-            self._queries.close()
+        for key in self._keys:
+            session.declare_subscriber(key, came)
+        self._session = session
+        while (entry := self._unreached.get()) is not None:
+            due_s, payload, tries = entry
+            if self._closed.wait(max(0.0, due_s - time.monotonic())):
+                return
+            self._ask(session, payload, tries)
 
     def receive(self) -> list[bytes]:
         """Return topic and payload of a message that has arrived; empty for none."""
@@ -251,9 +244,9 @@ class ZenohTransport:
 
     def send(self, payload: bytes) -> bool:
         """Send a request, again and again while it reaches no host; False while no router answers."""
-        if self._queries is None or not self._can_ask:
+        if self._session is None or not self._can_ask:
             return False
-        self._queries.ask(payload)
+        self._ask(self._session, payload, _TRIES)
         return True
 
     def close(self) -> None:
@@ -264,7 +257,15 @@ class ZenohTransport:
 
     def _stop(self, wait_s: float) -> None:
         self._closed.set()
+        self._unreached.put(None)
         self._thread.join(wait_s)
+
+    def _ask(self, session: "zenoh.Session", payload: bytes, tries: int) -> None:
+        def repeat() -> None:
+            if tries > 0:
+                self._unreached.put((time.monotonic() + _AGAIN_S, payload, tries - 1))
+
+        ask(session, self._address.control, payload, self._answered, repeat)
 
     def _came(self, sample: "zenoh.Sample") -> None:
         if len(self._arrived) < _RECEIVE_HIGH_WATER:
@@ -278,59 +279,30 @@ class ZenohTransport:
         self._wakeup.set()
 
 
-class Queries:
-    """Requests to one key, each repeated until it reaches a host or its time is over.
+def ask(
+    session: "zenoh.Session",
+    key: str,
+    payload: bytes,
+    answered: Callable[[bytes], None],
+    unreached: Callable[[], None],
+) -> None:
+    """Send a request; zenoh's threads call `answered` with each reply, or `unreached` where there is none."""
+    replied: list[bool] = []
 
-    Parameters
-    ----------
-    answered : callable
-        Takes each reply, in a thread of zenoh.
-    """
+    def take(reply: "zenoh.Reply") -> None:
+        if (sample := reply.ok) is not None:
+            replied.append(True)
+            answered(sample.payload.to_bytes())
 
-    def __init__(self, session: "zenoh.Session", key: str, answered: Callable[[bytes], None]) -> None:
-        self._session = session
-        self._key = key
-        self._answered = answered
-        self._closed = threading.Event()
-        self._again: queue.SimpleQueue[tuple[float, int, bytes] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._repeat, name="tactiled-zenoh-requests", daemon=True)
-        self._thread.start()
-
-    def ask(self, payload: bytes, tries: int = round(HOLD_S / _AGAIN_S)) -> None:
-        """Send a request; without a host that takes it, send it again `tries` times."""
-        replies: list[bytes] = []
-
-        def take(reply: "zenoh.Reply") -> None:
-            if (sample := reply.ok) is not None:
-                replies.append(b"")
-                self._answered(sample.payload.to_bytes())
-
-        def end() -> None:
-            if not replies and tries > 0:
-                self._again.put((time.monotonic() + _AGAIN_S, tries - 1, payload))
-
-        with suppress(zenoh.ZError):  # the session has closed
-            self._session.get(
-                self._key,
-                zenoh.handlers.Callback(take, end),
-                payload=payload,
-                consolidation=zenoh.ConsolidationMode.NONE,
-                priority=zenoh.Priority.INTERACTIVE_HIGH,
-                timeout=_QUERY_TIMEOUT_S,
-            )
-
-    def close(self) -> None:
-        """Stop repeating."""
-        self._closed.set()
-        self._again.put(None)
-        self._thread.join()
-
-    def _repeat(self) -> None:
-        while (entry := self._again.get()) is not None:
-            due_s, tries, payload = entry
-            if self._closed.wait(max(0.0, due_s - time.monotonic())):
-                return
-            self.ask(payload, tries)
+    with suppress(zenoh.ZError):  # the session has closed
+        session.get(
+            key,
+            zenoh.handlers.Callback(take, lambda: None if replied else unreached()),
+            payload=payload,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            priority=zenoh.Priority.INTERACTIVE_HIGH,
+            timeout=_QUERY_TIMEOUT_S,
+        )
 
 
 class WakeUp:
@@ -340,8 +312,6 @@ class WakeUp:
         self._reader, self._writer = socket.socketpair()
         self._reader.setblocking(False)
         self._writer.setblocking(False)
-        self._lock = threading.Lock()
-        self._is_set = False
 
     def fileno(self) -> int:
         """Return the descriptor."""
@@ -349,25 +319,19 @@ class WakeUp:
 
     def set(self) -> None:
         """Make it readable; from any thread."""
-        with self._lock:
-            if not self._is_set:
-                self._is_set = True
-                with suppress(OSError):  # closed meanwhile
-                    self._writer.send(b"\0")
+        with suppress(OSError):  # full, so that it is readable, or closed meanwhile
+            self._writer.send(b"\0")
 
     def clear(self) -> None:
         """Make it not readable, before looking at what was set."""
-        with self._lock:
-            if self._is_set:
-                self._is_set = False
-                self._reader.recv(16)
+        with suppress(BlockingIOError):
+            while self._reader.recv(4096):
+                pass
 
     def close(self) -> None:
         """Close it."""
-        with self._lock:
-            self._is_set = True
-            self._reader.close()
-            self._writer.close()
+        self._reader.close()
+        self._writer.close()
 
 
 class Caller:
@@ -375,13 +339,13 @@ class Caller:
 
     def __init__(self, endpoint: str, keys: Path | None) -> None:
         address = parse_address(endpoint, keys)
+        self._key = address.command
         self._replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._session = open_session(address)
-        self._queries = Queries(self._session, address.command, self._replies.put)
 
     def send(self, payload: bytes) -> None:
         """Send a request."""
-        self._queries.ask(payload, tries=0)  # the commander repeats it
+        ask(self._session, self._key, payload, self._replies.put, lambda: None)  # the commander repeats it
 
     def receive(self, timeout_s: float) -> bytes | None:
         """Wait for a reply; None after `timeout_s`."""
@@ -392,28 +356,17 @@ class Caller:
 
     def close(self) -> None:
         """Close the session."""
-        self._queries.close()
         self._session.close()
 
 
 def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict[str, Any] | None]:
-    """Return the newest messages of each host, by one request to all of them; None for one that is silent.
+    """Return the replies of all hosts to ``state`` (protocols/control.md); None for a host that is silent.
 
-    Parameters
-    ----------
-    endpoint : str
-        ``zenoh://ROUTER:7447/*``, or with one host.
-    timeout_s : float
-        Time to wait for the slowest host.
-
-    Returns
-    -------
-    dict
-        Replies to ``state`` (protocols/control.md) by host. Tokens of bridge and boards make a host known.
+    The endpoint is ``zenoh://ROUTER:7447/*``, or has one host. `timeout_s` is for the slowest host. Tokens of
+    bridge and boards make a host known.
     """
     address = parse_address(endpoint, keys)
-    session = open_session(address)
-    try:
+    with open_session(address) as session:
         found: dict[str, dict[str, Any] | None] = {}
         for reply in session.liveliness().get(f"tactile/{address.host}/*", timeout=timeout_s):
             if (sample := reply.ok) is not None:
@@ -430,8 +383,6 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
                 with suppress(ValueError, msgpack.exceptions.UnpackException):
                     found[str(sample.key_expr).split("/")[1]] = msgpack.unpackb(sample.payload.to_bytes())
         return found
-    finally:
-        session.close()
 
 
 def spread(endpoints: Sequence[str], keys: Path | None, timeout_s: float) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from tactiled.client.items import Item, Message
 from tactiled.client.transports import Transport, open_transport
 from tactiled.client.typed import Topic
 from tactiled.errors import DataError
-from tactiled.events.endpoints import DEFAULT_ENDPOINT, control_endpoint
+from tactiled.events.endpoints import DEFAULT_ENDPOINT, ZENOH_SCHEME, control_endpoint
 
 STALE_AFTER_S = 0.5  # five periods of the status
 _INFO_S = 5.0  # a daemon publishes the description of a board once a second
@@ -37,15 +37,16 @@ class _SubscriptionBase:
         control: str | None = None,
         keys: Path | str | None = None,
     ) -> None:
-        self._endpoint = endpoint
-        self._topics = tuple(topics)
-        self._board = board
-        self._control = control
-        self._keys = None if keys is None else Path(keys)
-        can_ask = bool(control_endpoint(endpoint) if control is None else control)
+        control = control_endpoint(endpoint) if control is None else control
+        self._address = endpoint, control, tuple(topics), board, None if keys is None else Path(keys)
+        is_patient = endpoint.startswith(ZENOH_SCHEME)
         now_s = time.monotonic()
-        self._inbox = Inbox(topics, board, stale_after_s, now_s, catch_up=can_ask)
+        self._inbox = Inbox(topics, board, stale_after_s, now_s, bool(control), is_patient=is_patient)
         self._items: deque[Item] = deque()
+        self._start()
+
+    def _start(self) -> None:
+        """Connect at once, where the kind of subscription does that."""
 
     @property
     def fresh(self) -> bool:
@@ -67,12 +68,10 @@ class _SubscriptionBase:
         """Number of malformed messages so far."""
         return self._inbox.malformed
 
-    def _open(self, make_context: type[zmq.Context[Any]]) -> None:
-        self._transport = open_transport(
-            make_context, self._endpoint, self._control, self._topics, self._board, self._keys
-        )
-        self._inbox.catch_up.hold_s = self._transport.hold_s
-        self._inbox.catch_up.is_patient = self._transport.is_patient
+    def _open(self, make_context: type[zmq.Context[Any]], poller: zmq.Poller) -> None:
+        self._transport = open_transport(make_context, *self._address)
+        for pollable in self._transport.pollables:
+            poller.register(pollable, zmq.POLLIN)
 
     def _read(self) -> None:
         """Read the replies and at most one message, then act on passed deadlines."""
@@ -81,18 +80,14 @@ class _SubscriptionBase:
         if parts := self._transport.receive():
             self._items += self._inbox.receive(parts, time.monotonic(), time.time(), self._transport.thinned)
         self._items += self._inbox.tick(time.monotonic())
-        self._ask()
-
-    def _ask(self) -> None:
-        """Send pending requests while the transport accepts them."""
         for request in self._inbox.catch_up.unsent:
             if not self._transport.send(msgpack.packb(request)):
                 return
             self._inbox.catch_up.sent(request)
 
-    def _wait_ms(self, until_s: float | None = None) -> int:
+    def _wait_ms(self, until_s: float = math.inf) -> int:
         """Time to wait for a message before the next deadline, milliseconds; -1 without a deadline."""
-        due_s = min(self._inbox.deadline_s, math.inf if until_s is None else until_s)
+        due_s = min(self._inbox.deadline_s, until_s)
         wait_ms = -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
         if self._inbox.catch_up.unsent and not 0 <= wait_ms < _RETRY_MS:
             return _RETRY_MS
@@ -128,10 +123,8 @@ class Client(_SubscriptionBase):
     """
 
     async def __aenter__(self) -> Self:
-        self._open(zmq.asyncio.Context)
         self._poller = zmq.asyncio.Poller()
-        for pollable in self._transport.pollables:
-            self._poller.register(pollable, zmq.POLLIN)
+        self._open(zmq.asyncio.Context, self._poller)
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -154,27 +147,17 @@ class Subscription(_SubscriptionBase):
     `next_item` can wait for a limited time, for a control loop without threads.
     """
 
-    def __init__(
-        self,
-        endpoint: str = DEFAULT_ENDPOINT,
-        topics: Sequence[Topic] = (),
-        board: str | None = None,
-        stale_after_s: float = STALE_AFTER_S,
-        control: str | None = None,
-        keys: Path | str | None = None,
-    ) -> None:
-        super().__init__(endpoint, topics, board, stale_after_s, control, keys)
-        self._open(zmq.Context)
+    def _start(self) -> None:
         self._poller = zmq.Poller()
-        for pollable in self._transport.pollables:
-            self._poller.register(pollable, zmq.POLLIN)
+        self._open(zmq.Context, self._poller)
 
     def next_item(self, until_s: float | None = None) -> Item | None:
         """Return the next item, or None when there is none before `until_s` (``time.monotonic()``)."""
+        end_s = math.inf if until_s is None else until_s
         while not self._items:
-            self._poller.poll(self._wait_ms(until_s))
+            self._poller.poll(self._wait_ms(end_s))
             self._read()
-            if until_s is not None and not self._items and time.monotonic() >= until_s:
+            if not self._items and time.monotonic() >= end_s:
                 return None
         return self._items.popleft()
 

@@ -1,19 +1,26 @@
-"""Transports of a subscription: what arrives, what is asked, and what to wait for.
+"""Transports of a subscription, and the ZeroMQ sockets of clients, with keys where the daemon requires them.
 
 `ZmqTransport` is the connection to a daemon over ZeroMQ; `tactiled.client.over_zenoh` has that over zenoh.
 Both carry the same payloads, so that an `Inbox` cannot tell them apart.
 """
 
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
 import zmq
 
-from tactiled.client import connect
-from tactiled.client.catchup import HOLD_S
-from tactiled.errors import OperatorError
-from tactiled.events.endpoints import ZENOH_SCHEME, control_endpoint
+from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.events.codec import topic_of
+from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, ZENOH_SCHEME
+from tactiled.outside import read_secret
+
+_RECEIVE_HIGH_WATER = 2000  # as the publisher's: a pause of some 18 s loses nothing
+# The largest message has some 40 kB (4096 channels); libzmq disconnects from larger ones.
+_LARGEST_BYTES = 1 << 20
+_REQUEST_HIGH_WATER = 64
+_RECONNECT_MS = 30  # requests wait for the connection to a daemon that restarts; libzmq's default is 100
 
 
 class Transport(Protocol):
@@ -21,10 +28,6 @@ class Transport(Protocol):
 
     thinned: frozenset[str]
     """Topics of which the newest received message says that not every message is sent."""
-    is_patient: bool
-    """True where topics overtake each other, and requests are repeated while nothing is received."""
-    hold_s: float
-    """Longest delay of a message behind a hole, seconds."""
 
     @property
     def pollables(self) -> Sequence[Any]:
@@ -43,22 +46,34 @@ class Transport(Protocol):
         """Close the connection."""
 
 
-class ZmqTransport:
-    """SUB socket for events, and DEALER for requests.
+def open_transport(
+    make_context: type[zmq.Context[Any]],
+    endpoint: str,
+    control: str,
+    topics: Sequence[str],
+    board: str | None,
+    keys: Path | None,
+) -> Transport:
+    """Connect to a daemon; parameters and errors as for `Client`.
 
-    Parameters
-    ----------
-    context : zmq.Context
-        Of the sockets; terminated by `close`.
-    control : str
-        Endpoint for requests; empty: none are sent.
-    topics, board, keys
-        As for `Client`.
+    An empty `control` means that no requests are sent. `make_context` is the kind of ZeroMQ's context, for
+    asyncio or not.
     """
+    if not endpoint.startswith(ZENOH_SCHEME):
+        return ZmqTransport(make_context(), endpoint, control, topics, board, keys)
+    if control not in ("", endpoint):
+        raise OperatorError(
+            "control: requests over zenoh go to the host that the endpoint names: leave it out"
+        )
+    from tactiled.client.over_zenoh import ZenohTransport  # zenoh is an extra
+
+    return ZenohTransport(endpoint, topics, board, keys, can_ask=bool(control))
+
+
+class ZmqTransport:
+    """SUB socket for events, and DEALER for requests; `close` terminates their context."""
 
     thinned: frozenset[str] = frozenset()
-    is_patient = False
-    hold_s = HOLD_S
 
     def __init__(
         self,
@@ -74,9 +89,9 @@ class ZmqTransport:
         if control:
             self.pollables.append(context.socket(zmq.DEALER))
         try:
-            connect.subscribe(self.pollables[0], endpoint, topics, board, keys)
+            connect_events(self.pollables[0], endpoint, topics, board, keys)
             if control:
-                connect.ask(self.pollables[1], control, keys)
+                connect_requests(self.pollables[1], control, keys)
         except BaseException:
             self.close()
             raise
@@ -96,13 +111,7 @@ class ZmqTransport:
 
     def send(self, payload: bytes) -> bool:
         """Send a request; False while the daemon is not connected."""
-        if self._control is None:
-            return False
-        try:
-            self._control.send(payload, zmq.NOBLOCK)
-        except zmq.Again:
-            return False
-        return True
+        return self._control is not None and send_now(self._control, payload)
 
     def close(self) -> None:
         """Close the sockets."""
@@ -111,37 +120,28 @@ class ZmqTransport:
         self._context.term()
 
 
-def open_transport(
-    make_context: type[zmq.Context[Any]],
-    endpoint: str,
-    control: str | None,
-    topics: Sequence[str],
-    board: str | None,
-    keys: Path | None,
-) -> Transport:
-    """Connect to a daemon; parameters and errors as for `Client`.
-
-    Parameters
-    ----------
-    make_context : type
-        Kind of ZeroMQ's context, for asyncio or not.
-    """
-    if endpoint.startswith(ZENOH_SCHEME):
-        return _over_zenoh(endpoint, control, topics, board, keys)
-    requests = control_endpoint(endpoint) if control is None else control
-    return ZmqTransport(make_context(), endpoint, requests, topics, board, keys)
+def connect_events(
+    sock: zmq.Socket[Any], endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None
+) -> None:
+    """Set up a SUB socket and connect it; parameters and errors as for `Client`."""
+    sock.setsockopt(zmq.RCVHWM, _RECEIVE_HIGH_WATER)
+    if board is None:
+        prefixes = ["tactile/"]  # the topic comes after the board, so the inbox filters by it
+    else:
+        wanted = {*topics, "status"} if topics else {""}
+        prefixes = [topic_of(board, topic) for topic in sorted(wanted)] + [topic_of("", "status")]
+    for prefix in prefixes:
+        sock.setsockopt(zmq.SUBSCRIBE, prefix.encode())
+    _connect(sock, endpoint, keys)
 
 
-def _over_zenoh(
-    endpoint: str, control: str | None, topics: Sequence[str], board: str | None, keys: Path | None
-) -> Transport:
-    if control:
-        raise OperatorError(
-            "control: requests over zenoh go to the host that the endpoint names: leave it out"
-        )
-    from tactiled.client.over_zenoh import ZenohTransport  # zenoh is an extra
-
-    return ZenohTransport(endpoint, topics, board, keys, can_ask=control is None)
+def connect_requests(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
+    """Set up a DEALER socket and connect it; it accepts requests only while it is connected."""
+    sock.setsockopt(zmq.SNDHWM, _REQUEST_HIGH_WATER)
+    sock.setsockopt(zmq.RCVHWM, _REQUEST_HIGH_WATER)
+    sock.setsockopt(zmq.IMMEDIATE, 1)
+    sock.setsockopt(zmq.RECONNECT_IVL, _RECONNECT_MS)
+    _connect(sock, endpoint, keys)
 
 
 def take(sock: zmq.Socket[bytes]) -> list[bytes]:
@@ -150,3 +150,45 @@ def take(sock: zmq.Socket[bytes]) -> list[bytes]:
         return sock.recv_multipart(zmq.NOBLOCK)
     except zmq.Again:
         return []
+
+
+def send_now(sock: zmq.Socket[bytes], payload: bytes) -> bool:
+    """Send a request; False while the daemon is not connected."""
+    try:
+        sock.send(payload, zmq.NOBLOCK)
+    except zmq.Again:
+        return False
+    return True
+
+
+def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
+    sock.setsockopt(zmq.MAXMSGSIZE, _LARGEST_BYTES)
+    sock.setsockopt(zmq.IPV6, 1)
+    sock.setsockopt(zmq.LINGER, 0)
+    for name, value in DEAD_PEER_OPTIONS.items():
+        sock.setsockopt(getattr(zmq, name), value)
+    if keys is not None:
+        public, secret, daemon = _read_keys(keys)
+        sock.setsockopt(zmq.CURVE_PUBLICKEY, public)
+        sock.setsockopt(zmq.CURVE_SECRETKEY, secret)
+        sock.setsockopt(zmq.CURVE_SERVERKEY, daemon)
+    try:
+        sock.connect(endpoint)
+    except zmq.ZMQError as error:
+        fault = f"{endpoint!r}: {error.strerror}; it should look like {DEFAULT_ENDPOINT}"
+        raise ConfigError("endpoint", [fault]) from None
+
+
+def _read_keys(path: Path) -> list[bytes]:
+    """Keys in a file of `tactiled keys make`: public and secret of the client, public of the daemon."""
+    try:
+        document = tomllib.loads(read_secret(path))
+        names = ("public_key", "secret_key", "daemon_key")
+        keys = [str(document[name]).encode("ascii") for name in names]
+    except OSError as error:
+        raise ConfigError(str(path), [f"cannot be read: {error.strerror}"]) from None
+    except (DataError, ValueError, KeyError, RecursionError) as error:  # no TOML, no ASCII, a key is missing
+        raise ConfigError(str(path), [f"is no file of `tactiled keys make`: {error}"]) from None
+    if any(len(key) != 40 for key in keys):
+        raise ConfigError(str(path), ["a key has 40 characters"])
+    return keys

@@ -6,6 +6,7 @@ import signal
 import sys
 import time
 from contextlib import ExitStack, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,21 +88,15 @@ def bridge(
         from tactiled.ros2.zenoh_node import add_timestamps
 
         add_timestamps(checked)
-    ended: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ended.append(1))
-    session = wait_for_session(checked, lambda: bool(ended))
-    if session is None:
-        return
-    with session:
+        signal.signal(number, lambda *_: sys.exit(0))
+    with wait_for_session(checked) as session:
         if ros2:
             _publish_to_ros2(session, endpoint, domain, namespace.strip("/"), keys)
             return
         running = ZenohBridge(ZenohBridgeParams(endpoint, name, rate_hz, allow_commands, keys), session)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: running.stop())
-        if ended:
-            running.stop()
         click.echo(json.dumps({"what": "bridge", "keys": f"tactile/{name}/**", "events": endpoint}))
         sys.stdout.flush()
         try:
@@ -162,7 +157,7 @@ def fleet(
     """
     need_extra("zenoh", "zenoh", "the list", "tactiled-client")
     from tactiled.errors import UnavailableError
-    from tactiled.zenoh.fleet import FleetList, draw_table
+    from tactiled.zenoh.fleet import FleetList, FleetMetrics, draw_table
 
     boards, metrics = FleetList(endpoint, keys, expected), None
     if once and port is not None:
@@ -170,8 +165,6 @@ def fleet(
     with ExitStack() as stack:
         stack.enter_context(suppress(KeyboardInterrupt))
         if port is not None:
-            from tactiled.zenoh.fleet_metrics import FleetMetrics
-
             metrics = FleetMetrics()
             port = stack.enter_context(metrics.serving(port))
             click.echo(f"fleet: http://127.0.0.1:{port}/metrics", err=True)
@@ -188,7 +181,7 @@ def fleet(
                 continue
             if as_json:
                 for row in rows:
-                    click.echo(json.dumps(row.as_map()))
+                    click.echo(json.dumps(asdict(row)))
             else:
                 draw_table(rows, clear=not once and sys.stdout.isatty())
             if metrics is not None:

@@ -12,14 +12,15 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import zenoh
 import zmq
 
-from tactiled.client import connect
 from tactiled.client.over_zenoh import WakeUp, words_of, zenoh_chunk
-from tactiled.client.transports import take
+from tactiled.client.transports import connect_events, connect_requests, send_now, take
 from tactiled.errors import UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.zenoh.relay import Relay
@@ -55,28 +56,20 @@ class ZenohBridgeParams:
     keys: Path | None = None  # key file for the daemon, where its endpoint needs one
 
 
-def wait_for_session(config: "zenoh.Config", is_ended: Callable[[], bool]) -> "zenoh.Session | None":
-    """Open a session as soon as a router answers; None when the program is to end before that."""
+def wait_for_session(config: "zenoh.Config") -> "zenoh.Session":
+    """Open a session as soon as a router answers."""
     fault = ""
-    while not is_ended():
+    while True:
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             if fault != (fault := words_of(error)):
                 logger.warning("no router of zenoh answers, tried again every %g s: %s", _RETRY_S, fault)
-        until_s = time.monotonic() + _RETRY_S
-        while time.monotonic() < until_s and not is_ended():
-            time.sleep(0.05)
-    return None
+        time.sleep(_RETRY_S)
 
 
 class ZenohBridge:
-    """Forward messages and requests until stopped.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        Closed by its owner.
+    """Forward messages and requests until stopped; the session is closed by its owner.
 
     Raises
     ------
@@ -103,9 +96,9 @@ class ZenohBridge:
         self._context = zmq.Context()
         self._events = self._context.socket(zmq.SUB)
         self._control = self._context.socket(zmq.DEALER)
-        connect.subscribe(self._events, params.endpoint, (), None, params.keys)
-        connect.ask(self._control, control_endpoint(params.endpoint), params.keys)
-        self._relay = Relay(self._ask, allow_commands=params.allow_commands)
+        connect_events(self._events, params.endpoint, (), None, params.keys)
+        connect_requests(self._control, control_endpoint(params.endpoint), params.keys)
+        self._relay = Relay(partial(send_now, self._control), allow_commands=params.allow_commands)
         self._command_key = f"tactile/{params.host}/command"
         self._queryables = [
             session.declare_queryable(key, self._asked)
@@ -166,20 +159,14 @@ class ZenohBridge:
 
     def _new(self, topic: bytes) -> Put | None:
         """Declare the publisher of a topic; None for one that is not forwarded."""
+        self._puts[topic] = None
         parts = topic.decode(errors="replace").split("/")
-        if len(parts) != 3 or not all(parts):
-            self._puts[topic] = None
-            return None
-        _, board, name = parts
-        key = f"tactile/{self._params.host}/{zenoh_chunk(board)}/{zenoh_chunk(name)}"
-        if name in self._thinned and not self._params.scan_rate_hz:
-            put: Put | None = None
-        elif name in _RARE:
-            put = _advanced(self._session, key)
-        else:
-            put = _plain(self._session, key, _LAST if name in PER_SCAN else _FIRST)
-        self._puts[topic] = put
-        return put
+        if len(parts) == 3 and all(parts):
+            _, board, name = parts
+            if name not in self._thinned or self._params.scan_rate_hz:
+                key = f"tactile/{self._params.host}/{zenoh_chunk(board)}/{zenoh_chunk(name)}"
+                self._puts[topic] = _publisher(self._session, key, name)
+        return self._puts[topic]
 
     def _asked(self, query: "zenoh.Query") -> None:
         """Take a request, in a thread of zenoh."""
@@ -202,13 +189,6 @@ class ZenohBridge:
 
         payload = b"" if query.payload is None else query.payload.to_bytes()
         self._relay.request(payload, respond, now_s, may_command=may_command)
-
-    def _ask(self, payload: bytes) -> bool:
-        try:
-            self._control.send(payload, zmq.NOBLOCK)
-        except zmq.Again:
-            return False
-        return True
 
 
 class _LivelyBoards:
@@ -255,28 +235,26 @@ def host_name() -> str:
     return zenoh_chunk(os.uname().nodename.split(".")[0]) or "host"
 
 
-def _plain(session: "zenoh.Session", key: str, priority: "zenoh.Priority") -> Put:
-    publisher = session.declare_publisher(
-        key,
-        encoding="application/msgpack",
-        priority=priority,
-        congestion_control=zenoh.CongestionControl.DROP,
-        express=priority is _FIRST,
-    )
-    return lambda payload, attachment: publisher.put(payload, attachment=attachment)
-
-
-def _advanced(session: "zenoh.Session", key: str) -> Put:
-    """Publisher that zenoh's advanced subscribers ask for what they missed; for others it is a plain one."""
-    publisher = zenoh.ext.declare_advanced_publisher(
-        session,
-        key,
-        encoding="application/msgpack",
-        priority=_FIRST,
-        congestion_control=zenoh.CongestionControl.DROP,
-        express=True,
-        cache=zenoh.ext.CacheConfig(_CACHED),
-        sample_miss_detection=zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S),
-        publisher_detection=True,
-    )
+def _publisher(session: "zenoh.Session", key: str, topic: str) -> Put:
+    """Declare a publisher; zenoh's advanced subscribers can ask that of a rare topic for what they missed."""
+    options: dict[str, Any] = {
+        "encoding": "application/msgpack",
+        "priority": _LAST if topic in PER_SCAN else _FIRST,
+        "congestion_control": zenoh.CongestionControl.DROP,
+        "express": topic not in PER_SCAN,
+    }
+    publisher: Any
+    if topic in _RARE:
+        publisher = zenoh.ext.declare_advanced_publisher(
+            session,
+            key,
+            cache=zenoh.ext.CacheConfig(_CACHED),
+            sample_miss_detection=zenoh.ext.MissDetectionConfig(
+                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
+            ),
+            publisher_detection=True,
+            **options,
+        )
+    else:
+        publisher = session.declare_publisher(key, **options)
     return lambda payload, attachment: publisher.put(payload, attachment=attachment)

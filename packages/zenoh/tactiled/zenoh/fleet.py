@@ -1,17 +1,22 @@
-"""List of the boards of a zenoh network, from one request to all hosts."""
+"""List of the boards of a zenoh network from one request to all hosts: rows, table, metrics page."""
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from prometheus_client import CollectorRegistry, start_http_server
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from tactiled.client.over_zenoh import states
+from tactiled.errors import UnavailableError
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
@@ -22,7 +27,9 @@ _UNKNOWN = "-"
 _MOST_ROWS = 100
 _MOST_WRAPPED = 20
 _MOST_CHARACTERS = 200  # of one text of a host
+_NUMBERS = ("age (ms)", "utilisation", "loss (ppm)", "disk (GB)")  # columns of the table
 _MOST_STATES = 8  # states that a daemon of ours sends
+_METRICS_HOST = "127.0.0.1"  # as the pages of daemons
 _UNNAMED = "-"  # stands in topics for a board that has not said its name yet
 
 
@@ -45,22 +52,11 @@ class FleetRow:
     free_mb: float = -1.0  # free disk space for recordings; -1 where none is made
     reason: str = ""  # why it is not valid, or the warning
 
-    def as_map(self) -> dict[str, Any]:
-        """Return a plain map for JSON."""
-        return asdict(self)
-
 
 class FleetList:
-    """Boards of a network, those that have gone included.
+    """Boards of a network (``zenoh://ROUTER:7447/*``), those that have gone included.
 
-    Parameters
-    ----------
-    endpoint : str
-        ``zenoh://ROUTER:7447/*``
-    keys : Path, optional
-        Configuration of zenoh with our certificate.
-    expected : sequence of str
-        Hosts, or HOST/BOARD, that get a row even where they were never on the network.
+    Hosts, or HOST/BOARD, that are `expected` get a row even where they were never on the network.
     """
 
     def __init__(self, endpoint: str, keys: Path | None = None, expected: Sequence[str] = ()) -> None:
@@ -153,21 +149,17 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
     What is not fresh comes first then.
     """
     shown = rows if len(rows) <= _MOST_ROWS else sorted(rows, key=lambda row: row.valid)[:_MOST_ROWS]
-    table = Table(box=None, pad_edge=False)
-    for name in ("host", "board", "state"):
-        table.add_column(name, no_wrap=True)
-    for name in ("age (ms)", "utilisation", "loss (ppm)"):
-        table.add_column(name, justify="right", no_wrap=True)
-    for name in ("firmware", "disk (GB)", "words"):
-        table.add_column(
-            name, justify="right" if name.startswith("disk") else "left", no_wrap=name != "words"
-        )
     is_long = len(shown) > _MOST_WRAPPED
+    table = Table(box=None, pad_edge=False)
+    for name in ("host", "board", "state", "age (ms)", "utilisation", "loss (ppm)", "firmware", "disk (GB)"):
+        table.add_column(name, no_wrap=True, justify="right" if name in _NUMBERS else "left")
+    table.add_column("words")
     for row in shown:
         style = "" if row.valid else "dim" if row.state == "gone" else "bold"
-        *cells, words = (_printable(cell) for cell in _cells(row))
-        last = Text.from_markup(words)
-        last.no_wrap, last.overflow = is_long, "ellipsis" if is_long else "fold"
+        *cells, words = map(_printable, _cells(row))
+        # Of a column that does not wrap, rich would cut the others, too.
+        last = Text.from_markup(words, overflow="ellipsis" if is_long else "fold")
+        last.no_wrap = is_long
         table.add_row(*cells, last, style=style)
     console = Console()
     if clear:
@@ -205,3 +197,71 @@ def _cells(row: FleetRow) -> list[str]:
 def _printable(text: str) -> str:
     """Return text without control characters and without rich's markup, which a board could carry."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text).replace("[", r"\[")
+
+
+class FleetMetrics(Collector):
+    """Metrics of the newest list, for Prometheus on the host of the list.
+
+    Metrics pages of daemons listen on loopback. What they say of freshness comes here over zenoh, with its
+    certificates. Metrics that the daemons' pages have, too, have the same names.
+    """
+
+    def __init__(self) -> None:
+        self.rows: Sequence[FleetRow] = ()
+
+    def lose(self) -> None:
+        """Tell that the network cannot be asked: no board is known to be fresh."""
+        self.rows = [FleetRow(row.host, row.board, "silent") for row in self.rows]
+
+    @contextmanager
+    def serving(self, port: int) -> Iterator[int]:
+        """Serve ``http://127.0.0.1:PORT/metrics`` in a thread until the end of the block; yield the port.
+
+        Raises
+        ------
+        UnavailableError
+            The port is in use.
+        """
+        registry = CollectorRegistry()
+        registry.register(self)
+        try:
+            server, thread = start_http_server(port, _METRICS_HOST, registry)
+        except OSError as error:
+            raise UnavailableError(
+                f"--serve: {_METRICS_HOST}:{port} cannot be had: {error.strerror}"
+            ) from None
+        try:
+            yield int(server.server_address[1])
+        finally:
+            server.shutdown()
+            server.server_close()
+            thread.join()
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        """Yield the metrics; a number that is not known is left out."""
+
+        def gauge(name: str, words: str, *more: str) -> GaugeMetricFamily:
+            return GaugeMetricFamily(f"tactiled_{name}", words, labels=("host", "board", *more))
+
+        state = gauge("state", "1 for the present state.", "state")
+        firmware = gauge("firmware", "1 for its version.", "version")
+        valid = gauge("valid", "1 while the tactile data are fresh, else 0.")
+        age = gauge("scan_age_seconds", "Age of the newest scan.")
+        used = gauge("utilisation", "Part of the friction limit in use.")
+        loss = gauge("missing_ratio", "Part of the scans that are missing.")
+        free = gauge("disk_free_bytes", "Free space for recordings.")
+        for row in self.rows:
+            board = (row.host, row.board)
+            state.add_metric((*board, row.state), 1.0)
+            valid.add_metric(board, float(row.valid))
+            if row.firmware:
+                firmware.add_metric((*board, row.firmware), 1.0)
+            for family, value, scale in (
+                (age, row.age_s, 1.0),
+                (used, row.utilisation, 1.0),
+                (loss, row.loss_ppm, 1e-6),
+                (free, row.free_mb, 1e6),
+            ):
+                if value >= 0:
+                    family.add_metric(board, scale * value)
+        yield from (state, firmware, valid, age, used, loss, free)

@@ -7,7 +7,7 @@ one connection to the daemon, which would otherwise be their session.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import msgpack
 
@@ -21,16 +21,14 @@ _PATIENCE_S = 5.0  # the slowest reply, to a rate that the board does not accept
 _LONGEST_WHO = 64
 _LONGEST_BYTES = 16 * 1024 - 256  # the daemon cuts the connection of all for one byte more than 16 kB
 _NO_COMMANDS = "this bridge takes no commands: its owner may start it with --allow-commands"
+_NO_SESSION = "session: commands through zenoh need one (protocols/control.md)"
 
 Respond = Callable[[bytes], None]
 """Takes the reply; an empty one ends the request without any."""
 
 
-class Ask(Protocol):
-    """Sending of a request to the daemon."""
-
-    def __call__(self, payload: bytes, /) -> bool:
-        """Send it; False where the daemon is not connected."""
+Ask = Callable[[bytes], bool]
+"""Sends a request to the daemon; False where it is not connected."""
 
 
 @dataclass
@@ -41,15 +39,7 @@ class _Waiting:
 
 
 class Relay:
-    """Match requests and replies.
-
-    Parameters
-    ----------
-    ask : callable
-        Sends a request to the daemon.
-    allow_commands : bool
-        Pass commands on; else they are refused here.
-    """
+    """Match requests, sent with `ask`, and replies; without `allow_commands` refuse commands here."""
 
     def __init__(self, ask: Ask, *, allow_commands: bool) -> None:
         self._ask = ask
@@ -57,13 +47,7 @@ class Relay:
         self._waiting: dict[str, _Waiting] = {}
 
     def request(self, payload: bytes, respond: Respond, now_s: float, *, may_command: bool) -> None:
-        """Take a request; never raises, whatever it contains.
-
-        Parameters
-        ----------
-        may_command : bool
-            It came over the key of commands.
-        """
+        """Take a request; never raises, whatever it contains. `may_command`: it came over that key."""
         self._expire(now_s)
         if len(payload) > _LONGEST_BYTES:
             self._refuse({}, f"longer than {_LONGEST_BYTES} bytes", respond)
@@ -77,30 +61,28 @@ class Relay:
             self._refuse({}, "id or do is missing, or no text", respond)
             return
         if do not in _QUESTIONS:
-            if not self._allow_commands:
-                self._refuse(request, _NO_COMMANDS, respond)
-                return
-            if not may_command:
-                self._refuse(request, "commands go to the key tactile/HOST/command", respond)
-                return
-            if not request.get("session"):
-                self._refuse(
-                    request, "session: commands through zenoh need one (protocols/control.md)", respond
-                )
+            if reason := self._fault_of_command(request, may_command=may_command):
+                self._refuse(request, reason, respond)
                 return
             request["who"] = f"{str(request.get('who', ''))[: _LONGEST_WHO - 6]} zenoh".strip()
             payload = msgpack.packb(request)
         waiting = self._waiting.get(id_)
         if waiting is not None and waiting.request != request:
             self._refuse(request, "id: another request with it waits for its reply", respond)
-        elif self._is_full(waiting):
+        elif self._is_full(waiting) or not self._ask(payload):
             respond(b"")  # the client repeats it
-        elif self._ask(payload):
+        else:
             waiting = waiting or self._waiting.setdefault(id_, _Waiting([], 0.0, request))
             waiting.respond.append(respond)
             waiting.until_s = now_s + _PATIENCE_S
-        else:
-            respond(b"")  # the client repeats it
+
+    def _fault_of_command(self, request: dict[str, Any], *, may_command: bool) -> str:
+        """Return why a command is refused; empty where it is not."""
+        if not self._allow_commands:
+            return _NO_COMMANDS
+        if not may_command:
+            return "commands go to the key tactile/HOST/command"
+        return "" if request.get("session") else _NO_SESSION
 
     def reply(self, payload: bytes) -> None:
         """Take a reply of the daemon."""

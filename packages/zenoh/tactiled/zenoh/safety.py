@@ -4,7 +4,6 @@ zenoh's defaults listen on all interfaces without encryption and connect to whoe
 what is not said in the file is off; what is said must be loopback, or TLS with certificates of both sides.
 """
 
-import contextlib
 import ipaddress
 import json
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import Any
 
 import zenoh
 
-from tactiled.client.over_zenoh import DEFAULT_ROUTER, words_of
+from tactiled.client.over_zenoh import DEFAULT_ROUTER, quiet_config, words_of
 from tactiled.errors import ConfigError
 from tactiled.outside import read_text
 
@@ -23,16 +22,10 @@ _OF_THIS_HOST = ("unixsock-stream", "unixpipe", "vsock")
 
 
 def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: bool) -> "zenoh.Config":
-    """Make the configuration of a bridge.
+    """Make the configuration of a bridge from one of zenoh (JSON5).
 
-    Parameters
-    ----------
-    file : Path, optional
-        Configuration of zenoh (JSON5).
-    connect : tuple of str
-        Locators of routers; they replace those of the file.
-    is_insecure : bool
-        Accept what other hosts can reach without certificates.
+    The locators `connect` replace those of the file; `is_insecure` accepts what other hosts can reach without
+    certificates.
 
     Raises
     ------
@@ -41,19 +34,12 @@ def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: b
     """
     source = str(file or "zenoh")
     if file is not None:
-        with contextlib.suppress(OSError):  # zenoh says which
+        with suppress(OSError):  # zenoh says which
             read_text(file)  # zenoh itself reads a device without end
     try:
-        config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
-        if _value(config, "mode") is None:
-            config.insert_json5("mode", '"client"')
-        if _value(config, "scouting/multicast/enabled") is None:
-            config.insert_json5("scouting/multicast/enabled", "false")
-        config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
-        if connect:
-            config.insert_json5("connect/endpoints", json.dumps(connect))
-        elif file is None:
-            config.insert_json5("connect/endpoints", json.dumps([DEFAULT_ROUTER]))
+        config = quiet_config(file)
+        if connect or file is None:
+            config.insert_json5("connect/endpoints", json.dumps(connect or [DEFAULT_ROUTER]))
     except zenoh.ZError as error:
         raise ConfigError(source, [words_of(error)]) from None
     if not is_insecure and (faults := faults_of(config)):
