@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from tactiled.ros2.cdr import CdrEncoder
-from tactiled.ros2.definitions import parse_types
+from tactiled.ros2.cdr import encode
+from tactiled.ros2.definitions import STANDARD, parse_types
 from tactiled.ros2.own_types import own_definitions
-from tactiled.ros2.standard_types import STANDARD
 
 TYPES = parse_types({**STANDARD, **own_definitions()})
 
@@ -17,10 +16,10 @@ class FakeWriter:
     refused = 0
 
     def __init__(self, written: list[tuple[str, Any]], topic: str, kind: str) -> None:
-        self.written, self.topic, self.encoder = written, topic, CdrEncoder(kind, TYPES)
+        self.written, self.topic, self.kind = written, topic, kind
 
     def write(self, values: Any) -> None:
-        self.encoder.encode(values)
+        encode(self.kind, TYPES, values)
         self.written.append((self.topic, values))
 
 

@@ -1,9 +1,6 @@
 """Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
 
-import asyncio
-import dataclasses
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from messages import CONTACT, STATUS, anything
 from nodes import FakeNode
-from patience import PATIENCE_S
 
 from tactiled.client import Message
 from tactiled.client.parse import message_of
@@ -21,7 +17,6 @@ from tactiled.commands.ros2 import ros2
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2.bridge import Bridge, BridgeParams
-from tactiled.ros2.participant import ServiceRequest
 
 ENDPOINT = "ipc:///tmp/events.ipc"
 
@@ -55,7 +50,7 @@ def test_diagnostics_from_nothing_to_a_board() -> None:
     assert ("tactiled TS0001", 1, "a noisy line") in entries(node)
 
 
-FIELDS = st.sampled_from(["v", "valid", "reason", "taxels", "volts", "sent", "state", "run"])
+FIELDS = st.sampled_from(["valid", "reason", "taxels", "volts", "sent", "state"])
 
 
 @given(
@@ -110,62 +105,6 @@ def test_two_boards_of_one_name_never_share_topics(
     ]
 
 
-def test_a_refused_board_that_is_silent_leaves_the_diagnostics(monkeypatch: pytest.MonkeyPatch) -> None:
-    node = FakeNode()
-    bridge = bridge_with(node)
-    bridge.take(ENDPOINT, now(STATUS, "TS-0001"))
-    bridge.take("ipc:///tmp/other.ipc", now(STATUS, "TS-0001"))
-    bridge.diagnose()
-    assert len([name for name, _, _ in entries(node) if "other" in name]) == 1
-    later_s = time.monotonic() + 5
-    monkeypatch.setattr(time, "monotonic", lambda: later_s)
-    bridge.diagnose()
-    assert not [name for name, _, _ in entries(node) if "other" in name]
-
-
-def test_a_text_for_which_the_daemon_would_cut_the_connection_is_refused() -> None:
-    class NodeWithCalls(FakeNode):
-        def __init__(self) -> None:
-            super().__init__()
-            self.replies: list[tuple[bool, str]] = []
-
-        def serve(self, service: str, kind: str) -> None:
-            pass
-
-        def requests(self) -> list[ServiceRequest]:
-            name = "/tactile/TS0001/mark"
-            return [] if self.replies else [ServiceRequest(name, {"text": "x" * 100_000}, 1, 1)]
-
-        def reply(self, _: ServiceRequest, *, success: bool, message: str) -> None:
-            self.replies.append((success, message))
-
-    async def serve() -> None:
-        serving = asyncio.create_task(bridge.run())
-        async with asyncio.timeout(PATIENCE_S):
-            while not node.replies:
-                await asyncio.sleep(0.01)
-        serving.cancel()
-        with suppress(asyncio.CancelledError):
-            await serving
-
-    node = NodeWithCalls()
-    params = BridgeParams((ENDPOINT,), allow_commands=True)
-    bridge = Bridge(node, params, lambda _: None)  # type: ignore[arg-type]
-    bridge.take(ENDPOINT, now(STATUS))
-    asyncio.run(serve())
-    assert node.replies == [(False, "text: at most 1000 characters")]
-
-
-def test_a_run_that_ros_cannot_hold_ends_nothing() -> None:
-    node = FakeNode()
-    bridge = bridge_with(node)
-    bridge.take(ENDPOINT, now(STATUS))
-    message = now(STATUS)
-    bridge.take(ENDPOINT, dataclasses.replace(message, data={**message.data, "run": 2**63}))
-    bridge.diagnose()
-    assert [values["run"] for topic, values in node.written if topic == "/tactile/TS0001/status"] == [0]
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -189,7 +128,3 @@ def test_the_message_package_is_written(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     done = CliRunner().invoke(ros2, ["--messages", str(tmp_path / "file" / "src")])
     assert "cannot be written" in str(done.exception)
-
-
-def test_help_has_an_example() -> None:
-    assert "Example: tactiled ros2 --events" in CliRunner().invoke(ros2, ["--help"]).output

@@ -12,7 +12,7 @@ from nodes import FakeNode
 from tactiled.events import codec
 from tactiled.events.types import Event
 from tactiled.ros2.bridge import BoardTopics, BridgeParams
-from tactiled.ros2.freshness import ABOUT_THE_SKIN, FRESH_S, BoardFreshness
+from tactiled.ros2.freshness import FRESH_S, BoardFreshness
 
 UNIX_S = 1.7e9  # epoch time at monotonic 0
 
@@ -114,7 +114,3 @@ def test_the_latched_contact_follows_silence_and_return() -> None:
     assert len(contacts(node)) == 3
     take("status", made(STATUS, 5.1, contact="holding"), 5.1)
     assert contacts(node)[3:] == [("holding", True)]
-
-
-def test_topics_about_the_skin_are_those_with_a_place_on_it() -> None:
-    assert {"scan", "slip", "contact", "texture", "grip", "force"} == ABOUT_THE_SKIN

@@ -3,29 +3,47 @@
 The descriptions are those of rmw_cyclonedds (dyntype.cpp): plain field names.
 """
 
-import importlib
 import os
 import re
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from struct import pack
 from typing import Any
 
 import pytest
-from nodes import TYPES
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.idl import make_idl_struct
+from cyclonedds.idl import types as kinds
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
 from patience import PATIENCE_S
 
-from tactiled.ros2.cdr import CdrEncoder
 from tactiled.ros2.participant import Node, ServiceRequest, TopicWriter
 
 # Of this process: others on this network may test, too. From 102 on, its ports may be taken by connections.
 DOMAIN = 1 + os.getpid() % 101
+TARE = "/tactile/TS0001/tare"
+GOOD = pack("<QqB", 7, 1, 0)  # client 7, request 1, and the one byte of the type
 
 
 def struct(package: str, bare: str, /, **fields: Any) -> Any:
-    make = importlib.import_module("cyclonedds.idl").make_idl_struct
-    return make(bare, f"{package}.dds_.{bare}_", fields)
+    return make_idl_struct(bare, f"{package}.dds_.{bare}_", fields)
+
+
+def until(take: Callable[[], Any]) -> Any:
+    """Return what is taken, as soon as there is any."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not (found := take()) and time.monotonic() < end_s:
+        time.sleep(0.02)
+    assert found
+    return found
 
 
 @pytest.fixture
@@ -35,27 +53,22 @@ def node() -> Iterator[Node]:
     made.close()
 
 
+@pytest.fixture
+def others() -> DomainParticipant:
+    return DomainParticipant(DOMAIN)
+
+
 def test_a_subscriber_that_stops_reading_stops_nothing() -> None:
     class Full:
         def write(self, _: object) -> None:
-            raise importlib.import_module("cyclonedds.core").DDSException(-10)
+            raise DDSException(-10)
 
-    writer = TopicWriter(Full(), bytes, CdrEncoder("builtin_interfaces/msg/Time", TYPES), "event")
+    writer = TopicWriter(Full(), dict, "event")
     writer.write({"sec": 1, "nanosec": 2})
     assert writer.refused == 1
 
 
-def matches(entity: Any, name: str) -> bool:
-    until_s = time.monotonic() + PATIENCE_S
-    while not getattr(entity, name) and time.monotonic() < until_s:
-        time.sleep(0.02)
-    return bool(getattr(entity, name))
-
-
-def test_readers_with_their_own_descriptions_match(node: Node) -> None:
-    kinds: Any = importlib.import_module("cyclonedds.idl.types")
-    dds: Any = importlib.import_module("cyclonedds.domain")
-    topics: Any = importlib.import_module("cyclonedds.topic")
+def test_readers_with_their_own_descriptions_match(node: Node, others: DomainParticipant) -> None:
     stamp = struct("builtin_interfaces.msg", "Time", sec=kinds.int32, nanosec=kinds.uint32)
     header = struct("std_msgs.msg", "Header", stamp=stamp, frame_id=str)
     entry = struct("diagnostic_msgs.msg", "KeyValue", key=str, value=str)
@@ -71,66 +84,39 @@ def test_readers_with_their_own_descriptions_match(node: Node) -> None:
         reader_gid_seq=kinds.sequence[gid], writer_gid_seq=kinds.sequence[gid],
     )  # fmt: skip
     info = struct(
-        "rmw_dds_common.msg",
-        "ParticipantEntitiesInfo",
-        gid=gid,
-        node_entities_info_seq=kinds.sequence[entities],
-    )
+        "rmw_dds_common.msg", "ParticipantEntitiesInfo",
+        gid=gid, node_entities_info_seq=kinds.sequence[entities],
+    )  # fmt: skip
     written = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
-    participant = dds.DomainParticipant(DOMAIN)
-    readers = [
-        importlib.import_module("cyclonedds.sub").DataReader(
-            participant, topics.Topic(participant, topic, kind)
-        )
-        for topic, kind in (("rt/diagnostics", array), ("ros_discovery_info", info))
-    ]
-    assert all(matches(reader, "matched_pub") for reader in readers)
-    values = {"header": {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "f"}, "status": []}
-    written.write(values)
-    until_s = time.monotonic() + PATIENCE_S
-    while not (found := readers[0].take(1)) and time.monotonic() < until_s:
-        time.sleep(0.02)
-    assert (found[0].header.stamp.nanosec, found[0].header.frame_id) == (2, "f")
+    diagnostics = DataReader(others, Topic(others, "rt/diagnostics", array))
+    discovery = DataReader(others, Topic(others, "ros_discovery_info", info))
+    assert until(lambda: diagnostics.matched_pub and discovery.matched_pub)
+    written.write({"header": {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "f"}, "status": []})
+    (found,) = until(partial(diagnostics.take, 1))
+    assert (found.header.stamp.nanosec, found.header.frame_id) == (2, "f")
 
 
 @pytest.mark.usefixtures("node")
-def test_the_discovery_of_nodes_has_its_type_hash() -> None:
+def test_the_discovery_of_nodes_has_its_type_hash(others: DomainParticipant) -> None:
     """Without it every rmw_cyclonedds on the network warns; the hash is that of ROS 2 Iron and Jazzy."""
-    builtin: Any = importlib.import_module("cyclonedds.builtin")
-    userdata = importlib.import_module("cyclonedds.qos").Policy.Userdata
-    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-    reader = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
-    until_s = time.monotonic() + PATIENCE_S
-    found: list[bytes] = []
-    while not found and time.monotonic() < until_s:
-        published = [each for each in reader.take(16) if each.topic_name == "ros_discovery_info"]
-        found = [bytes(each.qos[userdata].data) for each in published]
-        time.sleep(0.02)
+    reader: Any = BuiltinDataReader(others, BuiltinTopicDcpsPublication)
+    (info,) = until(lambda: [each for each in reader.take(16) if each.topic_name == "ros_discovery_info"])
     hash_ = b"RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
-    assert found == [b"typehash=" + hash_ + b";"]
-
-
-TARE = "/tactile/TS0001/tare"
-GOOD = pack("<QqB", 7, 1, 0)  # client 7, request 1, and the one byte of the type
+    assert bytes(info.qos[Policy.Userdata].data) == b"typehash=" + hash_ + b";"
 
 
 class Requests:
     """Writer of requests to the service `TARE`, which sends any bytes, as other makes of DDS do."""
 
     def __init__(self, *policies: Any) -> None:
-        kinds: Any = importlib.import_module("cyclonedds.idl.types")
-        qos: Any = importlib.import_module("cyclonedds.qos")
         self._kind = struct(
             "std_srvs.srv", "Trigger_Request", structure_needs_at_least_one_member=kinds.uint8
         )
-        self._participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-        topic = importlib.import_module("cyclonedds.topic").Topic(
-            self._participant, f"rq{TARE}Request", self._kind
+        participant = DomainParticipant(DOMAIN)
+        self.writer = DataWriter(
+            participant, Topic(participant, f"rq{TARE}Request", self._kind), Qos(*policies)
         )
-        self.writer = importlib.import_module("cyclonedds.pub").DataWriter(
-            self._participant, topic, qos.Qos(*policies)
-        )
-        assert matches(self.writer, "matched_sub")
+        until(lambda: self.writer.matched_sub)
 
     def send(self, data: bytes) -> None:
         self._kind.serialize = lambda *_, **__: b"\0\1\0\0" + data
@@ -147,11 +133,7 @@ def test_a_request_of_another_rmw_is_logged_by_name(
     for _ in range(50):
         requests.send(data)
     requests.send(GOOD)
-    until_s = time.monotonic() + PATIENCE_S
-    found: list[ServiceRequest] = []
-    while not found and time.monotonic() < until_s:
-        found = node.requests()
-        time.sleep(0.02)
+    found: list[ServiceRequest] = until(node.requests)
     assert [(each.service, each.client, each.number) for each in found] == [(TARE, 7, 1)]
     (line,) = caplog.messages
     assert re.match(f"service request not answered: {TARE}: [0-9]+ bytes without the head", line)
@@ -173,14 +155,10 @@ def test_packets_that_are_no_dds_write_nothing(node: Node, capfd: pytest.Capture
 def test_a_client_of_a_service_that_leaves_ends_nothing(
     node: Node, disposes: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    qos: Any = importlib.import_module("cyclonedds.qos")
     node.serve(TARE, "std_srvs/srv/Trigger")
-    requests = Requests(qos.Policy.WriterDataLifecycle(autodispose=disposes))
+    requests = Requests(Policy.WriterDataLifecycle(autodispose=disposes))
     requests.send(GOOD)
-    until_s = time.monotonic() + PATIENCE_S
-    while not (found := node.requests()) and time.monotonic() < until_s:
-        time.sleep(0.02)
-    assert [(each.client, each.number) for each in found] == [(7, 1)]
+    assert [(each.client, each.number) for each in until(node.requests)] == [(7, 1)]
     del requests
     until_s = time.monotonic() + 0.3
     while time.monotonic() < until_s:
@@ -189,52 +167,41 @@ def test_a_client_of_a_service_that_leaves_ends_nothing(
     assert not caplog.messages  # there is no request that anybody waits for
 
 
-def test_writers_keep_and_repeat_what_their_delivery_says(node: Node) -> None:
-    builtin: Any = importlib.import_module("cyclonedds.builtin")
-    policies: Any = importlib.import_module("cyclonedds.qos").Policy
-    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-    reader = builtin.BuiltinDataReader(participant, builtin.BuiltinTopicDcpsPublication)
+def test_writers_keep_and_repeat_what_their_delivery_says(node: Node, others: DomainParticipant) -> None:
+    reader: Any = BuiltinDataReader(others, BuiltinTopicDcpsPublication)
     deliveries: tuple[Any, ...] = ("sensor", "event", "latched", "repeated")
     writers = [node.writer(f"/{name}", "builtin_interfaces/msg/Time", name) for name in deliveries]
     found: dict[str, Any] = {}
-    until_s = time.monotonic() + PATIENCE_S
-    while not {f"rt/{name}" for name in deliveries} <= found.keys() and time.monotonic() < until_s:
-        found |= {each.topic_name: each.qos for each in reader.take(64)}
-        time.sleep(0.02)
-    reliable = policies.Reliability.Reliable(max_blocking_time=0)
-    kept = {"sensor": policies.Durability.Volatile, "event": policies.Durability.Volatile}
+
+    def has_all() -> bool:
+        found.update((each.topic_name, each.qos) for each in reader.take(64))
+        return {f"rt/{name}" for name in deliveries} <= found.keys()
+
+    until(has_all)
     for name, writer in zip(deliveries, writers, strict=True):
-        qos = found[f"rt/{name}"]
-        wanted = policies.Reliability.BestEffort if name == "sensor" else reliable
-        assert type(qos[policies.Reliability]) is type(wanted)
-        assert qos[policies.Durability] == kept.get(name, policies.Durability.TransientLocal)
-        forever = importlib.import_module("cyclonedds.util").duration(infinite=True)
-        assert qos[policies.Lifespan].lifespan == (3_000_000_000 if name == "repeated" else forever)
-        assert writer.is_wanted is (name in ("latched", "repeated"))  # nobody listens yet
+        qos, is_kept = found[f"rt/{name}"], name in ("latched", "repeated")
+        wanted = Policy.Reliability.BestEffort if name == "sensor" else Policy.Reliability.Reliable(0)
+        assert type(qos[Policy.Reliability]) is type(wanted)
+        assert qos[Policy.Durability] == (
+            Policy.Durability.TransientLocal if is_kept else Policy.Durability.Volatile
+        )
+        life = 3_000_000_000 if name == "repeated" else duration(infinite=True)
+        assert qos[Policy.Lifespan].lifespan == life
+        assert writer.is_wanted is is_kept  # nobody listens yet
 
 
-def test_a_reply_has_the_id_of_its_request(node: Node) -> None:
-    kinds: Any = importlib.import_module("cyclonedds.idl.types")
+def test_a_reply_has_the_id_of_its_request(node: Node, others: DomainParticipant) -> None:
     node.serve(TARE, "std_srvs/srv/Trigger")
     requests = Requests()
     kind = struct(
         "std_srvs.srv", "Trigger_Response",
         client=kinds.uint64, number=kinds.int64, success=bool, message=str,
     )  # fmt: skip
-    participant = importlib.import_module("cyclonedds.domain").DomainParticipant(DOMAIN)
-    topic = importlib.import_module("cyclonedds.topic").Topic(participant, f"rr{TARE}Reply", kind)
-    policies: Any = importlib.import_module("cyclonedds.qos")
-    reader = importlib.import_module("cyclonedds.sub").DataReader(
-        participant, topic, policies.Qos(policies.Policy.Reliability.Reliable(max_blocking_time=0))
-    )
-    assert matches(reader, "matched_pub")
+    topic = Topic(others, f"rr{TARE}Reply", kind)
+    reader = DataReader(others, topic, Qos(Policy.Reliability.Reliable(max_blocking_time=0)))
+    until(lambda: reader.matched_pub)
     requests.send(GOOD)
-    until_s = time.monotonic() + PATIENCE_S
-    replies: list[Any] = []
-    while not replies and time.monotonic() < until_s:
-        for request in node.requests():
-            node.reply(request, success=True, message="done")
-        replies = reader.take(1)
-        time.sleep(0.02)
-    (reply,) = replies
+    (request,) = until(node.requests)
+    node.reply(request, success=True, message="done")
+    (reply,) = until(partial(reader.take, 1))
     assert (reply.client, reply.number, reply.success, reply.message) == (7, 1, True, "done")

@@ -25,7 +25,7 @@ from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2 import convert
 from tactiled.ros2.bridge import Bridge, BridgeParams
 from tactiled.ros2.cdr import decode
-from tactiled.ros2.standard_types import STANDARD
+from tactiled.ros2.definitions import STANDARD
 from tactiled.ros2.zenoh_node import ZenohNode, add_timestamps
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"

@@ -1,8 +1,7 @@
 """Bridge to ROS 2: a DDS participant that ROS 2 sees as a node, without any part of ROS.
 
-- `definitions`: parser of ``.msg`` text into types
-- `standard_types`, `own_types`: the types that are published
-- `typehash`: type hashes (REP-2011)
+- `definitions`: types of ROS from ``.msg`` text, their hashes (REP-2011), and those of others that are used
+- `own_types`: the types of our messages
 - `cdr`: encoding of messages
 - `names`: names of topics, types and frames
 - `freshness`: decision which messages may be published

@@ -33,14 +33,16 @@ _REQUESTS_S = 0.01  # period of looking for service requests, and so their longe
 _MOST_REQUESTS = 32  # that wait for a daemon: bounds what a caller can make the bridge keep
 _LONGEST_TEXT = 1000  # protocols/control.md; for far longer requests, the daemon would cut the connection
 _COMMAND_S = 2.0  # longest wait for the reply of a daemon
-_SENSOR = frozenset(("scan", "force", "grip"))
-_KEPT: dict[str, Delivery] = {"contact": "latched", "info": "repeated"}  # for late subscribers
-_SERVICES = {
-    "tare": "std_srvs/srv/Trigger",
-    "inhibit": f"{PACKAGE}/srv/Inhibit",
-    "mark": f"{PACKAGE}/srv/Mark",
+_DELIVERY: dict[str, Delivery] = {
+    "scan": "sensor", "force": "sensor", "grip": "sensor",
+    "contact": "latched", "info": "repeated",  # for late subscribers
+}  # fmt: skip
+# Type and arguments of the service for each command.
+_SERVICES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "tare": ("std_srvs/srv/Trigger", ()),
+    "inhibit": (f"{PACKAGE}/srv/Inhibit", ("duration_s",)),
+    "mark": (f"{PACKAGE}/srv/Mark", ("text",)),
 }
-_ARGUMENTS = {"tare": (), "inhibit": ("duration_s",), "mark": ("text",)}
 DiagnosticsRow: TypeAlias = tuple[str, str, Level, str, Mapping[str, Any]]
 Report = Callable[[dict[str, Any]], None]
 
@@ -65,7 +67,9 @@ class BoardTopics:
         self.name = f"/{params.namespace}/{name_of_board(board)}"
         self.set_board(board, params)
         self._own = {
-            topic: node.writer(f"{self.name}/{topic}", f"{PACKAGE}/msg/{type_name(topic)}", _delivery(topic))
+            topic: node.writer(
+                f"{self.name}/{topic}", f"{PACKAGE}/msg/{type_name(topic)}", _DELIVERY.get(topic, "event")
+            )
             for topic in EVENT_TYPES
         }
         self._wrench = node.writer(f"{self.name}/wrench", "geometry_msgs/msg/WrenchStamped", "sensor")
@@ -119,13 +123,7 @@ class BoardTopics:
 
 
 class Bridge:
-    """Publish what daemons send, until stopped.
-
-    Parameters
-    ----------
-    report : callable
-        Called with what becomes known, as maps: the node, each board.
-    """
+    """Publish what daemons send, until stopped; `report` is called with each new board as a map."""
 
     def __init__(self, node: AnyNode, params: BridgeParams, report: Report) -> None:
         self._node, self._params, self._report = node, params, report
@@ -171,9 +169,6 @@ class Bridge:
         except ContractError:
             self._malformed += 1
             return
-        if not _fits(data["v"]) or not _fits(data["run"]):  # repeated later in the contact
-            self._malformed += 1
-            return
         if not message.board:
             self._unnamed[endpoint].admit(message.topic, data, now_s, unix_s)
             return
@@ -202,7 +197,7 @@ class Bridge:
         self._refused.pop(key, None)
         self._boards[key] = topics
         if self._params.allow_commands:
-            for command, kind in _SERVICES.items():
+            for command, (kind, _) in _SERVICES.items():
                 if before is None:
                     self._node.serve(f"{name}/{command}", kind)
                 self._services[f"{name}/{command}"] = (endpoint, board, command)
@@ -266,7 +261,7 @@ class Bridge:
 
     async def _answer(self, request: ServiceRequest) -> None:
         endpoint, board, command = self._services[request.service]
-        arguments = {name: request.values[name] for name in _ARGUMENTS[command]}
+        arguments = {name: request.values[name] for name in _SERVICES[command][1]}
         if len(arguments.get("text", "")) > _LONGEST_TEXT:
             self._node.reply(request, success=False, message=f"text: at most {_LONGEST_TEXT} characters")
             return
@@ -302,15 +297,6 @@ def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: R
         asyncio.run(main())
     except* TactiledError as group:
         raise OperatorError(str(group.exceptions[0])) from None
-
-
-def _delivery(topic: str) -> Delivery:
-    return "sensor" if topic in _SENSOR else _KEPT.get(topic, "event")
-
-
-def _fits(count: int) -> bool:
-    """Return True for a count that an int64 of ROS can hold."""
-    return -(2**63) <= count < 2**63
 
 
 def _write(writer: AnyWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:

@@ -5,7 +5,7 @@ counted from the end of the header.
 """
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tactiled.recording.cdr import HEAD
@@ -15,20 +15,21 @@ _CODES = {
     "bool": "?", "byte": "B", "char": "B", "int8": "b", "uint8": "B", "int16": "h", "uint16": "H",
     "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d",
 }  # fmt: skip
-_Write = Callable[[bytearray, Any], None]
 
 
-class CdrEncoder:
-    """Encoder of one message type."""
+def encode(name: str, types: Mapping[str, RosType], values: Mapping[str, Any]) -> bytes:
+    """Encode a message with its header.
 
-    def __init__(self, name: str, types: Mapping[str, RosType]) -> None:
-        self._write = _writer(types[name], types)
-
-    def encode(self, values: Mapping[str, Any]) -> bytes:
-        """Encode a message with its header; a field without a value raises `KeyError`."""
-        out = bytearray()
-        self._write(out, values)
-        return HEAD + bytes(out)
+    Raises
+    ------
+    KeyError
+        A field has no value.
+    struct.error
+        A number does not fit its field.
+    """
+    out = bytearray()
+    _write(out, types[name], types, values)
+    return HEAD + bytes(out)
 
 
 def decode(name: str, types: Mapping[str, RosType], data: bytes) -> dict[str, Any]:
@@ -42,99 +43,62 @@ def decode(name: str, types: Mapping[str, RosType], data: bytes) -> dict[str, An
     if data[:2] != HEAD[:2]:
         raise ValueError(f"{name}: not little-endian CDR")
     try:
-        values, _ = _read(types[name], types, data[4:], 0)
+        return _Reader(data[4:], types).message(types[name])
     except (struct.error, UnicodeDecodeError) as error:
         raise ValueError(f"{name}: {len(data)} bytes are no such message ({error})") from None
-    return values
 
 
-def _writer(kind: RosType, types: Mapping[str, RosType]) -> _Write:
-    fields = [(field.name, _field_writer(field, types)) for field in kind.fields]
-
-    def write(out: bytearray, values: Mapping[str, Any]) -> None:
-        for name, write_field in fields:
-            write_field(out, values[name])
-
-    return write
-
-
-def _field_writer(field: RosField, types: Mapping[str, RosType]) -> _Write:
-    one: _Write | None = _write_string if field.kind == "string" else None
-    if field.kind in types:
-        one = _writer(types[field.kind], types)
-    if one is None:
-        return _numbers_writer(_CODES[field.kind], field.size)
-    if field.size is None:
-        return one
-    counted, write_one = field.size == 0, one
-
-    def write(out: bytearray, values: Sequence[Any]) -> None:
-        if counted:
-            _write_length(out, len(values))
-        for value in values:
-            write_one(out, value)
-
-    return write
-
-
-def _numbers_writer(code: str, size: int | None) -> _Write:
-    width = struct.calcsize(code)
-    if size is None:
-        packed = struct.Struct(f"<{code}")
-
-        def write_number(out: bytearray, value: Any) -> None:
-            out += bytes(-len(out) % width) + packed.pack(value)
-
-        return write_number
-
-    def write_numbers(out: bytearray, values: Sequence[Any]) -> None:
-        if not size:
-            _write_length(out, len(values))
-        if len(values):
-            out += bytes(-len(out) % width) + struct.pack(f"<{len(values)}{code}", *values)
-
-    return write_numbers
-
-
-def _write_string(out: bytearray, text: str) -> None:
-    data = text.encode() + b"\0"
-    _write_length(out, len(data))
-    out += data
-
-
-def _write_length(out: bytearray, length: int) -> None:
-    out += bytes(-len(out) % 4) + struct.pack("<I", length)
-
-
-def _read(kind: RosType, types: Mapping[str, RosType], data: bytes, at: int) -> tuple[dict[str, Any], int]:
-    values: dict[str, Any] = {}
+def _write(out: bytearray, kind: RosType, types: Mapping[str, RosType], values: Mapping[str, Any]) -> None:
     for field in kind.fields:
-        count, sequence = 1, field.size is not None
-        if field.size:
-            count = field.size
-        elif sequence:
-            count, at = _read_number("I", data, at)
-        found = []
-        for _ in range(count):
-            one, at = _read_one(field.kind, types, data, at)
-            found.append(one)
-        values[field.name] = found if sequence else found[0]
-    return values, at
+        value = values[field.name]
+        if field.size == 0:
+            _write_numbers(out, "I", (len(value),))
+        _write_items(out, field.kind, types, (value,) if field.size is None else value)
 
 
-def _read_one(kind: str, types: Mapping[str, RosType], data: bytes, at: int) -> tuple[Any, int]:
+def _write_items(out: bytearray, kind: str, types: Mapping[str, RosType], items: Sequence[Any]) -> None:
     if kind in types:
-        return _read(types[kind], types, data, at)
-    if kind != "string":
-        return _read_number(_CODES[kind], data, at)
-    length, at = _read_number("I", data, at)
-    text = data[at : at + length]
-    if len(text) != length:
-        raise struct.error(f"{length} bytes announced, {len(text)} there")
-    return text.removesuffix(b"\0").decode(), at + length
+        for item in items:
+            _write(out, types[kind], types, item)
+    elif kind == "string":
+        for item in items:
+            text = item.encode() + b"\0"
+            _write_numbers(out, "I", (len(text),))
+            out += text
+    elif len(items):  # an empty sequence is not aligned
+        _write_numbers(out, _CODES[kind], items)
 
 
-def _read_number(code: str, data: bytes, at: int) -> tuple[Any, int]:
-    at += -at % struct.calcsize(code)
-    (value,) = struct.unpack_from(f"<{code}", data, at)
-    return value, at + struct.calcsize(code)
+def _write_numbers(out: bytearray, code: str, numbers: Sequence[Any]) -> None:
+    out += bytes(-len(out) % struct.calcsize(code)) + struct.pack(f"<{len(numbers)}{code}", *numbers)
+
+
+class _Reader:
+    def __init__(self, data: bytes, types: Mapping[str, RosType]) -> None:
+        self._data, self._types, self._at = data, types, 0
+
+    def message(self, kind: RosType) -> dict[str, Any]:
+        return {field.name: self._field(field) for field in kind.fields}
+
+    def _field(self, field: RosField) -> Any:
+        if field.size is None:
+            return self._one(field.kind)
+        return [self._one(field.kind) for _ in range(field.size or self._number("I"))]
+
+    def _one(self, kind: str) -> Any:
+        if kind in self._types:
+            return self.message(self._types[kind])
+        if kind != "string":
+            return self._number(_CODES[kind])
+        length = self._number("I")
+        text = self._data[self._at : self._at + length]
+        if len(text) != length:
+            raise struct.error(f"{length} bytes announced, {len(text)} there")
+        self._at += length
+        return text.removesuffix(b"\0").decode()
+
+    def _number(self, code: str) -> Any:
+        self._at += -self._at % struct.calcsize(code)
+        (value,) = struct.unpack_from(f"<{code}", self._data, self._at)
+        self._at += struct.calcsize(code)
+        return value

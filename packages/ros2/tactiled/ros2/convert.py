@@ -99,13 +99,7 @@ def contact_from_status(status: Mapping[str, Any], previous: str, *, lost: bool)
 
 
 def diagnostics(rows: Sequence[tuple[str, str, Level, str, Mapping[str, Any]]], unix_s: float) -> Values:
-    """Return ``diagnostic_msgs/DiagnosticArray``.
-
-    Parameters
-    ----------
-    rows : sequence of (str, str, Level, str, mapping)
-        Name, hardware id, level, text and values of each entry.
-    """
+    """Return ``diagnostic_msgs/DiagnosticArray`` of name, hardware id, level, text and values of entries."""
     entries = [
         {
             "level": _LEVELS[level],

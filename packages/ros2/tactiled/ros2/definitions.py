@@ -1,15 +1,51 @@
-"""Parser of ROS interface definitions (``.msg`` text) into types, as far as tactiled uses the format."""
+"""Types of ROS: parser of their definitions (``.msg`` text), as far as tactiled uses the format, and hashes.
 
+A type hash (REP-2011, version 1) is the SHA-256 of the description of a type as canonical JSON.
+"""
+
+import hashlib
+import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
-PRIMITIVES = frozenset(
-    ("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
-) | {"float32", "float64", "string"}
+# type_description_interfaces/msg/FieldType. A char of ROS is a uint8 before types are described.
+_IDS = {
+    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9,
+    "float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, "string": 17,
+}  # fmt: skip
+_NESTED, _BOUNDED_STRING = 1, 21
+_ARRAY, _BOUNDED, _SEQUENCE = 48, 96, 144  # added for arrays and for sequences with and without a bound
+PRIMITIVES = frozenset(_IDS)
 _FIELD = re.compile(
     r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(<=(?P<most>\d+)|(?P<size>\d*))\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
 )
+
+# Types of others, as in ROS 2 Humble to Jazzy (fields only).
+STANDARD: dict[str, str] = {
+    "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec\n",
+    "std_msgs/msg/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
+    "geometry_msgs/msg/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
+    "geometry_msgs/msg/Wrench": "Vector3 force\nVector3 torque\n",
+    "geometry_msgs/msg/WrenchStamped": "std_msgs/Header header\nWrench wrench\n",
+    "diagnostic_msgs/msg/KeyValue": "string key\nstring value\n",
+    "diagnostic_msgs/msg/DiagnosticStatus": (
+        "byte level\nstring name\nstring message\nstring hardware_id\nKeyValue[] values\n"
+    ),
+    "diagnostic_msgs/msg/DiagnosticArray": "std_msgs/Header header\nDiagnosticStatus[] status\n",
+    "sensor_msgs/msg/PointField": "string name\nuint32 offset\nuint8 datatype\nuint32 count\n",
+    "sensor_msgs/msg/PointCloud2": (
+        "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\n"
+        "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
+    ),
+    "service_msgs/msg/ServiceEventInfo": (
+        "uint8 event_type\nbuiltin_interfaces/Time stamp\nchar[16] client_gid\nint64 sequence_number\n"
+    ),
+    # ROS gives a type without fields one of this name, because IDL has no empty structures.
+    "std_srvs/srv/Trigger_Request": "uint8 structure_needs_at_least_one_member\n",
+    "std_srvs/srv/Trigger_Response": "bool success\nstring message\n",
+}
 
 
 @dataclass(frozen=True)
@@ -33,13 +69,6 @@ class RosType:
 
 def parse_type(name: str, text: str) -> RosType:
     """Parse a definition; constants and comments are passed over.
-
-    Parameters
-    ----------
-    name : str
-        Full name of the type.
-    text : str
-        Content of the ``.msg`` file.
 
     Raises
     ------
@@ -67,13 +96,7 @@ def parse_types(texts: Mapping[str, str]) -> dict[str, RosType]:
 
 
 def service_types(name: str) -> dict[str, RosType]:
-    """Return the types by which ROS describes a service, beside its request and response.
-
-    Parameters
-    ----------
-    name : str
-        Full name of the service, such as ``std_srvs/srv/Trigger``.
-    """
+    """Return the types by which ROS describes a service, beside its request and response."""
     request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
     parts = (("request_message", request), ("response_message", response), ("event_message", event))
     fields = (
@@ -87,18 +110,58 @@ def service_types(name: str) -> dict[str, RosType]:
     }
 
 
+def discovery_types(gid_bytes: int) -> dict[str, str]:
+    """Return the types of ``ros_discovery_info``; a Gid has 24 bytes up to ROS 2 Humble, 16 after it."""
+    return {
+        "rmw_dds_common/msg/Gid": f"char[{gid_bytes}] data\n",
+        "rmw_dds_common/msg/NodeEntitiesInfo": (
+            "string<=256 node_namespace\nstring<=256 node_name\nGid[] reader_gid_seq\nGid[] writer_gid_seq\n"
+        ),
+        "rmw_dds_common/msg/ParticipantEntitiesInfo": (
+            "Gid gid\nNodeEntitiesInfo[] node_entities_info_seq\n"
+        ),
+    }
+
+
 def nested_types(name: str, types: Mapping[str, RosType]) -> list[str]:
     """Return the full names of all types that a type contains, sorted, without itself."""
     found: set[str] = set()
+    new = {name}
+    while new:
+        kinds = {field.kind for each in new for field in types[each].fields}
+        new = kinds - PRIMITIVES - found
+        found |= new
+    return sorted(found)
 
-    def walk(inner: str) -> Iterator[str]:
-        for field in types[inner].fields:
-            if field.kind not in PRIMITIVES and field.kind not in found:
-                found.add(field.kind)
-                yield field.kind
-                yield from walk(field.kind)
 
-    return sorted(walk(name))
+def rihs01(name: str, types: Mapping[str, RosType]) -> str:
+    """Return the hash of a type of messages or services, as ``RIHS01_`` and 64 hexadecimal digits."""
+    described = {
+        "type_description": _described(types[name]),
+        "referenced_type_descriptions": [_described(types[inner]) for inner in nested_types(name, types)],
+    }
+    canonical = json.dumps(described, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _described(kind: RosType) -> dict[str, Any]:
+    return {"type_name": kind.name, "fields": [_field(field) for field in kind.fields]}
+
+
+def _field(field: RosField) -> dict[str, Any]:
+    shape = _ARRAY if field.size else _BOUNDED if field.most else _SEQUENCE
+    shape = 0 if field.size is None else shape
+    primitive = field.kind in PRIMITIVES
+    own = _BOUNDED_STRING if field.bound else _IDS[field.kind] if primitive else _NESTED
+    return {
+        "name": field.name,
+        "type": {
+            "type_id": shape + own,
+            "capacity": field.size or field.most,
+            "string_capacity": field.bound,
+            "nested_type_name": "" if primitive else field.kind,
+        },
+    }
 
 
 def _full_name(kind: str, package: str) -> str:

@@ -25,13 +25,7 @@ class BoardFreshness:
     _status_age_s: float = 0.0
 
     def admit(self, topic: str, data: Mapping[str, Any], now_s: float, unix_s: float) -> bool:
-        """Take a message that was received now; return True where it may be published.
-
-        Parameters
-        ----------
-        now_s, unix_s : float
-            Monotonic clock and epoch time at which it was received.
-        """
+        """Take a message that was received now, by both clocks; return True where it may be published."""
         age_s = abs(unix_s - data[evidence_key(topic)])  # from the future: a clock was set
         if topic == "status":
             self.status, self._status_s, self._status_age_s = data, now_s, age_s

@@ -1,4 +1,4 @@
-"""Names of ROS 2 and their form on DDS (topics ``rt/...``, types ``package::msg::dds_::Name_``)."""
+"""Names of ROS 2, and of its types on DDS (``package::msg::dds_::Name_``)."""
 
 import re
 
@@ -28,18 +28,3 @@ def dds_type(name: str) -> str:
     """
     package, folder, bare = name.split("/")
     return f"{package}::{folder}::dds_::{bare}_"
-
-
-def dds_topic(name: str) -> str:
-    """Return the DDS topic of a ROS topic with leading slash."""
-    return f"rt{name}"
-
-
-def dds_request(name: str) -> str:
-    """Return the DDS topic for requests of a service with leading slash."""
-    return f"rq{name}Request"
-
-
-def dds_reply(name: str) -> str:
-    """Return the DDS topic for replies of a service with leading slash."""
-    return f"rr{name}Reply"

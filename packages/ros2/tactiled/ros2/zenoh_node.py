@@ -8,19 +8,18 @@ design.md; checked against `zenoh-ros2-sdk`, an independent implementation, and 
 import secrets
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import zenoh
 
 from tactiled.errors import ContractError
 from tactiled.ros2 import names
-from tactiled.ros2.cdr import CdrEncoder
-from tactiled.ros2.definitions import parse_types
+from tactiled.ros2.cdr import encode
+from tactiled.ros2.definitions import STANDARD, parse_types, rihs01
 from tactiled.ros2.own_types import own_definitions
 from tactiled.ros2.participant import Delivery, ServiceRequest
-from tactiled.ros2.standard_types import STANDARD
-from tactiled.ros2.typehash import rihs01
 
 _ENCLAVE = "%"
 _NODE_ID = 0
@@ -38,12 +37,18 @@ def add_timestamps(config: "zenoh.Config") -> None:
 
 
 class ZenohTopicWriter:
-    """Writer of one topic."""
+    """Writer of one topic; `make` encodes a map."""
 
     refused = 0
 
-    def __init__(self, session: "zenoh.Session", key: str, encoder: CdrEncoder, delivery: Delivery) -> None:
-        self._encoder = encoder
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        key: str,
+        make: Callable[[Mapping[str, Any]], bytes],
+        delivery: Delivery,
+    ) -> None:
+        self._make = make
         self._gid = secrets.token_bytes(_GID_BYTES)
         self._seq = 0
         self._latched = delivery == "latched"
@@ -68,19 +73,11 @@ class ZenohTopicWriter:
         """Publish a message, without waiting for anybody."""
         self._seq += 1
         head = struct.pack("<qqB", self._seq, time.time_ns(), _GID_BYTES)
-        self._publisher.put(self._encoder.encode(values), attachment=head + self._gid)
+        self._publisher.put(self._make(values), attachment=head + self._gid)
 
 
 class ZenohNode:
-    """One node of ROS 2.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        With timestamps (`add_timestamps`); closed by its owner.
-    name, namespace : str
-        Name of the node, and its namespace without the leading slash.
-    """
+    """One node of ROS 2; its session has timestamps (`add_timestamps`), and is closed by its owner."""
 
     def __init__(self, session: "zenoh.Session", domain_id: int, name: str, namespace: str) -> None:
         self.name, self.domain_id = name, domain_id
@@ -97,8 +94,8 @@ class ZenohNode:
         self._tokens.append(
             self._token(f"{self._head}/{number}/MP/{self._node}/{_mangled(topic)}/{on_wire}/{_QOS[delivery]}")
         )
-        encoder = CdrEncoder(kind, self.types)
-        return ZenohTopicWriter(self._session, f"{self.domain_id}{topic}/{on_wire}", encoder, delivery)
+        make = partial(encode, kind, self.types)
+        return ZenohTopicWriter(self._session, f"{self.domain_id}{topic}/{on_wire}", make, delivery)
 
     def serve(self, service: str, kind: str) -> None:
         """Refuse: commands come over ``tactile/HOST/command``, where routers can tell who may give them."""
