@@ -26,7 +26,7 @@ from tactiled.archive import detect
 from tactiled.archive.columns import schema
 from tactiled.archive.detect import FileJob, analyse, detect_files, matching
 from tactiled.cli import main
-from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.errors import ConfigError, OperatorError
 from tactiled.offline import Choices, detect_file
 
 N_FILES = 4
@@ -256,11 +256,6 @@ def test_a_worker_of_another_version_is_refused(runs: Path) -> None:
     job = jobs_of(runs)[0]
     with pytest.raises(OperatorError, match="install the same"):
         analyse(FileJob(job.file, job.path, None, None, job.choices, version="0.0.1"))
-
-
-def test_a_pattern_without_files_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"\*\.mcap: no such file"):
-        matching([f"{tmp_path}/*.mcap"])
 
 
 def test_columns_have_one_type_each() -> None:

@@ -1,6 +1,5 @@
 """Keys of jobs, tables of rows and lines for people, without workers."""
 
-import io
 import os
 from collections import deque
 from concurrent.futures import Future
@@ -8,10 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pyarrow.parquet
 import pytest
 
-from tactiled.archive import detect
 from tactiled.archive.columns import FILE_TOPIC, event_rows, file_row, schema
 from tactiled.archive.detect import FileJob, Outcome, completed, detect_files, matching
 from tactiled.errors import DataError, OperatorError
@@ -124,80 +121,9 @@ def test_the_outcome_is_a_line(outcome: Outcome, words: str) -> None:
     assert outcome.words(Path("t")) == words
 
 
-class Inline:
-    """Executor that works at once; of a broken pool, nothing comes after its first failure."""
-
-    def __init__(self) -> None:
-        self.most_at_once = 0
-
-    def submit(self, function: Any, one: FileJob) -> "Future[bytes]":
-        future: Future[bytes] = Future()
-        future.set_result(function(one))
-        return future
-
-
-def analysed(one: FileJob) -> bytes:
-    """Rows of two events for a file; an error for one whose name says so."""
-    error = "broken" if "bad" in one.file else ""
-    sink = io.BytesIO()
-    with pyarrow.parquet.ParquetWriter(sink, schema()) as writer:
-        if not error:
-            writer.write_table(event_rows(one.file, 2 * MESSAGES))
-        writer.write_table(file_row(one.file, "", error))
-    return sink.getvalue()
-
-
-@pytest.fixture
-def inline(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Workers in this process; the names of the files that they analysed."""
-    done: list[str] = []
-
-    class Workers(Inline):
-        def __enter__(self) -> "Workers":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            pass
-
-    def analyse(one: FileJob) -> bytes:
-        done.append(one.file)
-        return analysed(one)
-
-    monkeypatch.setattr(detect, "executor", lambda *_: Workers())
-    monkeypatch.setattr(detect, "analyse", analyse)
-    return done
-
-
-def test_the_table_has_all_files_in_order_and_leaves_no_parts(inline: list[str], tmp_path: Path) -> None:
-    jobs = [job(tmp_path / name) for name in ("c", "bad", "a")]
-    to = tmp_path / "events.parquet"
-    outcome = detect_files(jobs, to, 1, None)
-    assert outcome == Outcome(3, 0, 4, (("bad", "broken"),))
-    rows = pyarrow.parquet.read_table(to).to_pylist()
-    assert [(row["file"], row["topic"]) for row in rows] == [
-        ("c", "file"), ("c", "slip"), ("c", "slip"), ("bad", "file"),
-        ("a", "file"), ("a", "slip"), ("a", "slip"),
-    ]  # fmt: skip
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.parquet"]
-    assert inline == ["c", "bad", "a"]
-
-
-def test_finished_parts_of_an_interrupted_run_are_taken(inline: list[str], tmp_path: Path) -> None:
-    jobs = [job(tmp_path / name) for name in ("c", "b", "a")]
-    to, parts = tmp_path / "events.parquet", tmp_path / "events.parquet.parts"
-    parts.mkdir()
-    (parts / f"{jobs[1].key()}.part").write_bytes(analysed(jobs[1]))
-    (parts / f"{jobs[0].key()}.part").write_bytes(b"half")
-    (parts / "of-others.txt").touch()
-    assert detect_files(jobs, to, 1, None) == Outcome(3, 1, 6, ())
-    assert sorted(inline) == ["a", "c"]
-    assert [path.name for path in parts.iterdir()] == ["of-others.txt"]
-
-
-def test_a_folder_that_cannot_be_written_is_named(inline: list[str], tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="cannot be written: No such file"):
         detect_files([job(tmp_path / "a")], tmp_path / "none" / "events.parquet", 1, None)
-    assert inline == []
 
 
 def test_no_more_jobs_than_said_are_at_work(tmp_path: Path) -> None:

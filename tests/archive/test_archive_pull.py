@@ -8,8 +8,7 @@ import pytest
 from click.testing import CliRunner, Result
 from fsspec.implementations.memory import MemoryFileSystem
 
-from tactiled.archive.pull import pull
-from tactiled.archive.push import push
+from tactiled.archive.copies import pull, push
 from tactiled.archive.store import StoredRecording, examine, open_store, stored_recordings
 from tactiled.commands.archive import archive
 from tactiled.errors import DataError, OperatorError, UnavailableError
@@ -67,9 +66,9 @@ def test_verify_finds_one_flipped_bit_and_an_unconfirmed_copy(url: str, tmp_path
 
 def test_verify_names_a_copy_that_cannot_be_read(tmp_path: Path) -> None:
     store, _ = open_store(f"file://{tmp_path}")
-    examined = examine(store, StoredRecording("a.mcap", f"{tmp_path}/a.mcap", 5, "0" * 64))
-    assert examined.health == "unreadable"
-    assert "FileNotFoundError" in examined.reason
+    health, reason = examine(store, StoredRecording("a.mcap", f"{tmp_path}/a.mcap", 5, "0" * 64))
+    assert health == "unreadable"
+    assert "FileNotFoundError" in reason
 
 
 def test_pull_fetches_what_is_whole_and_nothing_else(url: str, tmp_path: Path) -> None:

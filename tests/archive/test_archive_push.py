@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from fsspec.implementations.memory import MemoryFileSystem
 
-from tactiled.archive.push import Copy, push
+from tactiled.archive.copies import Copy, push
 from tactiled.archive.store import open_store
 from tactiled.errors import OperatorError
 
@@ -74,16 +74,30 @@ def test_a_copy_that_the_store_has_damaged_since_is_made_anew_before_anything_is
     assert not (folder / "a.mcap").exists()
 
 
-def test_the_only_good_copy_stays_where_the_store_damages_whatever_it_is_given(folder: Path) -> None:
-    store = LossyStore(skip_instance_cache=True)
-    for name in ("a.mcap", "left/b.mcap"):
+class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
+    """Store that damages what it is given, as a full or failing disk behind it does."""
+
+    store: dict[str, object] = {}  # its own, which MemoryFileSystem keeps in the class
+    pseudo_dirs = [""]
+
+    def put_file(self, lpath: str, rpath: str, **_: object) -> None:
+        self.pipe_file(rpath, Path(lpath).read_bytes()[:-1] + b"?")
+
+
+@pytest.mark.parametrize("was_confirmed", [False, True])
+def test_the_only_good_copy_stays_where_the_store_damages_whatever_it_is_given(
+    folder: Path, *, was_confirmed: bool
+) -> None:
+    store, to = LossyStore(skip_instance_cache=True), f"/{was_confirmed}"
+    for name in ("a.mcap", "left/b.mcap") if was_confirmed else ():
         data = (folder / name).read_bytes()
-        store.pipe_file(f"/rotten/{name}", data[:-1] + b"?")
-        store.pipe_file(f"/rotten/{name}.sha256", f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode())
-    copies = list(push(folder, store, "/rotten", remove=True))
+        store.pipe_file(f"{to}/{name}", data[:-1] + b"?")
+        store.pipe_file(f"{to}/{name}.sha256", f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode())
+    copies = list(push(folder, store, to, remove=True))
     assert [copy.state for copy in copies] == ["failed", "failed"]
+    assert "read back" in copies[0].reason
     assert (folder / "a.mcap").exists()
-    assert not [name for name in store.find("/rotten") if name.endswith(".sha256")]
+    assert not [name for name in store.find(to) if name.endswith(".sha256")]
 
 
 def test_another_recording_of_the_same_name_is_never_replaced(folder: Path, tmp_path: Path) -> None:
@@ -149,25 +163,6 @@ def test_a_recording_that_changed_since_it_was_copied_stays(folder: Path) -> Non
 def test_a_store_without_bucket_is_refused() -> None:
     with pytest.raises(OperatorError, match="name a bucket"):
         open_store("memory://")
-
-
-class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
-    """Store that damages what it is given, as a full or failing disk behind it does."""
-
-    store: dict[str, object] = {}  # its own, which MemoryFileSystem keeps in the class
-    pseudo_dirs = [""]
-
-    def put_file(self, lpath: str, rpath: str, **_: object) -> None:
-        self.pipe_file(rpath, Path(lpath).read_bytes()[:-1] + b"?")
-
-
-def test_a_copy_that_reads_back_differently_is_not_confirmed(folder: Path) -> None:
-    store = LossyStore(skip_instance_cache=True)
-    copies = list(push(folder, store, "/store", remove=True))
-    assert [copy.state for copy in copies] == ["failed", "failed"]
-    assert "read back" in copies[0].reason
-    assert not [name for name in store.find("/store") if name.endswith(".sha256")]
-    assert (folder / "a.mcap").exists()
 
 
 def free_ports(n: int) -> list[int]:

@@ -18,12 +18,8 @@ _CONNECT_S = 10
 def executor(n_workers: int | None = None, dask: str | None = None) -> Iterator[Executor]:
     """Start workers, for a ``with`` block; jobs that have not begun at its end are cancelled.
 
-    Parameters
-    ----------
-    n_workers : int, optional
-        Processes on this host; one for each core if not given.
-    dask : str, optional
-        Address of a Dask scheduler, e.g. ``tcp://10.0.0.5:8786``; its workers are used instead.
+    They are processes on this host, one for each core if `n_workers` is not given, or those of the Dask
+    scheduler at an address such as ``tcp://10.0.0.5:8786``.
 
     Raises
     ------

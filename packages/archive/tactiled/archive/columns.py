@@ -47,17 +47,7 @@ def _arrow_type(kind: Any) -> pyarrow.DataType:
 
 
 def file_row(file: str, summary: str, error: str = "") -> pyarrow.Table:
-    """Make the row of a file itself.
-
-    Parameters
-    ----------
-    file : str
-        Name in the column `file`.
-    summary : str
-        Lines for people on the file.
-    error : str
-        Reason why the file could not be analysed; empty where it could.
-    """
+    """Make the row of a file itself, with lines for people, and why it could not be analysed (else empty)."""
     return _to_table([{"file": file, "topic": FILE_TOPIC, "error": error, "summary": summary}])
 
 

@@ -36,10 +36,10 @@ _GROUP_EVENTS = 10_000
 
 @dataclass(frozen=True)
 class FileJob:
-    """Analysis of one file, in a form that any worker can do."""
+    """Analysis of one file, in a form that any worker can do: with absolute paths (`for_any_worker`)."""
 
     file: str  # name in the table
-    path: Path  # absolute
+    path: Path
     array: str | None
     rate_hz: float | None
     choices: Choices
@@ -50,10 +50,9 @@ class FileJob:
         cls, file: str, array: str | None, rate_hz: float | None, choices: Choices
     ) -> "FileJob":
         """Make the job of a file with absolute paths, because a worker may have another working directory."""
-        config = choices.config
         absolute = replace(
             choices,
-            config=None if config is None else config.absolute(),
+            config=choices.config and choices.config.absolute(),
             calibration=_absolute(choices.calibration),
             layout=_absolute(choices.layout),
         )
@@ -70,9 +69,13 @@ class FileJob:
                 parts += [str(path), status.st_size, status.st_mtime_ns]
         parts += [getattr(choices, field.name) for field in fields(choices)]
         array = self.array or array_of_config(choices.config)
-        parts += [_contents(choices.config), _contents(_named(array, "config/arrays"))]
-        parts += [_contents(_named(choices.calibration, "config/calibration"))]
-        parts += [_contents(_named(choices.layout, "protocols"))]
+        named = (
+            (array, "config/arrays"),
+            (choices.calibration, "config/calibration"),
+            (choices.layout, "protocols"),
+        )
+        files = [choices.config, *(name and tomltext.locate(name, kind) for name, kind in named)]
+        parts += [file.read_bytes() if file and file.is_file() else b"" for file in files]
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
@@ -80,10 +83,8 @@ class FileJob:
 class Outcome:
     """Result of a run over many files."""
 
-    # n_files, n_resumed, n_events: files in the table, those of them whose rows an earlier run had left, and
-    # events
-    n_files: int
-    n_resumed: int
+    n_files: int  # in the table
+    n_resumed: int  # those of them whose rows an earlier run had left
     n_events: int
     failed: tuple[tuple[str, str], ...]  # files that could not be analysed, and why
 
@@ -184,13 +185,7 @@ def detect_patterns(
     n_workers: int | None,
     dask: str | None,
 ) -> Outcome:
-    """Analyse the files of names and patterns, as ``tactiled detect --to`` does.
-
-    Raises
-    ------
-    DataError, OperatorError
-        As for `matching` and `detect_files`.
-    """
+    """Analyse the files of names and patterns, as ``tactiled detect --to`` does; errors as for its parts."""
     jobs = [FileJob.for_any_worker(name, array, rate_hz, choices) for name in matching(patterns)]
     return detect_files(jobs, to, n_workers, dask)
 
@@ -319,16 +314,8 @@ def _is_whole(part: Path) -> bool:
     return True
 
 
-def _contents(path: Path | None) -> bytes:
-    return b"" if path is None or not path.is_file() else path.read_bytes()
-
-
 def _absolute(name_or_path: str | None) -> str | None:
     """Make a path absolute; the name of a shipped file means that of the worker."""
     if name_or_path is None or resources.is_name(name_or_path):
         return name_or_path
     return str(Path(name_or_path).absolute())
-
-
-def _named(name_or_path: str | None, kind: str) -> Path | None:
-    return None if name_or_path is None else tomltext.locate(name_or_path, kind)

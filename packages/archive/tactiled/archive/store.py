@@ -32,27 +32,18 @@ class StoredRecording:
     sha256: str  # digest that was confirmed when the copy was made; empty where none is
 
 
-@dataclass(frozen=True)
-class Examined:
-    """Outcome of reading a stored recording back."""
-
-    recording: StoredRecording
-    health: Health
-    reason: str = ""  # why the copy is not whole; else empty
-
-
 def open_store(url: str, option: str = "--to", *, must_last: bool = False) -> tuple[AbstractFileSystem, str]:
     """Return the file system of a URL (``s3://BUCKET/FOLDER``, ``file:///FOLDER``, ...), and its folder.
 
     Credentials and the address of an S3 server come from the environment or the user's own files, as for
     every program that uses fsspec (``AWS_ACCESS_KEY_ID``, ``AWS_ENDPOINT_URL``, ``~/.aws``). With `must_last`
-    the store has to outlive this process: see `check_lasting`.
+    the store has to outlive this process: its copies are to be the only ones.
 
     Raises
     ------
     OperatorError
-        It is no URL, has no bucket or folder, the kind of store is unknown, or its library is not installed;
-        `option` is named.
+        It is no URL, has no bucket or folder, the kind of store is unknown or may not last, or its library is
+        not installed; `option` is named.
     UnavailableError
         The store cannot be opened, e.g. because its server does not answer.
     """
@@ -62,8 +53,10 @@ def open_store(url: str, option: str = "--to", *, must_last: bool = False) -> tu
         kind, _, path = link.partition("://")
         if kind in _BUCKETS and path.startswith("/"):
             raise OperatorError(f"{option} {url}: name the bucket first: {kind}://BUCKET/FOLDER")
-    if must_last:
-        check_lasting(url)
+    if must_last and (reason := _fault_of_short_life(url)):
+        raise OperatorError(
+            f"{option} {url}: {reason}; push without --remove, or to one of: {', '.join(sorted(LASTING))}"
+        )
     try:
         store, folder = fsspec.core.url_to_fs(url)
     except (ImportError, ValueError) as error:
@@ -75,24 +68,12 @@ def open_store(url: str, option: str = "--to", *, must_last: bool = False) -> tu
     return store, folder.rstrip("/")
 
 
-def check_lasting(url: str) -> None:
-    """Refuse a store that may not outlive this process, where its copies are to be the only ones.
-
-    Raises
-    ------
-    OperatorError
-        The kind of store is not known to last, or the URL is a chain (``::``) whose copies may be in a cache.
-    """
+def _fault_of_short_life(url: str) -> str:
+    """Return why a store may not outlive this process; empty where it does."""
     kind = url.partition("://")[0]
     if "::" in url:
-        reason = "a chained URL (::) may keep its files in a cache or in memory"
-    elif kind not in LASTING:
-        reason = f"a store of the kind {kind!r} is not known to outlive this command"
-    else:
-        return
-    raise OperatorError(
-        f"--to {url}: {reason}; push without --remove, or to one of: {', '.join(sorted(LASTING))}"
-    )
+        return "a chained URL (::) may keep its files in a cache or in memory"
+    return "" if kind in LASTING else f"a store of the kind {kind!r} is not known to outlive this command"
 
 
 def check_apart(directory: Path, url: str) -> None:
@@ -145,19 +126,19 @@ def stored_recordings(store: AbstractFileSystem, folder: str) -> list[StoredReco
     return found
 
 
-def examine(store: AbstractFileSystem, recording: StoredRecording) -> Examined:
-    """Read a stored recording back, and compare it with the digest that was confirmed."""
+def examine(store: AbstractFileSystem, recording: StoredRecording) -> tuple[Health, str]:
+    """Read a stored recording back, and compare it with the digest that was confirmed; say what is wrong."""
     try:
         if not is_regular(store, recording.remote):
-            return Examined(recording, "unreadable", "skipped: not a regular file")
+            return "unreadable", "skipped: not a regular file"
         if not recording.sha256:
-            return Examined(recording, "unconfirmed", "no complete .sha256 beside it: push it again")
+            return "unconfirmed", "no complete .sha256 beside it: push it again"
         found = digest_of(store, recording.remote)
     except Exception as error:  # each kind of store has exceptions of its own
-        return Examined(recording, "unreadable", reason_of(error))
+        return "unreadable", reason_of(error)
     if found != recording.sha256:
-        return Examined(recording, "damaged", f"was read back with SHA-256 {found}, not {recording.sha256}")
-    return Examined(recording, "whole")
+        return "damaged", f"was read back with SHA-256 {found}, not {recording.sha256}"
+    return "whole", ""
 
 
 def is_regular(store: AbstractFileSystem, remote: str) -> bool:

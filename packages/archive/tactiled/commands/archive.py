@@ -14,6 +14,7 @@ from tactiled.progress import ProgressBar
 @click.group()
 def archive() -> None:
     """Keep copies of recordings in a store of files."""
+    need_extra("fsspec", "", "archive", "tactiled-archive")
 
 
 @archive.command()
@@ -35,18 +36,17 @@ def push(directory: Path, url: str, remove: bool) -> None:
 
     Example: tactiled archive push /var/lib/tactiled --to s3://touch/hand-3 --remove
     """
-    need_extra("fsspec", "", "archive push", "tactiled-archive")
-    from tactiled.archive.push import push as push_all
-    from tactiled.archive.push import recordings, size_of
+    from tactiled.archive import copies
     from tactiled.archive.store import check_apart, open_store
 
-    total = sum(size_of(path) for path in recordings(directory))
+    total = sum(map(copies.size_of, copies.recordings(directory)))
     check_apart(directory, url)
     store, folder = open_store(url, must_last=remove)
     states: Counter[str] = Counter()
     with ProgressBar(f"archive push {directory}", total) as progress:
-        for copy in push_all(directory, store, folder, remove, progress.advance):
+        for copy in copies.push(directory, store, folder, remove=remove):
             states[copy.state] += 1
+            progress.advance(copy.path.name, copy.n_bytes)
             if copy.state == "failed":
                 click.echo(f"{copy.path}: not confirmed, kept here: {copy.reason}", err=True)
             elif copy.state == "repaired":
@@ -71,7 +71,6 @@ def list_recordings(url: str) -> None:
 
     Example: tactiled archive list s3://touch/hand-3
     """
-    need_extra("fsspec", "", "archive list", "tactiled-archive")
     from tactiled.archive.store import open_store, stored_recordings
 
     for recording in stored_recordings(*open_store(url, "URL")):
@@ -89,8 +88,7 @@ def verify(url: str, names: tuple[str, ...]) -> None:
 
     Example: tactiled archive verify s3://touch/hand-3
     """
-    need_extra("fsspec", "", "archive verify", "tactiled-archive")
-    from tactiled.archive.pull import chosen
+    from tactiled.archive.copies import chosen
     from tactiled.archive.store import examine, open_store, stored_recordings
 
     store, folder = open_store(url, "URL")
@@ -98,9 +96,9 @@ def verify(url: str, names: tuple[str, ...]) -> None:
     states: Counter[str] = Counter()
     with ProgressBar(f"archive verify {url}", sum(r.n_bytes for r in found), writes_lines=True) as progress:
         for recording in found:
-            examined = examine(store, recording)
-            states[examined.health] += 1
-            _print({"name": recording.name, "health": examined.health, "reason": examined.reason})
+            health, reason = examine(store, recording)
+            states[health] += 1
+            _print({"name": recording.name, "health": health, "reason": reason})
             progress.advance(recording.name, recording.n_bytes)
     click.echo(f"{url}: " + ", ".join(f"{n} {state}" for state, n in sorted(states.items())), err=True)
     sys.exit(0 if states["whole"] == len(found) else 1)
@@ -118,17 +116,16 @@ def pull(url: str, names: tuple[str, ...], directory: Path) -> None:
 
     Example: tactiled archive pull s3://touch/hand-3 'left/*' --to runs
     """
-    need_extra("fsspec", "", "archive pull", "tactiled-archive")
-    from tactiled.archive.pull import chosen
-    from tactiled.archive.pull import pull as pull_all
+    from tactiled.archive import copies
     from tactiled.archive.store import open_store, stored_recordings
 
     store, folder = open_store(url, "URL")
-    found = chosen(stored_recordings(store, folder), names)
+    found = copies.chosen(stored_recordings(store, folder), names)
     states: Counter[str] = Counter()
     with ProgressBar(f"archive pull {url}", sum(r.n_bytes for r in found)) as progress:
-        for copy in pull_all(store, found, directory, progress.advance):
+        for copy in copies.pull(store, found, directory):
             states[copy.state] += 1
+            progress.advance(copy.path.name, copy.n_bytes)
             if copy.state == "failed":
                 click.echo(f"{copy.path}: not fetched: {copy.reason}", err=True)
     failed = f", {states['failed']} not fetched" if states["failed"] else ""
