@@ -30,12 +30,10 @@ class World:
     def __init__(self, history_mb: float = 4.0, topics: tuple[str, ...] = ("slip", "contact")) -> None:
         self.now_s = 100.0
         self.history_mb = history_mb
-        self.inbox = Inbox(topics, None, 1e9, self.now_s, can_ask=True)
         self.items: list[Item] = []
-        self.deaf = False
-        """Whether requests go nowhere."""
+        self.deaf = False  # requests go nowhere
         self.start()
-        self.items += self.inbox.tick(self.now_s)
+        self.subscribe(*topics)
         self.exchange()
 
     def start(self) -> None:
@@ -44,10 +42,34 @@ class World:
         self.sent: dict[str, int] = {}
         self.runs = [*getattr(self, "runs", []), self.publisher.run]
 
-    def slips(self, *heard: bool) -> None:
-        """One after the other, heard or not."""
-        for is_heard in heard:
-            self.publish(SLIP, heard=is_heard)
+    def subscribe(self, *topics: str) -> None:
+        """Replace the client by a new one."""
+        self.inbox = Inbox(topics, None, 1e9, self.now_s, can_ask=True)
+        self.items = self.inbox.tick(self.now_s)
+
+    def play(self, *steps: str) -> None:
+        """Do the steps of which the streams below consist."""
+        for step in steps:
+            self._act(step)
+
+    def _act(self, step: str) -> None:
+        if step in ("heard", "missed"):
+            self.publish(SLIP, heard=step == "heard")
+        elif step in ("status", "missed-status"):
+            self.status(heard=step == "status")
+        elif step == "contact":
+            self.publish(CONTACT, heard=True)
+        elif step == "answered":
+            self.deaf = False
+            self.exchange()
+        elif step == "deaf":
+            self.deaf = True
+        elif step == "restart":
+            self.start()
+        elif step == "new-client":
+            self.subscribe("slip")
+        else:
+            self.wait({"wait": 0.01, "hold": HOLD_S, "probe": PROBE_S}[step])
 
     def publish(self, event: Event, *, heard: bool, board: str = "b") -> None:
         seq = self.sent.get(event.topic, 0)
@@ -103,47 +125,55 @@ def lost(story: Iterable[int | str]) -> int:
     return sum(int(str(s).removeprefix("lost ")) for s in story if str(s).startswith("lost "))
 
 
-def test_a_gap_is_filled_before_what_is_newer() -> None:
+@pytest.mark.parametrize(
+    ("steps", "story"),
+    [
+        # a gap is filled before what is newer, and of several gaps only what is missing is fetched
+        ("heard heard missed answered missed answered heard answered", "0, 1, r2, r3, 4"),
+        ("heard missed heard missed heard missed heard answered", "0, r1, 2, r3, 4, r5, 6"),
+        # a status reveals a loss at the end of a topic
+        ("heard missed answered", "0"),
+        ("heard missed answered status answered", "0, r1"),
+        # a daemon that does not answer is given up once, then nothing waits until it answers again
+        ("heard deaf missed heard missed heard", "0"),
+        ("heard deaf missed heard missed heard hold", "0, lost 1, 2, lost 1, 4"),
+        ("heard deaf missed heard hold missed heard", "0, lost 1, 2, lost 1, 4"),
+        ("heard deaf missed heard hold probe answered missed heard answered", "0, lost 1, 2, r3, 4"),
+        # nothing waits before the daemon has answered once
+        ("new-client heard missed heard", "0, lost 1, 2"),
+        ("new-client heard missed heard probe answered missed heard answered", "0, lost 1, 2, r3, 4"),
+        # a late subscriber gets the newest message and no loss, and never after a newer one
+        ("missed contact missed missed new-client answered heard status", "r2, 3"),
+        ("missed new-client heard answered", "1"),
+        # of a new run everything is fetched from its beginning; a gap of the old run is given up
+        ("heard heard restart missed missed heard answered", "0, 1, restarted, r0, r1, 2"),
+        ("heard missed heard restart answered", "0, lost 1, 2"),
+        ("heard missed heard restart answered heard answered", "0, lost 1, 2, restarted, 0"),
+        ("heard missed heard restart heard answered", "0, lost 1, 2, restarted, 0"),
+    ],
+)  # fmt: skip
+def test_what_becomes_of_missed_messages(steps: str, story: str) -> None:
     world = World()
-    for heard in (True, True, False, False, True):
-        world.publish(SLIP, heard=heard)
-        world.exchange()
-    assert world.story() == [0, 1, "r2", "r3", 4]
-    assert world.inbox.catch_up.recovered == 2
-    assert world.inbox.catch_up.lost == 0
-
-
-def test_of_several_gaps_only_what_is_missing_is_fetched() -> None:
-    world = World()
-    world.slips(True, False, True, False, True, False, True)
-    world.exchange()
-    assert world.story() == [0, "r1", 2, "r3", 4, "r5", 6]
+    world.play(*steps.split())
+    assert ", ".join(map(str, world.story())) == story
+    assert world.inbox.catch_up.lost == story.count("lost 1")
+    assert "new-client" not in steps or world.story("contact") == []
 
 
 def test_a_recovered_message_is_a_separate_item_with_its_age() -> None:
     world = World()
     world.publish(SLIP, heard=True)
     world.now_s = 130.0
-    world.slips(False, True)
+    world.play("missed", "heard")
     world.exchange()
     (old,) = [item for item in world.items if isinstance(item, Recovered)]
     assert not isinstance(old, Message)
     assert old.message.age_s >= 130.0  # its instant is 0
 
 
-def test_a_status_reveals_a_loss_at_the_end_of_a_topic() -> None:
-    world = World()
-    world.slips(True, False)
-    world.exchange()
-    assert world.story() == [0]
-    world.status()
-    world.exchange()
-    assert world.story() == [0, "r1"]
-
-
 def test_other_topics_do_not_wait_for_one() -> None:
     world = World()
-    world.slips(True, False, True)
+    world.play("heard", "missed", "heard")
     world.publish(CONTACT, heard=True)
     assert world.story("contact") == [0]
     assert world.story() == [0]
@@ -180,44 +210,9 @@ def test_a_hole_of_several_replies_is_filled_in_order() -> None:
     assert n_requests > 3
 
 
-def test_catching_up_gives_up_on_a_daemon_that_does_not_answer() -> None:
-    world = World()
-    world.publish(SLIP, heard=True)
-    world.deaf = True
-    world.slips(False, True)
-    assert world.story() == [0]
-    world.slips(False, True)
-    world.wait(HOLD_S)
-    assert world.story() == [0, "lost 1", 2, "lost 1", 4]
-    world.publish(SLIP, heard=False)
-    world.publish(SLIP, heard=True)  # once is enough
-    assert world.story()[-2:] == ["lost 1", 6]
-    world.deaf = False
-    world.wait(PROBE_S)
-    world.exchange()
-    world.slips(False, True)
-    world.exchange()
-    assert world.story()[-2:] == ["r7", 8]
-
-
-def test_nothing_waits_before_the_daemon_has_answered_once() -> None:
-    world = World.__new__(World)
-    world.history_mb, world.now_s, world.items, world.deaf = 4.0, 100.0, [], True
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
-    world.start()
-    world.slips(True, False, True)
-    assert world.story() == [0, "lost 1", 2]
-    world.wait(PROBE_S)
-    world.deaf = False
-    world.exchange()
-    world.slips(False, True)
-    world.exchange()
-    assert world.story() == [0, "lost 1", 2, "r3", 4]
-
-
 def test_a_late_answer_changes_nothing() -> None:
     world = World()
-    world.slips(True, False, True)
+    world.play("heard", "missed", "heard")
     (request,) = world.inbox.catch_up.unsent
     world.inbox.catch_up.sent(request)
     world.wait(HOLD_S)
@@ -226,30 +221,6 @@ def test_a_late_answer_changes_nothing() -> None:
         lambda reply: world.items.extend(world.inbox.answer(reply, world.now_s, 0.0)),
     )  # fmt: skip
     assert world.story() == [0, "lost 1", 2]
-
-
-def test_a_late_subscriber_gets_the_newest_message_of_each_topic_and_no_loss() -> None:
-    world = World()
-    for _ in range(5):
-        world.publish(SLIP, heard=False)
-    world.publish(CONTACT, heard=False)
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
-    world.items = world.inbox.tick(world.now_s)
-    world.exchange()
-    world.publish(SLIP, heard=True)
-    world.status()
-    assert world.story() == ["r4", 5]
-    assert world.story("contact") == []
-
-
-def test_a_retained_message_is_never_delivered_after_a_newer_one() -> None:
-    world = World()
-    world.publish(SLIP, heard=False)
-    world.inbox = Inbox(("slip",), None, 1e9, world.now_s, can_ask=True)
-    world.items = world.inbox.tick(world.now_s)
-    world.publish(SLIP, heard=True)  # overtakes the reply
-    world.exchange()
-    assert world.story() == [1]
 
 
 @pytest.mark.parametrize("topic", ["slip", "contact"])
@@ -269,69 +240,17 @@ def test_a_reply_that_overtakes_waiting_messages_hides_none_of_them(topic: str) 
     assert world.story(topic) == [0, 1, 2]
 
 
-def test_after_a_restart_the_new_run_is_fetched_from_its_beginning() -> None:
-    world = World()
-    for _ in range(3):
-        world.publish(SLIP, heard=True)
-    world.start()
-    world.slips(False, False, False, True)  # the number goes on as if nothing had happened
-    world.exchange()
-    assert world.story() == [0, 1, 2, "restarted", "r0", "r1", "r2", 3]
-
-
-def test_a_restart_while_waiting_abandons_the_gap_of_the_old_run() -> None:
-    world = World()
-    world.slips(True, False, True)
-    world.start()
-    world.exchange()  # the new run answers: it does not have the messages of the old one
-    assert world.story() == [0, "lost 1", 2]
-    world.publish(SLIP, heard=True)
-    world.exchange()
-    assert world.story() == [0, "lost 1", 2, "restarted", 0]
-
-
-def test_a_restart_releases_the_messages_that_wait() -> None:
-    world = World()
-    world.slips(True, False, True)
-    world.start()
-    world.publish(SLIP, heard=True)
-    world.exchange()
-    assert world.story() == [0, "lost 1", 2, "restarted", 0]
-
-
-Action = tuple[str, bool]
-actions = st.lists(
-    st.tuples(
-        st.sampled_from(["slip", "slip", "slip", "contact", "status", "exchange", "wait"]), st.booleans()
-    ),
+steps = st.lists(
+    st.sampled_from([*3 * ["heard", "missed"], "contact", "status", "missed-status", "answered", "wait"]),
     max_size=80,
 )
 
 
-def play(world: World, story: list[Action]) -> None:
-    for what, heard in story:
-        if what == "slip":
-            world.publish(SLIP, heard=heard)
-        elif what == "contact":
-            world.publish(CONTACT, heard=heard)
-        elif what == "status":
-            world.status(heard=heard)
-        elif what == "exchange":
-            world.exchange()
-        else:
-            world.wait(0.01)
-
-
-@given(story=actions)
+@given(steps=steps)
 @settings(deadline=None, max_examples=200)
-def test_within_the_store_everything_comes_once_and_in_order(story: list[Action]) -> None:
+def test_within_the_store_everything_comes_once_and_in_order(steps: list[str]) -> None:
     world = World()
-    world.publish(SLIP, heard=True)
-    world.publish(CONTACT, heard=True)
-    play(world, story)
-    world.exchange()
-    world.status()
-    world.exchange()
+    world.play("heard", "contact", *steps, "answered", "status", "answered")
     assert numbers(world.story("slip")) == list(range(world.sent["slip"]))
     assert numbers(world.story("contact")) == list(range(world.sent["contact"]))
     assert world.inbox.catch_up.lost == 0
@@ -339,27 +258,24 @@ def test_within_the_store_everything_comes_once_and_in_order(story: list[Action]
     assert live == sorted(live)
 
 
-@given(story=actions, restarts=st.lists(st.integers(0, 79), max_size=2))
+@given(steps=steps, restarts=st.lists(st.integers(0, 79), max_size=2))
 @settings(deadline=None, max_examples=200)
 def test_with_a_small_store_every_message_is_delivered_or_counted_as_lost(
-    story: list[Action], restarts: list[int]
+    steps: list[str], restarts: list[int]
 ) -> None:
     """In each run: what came and what is lost are all that there was, and numbers only grow."""
     world = World(history_mb=0.01, topics=("slip",))
-    world.publish(SLIP, heard=True)
+    world.play("heard")
     totals = []
-    for place, action in enumerate(story):
+    for place, step in enumerate(steps):
         if place in restarts:
             world.status()
             totals.append(world.sent.get("slip", 0))
             world.start()
             world.status()
-        world.deaf = action[0] == "contact" or (world.deaf and action[0] != "exchange")
-        play(world, [action] * (1 + 20 * (place % 7 == 0)))
-    world.deaf = False
-    world.exchange()
-    world.status()
-    world.exchange()
+        n_times = 21 if place % 7 == 0 else 1
+        world.play(*n_times * ["deaf" if step == "contact" else step])
+    world.play("answered", "status", "answered")
     totals.append(world.sent.get("slip", 0))
     runs: list[list[int | str]] = [[]]
     for entry in world.story("slip"):

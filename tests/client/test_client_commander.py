@@ -174,14 +174,6 @@ def test_values_that_no_message_can_have_are_refused_before_sending(
         commander.send("mark", text=value)
 
 
-def test_the_endpoint_for_requests_is_beside_that_of_events(tmp_path: Path) -> None:
-    with (
-        daemon(tmp_path, lambda request, _: [done(request)]) as (control, _),
-        Commander(control.replace("control", "events")) as commander,
-    ):
-        assert commander.send("state").ok
-
-
 def test_an_invalid_endpoint_leaves_nothing_open(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="endpoint"):
         Commander(control="nonsense")

@@ -141,23 +141,6 @@ def test_every_missing_number_is_counted(lost: list[int]) -> None:
     assert told == daemon.inbox.catch_up.lost == sum(lost)
 
 
-def test_joining_late_is_no_loss() -> None:
-    daemon = Daemon()
-    for _ in range(50):
-        daemon.make("scan")
-    assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
-
-
-def test_sequence_numbers_that_begin_again_mean_a_restart() -> None:
-    daemon = Daemon(topics=("scan",))
-    for _ in range(5):
-        daemon.read(daemon.make("scan"))
-    daemon.restart()
-    assert kinds(daemon.read(daemon.make("scan"))) == ["Restarted", "Message"]
-    assert kinds(daemon.read(daemon.make("scan"))) == ["Message"]
-    assert daemon.inbox.catch_up.lost == 0
-
-
 def test_a_restart_is_noticed_although_numbers_have_overtaken_and_missed_messages_count_as_lost() -> None:
     daemon = Daemon(topics=("slip", "scan"))
     for _ in range(5):
@@ -302,23 +285,6 @@ def test_a_hostile_publisher_never_raises(messages: list[tuple[bytes, bytes]]) -
         for item in inbox.receive(list(parts), now_s, 1.0 + now_s) + inbox.tick(now_s):
             assert isinstance(item, Item)
         assert inbox.is_fresh(now_s) in (True, False)
-
-
-def test_many_boards_use_bounded_memory() -> None:
-    daemon = Daemon()
-    for number in range(3000):
-        daemon.board = f"b{number}"
-        daemon.seq = {}
-        daemon.read(daemon.make_status())
-    assert daemon.inbox.malformed == 3000 - 1024
-
-
-def test_the_age_of_a_message_grows_while_it_is_held() -> None:
-    daemon = Daemon()
-    (message,) = daemon.inbox.receive(daemon.make("slip"), daemon.now_s, daemon.now_s + UNIX_S + 0.25)
-    assert isinstance(message, Message)
-    first = message.age_s
-    assert message.age_s >= first
 
 
 @pytest.mark.parametrize(("topic", "evidence"), [("slip", "detected"), ("texture", "answered")])

@@ -91,9 +91,7 @@ def test_the_error_names_the_group_that_may_connect(host: Host) -> None:
     assert os.waitstatus_to_exitcode(status) == 0
 
 
-def test_a_folder_that_somebody_else_made_in_our_place_is_not_taken(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_folder_that_somebody_else_made_in_our_place_is_not_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     uid = os.getuid()
     with ExitStack() as stack, tempfile.TemporaryDirectory() as root:
         host = Host(Path(root), stack)

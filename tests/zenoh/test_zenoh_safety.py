@@ -48,10 +48,7 @@ def test_what_other_hosts_reach(locator: str, wide: bool) -> None:
             "move enable_mtls",
         ),
         (
-            {
-                "mode": "client",
-                "connect": {"endpoints": ["tls/10.0.0.1:7447#verify_name_on_connect=false"]},
-            },
+            {"mode": "client", "connect": {"endpoints": ["tls/10.0.0.1:7447#verify_name_on_connect=false"]}},
             "move verify_name_on_connect",
         ),
         ({"mode": "client", "connect": {"endpoints": {"client": ["ws/10.0.0.1:80"]}}}, "ws/10.0.0.1"),

@@ -74,11 +74,7 @@ class Inbox:
         return math.inf if self._state == "stale" else self._status_s + self._stale_after_s
 
     def receive(
-        self,
-        parts: Sequence[bytes],
-        now_s: float,
-        unix_s: float,
-        thinned: AbstractSet[str] = frozenset(),
+        self, parts: Sequence[bytes], now_s: float, unix_s: float, thinned: AbstractSet[str] = frozenset()
     ) -> list[Item]:
         """Return the items from topic and payload of a message; never raises, whatever it contains.
 

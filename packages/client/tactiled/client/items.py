@@ -80,8 +80,7 @@ class Stale:
     """Begin of a time in which data may be old; do not act on tactile data until `Fresh`."""
 
     reason: str
-    silent_s: float
-    """Age of the newest data, seconds."""
+    silent_s: float  # age of the newest data, seconds
 
 
 @dataclass(frozen=True)

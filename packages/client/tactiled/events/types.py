@@ -61,8 +61,7 @@ class SlipEvent(Event):
     valid: bool
     detected_s: float
     """Instant of the scan that completed the evidence; `detected_s - onset_s` is the detector's delay."""
-    suppressed: Suppressed = ""
-    """Announcement that covers this slip; `valid` is then false. Empty for none."""
+    suppressed: Suppressed = ""  # announcement that covers this slip; `valid` is then false. Empty for none
 
     @property
     def evidence_s(self) -> float:
@@ -98,17 +97,14 @@ class GripEvent(Event):
     """
 
     topic: ClassVar[str] = "grip"
-    utilisation: float = 0.0
-    """Tangential load over the friction limit (median); 1 is gross slip."""
+    utilisation: float = 0.0  # tangential load over the friction limit (median); 1 is gross slip
     utilisation_low: float = 0.0
     utilisation_high: float = 1.0
     friction: float = 0.0
     friction_low: float = 0.0
     friction_high: float = 0.0
-    slipping_share: float = 0.0
-    """Part of the contact area that slips now."""
-    p_sliding: float = 0.0
-    """Probability that all of the contact slides now."""
+    slipping_share: float = 0.0  # part of the contact area that slips now
+    p_sliding: float = 0.0  # probability that all of the contact slides now
     p_gross_50ms: float = 0.0
     """Probability that gross slip begins within 50 ms, if the contact does not slide yet; 1 in gross slip."""
     p_gross_100ms: float = 0.0
@@ -118,8 +114,7 @@ class GripEvent(Event):
     shear_y: float = 0.0
     torsion: float = 0.0
     unit: Literal["N", "relative"] = "relative"
-    needed_load: float = 0.0
-    """Load at which utilisation would be 0.7 at `friction_low`."""
+    needed_load: float = 0.0  # load at which utilisation would be 0.7 at `friction_low`
     state: GripState = "none"
     valid: bool = False
     late: bool = False
@@ -138,27 +133,22 @@ class ForceEvent(Event):
     """Values of `calibration` with which no force is known in newtons; a nominal one is off by up to 2.7."""
     fx_n: float = 0.0
     fy_n: float = 0.0
-    fz_n: float = 0.0
-    """Normal force; above 0 presses."""
+    fz_n: float = 0.0  # normal force; above 0 presses
     fx_sd_n: float = UNKNOWN_SD_N
     fy_sd_n: float = UNKNOWN_SD_N
     fz_sd_n: float = UNKNOWN_SD_N
-    tx_nmm: float = 0.0
-    """Moments about the origin of the array frame."""
+    tx_nmm: float = 0.0  # moments about the origin of the array frame
     ty_nmm: float = 0.0
     tz_nmm: float = 0.0
-    x_mm: float = 0.0
-    """Centre of pressure; the centre of the array where there is hardly any normal force."""
+    x_mm: float = 0.0  # centre of pressure; the centre of the array where there is hardly any normal force
     y_mm: float = 0.0
     taxel_fx_n: tuple[float, ...] = ()
     taxel_fy_n: tuple[float, ...] = ()
     taxel_fz_n: tuple[float, ...] = ()
     calibration: str = "none"
     """Name of the calibration; "nominal" for one from published numbers, "none" where there is none."""
-    saturated: bool = False
-    """True where a channel is saturated: the force is at least this."""
-    beyond_range: bool = False
-    """True where a reading exceeds those of the calibration."""
+    saturated: bool = False  # True where a channel is saturated: the force is at least this
+    beyond_range: bool = False  # True where a reading exceeds those of the calibration
     channels_missing: int = 0
     """Number of channels without a valid reading, which were replaced by others of their taxel."""
     valid: bool = False
@@ -188,8 +178,7 @@ class Candidate:
     period_mm: float
     angle_deg: float
     weight: float
-    period_sd_mm: float = 0.0
-    """Standard deviation of the period with "period-only"; else 0.0."""
+    period_sd_mm: float = 0.0  # standard deviation of the period with "period-only"; else 0.0
     period_min_mm: float = 0.0
     """Shortest period with "period-only", as of the event; else 0.0. The longest is next."""
     period_max_mm: float = 0.0
@@ -215,8 +204,7 @@ class TextureEvent(Event):
     speed_sd_mm_s: float = 0.0
     period_min_mm: float = 0.0
     """Shortest period for the permitted tilts of the grooves, with "period-only"; else 0.0."""
-    period_max_mm: float = 0.0
-    """Longest period: that of motion across the grooves."""
+    period_max_mm: float = 0.0  # longest period: that of motion across the grooves
     speed_source: Literal["given", "estimated", "none"] = "none"
     frequency_hz: float = 0.0
     window_s: float = 0.0
@@ -241,8 +229,7 @@ class ScanEvent(Event):
     volts: tuple[float, ...]
     valid: tuple[bool, ...]
     time_sd_s: float
-    age_s: float
-    """Seconds from the instant of the scan to its handling by the daemon."""
+    age_s: float  # seconds from the instant of the scan to its handling by the daemon
     late: bool
 
 
@@ -277,18 +264,15 @@ class StatusEvent(Event):
     reason: str
     warning: str
     """Fault that does not stop the board: a noisy line, a board clock that deviates, a slow adapter."""
-    age_s: float
-    """Seconds since the newest scan began: the age of the newest data on the other topics."""
-    clock_sd_s: float
-    """Standard deviation of the newest scan's instant in seconds; 1e9 before any scan."""
+    age_s: float  # seconds since the newest scan began: the age of the newest data on the other topics
+    clock_sd_s: float  # standard deviation of the newest scan's instant in seconds; 1e9 before any scan
     clock_rate_ppm: float
     rate_hz: float
     scans: int
     frames_corrupt: int
     scans_missing: int
     scans_duplicate: int
-    restarts: int
-    """Number of boots of the board, or of restarts of its counters."""
+    restarts: int  # number of boots of the board, or of restarts of its counters
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -303,10 +287,8 @@ class StatusEvent(Event):
     """Part of `scans_missing`: the board missed the scan instant and flagged it; the line is in order."""
     loop_lag_s: float = 0.0
     """Longest time since the last status for which the daemon could not react to anything."""
-    fits_late: int = 0
-    """Number of groove fits that were not ready at the scan at which they were due."""
-    loss_known: bool = True
-    """False where frames have no sequence number: lost scans are then not counted."""
+    fits_late: int = 0  # number of groove fits that were not ready at the scan at which they were due
+    loss_known: bool = True  # False where frames have no sequence number: lost scans are then not counted
     damage_known: bool = True
     """False where frames have no checksum: a damaged reading may then pass as a good one."""
     path: ScanPath = "compiled"
@@ -314,8 +296,7 @@ class StatusEvent(Event):
     hidden_below: float = 0.0
     """Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without shear,
     15 % of the largest load of late. 0 where no load hides another."""
-    sent: Sent = Sent()
-    """Messages that a subscriber without losses has received by now."""
+    sent: Sent = Sent()  # messages that a subscriber without losses has received by now
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -346,15 +327,12 @@ class RecordingEvent(Event):
     topic: ClassVar[str] = "recording"
     state: Literal["off", "recording", "no-room", "failed"]
     reason: str
-    file: str
-    """Final name of the file being written; empty for none."""
+    file: str  # final name of the file being written; empty for none
     parts: int
     bytes_written: int
     free_mb: float
-    reads_dropped: int
-    """Number of reads of the port that are in no file."""
-    reads_waiting: int
-    """Number of items that wait for the disk."""
+    reads_dropped: int  # number of reads of the port that are in no file
+    reads_waiting: int  # number of items that wait for the disk
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,19 +342,13 @@ class CommandEvent(Event):
     topic: ClassVar[str] = "command"
     request_id: str
     command: str
-    arguments: str
-    """Arguments as a JSON object."""
-    who: str
-    """Name that the client gives itself."""
-    key: str
-    """Name of the CURVE key of the client; empty on plain endpoints."""
-    uid: int
-    """User id of the client from the kernel; -1 where the transport does not provide it."""
+    arguments: str  # arguments as a JSON object
+    who: str  # name that the client gives itself
+    key: str  # name of the CURVE key of the client; empty on plain endpoints
+    uid: int  # user id of the client from the kernel; -1 where the transport does not provide it
     ok: bool
-    reason: str
-    """Reason for a refusal; empty where `ok`."""
-    scan_index: int
-    """Index of the first scan that the command applies to."""
+    reason: str  # reason for a refusal; empty where `ok`
+    scan_index: int  # index of the first scan that the command applies to
 
 
 AnyEvent = (
