@@ -107,27 +107,6 @@ def test_what_is_no_topic_goes_nowhere(topic: str, session: FakeSession, tmp_pat
     assert session.put == []
 
 
-def test_a_board_is_on_the_network_while_its_status_comes(session: FakeSession, tmp_path: object) -> None:
-    bridge = bridge_of(session, None, tmp_path)
-    own = {"tactile/h/control"}
-    assert session.tokens == own
-    assert session.queryables == {"tactile/h/control", "tactile/h/command"}
-    forward(bridge, "tactile/A/slip", 50.0)
-    assert session.tokens == own
-    for at_s in (50.0, 50.5):
-        forward(bridge, "tactile/A/status", at_s)
-    assert session.tokens == own | {"tactile/h/A"}
-    bridge._boards.drop_silent(51.4)  # noqa: SLF001
-    assert session.tokens == own | {"tactile/h/A"}
-    bridge._boards.drop_silent(51.6)  # noqa: SLF001
-    assert session.tokens == own
-    forward(bridge, "tactile/A/status", 60.0)
-    assert session.tokens == own | {"tactile/h/A"}
-    bridge.close()
-    assert session.tokens == set()
-    assert session.queryables == set()
-
-
 def test_a_router_that_comes_later_is_found(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

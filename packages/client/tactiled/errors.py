@@ -33,15 +33,7 @@ class OperatorError(TactiledError):
 
 
 class ConfigError(OperatorError):
-    """Invalid value in a file or option.
-
-    Parameters
-    ----------
-    source : str
-        The file, or "command line".
-    faults : sequence of str
-        One line for each fault, with its place and, where possible, what to do.
-    """
+    """Invalid value in a file or option (`source`); each fault is a line with its place and what to do."""
 
     def __init__(self, source: str, faults: Sequence[str]) -> None:
         self.source = source

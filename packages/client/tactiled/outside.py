@@ -71,17 +71,10 @@ def rule_value(text: str) -> str:
 def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:
     """Read a text file that somebody else may have made.
 
-    Parameters
-    ----------
-    path : Path
-        A regular file: a device, a FIFO or a folder is refused before it is read.
-    limit_bytes : int
-        Size beyond which the file is refused.
-
     Raises
     ------
     DataError
-        Not a regular file, too large, or not UTF-8.
+        Not a regular file, larger than the limit, or not UTF-8.
     OSError
         The file cannot be opened.
     """
@@ -97,15 +90,7 @@ def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:
 
 
 def need_regular(path: Path) -> None:
-    """Refuse a device, a FIFO or a folder, which may have no end or never answer.
-
-    Raises
-    ------
-    DataError
-        Not a regular file.
-    OSError
-        There is no such file.
-    """
+    """Refuse with a DataError a device, a FIFO or a folder, which may have no end or never answer."""
     if not stat.S_ISREG(path.stat().st_mode):
         raise DataError(f"{path}: is not a regular file")
 
@@ -141,16 +126,10 @@ def path_below(directory: Path, name: str) -> Path:
 
 
 def read_secret(path: Path, what: str = "secret key", environ: Mapping[str, str] = os.environ) -> str:
-    """Read a text file with a key or a token, which only its owner may be able to read.
+    """Read a text file with a key or a token (`what`), which only its owner may be able to read.
 
-    Parameters
-    ----------
-    path : Path
-        A credential of systemd is accepted with any mode: its access list shows as group permissions.
-    what : str
-        What the file protects, for the error.
-    environ : mapping
-        Environment, with ``CREDENTIALS_DIRECTORY`` in a unit that loads credentials.
+    A credential of systemd, in ``CREDENTIALS_DIRECTORY`` of the environment, is accepted with any mode: its
+    access list shows as group permissions.
 
     Raises
     ------

@@ -34,19 +34,11 @@ _AGAIN_S = 0.5  # a reply takes a millisecond, that to a change of rate some 100
 
 @dataclass(frozen=True)
 class Reply:
-    """Reply of the daemon.
-
-    Attributes
-    ----------
-    reason : str
-        Reason for a refusal; empty where `ok`.
-    data : dict
-        The whole map (protocols/control.md).
-    """
+    """Reply of the daemon."""
 
     ok: bool
-    reason: str
-    data: dict[str, Any]
+    reason: str  # for a refusal; empty where `ok`
+    data: dict[str, Any]  # the whole map (protocols/control.md)
 
 
 class _Request:
@@ -209,13 +201,8 @@ class Commander(_Connected):
         time_s : float or iterable of float, optional
             Instant of each value by ``time.monotonic()`` of this program, never decreasing, within 1 s of
             now. A value holds for 0.1 s. Left out: one value, which counts from its arrival on.
-        **arguments
-            Such as ``board``.
-
-        Raises
-        ------
-        OperatorError
-            See `send`.
+        timeout_s, **arguments
+            As for `send`, such as ``board``.
         """
         return self.send("motion", timeout_s, **arguments, **_motion(acceleration_m_s2, time_s))
 

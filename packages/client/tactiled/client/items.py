@@ -7,30 +7,14 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Message:
-    """Published event; `typed` has a subclass for each topic, whose fields type checkers know.
+    """Published event; `typed` has a subclass for each topic, whose fields type checkers know."""
 
-    Attributes
-    ----------
-    topic : str
-        ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...
-    board : str
-        Serial number of the board.
-    seq : int
-        Sequence number within board and topic.
-    timestamp : float
-        Physical instant that the message is about, epoch seconds: of a slip, its onset or its end.
-    data : dict
-        The whole map (protocols/events.md).
-    received_s : float
-        Time at which it was read from the socket, ``time.monotonic()``.
-    """
-
-    topic: str
-    board: str
-    seq: int
-    timestamp: float
-    data: dict[str, Any] = field(repr=False)
-    received_s: float
+    topic: str  # "slip", "texture", "contact", "scan", "status", "info", "command", ...
+    board: str  # serial number of the board
+    seq: int  # sequence number within board and topic
+    timestamp: float  # physical instant that it is about, epoch seconds: of a slip, its onset or its end
+    data: dict[str, Any] = field(repr=False)  # the whole map (protocols/events.md)
+    received_s: float  # time at which it was read from the socket, `time.monotonic()`
     _age_received_s: float = field(repr=False)
     _evidence_age_s: float = field(repr=False)
 

@@ -35,20 +35,9 @@ def listen(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> int:
-    """Print messages until `count` is reached, `timeout_s` has passed, or Ctrl-C.
+    """Print messages until there were `count` lines, `timeout_s` has passed, or Ctrl-C.
 
-    Parameters
-    ----------
-    endpoint, topics, board, keys
-        As for `Client`.
-    count : int, optional
-        End after this number of lines.
-    timeout_s : float, optional
-        End after this time in all.
-    as_json : bool
-        Print every message as a JSON line; else lines for people (`EventLines`).
-    out, err : text streams
-        For messages, and for text.
+    Messages go to `out`, as JSON lines or for people (`EventLines`); all else goes to `err`.
 
     Returns
     -------

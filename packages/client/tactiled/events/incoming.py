@@ -23,13 +23,8 @@ _Check = Callable[[Any], bool]
 def checked_map(topic: str, data: Mapping[str, Any]) -> dict[str, Any]:
     """Return the declared fields of a message map, each present and of its type.
 
-    Parameters
-    ----------
-    topic : str
-        Last part of the topic.
-    data : mapping
-        Map as received. Fields that are not declared are left out; declared fields with a default, which an
-        earlier version does not send, get that default.
+    Fields that are not declared are left out; declared fields with a default, which an earlier version does
+    not send, get that default.
 
     Raises
     ------

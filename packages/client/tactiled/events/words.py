@@ -36,13 +36,8 @@ class EventLines:
 
     What comes with each scan or fit is shown when its state changes, and else once a second. Where there are
     messages of several boards, each line names its board.
-
-    Parameters
-    ----------
-    instant : callable
-        Words for the instant of a message.
-    topics : collection of str
-        Topics that were asked for; empty for all but those that come whether anything happens or not.
+    `instant` has words for the instant of a message. Without `topics` that were asked for, all are shown but
+    those that come whether anything happens or not.
     """
 
     def __init__(self, instant: Callable[[float], str], topics: Collection[str] = ()) -> None:

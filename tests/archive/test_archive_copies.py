@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import json
 import os
 import shutil
 import socket
@@ -12,11 +13,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner, Result
 from fsspec.implementations.memory import MemoryFileSystem
 
-from tactiled.archive.copies import Copy, push
-from tactiled.archive.store import open_store
-from tactiled.errors import OperatorError
+from tactiled.archive.copies import Copy, pull, push
+from tactiled.archive.store import StoredRecording, examine, open_store, stored_recordings
+from tactiled.commands.archive import archive
+from tactiled.errors import DataError, OperatorError, UnavailableError
 
 SEAWEED_INNER_PORTS = (8181, 9101)  # Iceberg, Lance
 WEED = Path(sys.executable).with_name("weed")
@@ -270,3 +273,239 @@ def test_an_s3_server_gets_every_recording_and_what_it_did_not_get_stays(
     assert lost.stderr.count("not confirmed, kept here") == 2
     assert "Traceback" not in lost.stderr
     assert (spare / "a.mcap").exists()
+
+
+def refusal(*arguments: str) -> OperatorError:
+    """Run a command, and return why it was refused; the entry point ends with the exit code of that."""
+    error = CliRunner().invoke(archive, arguments).exception
+    assert isinstance(error, OperatorError), repr(error)
+    return error
+
+
+@pytest.mark.parametrize(
+    "url", ["memory://x", "simplecache::s3://touch/x", "dir://x::memory://", "nope://x", "://x"]
+)
+def test_the_only_copy_is_never_left_to_a_store_that_may_end_with_the_command(folder: Path, url: str) -> None:
+    error = refusal("push", str(folder), "--to", url, "--remove")
+    assert error.exit_code == 2
+    assert f"--to {url}" in str(error)
+    assert "push without --remove" in str(error)
+    assert (folder / "a.mcap").exists()
+
+
+def test_a_store_that_lasts_may_have_the_only_copy(folder: Path, tmp_path: Path) -> None:
+    pushed = CliRunner().invoke(
+        archive, ["push", str(folder), "--to", f"file://{tmp_path}/store", "--remove"]
+    )
+    assert pushed.exit_code == 0
+    assert (tmp_path / "store/a.mcap").exists()
+    assert not (folder / "a.mcap").exists()
+
+
+def test_a_store_in_memory_may_have_a_second_copy(folder: Path) -> None:
+    pushed = CliRunner().invoke(archive, ["push", str(folder), "--to", "memory://second"])
+    MemoryFileSystem.store.clear()
+    assert pushed.exit_code == 0
+    assert (folder / "a.mcap").exists()
+
+
+@pytest.mark.parametrize("options", [[], ["--remove"]])
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ("file://{}/runs", "is inside"),
+        ("file://{}/runs/store", "is inside"),
+        ("local://{}/other/../runs/store", "is inside"),
+        ("file://{}/link/store", "is inside"),
+        ("simplecache::file://{}/runs/store", "is inside"),
+        ("file://{}", "is inside this store"),
+        ("file:///", "is inside this store"),
+    ],
+)
+def test_a_store_and_a_directory_inside_each_other_are_refused(
+    folder: Path, tmp_path: Path, place: str, reason: str, options: list[str]
+) -> None:
+    (tmp_path / "link").symlink_to(folder)
+    error = refusal("push", str(folder), "--to", place.format(tmp_path), *options)
+    assert error.exit_code == 2
+    assert reason in str(error)
+    assert sorted(path.name for path in folder.rglob("*")) == ["a.mcap", "b.mcap", "c.mcap.active", "left"]
+
+
+def test_a_neighbour_whose_name_begins_alike_is_another_folder(folder: Path, tmp_path: Path) -> None:
+    pushed = CliRunner().invoke(archive, ["push", str(folder), "--to", f"file://{tmp_path}/runs-copy"])
+    assert pushed.exit_code == 0
+
+
+@pytest.mark.parametrize("url", ["ftp://127.0.0.1:1/x", "zip://x::file:///no/such.zip"])
+def test_a_store_that_cannot_be_opened_is_named(folder: Path, url: str) -> None:
+    for arguments in (("push", str(folder), "--to", url), ("list", url), ("verify", url)):
+        error = refusal(*arguments)
+        assert isinstance(error, UnavailableError)
+        assert error.exit_code == 1
+        assert f"{url}: cannot be opened: " in str(error)
+
+
+def test_a_file_that_is_no_zip_is_named(tmp_path: Path) -> None:
+    (tmp_path / "no.zip").write_bytes(b"no zip")
+    with pytest.raises(UnavailableError, match=r"no\.zip: cannot be opened: BadZipFile"):
+        open_store(f"zip://x::file://{tmp_path}/no.zip")
+
+
+@pytest.mark.parametrize("url", ["s3:///x", "s3a:////x", "gs:///x", "simplecache::s3:///x"])
+def test_a_url_without_bucket_is_refused(url: str) -> None:
+    error = refusal("verify", url)
+    assert error.exit_code == 2
+    assert "name the bucket first" in str(error)
+
+
+def test_a_fifo_in_the_place_of_a_copy_is_not_opened(folder: Path, tmp_path: Path) -> None:
+    (folder / "a.mcap").write_bytes(b"")
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    (tmp_path / "store/a.mcap").unlink()
+    os.mkfifo(tmp_path / "store/a.mcap")
+    copy, _ = push(folder, store, to, remove=True)
+    assert (copy.state, "not a regular file" in copy.reason) == ("failed", True)
+    assert (folder / "a.mcap").exists()
+
+
+@pytest.fixture
+def url(folder: Path, tmp_path: Path) -> str:
+    """Store with two recordings, of 300,000 and 5 bytes."""
+    store, to = open_store(f"file://{tmp_path}/store")
+    list(push(folder, store, to))
+    return f"file://{tmp_path}/store"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(archive, arguments)
+
+
+def lines(result: Result) -> list[dict[str, object]]:
+    return [json.loads(line) for line in result.stdout.splitlines()]
+
+
+def test_list_prints_each_recording_with_its_size_and_digest(url: str, tmp_path: Path) -> None:
+    (tmp_path / "store/a.mcap.sha256").write_bytes(b"cut")
+    listed = run("list", url)
+    assert listed.exit_code == 0
+    assert [(line["name"], line["bytes"]) for line in lines(listed)] == [
+        ("a.mcap", 300_000),
+        ("left/b.mcap", 5),
+    ]
+    assert [len(str(line["sha256"])) for line in lines(listed)] == [0, 64]
+
+
+def test_verify_finds_one_flipped_bit_and_an_unconfirmed_copy(url: str, tmp_path: Path) -> None:
+    assert run("verify", url).exit_code == 0
+    flip_a_bit(tmp_path / "store/a.mcap")
+    (tmp_path / "store/left/b.mcap.sha256").unlink()
+    verified = run("verify", url)
+    assert verified.exit_code == 1
+    assert {line["name"]: line["health"] for line in lines(verified)} == {
+        "a.mcap": "damaged",
+        "left/b.mcap": "unconfirmed",
+    }
+    assert "1 damaged, 1 unconfirmed" in verified.stderr
+
+
+def test_verify_names_a_copy_that_cannot_be_read(tmp_path: Path) -> None:
+    store, _ = open_store(f"file://{tmp_path}")
+    health, reason = examine(store, StoredRecording("a.mcap", f"{tmp_path}/a.mcap", 5, "0" * 64))
+    assert health == "unreadable"
+    assert "FileNotFoundError" in reason
+
+
+def test_pull_fetches_what_is_whole_and_nothing_else(url: str, tmp_path: Path) -> None:
+    flip_a_bit(tmp_path / "store/a.mcap")
+    back = tmp_path / "back"
+    first = run("pull", url, "--to", str(back))
+    assert first.exit_code == 1
+    assert "1 fetched, 0 there already, 1 not fetched" in first.stderr
+    assert [path.name for path in back.rglob("*") if path.is_file()] == ["b.mcap"]
+    assert (back / "left/b.mcap").read_bytes() == (tmp_path / "runs/left/b.mcap").read_bytes()
+    again = run("pull", url, "left/*", "--to", str(back))
+    assert again.exit_code == 0
+    assert "0 fetched, 1 there already" in again.stderr
+
+
+def test_pull_replaces_no_file(url: str, tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"mine")
+    pulled = run("pull", url, "a.mcap", "--to", str(tmp_path))
+    assert pulled.exit_code == 1
+    assert "exists with other content" in pulled.stderr
+    assert (tmp_path / "a.mcap").read_bytes() == b"mine"
+
+
+def test_pull_refuses_an_unconfirmed_copy(url: str, tmp_path: Path) -> None:
+    (tmp_path / "store/a.mcap.sha256").unlink()
+    pulled = run("pull", url, "a.mcap", "--to", str(tmp_path / "back"))
+    assert pulled.exit_code == 1
+    assert "push it again" in pulled.stderr
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil.mcap", "/etc/evil.mcap", "a/../../evil.mcap", "line\nfeed.mcap", "x" * 1100 + ".mcap"]
+)
+def test_a_name_that_leads_out_of_the_directory_is_refused(name: str, tmp_path: Path) -> None:
+    store = MemoryFileSystem(skip_instance_cache=True)
+    store.pipe_file("/evil", b"evil")
+    recording = StoredRecording(name, "/evil", 4, "4e2beb" + "0" * 58)
+    (copy,) = pull(store, [recording], tmp_path / "to")
+    assert (copy.state, "no name for a file" in copy.reason) == ("failed", True)
+    assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_a_file_that_is_longer_than_the_store_stated_ends_there(url: str, tmp_path: Path) -> None:
+    store, folder = open_store(url)
+    first = stored_recordings(store, folder)[0]
+    liar = StoredRecording(first.name, first.remote, 10, first.sha256)
+    (copy,) = pull(store, [liar], tmp_path / "to")
+    assert (copy.state, "longer than the 10 bytes" in copy.reason) == ("failed", True)
+    assert not [path for path in (tmp_path / "to").rglob("*") if path.is_file()]
+
+
+def test_a_recording_beyond_the_free_space_is_not_begun(url: str, tmp_path: Path) -> None:
+    store, folder = open_store(url)
+    first = stored_recordings(store, folder)[0]
+    (copy,) = pull(store, [StoredRecording(first.name, first.remote, 10**18, first.sha256)], tmp_path / "to")
+    assert (copy.state, "has room for" in copy.reason) == ("failed", True)
+
+
+def test_an_empty_store_an_unknown_name_and_no_url_are_errors(url: str, tmp_path: Path) -> None:
+    (tmp_path / "nothing").mkdir()
+    assert isinstance(run("verify", f"file://{tmp_path}/nothing").exception, DataError)
+    assert isinstance(run("verify", url, "c.mcap").exception, DataError)
+    with pytest.raises(OperatorError, match="URL store: give a URL"):
+        open_store("store", "URL")
+
+
+def test_a_store_that_cannot_be_listed_may_be_tried_again() -> None:
+    class LostStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
+        """Store whose network is gone."""
+
+        def find(self, *_: object, **__: object) -> dict[str, object]:
+            raise ConnectionError("no route")
+
+    with pytest.raises(UnavailableError, match="ConnectionError: no route"):
+        stored_recordings(LostStore(skip_instance_cache=True), "/x")
+
+
+def test_what_is_no_regular_file_is_named_and_never_opened(url: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "store/fifo.mcap")
+    (tmp_path / "store/fifo.mcap.sha256").write_text("0" * 64)
+    (tmp_path / "store/a.mcap.sha256").unlink()
+    os.mkfifo(tmp_path / "store/a.mcap.sha256")
+    (tmp_path / "store/link.mcap").symlink_to(tmp_path / "runs/a.mcap")  # a file, as its target is
+    verified = run("verify", url)
+    assert verified.exit_code == 1
+    assert {line["name"]: (line["health"], line["reason"]) for line in lines(verified)} == {
+        "a.mcap": ("unconfirmed", "no complete .sha256 beside it: push it again"),
+        "fifo.mcap": ("unreadable", "skipped: not a regular file"),
+        "left/b.mcap": ("whole", ""),
+        "link.mcap": ("unconfirmed", "no complete .sha256 beside it: push it again"),
+    }
+    pulled = run("pull", url, "fifo.mcap", "--to", str(tmp_path / "back"))
+    assert pulled.exit_code == 1
+    assert "fifo.mcap is not a regular file" in pulled.stderr
