@@ -23,7 +23,6 @@ from patience import PATIENCE_S
 from recordings import record, simulated_reads
 
 from tactiled.archive import detect
-from tactiled.archive.columns import schema
 from tactiled.archive.detect import FileJob, analyse, detect_files, matching
 from tactiled.cli import main
 from tactiled.errors import ConfigError, OperatorError
@@ -233,18 +232,6 @@ def is_alive(pid: int) -> bool:
         return False
 
 
-def test_other_choices_begin_anew(runs: Path, tmp_path: Path) -> None:
-    job = jobs_of(runs)[1]
-    config = tmp_path / "tactiled.toml"
-    config.write_text('[detect]\nsetting = "fast"\n')
-    faster = FileJob(job.file, job.path, None, None, Choices(config=config))
-    keys = {job.key(), faster.key(), FileJob(job.file, job.path, None, None, Choices(grip_hz=1.0)).key()}
-    config.write_text('[detect]\nsetting = "quiet"\n')
-    assert len(keys | {faster.key()}) == 4
-    os.utime(job.path, ns=(1, 1))
-    assert job.key() not in keys
-
-
 def test_a_wrong_parameter_is_found_before_any_file(runs: Path, tmp_path: Path) -> None:
     jobs = [FileJob("x", runs / "bad.mcap", None, None, Choices(setting="none"))]
     with pytest.raises(ConfigError, match="setting"):
@@ -256,12 +243,6 @@ def test_a_worker_of_another_version_is_refused(runs: Path) -> None:
     job = jobs_of(runs)[0]
     with pytest.raises(OperatorError, match="install the same"):
         analyse(FileJob(job.file, job.path, None, None, job.choices, version="0.0.1"))
-
-
-def test_columns_have_one_type_each() -> None:
-    names = schema().names
-    assert len(set(names)) == len(names)
-    assert {"file", "error", "onset", "utilisation", "period_mm", "fz_n", "taxel_fx_n"} <= set(names)
 
 
 def free_port() -> int:

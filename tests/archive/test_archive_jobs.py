@@ -1,8 +1,6 @@
 """Keys of jobs, tables of rows and lines for people, without workers."""
 
 import os
-from collections import deque
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ from typing import Any
 import pytest
 
 from tactiled.archive.columns import FILE_TOPIC, event_rows, file_row, schema
-from tactiled.archive.detect import FileJob, Outcome, completed, detect_files, matching
+from tactiled.archive.detect import FileJob, Outcome, detect_files, matching
 from tactiled.errors import DataError, OperatorError
 from tactiled.offline import Choices
 
@@ -50,6 +48,8 @@ def test_a_bag_changes_with_any_file_in_it(tmp_path: Path) -> None:
 def test_all_choices_and_the_version_are_in_the_key(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.touch()
+    config = tmp_path / "tactiled.toml"
+    config.write_text('[detect]\nsetting = "fast"\n')
     array = tmp_path / "a.toml"
     array.write_text("one")
     jobs = [
@@ -61,10 +61,13 @@ def test_all_choices_and_the_version_are_in_the_key(tmp_path: Path) -> None:
         job(path, file="b.csv"),
         job(path, choices=Choices(calibration="wang2019-3x3")),
         job(path, choices=Choices(layout="legacy-9")),
+        job(path, choices=Choices(grip_hz=1.0)),
+        job(path, choices=Choices(config=config)),
     ]
     keys = [each.key() for each in jobs]
     array.write_text("two")
-    assert len({*keys, jobs[3].key()}) == len(jobs) + 1
+    config.write_text('[detect]\nsetting = "quiet"\n')
+    assert len({*keys, jobs[3].key(), jobs[-1].key()}) == len(jobs) + 2
 
 
 def test_a_job_for_any_worker_has_absolute_paths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,29 +127,3 @@ def test_the_outcome_is_a_line(outcome: Outcome, words: str) -> None:
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="cannot be written: No such file"):
         detect_files([job(tmp_path / "a")], tmp_path / "none" / "events.parquet", 1, None)
-
-
-def test_no_more_jobs_than_said_are_at_work(tmp_path: Path) -> None:
-    at_work: list[Future[bytes]] = []
-
-    class Slow:
-        most = 0
-
-        def submit(self, _function: Any, _job: FileJob) -> "Future[bytes]":
-            at_work.append(Future())
-            self.most = max(self.most, len(at_work))
-            if len(at_work) == 3:
-                at_work.pop(0).set_result(b"rows")
-            return at_work[-1]
-
-    slow = Slow()
-    waiting = deque((k, job(tmp_path / str(k))) for k in range(9))
-    found = completed(slow, waiting, 3)  # type: ignore[arg-type]
-    results = []
-    for index, _, rows in found:
-        results.append((index, rows))
-        if not waiting:
-            while at_work:
-                at_work.pop(0).set_result(b"rows")
-    assert sorted(results) == [(k, b"rows") for k in range(9)]
-    assert slow.most == 3

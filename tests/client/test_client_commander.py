@@ -148,18 +148,6 @@ def test_without_a_reply_the_command_ends_with_the_endpoint(
             send(is_async, endpoint, timeout_s=0.2)
 
 
-def test_requests_of_one_commander_are_numbered_and_sessions_differ(tmp_path: Path) -> None:
-    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, asked):
-        with Commander(control=control) as commander:
-            assert commander.send("tare").ok
-            assert commander.send("tare").ok
-        with Commander(control=control) as another:
-            another.send("tare")
-    assert [request["id"].rpartition("-")[2] for request in asked] == ["1", "2", "1"]
-    assert asked[0]["session"] == asked[1]["session"] != asked[2]["session"]
-    assert len(asked[0]["session"]) == 32
-
-
 @pytest.mark.parametrize(
     ("value", "said"),
     [(2**64, "beyond 64 bits"), ("\ud800", "cannot be sent"), (-(2**63) - 1, "beyond 64 bits")],
@@ -270,34 +258,6 @@ def test_zenoh_subscribes_to_one_host_and_finds_requests_by_itself() -> None:
         Subscription("zenoh://127.0.0.1:1/*", ("slip",))
     with pytest.raises(OperatorError, match="leave it out"):
         Subscription("zenoh://127.0.0.1:1/h", control="tcp://127.0.0.1:2")
-
-
-def test_options_of_the_module_reach_the_listener(monkeypatch: pytest.MonkeyPatch) -> None:
-    heard: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
-
-    def listen(*words: Any, **options: Any) -> int:
-        heard.append((words, options))
-        return 7
-
-    monkeypatch.setattr(program, "listen", listen)
-    monkeypatch.setattr(sys, "argv", ["x"])
-    assert program.main() == 7
-    options = ["-t", "slip", "-t", "grip", "-n", "3", "--timeout", "1.5", "--keys", "k.toml"]
-    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
-    for further in ([], ["--json"]):
-        monkeypatch.setattr(sys, "argv", ["x", "tcp://h:1", *options, *further])
-        program.main()
-    here: tuple[Any, ...] = ("tcp://127.0.0.1:9872", [])
-    there = ("tcp://h:1", ["slip", "grip"])
-    given = {"count": 3, "timeout_s": 1.5, "keys": Path("k.toml")}
-    assert heard == [
-        (here, {"count": None, "timeout_s": None, "keys": None, "as_json": True}),
-        (there, {**given, "as_json": False}),
-        (there, {**given, "as_json": True}),
-    ]
-    monkeypatch.setattr(sys, "argv", ["x", "--topic", "slips"])
-    with pytest.raises(SystemExit):
-        program.main()
 
 
 def test_a_fault_of_the_listener_is_its_exit_code(

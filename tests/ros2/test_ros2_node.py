@@ -188,20 +188,3 @@ def test_writers_keep_and_repeat_what_their_delivery_says(node: Node, others: Do
         life = 3_000_000_000 if name == "repeated" else duration(infinite=True)
         assert qos[Policy.Lifespan].lifespan == life
         assert writer.is_wanted is is_kept  # nobody listens yet
-
-
-def test_a_reply_has_the_id_of_its_request(node: Node, others: DomainParticipant) -> None:
-    node.serve(TARE, "std_srvs/srv/Trigger")
-    requests = Requests()
-    kind = struct(
-        "std_srvs.srv", "Trigger_Response",
-        client=kinds.uint64, number=kinds.int64, success=bool, message=str,
-    )  # fmt: skip
-    topic = Topic(others, f"rr{TARE}Reply", kind)
-    reader = DataReader(others, topic, Qos(Policy.Reliability.Reliable(max_blocking_time=0)))
-    until(lambda: reader.matched_pub)
-    requests.send(GOOD)
-    (request,) = until(node.requests)
-    node.reply(request, success=True, message="done")
-    (reply,) = until(partial(reader.take, 1))
-    assert (reply.client, reply.number, reply.success, reply.message) == (7, 1, True, "done")

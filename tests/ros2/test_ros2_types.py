@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from message_strategies import instances
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tactiled import resources
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
 from tactiled.ros2 import convert, names, own_types
@@ -81,25 +80,6 @@ def test_text_and_hash_are_what_rosbags_reads_of_them(name: str) -> None:
 )
 def test_hashes_of_services_are_those_of_ros(name: str, digits: str) -> None:
     assert rihs01(name, TYPES | service_types("std_srvs/srv/Trigger")) == f"RIHS01_{digits}"
-
-
-@KINDS
-def test_a_type_has_the_fields_of_its_schema(kind: type[Event]) -> None:
-    path = resources.shipped("protocols", "events", f"{kind.topic}.schema.json")
-    schema = json.loads(path.read_text())["properties"]
-    declared = {field.name: field for field in TYPES[f"tactiled_msgs/msg/{kind.topic.capitalize()}"].fields}
-    assert declared.keys() == schema.keys() - {"timestamp"} | {"header"}
-    for name, field in schema.items():
-        if name == "timestamp":
-            continue
-        assert (declared[name].size == 0) == (field["type"] == "array"), name
-        if name in own_types.INSTANTS:
-            assert declared[name].kind == "builtin_interfaces/msg/Time"
-            assert "epoch seconds" in field["description"].lower()
-    text = own_types.own_texts()[kind.topic.capitalize()]
-    for name, field in schema.items():
-        constants = re.findall(rf'^string {name.upper()}_[A-Z0-9_]+="(.*)"$', text, re.MULTILINE)
-        assert constants == field.get("enum", [])
 
 
 @KINDS
