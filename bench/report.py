@@ -42,24 +42,13 @@ NONE = "-"  # in a cell without a value
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Options of ``./run bench NAME``.
+    """Options of ``./run bench NAME``."""
 
-    Attributes
-    ----------
-    quick : bool
-        Fewer seeds and cases.
-    dask : str, optional
-        Address of a Dask scheduler whose workers do the jobs; costs in time are then theirs.
-    data : Path, optional
-        Folder with data of others.
-    cuts : int, optional
-        Number of power cuts.
-    """
-
-    quick: bool = False
+    quick: bool = False  # fewer seeds and cases
+    # address of a Dask scheduler whose workers do the jobs; costs in time are then theirs
     dask: str | None = None
-    data: Path | None = None
-    cuts: int | None = None
+    data: Path | None = None  # folder with data of others
+    cuts: int | None = None  # number of power cuts
 
 
 def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:

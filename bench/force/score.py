@@ -29,20 +29,12 @@ _WARMED_K, _WARMED_S = 10.0, 1800.0
 
 @dataclass(frozen=True)
 class Case:
-    """Way of calibrating.
-
-    Attributes
-    ----------
-    creep : float
-        Times the drawn creep.
-    moments : bool
-        Whether the reference has moments.
-    """
+    """Way of calibrating."""
 
     motion: Motion = "press"
     seconds: float = 60.0
-    creep: float = 1.0
-    moments: bool = True
+    creep: float = 1.0  # times the drawn creep
+    moments: bool = True  # whether the reference has moments
 
     def __str__(self) -> str:
         words = {"press": "press", "walk": "shares change", "hold": "hold", "flat": "flat"}[self.motion]
@@ -52,23 +44,15 @@ class Case:
 
 @dataclass(frozen=True)
 class ForceScore:
-    """One calibration on one drawn rig.
-
-    Attributes
-    ----------
-    normal, shear : dict of str to float
-        Rms error of each method over the range.
-    centre_mm : float
-        Rms error of the centre of pressure above 1 N.
-    inside : tuple of float
-        Part of the scans in contact whose 90 % intervals of fx, fy, fz hold the truth.
-    """
+    """One calibration on one drawn rig."""
 
     seed: int
     case: Case
+    # normal, shear: rms error of each method over the range
     normal: dict[str, float]
     shear: dict[str, float]
-    centre_mm: float
+    centre_mm: float  # rms error of the centre of pressure above 1 N
+    # part of the scans in contact whose 90 % intervals of fx, fy, fz hold the truth
     inside: tuple[float, float, float]
     late_error_s: float
     model: str

@@ -91,41 +91,23 @@ def course(
 
 
 class Score(NamedTuple):
-    """Scores of many worlds.
+    """Scores of many worlds."""
 
-    Attributes
-    ----------
-    auc : float
-        Of the probability of sliding, scan by scan.
-    skill_sliding, skill_300ms : float
-        Brier skill: of the probability of sliding; of gross slip within 300 ms where nothing slides, and
-        nothing is said to.
-    used_rms, coverage : float
-        Utilisation from 0.5: error of the median, part within the interval of 90 %.
-    friction_rms : float
-        The same error of the ratio over the true friction of the scan, without any filter.
-    used_rms_later : float
-        The same error after a first slide in the world; NaN without one.
-    told_gross : float
-        Part of the sliding time in which the state is gross.
-    rest_told_gross : float
-        Part of the other time in which it is.
-    false_per_h : float
-        False gross slips in an hour of contact at a recall of 80 %; NaN where that is never reached.
-    resting_false_per_h : float
-        Gross slips an hour at the setting, in worlds that never use half of the limit.
-    """
-
-    auc: float
+    auc: float  # of the probability of sliding, scan by scan
+    # skill_sliding, skill_300ms: Brier skill: of the probability of sliding; of gross slip within 300 ms
+    # where nothing slides, and nothing is said to
     skill_sliding: float
     skill_300ms: float
+    # used_rms, coverage: utilisation from 0.5: error of the median, part within the interval of 90 %
     used_rms: float
-    friction_rms: float
-    used_rms_later: float
+    friction_rms: float  # the same error of the ratio over the true friction of the scan, without any filter
+    used_rms_later: float  # the same error after a first slide in the world; NaN without one
     coverage: float
-    told_gross: float
-    rest_told_gross: float
+    told_gross: float  # part of the sliding time in which the state is gross
+    rest_told_gross: float  # part of the other time in which it is
+    # false gross slips in an hour of contact at a recall of 80 %; NaN where that is never reached
     false_per_h: float
+    # gross slips an hour at the setting, in worlds that never use half of the limit
     resting_false_per_h: float
 
 

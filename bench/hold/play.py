@@ -109,28 +109,16 @@ class GraspResult:
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """Record of played grasps, (scans, e) or (e,).
-
-    Attributes
-    ----------
-    grip_n, least_n : (scans, e) float64
-        Grip, and the one that just bears the load by friction at rest.
-    command_n : (scans, e) float64
-        After the scan.
-    slides : (scans, e) bool
-        True where all of the contact slips.
-    place_mm : (scans, e) float64
-        Distance that the object has moved over the skin.
-    dropped : (e,) bool
-    """
+    """Record of played grasps, (scans, e) or (e,)."""
 
     scenes: Sequence[Scene]
+    # grip_n, least_n (scans, e): grip, and the one that just bears the load by friction at rest
     grip_n: FloatArray
     least_n: FloatArray
-    command_n: FloatArray
-    slides: NDArray[np.bool_]
-    place_mm: FloatArray
-    dropped: NDArray[np.bool_]
+    command_n: FloatArray  # (scans, e): after the scan
+    slides: NDArray[np.bool_]  # (scans, e): true where all of the contact slips
+    place_mm: FloatArray  # (scans, e): distance that the object has moved over the skin
+    dropped: NDArray[np.bool_]  # (e,)
 
     @property
     def over_least(self) -> FloatArray:

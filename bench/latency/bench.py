@@ -65,21 +65,11 @@ _ADC_VOLTS = 3.0 / 4096  # of the emulated board
 
 @dataclass(frozen=True)
 class PhaseLatency:
-    """Latency, losses and processor time of one program in one phase of one run.
+    """Latency, losses and processor time of one program in one phase of one run."""
 
-    Attributes
-    ----------
-    latency_s : (scans,) float64
-        From writing the frame to the subscriber's receipt.
-    lost : int
-        Frames that no message answers.
-    cpu_part : float
-        Processor time over time.
-    """
-
-    latency_s: FloatArray
-    lost: int
-    cpu_part: float
+    latency_s: FloatArray  # (scans,): from writing the frame to the subscriber's receipt
+    lost: int  # frames that no message answers
+    cpu_part: float  # processor time over time
 
     def quantile_ms(self, q: float) -> float:
         """Quantile of the latency in milliseconds."""

@@ -64,18 +64,10 @@ _STATUS = StatusEvent(
 
 @dataclass(frozen=True)
 class NativeRun:
-    """One run of both programs.
+    """One run of both programs."""
 
-    Attributes
-    ----------
-    latency_us : mapping of str to (scans,) float64
-        By program.
-    processor_us : mapping of str to float
-        Processor time of the process over its scans.
-    """
-
-    latency_us: dict[str, FloatArray]
-    processor_us: dict[str, float]
+    latency_us: dict[str, FloatArray]  # (scans,): by program
+    processor_us: dict[str, float]  # processor time of the process over its scans
 
     def ratio(self, q: float) -> float:
         """Quantile of the client's latency over that of the bare receiver."""

@@ -79,14 +79,9 @@ class Decisions:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Agreement of contact with the force, of each log; 0.5 is chance.
+    """Agreement of contact with the force, of each log; 0.5 is chance."""
 
-    Attributes
-    ----------
-    agreement, with_light : sequence of float
-        Scans with a light force left out, and counted as free.
-    """
-
+    # agreement, with_light: scans with a light force left out, and counted as free
     agreement: Sequence[float]
     with_light: Sequence[float] = ()
 
@@ -99,16 +94,10 @@ class Contacts:
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of forces over their ranges, by axis, of each log.
+    """Errors of forces over their ranges, by axis, of each log."""
 
-    Attributes
-    ----------
-    of_logs : sequence of (axes,) float64
-    inside : sequence of (axes,) float64
-        Parts of the 90 % intervals that hold the force; empty where there are no intervals.
-    """
-
-    of_logs: Sequence[FloatArray]
+    of_logs: Sequence[FloatArray]  # sequence of (axes,)
+    # sequence of (axes,): parts of the 90 % intervals that hold the force; empty where there are no intervals
     inside: Sequence[FloatArray] = ()
     n_refused: int = 0
 

@@ -15,35 +15,21 @@ _FILE = Path(__file__).with_name("catalogue.toml")
 
 @dataclass(frozen=True)
 class Source:
-    """One source.
-
-    Attributes
-    ----------
-    address, commit, licence : str
-        Repository, its version, and the licence that it states.
-    files : list of str
-        Folders that are read.
-    asked : mapping of str to str
-        Questions, and the simple rule that stands beside the daemon in each.
-    chosen : str
-        Constants of the daemon that were chosen on this source; empty for none.
-    array_file : mapping
-        Array file, as a user writes it.
-    growths : list of float
-        Squared growths of load that moves from which an onset is told: each object is judged with the one
-        that is best on the others. Without any, all are judged with the one that ships.
-    """
+    """One source."""
 
     name: str
+    # address, commit, licence: repository, its version, and the licence that it states
     address: str
     commit: str
-    files: list[str]
+    files: list[str]  # folders that are read
     licence: str
     sensor: str
     labels: str
-    asked: dict[Question, str]
-    chosen: str
-    array_file: dict[str, Any]
+    asked: dict[Question, str]  # questions, and the simple rule that stands beside the daemon in each
+    chosen: str  # constants of the daemon that were chosen on this source; empty for none
+    array_file: dict[str, Any]  # array file, as a user writes it
+    # Squared growths of load that moves from which an onset is told: each object is judged with the one that
+    # is best on the others. Without any, all are judged with the one that ships.
     growths: list[float] = field(default_factory=list)
 
     @property

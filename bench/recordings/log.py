@@ -20,33 +20,18 @@ _FREE = 0.005  # of the range of the force: between the two, a light touch is ne
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One log of a source.
-
-    Attributes
-    ----------
-    group : str
-        What the log shares with others and a rule must not have seen: the object, the material.
-    time_s : (n,) float64
-    readings : (n, channels) float64
-        In the unit of the array, in the order of its channels.
-    label : bool
-        What is asked of the log happens: its object slips, is tugged or is touched.
-    period_mm : float
-        Of the grating that the sensor slides over; 0 for a surface without one.
-    forces : (n, 3) float64, optional
-        fx, fy, fz of the force sensor, newtons, at the scans; NaN for axes that it does not have.
-    pads : sequence of (rows, columns, first)
-        Size of each pad of taxels, and the channel of its first one.
-    """
+    """One log of a source."""
 
     name: str
-    group: str
-    time_s: FloatArray
-    readings: FloatArray
-    label: bool = False
-    period_mm: float = 0.0
+    group: str  # what the log shares with others and a rule must not have seen: the object, the material
+    time_s: FloatArray  # (n,)
+    readings: FloatArray  # (n, channels): in the unit of the array, in the order of its channels
+    label: bool = False  # what is asked of the log happens: its object slips, is tugged or is touched
+    period_mm: float = 0.0  # of the grating that the sensor slides over; 0 for a surface without one
     speed_mm_s: float = 0.0
+    # (n, 3): fx, fy, fz of the force sensor, newtons, at the scans; NaN for axes that it does not have
     forces: FloatArray | None = None
+    # sequence of (rows, columns, first): size of each pad of taxels, and the channel of its first one
     pads: tuple[tuple[int, int, int], ...] = ()
 
     @property

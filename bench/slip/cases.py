@@ -27,38 +27,22 @@ _JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belong
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Scans of one scene and its truth.
+    """Scans of one scene and its truth."""
 
-    Attributes
-    ----------
-    group : str
-        Kind of world, and noise where it is given.
-    name : str
-        Family, resting load, or hand of a random world.
-    utilisation : (n,) float64
-        Tangential load over its limit; of families, from the slipping share by Mindlin's curve.
-    gross_s, gross_end_s, tenth_s : float
-        First gross slip: from where all of the contact slips until it stops; a tenth of the area slips since.
-        Infinite where there is none.
-    direction_deg : float
-        Of the skin's motion in that slip; NaN where it turns on the spot.
-    shear_s : float
-        Beginning of the shear that leads to it; NaN where it is not known.
-    is_falling : bool
-        Friction falls at constant load.
-    """
-
-    group: str
-    name: str
+    group: str  # kind of world, and noise where it is given
+    name: str  # family, resting load, or hand of a random world
     array: Array
     block: ScanBlock
+    # (n,): tangential load over its limit; of families, from the slipping share by Mindlin's curve
     utilisation: FloatArray
+    # gross_s, gross_end_s, tenth_s: first gross slip: from where all of the contact slips until it stops; a
+    # tenth of the area slips since. Infinite where there is none.
     gross_s: float
     gross_end_s: float
     tenth_s: float
-    direction_deg: float
-    shear_s: float = float("nan")
-    is_falling: bool = False
+    direction_deg: float  # of the skin's motion in that slip; NaN where it turns on the spot
+    shear_s: float = float("nan")  # beginning of the shear that leads to it; NaN where it is not known
+    is_falling: bool = False  # friction falls at constant load
 
     @property
     def slips(self) -> bool:

@@ -27,20 +27,13 @@ _RIGHT = 0.02  # of the period, within which an answer is right
 
 @dataclass(frozen=True)
 class GratingSlide:
-    """Scans of a slide and its truth.
-
-    Attributes
-    ----------
-    start_s : float
-        From which all of the contact slides, to the end.
-    ripple_hz, ripple_db : float
-        Frequency of the ripple, and its power over that of the noise in a scan.
-    """
+    """Scans of a slide and its truth."""
 
     block: ScanBlock
-    start_s: float
+    start_s: float  # from which all of the contact slides, to the end
     speed_mm_s: float
     period_mm: float
+    # ripple_hz, ripple_db: frequency of the ripple, and its power over that of the noise in a scan
     ripple_hz: float
     ripple_db: float
 

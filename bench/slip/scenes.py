@@ -32,23 +32,16 @@ _REST_CHANGE, _REST_S = 0.002, 0.1
 
 @dataclass(frozen=True)
 class FirstSlip:
-    """First gross slip of a scene, in scene time.
+    """First gross slip of a scene, in scene time."""
 
-    Attributes
-    ----------
-    shear_s, incipient_s, gross_s, end_s : float
-        The tangential load begins to grow towards the slip, as the emulator's truth states it, or a later
-        rest ends (an object that hangs still and is then jerked): it has grown by 0.2 % of the grip. 10 %,
-        then 90 % of the contact slip; less than 10 % again.
-    direction_deg : float or None
-        None where the skin turned on the spot.
-    """
-
+    # shear_s, incipient_s, gross_s, end_s: the tangential load begins to grow towards the slip, as the
+    # emulator's truth states it, or a later rest ends (an object that hangs still and is then jerked): it has
+    # grown by 0.2 % of the grip. 10 %, then 90 % of the contact slip; less than 10 % again.
     shear_s: float
     incipient_s: float
     gross_s: float
     end_s: float
-    direction_deg: float | None
+    direction_deg: float | None  # None where the skin turned on the spot
 
 
 def shear_begins_s(slip: TrueSlip, time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> float:
@@ -79,22 +72,12 @@ def _first_gross_slip(truth: Truth, *loads: FloatArray) -> FirstSlip | None:
 
 @dataclass(frozen=True, eq=False)
 class PlayedScene:
-    """Noise-free readings and truth of a scene.
-
-    Attributes
-    ----------
-    volts : (n, channels) float64
-        At the ADC, noise-free, each channel at its own instant of the scan.
-    slip : FirstSlip or None
-        None where no gross slip happens.
-    slipping_share : (n,) float64
-        Share of the contact area that slips, at the begin of each scan.
-    """
+    """Noise-free readings and truth of a scene."""
 
     seed: int
-    volts: FloatArray
-    slip: FirstSlip | None
-    slipping_share: FloatArray
+    volts: FloatArray  # (n, channels): at the ADC, noise-free, each channel at its own instant of the scan
+    slip: FirstSlip | None  # None where no gross slip happens
+    slipping_share: FloatArray  # (n,): share of the contact area that slips, at the begin of each scan
 
     @property
     def duration_s(self) -> float:

@@ -52,23 +52,13 @@ _HOLD_S, _SLIDE_S = 5.0, 13.0  # as long as slip detection and the longest windo
 
 @dataclass(frozen=True)
 class PlateSlide:
-    """A slide over a plate, played once.
+    """A slide over a plate, played once."""
 
-    Attributes
-    ----------
-    volts : (n, channels) float64
-    time_s : (n,) float64
-    onset : SlipEvent
-        The onset that is nearest to the true one: there may be a false alarm on the press before.
-    procedure : list of TextureEvent
-        Answers of the published procedure.
-    truth : TrueSlip
-    """
-
-    volts: FloatArray
-    time_s: FloatArray
+    volts: FloatArray  # (n, channels)
+    time_s: FloatArray  # (n,)
+    # the onset that is nearest to the true one: there may be a false alarm on the press before
     onset: SlipEvent
-    procedure: list[TextureEvent]
+    procedure: list[TextureEvent]  # answers of the published procedure
     truth: TrueSlip
 
     @property

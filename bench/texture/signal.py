@@ -62,27 +62,17 @@ class Wave:
 
 @dataclass(frozen=True, eq=False)
 class ArrayResponse:
-    """Places, phases and noise with which the channels of an array sense a wave.
+    """Places, phases and noise with which the channels of an array sense a wave."""
 
-    Attributes
-    ----------
-    x_mm, y_mm, offset_s : (channels,) float64
-        Place of each channel, and how long after the scan began it is sampled.
-    kind : (channels,) int64
-        Channels of one number share their phases.
-    amplitude_volts : (channels, harmonics) float64
-    phase_rad : (kinds, harmonics) float64
-    noise_volts : (channels,) float64
-        Sigma of the white noise.
-    """
-
+    # x_mm, y_mm, offset_s: (channels,): place of each channel, and how long after the scan began it is
+    # sampled
     x_mm: FloatArray
     y_mm: FloatArray
     offset_s: FloatArray
-    kind: NDArray[np.int64]
-    amplitude_volts: FloatArray
-    phase_rad: FloatArray
-    noise_volts: FloatArray
+    kind: NDArray[np.int64]  # (channels,): channels of one number share their phases
+    amplitude_volts: FloatArray  # (channels, harmonics)
+    phase_rad: FloatArray  # (kinds, harmonics)
+    noise_volts: FloatArray  # (channels,): sigma of the white noise
 
 
 @dataclass(frozen=True)
@@ -96,20 +86,12 @@ class Bound:
 
 @dataclass(frozen=True, eq=False)
 class Grating:
-    """One window over one grating.
-
-    Attributes
-    ----------
-    drift : (channels, 2) float64
-        Level (volts) and slope (volts a second) of each channel.
-    time_s : (n,) float64
-        Instants at which the scans began.
-    """
+    """One window over one grating."""
 
     wave: Wave
     sensed: ArrayResponse
-    drift: FloatArray
-    time_s: FloatArray
+    drift: FloatArray  # (channels, 2): level (volts) and slope (volts a second) of each channel
+    time_s: FloatArray  # (n,): instants at which the scans began
 
     @property
     def periods(self) -> float:

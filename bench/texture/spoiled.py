@@ -38,36 +38,23 @@ _ANGLES_DEG = (-60.0, 60.0)
 
 @dataclass(eq=False)
 class SpoiledWindow:
-    """A window while it is being made.
-
-    Attributes
-    ----------
-    travel_mm : (n, channels) float64
-        Way of the skin along the motion when each reading is taken; the window's middle at 0.
-    added_volts : (n, channels) float64
-        On top of level, ripple and noise.
-    bend_mm : float
-        Radius of the grooves; infinite is straight.
-    wander : callable or None
-        Place along the groove normal (turns) to what is added to it.
-    given_mm_s : list of (scan, mm/s)
-        Speeds that the estimator is given, from which scan on.
-    beside : Wave or None
-        Another grating under the skin, whose ripple is in `added_volts`.
-    """
+    """A window while it is being made."""
 
     wave: Wave
     sensed: ArrayResponse
     time_s: FloatArray
+    # (n, channels): way of the skin along the motion when each reading is taken; the window's middle at 0
     travel_mm: FloatArray
-    added_volts: FloatArray
+    added_volts: FloatArray  # (n, channels): on top of level, ripple and noise
     valid: NDArray[np.bool_]
+    # list of (scan, mm/s): speeds that the estimator is given, from which scan on
     given_mm_s: list[tuple[int, float]]
     phase_off_rad: FloatArray
     level_volts: FloatArray
-    bend_mm: float = np.inf
+    bend_mm: float = np.inf  # radius of the grooves; infinite is straight
+    # place along the groove normal (turns) to what is added to it
     wander: Callable[[FloatArray], FloatArray] | None = None
-    beside: Wave | None = None
+    beside: Wave | None = None  # another grating under the skin, whose ripple is in `added_volts`
 
     def turns(self, wave: Wave) -> FloatArray:
         """Phase of a grating, bent as the window's are, under each reading: (n, channels)."""

@@ -42,49 +42,32 @@ _NAN = float("nan")
 
 @dataclass(frozen=True)
 class Estimate:
-    """Period (mm) or angle (degrees) of a window; NaN where it was not answered, or the bound not asked.
+    """Period (mm) or angle (degrees) of a window; NaN where it was not answered, or the bound not asked."""
 
-    Attributes
-    ----------
-    true, error : float
-        The truth, and the signed error of the answer.
-    sd, bound : float
-        The sigma that the answer states, and the least that any unbiased estimator has.
-    """
-
+    # true, error: the truth, and the signed error of the answer
     true: float
     error: float = _NAN
+    # sd, bound: the sigma that the answer states, and the least that any unbiased estimator has
     sd: float = _NAN
     bound: float = _NAN
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One window and its answer.
+    """One window and its answer."""
 
-    Attributes
-    ----------
-    name : str
-        Estimator or preset, noise, or what is wrong with the window.
-    snr_db, periods : float
-        Of a cell of the grid: noise, and number of periods in the window.
-    is_wrong : bool
-        "ok", and on another lobe; or "ok" where there are no grooves.
-    after_s : float
-        Of a first answer: time since the onset of slip; infinite where there was none.
-    """
-
-    name: str
+    name: str  # estimator or preset, noise, or what is wrong with the window
     seed: int
     window_s: float
     is_speed_known: bool
     status: str
     period: Estimate
     angle: Estimate
-    is_wrong: bool = False
+    is_wrong: bool = False  # "ok", and on another lobe; or "ok" where there are no grooves
+    # snr_db, periods: of a cell of the grid: noise, and number of periods in the window
     snr_db: float = _NAN
     periods: float = _NAN
-    after_s: float = _NAN
+    after_s: float = _NAN  # of a first answer: time since the onset of slip; infinite where there was none
 
     def of(self, quantity: Quantity) -> Estimate:
         """Return the estimate of the period or of the angle."""

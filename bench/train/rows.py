@@ -22,31 +22,16 @@ _ANNOUNCES, _CUT = 0.4, 0.12
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """Looks of one world.
-
-    Attributes
-    ----------
-    look_s : float
-        Time between looks.
-    time_s : (n,) float64
-    signs : (n, signs) float64
-    begins : (n,) bool
-        First look of a contact.
-    slides : (n,) bool
-        Truth, as the next three.
-    utilisation : (n,) float64
-    ahead_s : (n,) float64
-        Time to the next beginning of gross slip; infinite without one.
-    """
+    """Looks of one world."""
 
     generator: str
-    look_s: float
-    time_s: FloatArray
-    signs: FloatArray
-    begins: NDArray[np.bool_]
-    slides: NDArray[np.bool_]
-    utilisation: FloatArray
-    ahead_s: FloatArray
+    look_s: float  # time between looks
+    time_s: FloatArray  # (n,)
+    signs: FloatArray  # (n, signs)
+    begins: NDArray[np.bool_]  # (n,): first look of a contact
+    slides: NDArray[np.bool_]  # (n,): truth, as the next three
+    utilisation: FloatArray  # (n,)
+    ahead_s: FloatArray  # (n,): time to the next beginning of gross slip; infinite without one
 
     @property
     def ratio(self) -> FloatArray:

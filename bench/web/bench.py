@@ -65,33 +65,18 @@ _WATCH = """
 
 @dataclass(frozen=True)
 class PageCost:
-    """Bytes, movement, delay and processor time of one page while a scene was played.
+    """Bytes, movement, delay and processor time of one page while a scene was played."""
 
-    Attributes
-    ----------
-    kb_s : float
-        Bytes that the browser received, 10^3 in a second.
-    shift : float
-        Cumulative layout shift.
-    page_part, browser_part, server_part : float
-        Processor time over time: of the renderer process of the page, of all processes of the browser, and
-        of `tactiled web`.
-    fresh_part : float
-        Part of the looks at the lamp at which it was FRESH, of those with a board.
-    delay_s : (verdicts,) float64
-        From the message of a contact or a slip to the picture with its words.
-    unseen : int
-        Messages of contacts and slips that never were on the page.
-    """
-
-    kb_s: float
-    shift: float
+    kb_s: float  # bytes that the browser received, 10^3 in a second
+    shift: float  # cumulative layout shift
+    # page_part, browser_part, server_part: processor time over time: of the renderer process of the page, of
+    # all processes of the browser, and of `tactiled web`
     page_part: float
     browser_part: float
     server_part: float
-    fresh_part: float
-    delay_s: FloatArray
-    unseen: int
+    fresh_part: float  # part of the looks at the lamp at which it was FRESH, of those with a board
+    delay_s: FloatArray  # (verdicts,): from the message of a contact or a slip to the picture with its words
+    unseen: int  # messages of contacts and slips that never were on the page
 
     def quantile_ms(self, q: float) -> float:
         """Quantile of the delay in milliseconds."""

@@ -27,24 +27,13 @@ _NEAREST = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """States of a scene after each scan, and its readings.
+    """States of a scene after each scan, and its readings."""
 
-    Attributes
-    ----------
-    volts : (n, channels) float64
-    load_n : (n,) float64
-    shear_n : (n, 2) float64
-    friction : (n,) float64
-        Coefficient that the contact bears at rest.
-    slides : (n,) bool
-        All of the contact slides.
-    """
-
-    volts: FloatArray
-    load_n: FloatArray
-    shear_n: FloatArray
-    friction: FloatArray
-    slides: NDArray[np.bool_]
+    volts: FloatArray  # (n, channels)
+    load_n: FloatArray  # (n,)
+    shear_n: FloatArray  # (n, 2)
+    friction: FloatArray  # (n,): coefficient that the contact bears at rest
+    slides: NDArray[np.bool_]  # (n,): all of the contact slides
 
 
 def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played, array: Array) -> World:

@@ -28,18 +28,12 @@ _BATCH = 24
 
 @dataclass(frozen=True)
 class _Move:
-    """Move of the grip to a factor of the one that just bears the load at its end.
-
-    Attributes
-    ----------
-    for_all : bool
-        Of the one that bears all loads from there on.
-    """
+    """Move of the grip to a factor of the one that just bears the load at its end."""
 
     at_s: float
     factor: float
     takes_s: float
-    for_all: bool = False
+    for_all: bool = False  # of the one that bears all loads from there on
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,37 +19,20 @@ _UNSEEN = 0.15  # share of worlds whose log begins in contact
 
 @dataclass(frozen=True)
 class Course:
-    """Courses of a hand, by step of integration.
+    """Courses of a hand, by step of integration."""
 
-    Attributes
-    ----------
-    load : (n,) float64
-        In parts of the usual load.
-    pull : (n,) float64
-        Force in parts of what the contact bears at the usual load; a hand that moves by position makes it
-        travel, in parts of the elastic travel to the limit.
-    travel_mm : (n,) float64
-        Way of a hand that holds the object by a spring.
-    turn : (n,) float64
-        Moment in parts of pull times the radius of the contact.
-    friction : (n,) float64
-        Part of friction that is left.
-    acceleration_m_s2 : (n,) float64
-        As the hand announces it, along the pull and with the part of gravity; NaN where it is not announced.
-    spring : float
-        Stiffness of the hand's hold in parts of that of the skin.
-    carries : bool
-        The object hangs between two fingers; nothing else holds it.
-    """
-
-    load: FloatArray
+    load: FloatArray  # (n,): in parts of the usual load
+    # (n,): force in parts of what the contact bears at the usual load; a hand that moves by position makes it
+    # travel, in parts of the elastic travel to the limit
     pull: FloatArray
-    travel_mm: FloatArray
-    turn: FloatArray
-    friction: FloatArray
+    travel_mm: FloatArray  # (n,): way of a hand that holds the object by a spring
+    turn: FloatArray  # (n,): moment in parts of pull times the radius of the contact
+    friction: FloatArray  # (n,): part of friction that is left
+    # (n,): as the hand announces it, along the pull and with the part of gravity; NaN where it is not
+    # announced
     acceleration_m_s2: FloatArray
-    spring: float = 0.0
-    carries: bool = False
+    spring: float = 0.0  # stiffness of the hand's hold in parts of that of the skin
+    carries: bool = False  # the object hangs between two fingers; nothing else holds it
 
     def __len__(self) -> int:
         return len(self.load)

@@ -52,17 +52,12 @@ _WHOLE = 1e-6  # of a step of integration: between whole steps, readings are int
 
 @dataclass(frozen=True)
 class Population:
-    """Distribution that worlds are drawn from.
-
-    Attributes
-    ----------
-    most_used : float, optional
-        Pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1.
-    """
+    """Distribution that worlds are drawn from."""
 
     laws: tuple[str, ...] = LAWS
     hands: tuple[str, ...] = HANDS
     duration_s: float = 8.0
+    # pulls that would use more of the limit are scaled to a part of it, drawn from 0.3 to 1
     most_used: float | None = None
 
 

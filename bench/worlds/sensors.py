@@ -33,49 +33,25 @@ _LOUDER, _MOST_LOUDER = 0.15, 30.0
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """Courses of the physics, at even steps.
-
-    Attributes
-    ----------
-    load : (n, taxels) float
-        N.
-    shear : (n, 2, taxels) float
-        Force of the skin on the object, against its motion, N.
-    utilisation : (n,) float
-    slides : (n,) bool
-        All loaded places are at their limit, and the object moves.
-    limit : (n,) float
-        Shear that the contact bears, N.
-    touching : (n,) bool
-    acceleration_m_s2 : (n,) float
-    usual_n, static_friction : float
-        Usual load of all taxels, N, and shear over load that it bears before it slips.
-    creep : float
-        Part by which readings grow under a constant load, in 100 s.
-    """
+    """Courses of the physics, at even steps."""
 
     step_s: float
-    load: FloatArray
-    shear: FloatArray
-    utilisation: FloatArray
-    slides: NDArray[np.bool_]
-    limit: FloatArray
-    touching: NDArray[np.bool_]
-    acceleration_m_s2: FloatArray
+    load: FloatArray  # (n, taxels): N
+    shear: FloatArray  # (n, 2, taxels): force of the skin on the object, against its motion, N
+    utilisation: FloatArray  # (n,)
+    slides: NDArray[np.bool_]  # (n,): all loaded places are at their limit, and the object moves
+    limit: FloatArray  # (n,): shear that the contact bears, N
+    touching: NDArray[np.bool_]  # (n,)
+    acceleration_m_s2: FloatArray  # (n,)
+    # usual_n, static_friction: usual load of all taxels, N, and shear over load that it bears before it slips
     usual_n: float
     static_friction: float
-    creep: float = 0.0
+    creep: float = 0.0  # part by which readings grow under a constant load, in 100 s
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Names of a world, and the generator of its random numbers.
-
-    Attributes
-    ----------
-    is_ideal : bool
-        The sensor has no crosstalk, tilt, spread of gains, curvature or drift, and little noise.
-    """
+    """Names of a world, and the generator of its random numbers."""
 
     generator: str
     law: str
@@ -84,6 +60,7 @@ class Drawn:
     side: int
     pitch_mm: float
     rng: np.random.Generator
+    # the sensor has no crosstalk, tilt, spread of gains, curvature or drift, and little noise
     is_ideal: bool = False
 
     @property

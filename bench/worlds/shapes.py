@@ -22,15 +22,10 @@ _EDGE_SLOPE = 1.5  # mm of gap for each mm beyond an edge: nothing there touches
 
 @dataclass(frozen=True)
 class PressureTable:
-    """Loads (N) of places, at loads from 0 up.
-
-    Attributes
-    ----------
-    node_n : (levels, nodes) float64
-        Loads of the nodes, N; the total of row k is ``usual_n * 2.5 * (k / (levels - 1))^2``.
-    """
+    """Loads (N) of places, at loads from 0 up."""
 
     usual_n: float
+    # (levels, nodes): loads of the nodes, N; the total of row k is ``usual_n * 2.5 * (k / (levels - 1))^2``
     node_n: FloatArray
 
     def at(self, load_n: float) -> FloatArray:

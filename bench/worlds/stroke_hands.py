@@ -22,26 +22,17 @@ _SLIDES = 1.3  # times its limit: shear that a hand goes on to where it makes th
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """Part of a course in which one quantity is given.
+    """Part of a course in which one quantity is given."""
 
-    Attributes
-    ----------
-    given : {"travel", "shear", "kept"}
-        Travel of the surface in mm since the piece began; shear; or part of the shear at the beginning of
-        the piece that is left while the surface rests.
-    load, course : (n,) float64
-        Load, and the given quantity.
-    angle : float
-        Direction of the surface's motion, in radians. Shear along it only grows within a piece.
-    slide_mm_s : float
-        Speed of the surface once the given shear is beyond the limit.
-    """
-
+    # Travel of the surface in mm since the piece began; shear; or part of the
+    # shear at the beginning of the piece that is left while the surface rests.
     given: Literal["travel", "shear", "kept"]
+    # load, course (n,): load, and the given quantity
     load: FloatArray
     course: FloatArray
+    # Direction of the surface's motion, in radians. Shear along it only grows within a piece.
     angle: float = 0.0
-    slide_mm_s: float = 0.0
+    slide_mm_s: float = 0.0  # speed of the surface once the given shear is beyond the limit
 
     def __len__(self) -> int:
         return len(self.load)

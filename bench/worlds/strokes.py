@@ -36,32 +36,23 @@ _NONE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class _Contact:
-    """Contact of one world, by taxel.
-
-    Attributes
-    ----------
-    share, mu, elastic_mm : (taxels,) float64
-        Share of the load, static friction, and travel of a fresh contact to its limit.
-    wave_mm, phase : (waves, taxels) float64
-        Wavelengths and phases of friction along the surface.
-    rough : float
-        Standard deviation of friction along the surface, over its mean.
-    evened : bool
-        Friction of all taxels together is the same along the surface.
-    """
+    """Contact of one world, by taxel."""
 
     x: FloatArray
     y: FloatArray
     usual_n: float
+    # share, mu, elastic_mm (taxels,): share of the load, static friction, and travel of a fresh contact to
+    # its limit
     share: FloatArray
     mu: FloatArray
     elastic_mm: FloatArray
     curve: Callable[[FloatArray], FloatArray]
     whole: float
+    # wave_mm, phase (waves, taxels): wavelengths and phases of friction along the surface
     wave_mm: FloatArray
     phase: FloatArray
-    rough: float
-    evened: bool
+    rough: float  # standard deviation of friction along the surface, over its mean
+    evened: bool  # friction of all taxels together is the same along the surface
     kinetic: float
     falls_mm: float
     heals_s: float

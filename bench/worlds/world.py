@@ -13,34 +13,9 @@ INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """One drawn scene with its truth at every scan.
+    """One drawn scene with its truth at every scan."""
 
-    Attributes
-    ----------
-    generator, law, hand : str
-        Physics; contact law or shape of the object; what the hand does.
-    utilisation : (n,) float64
-        Shear of all places of the contact over what they bear; 1 while all of it slides, 0 without contact.
-    gross : (n,) bool
-        All of the contact slides.
-    gross_s : list of float
-        Instants at which gross slip begins.
-    tenth_s : list of float
-        For each of these, when a tenth of the contact began to slip, at the latest utilisation.
-    direction_deg : (n,) float64
-        Of the motion that the total shear opposes: that of the skin over the surface in gross slip.
-    friction : (n,) float64
-        Reading of shear that the contact bears over its reading of load; NaN without contact.
-    static_friction : float
-        The same for a contact that has not slipped, at the usual load: what a person would state.
-    load : (n,) float64
-        Normal load, N.
-    touching : (n,) bool
-    acceleration_m_s2 : (n,) float64
-        Acceleration along the pull that the hand itself causes and announces, gravity's part included; NaN
-        where it announces none.
-    """
-
+    # generator, law, hand: physics; contact law or shape of the object; what the hand does
     generator: str
     law: str
     hand: str
@@ -48,15 +23,23 @@ class World:
     rate_hz: float
     array: Array
     block: ScanBlock
+    # (n,): shear of all places of the contact over what they bear; 1 while all of it slides, 0 without
+    # contact
     utilisation: FloatArray
-    gross: NDArray[np.bool_]
-    gross_s: list[float]
+    gross: NDArray[np.bool_]  # (n,): all of the contact slides
+    gross_s: list[float]  # instants at which gross slip begins
+    # for each of these, when a tenth of the contact began to slip, at the latest utilisation
     tenth_s: list[float]
+    # (n,): of the motion that the total shear opposes: that of the skin over the surface in gross slip
     direction_deg: FloatArray
+    # (n,): reading of shear that the contact bears over its reading of load; NaN without contact
     friction: FloatArray
+    # the same for a contact that has not slipped, at the usual load: what a person would state
     static_friction: float
-    load: FloatArray
-    touching: NDArray[np.bool_]
+    load: FloatArray  # (n,): normal load, N
+    touching: NDArray[np.bool_]  # (n,)
+    # (n,): acceleration along the pull that the hand itself causes and announces, gravity's part included;
+    # NaN where it announces none
     acceleration_m_s2: FloatArray
 
     @property

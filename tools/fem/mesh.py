@@ -46,26 +46,15 @@ MESHES = {
 
 @dataclass(frozen=True, eq=False)
 class TaxelMesh:
-    """Points and eight-node cells of one taxel.
+    """Points and eight-node cells of one taxel."""
 
-    Attributes
-    ----------
-    points_mm : (p, 3) float64
-    cells : (c, 8) int64
-        Bottom face, then top face, each counter-clockwise seen from above.
-    material : (c,) int64
-        Index into `MATERIALS`.
-    surface, surface_faces : (n,), (f, 4) int64
-        Points and faces of the cap, which may touch.
-    bottom, bottom_faces : (m,), (g, 4) int64
-        Points and faces at z = 0, which are held.
-    """
-
-    points_mm: FloatArray
-    cells: IntArray
-    material: IntArray
+    points_mm: FloatArray  # (p, 3)
+    cells: IntArray  # (c, 8): bottom face, then top face, each counter-clockwise seen from above
+    material: IntArray  # (c,): index into `MATERIALS`
+    # surface, surface_faces: (n,) and (f, 4): points and faces of the cap, which may touch
     surface: IntArray
     surface_faces: IntArray
+    # bottom, bottom_faces: (m,) and (g, 4): points and faces at z = 0, which are held
     bottom: IntArray
     bottom_faces: IntArray
 
