@@ -1,4 +1,6 @@
-"""The surface compliance of a taxel as reference data: `config/contact/compliance-<mesh>.npz`.
+"""The surface compliance of a taxel as data: `config/contact/compliance-<mesh>.npz`.
+
+``python -m tools.fem.compliance coarse`` makes the one that ships.
 
 Signs: normal displacements and forces point INTO the skin (pressing is positive), tangential ones along x
 and y of the taxel; z stands for the normal everywhere, though the cap slopes by up to 27 degrees at its rim.
@@ -20,6 +22,7 @@ Stored in float32; symmetric to the last bit.
 """
 
 import json
+import sys
 
 import numpy as np
 
@@ -66,7 +69,7 @@ def write_compliance(fineness: str) -> str:
     """Compute and write `config/contact/compliance-<fineness>.npz`; returns its path."""
     mesh = taxel_mesh(MESHES[fineness])
     provenance = {
-        "command": f"python -m tools.fem {fineness} compliance",
+        "command": f"python -m tools.fem.compliance {fineness}",
         "method": "linear elasticity, B-bar hexahedra, bottom of chip and adhesive held, sides free",
         "cells": len(mesh.cells),
         "unknowns": mesh.points_mm.size,
@@ -77,3 +80,7 @@ def write_compliance(fineness: str) -> str:
     single = {name: array.astype(np.float32) for name, array in compliance_arrays(mesh).items()}
     np.savez_compressed(path, allow_pickle=False, provenance=np.array(json.dumps(provenance)), **single)
     return str(path)
+
+
+if __name__ == "__main__":
+    print(write_compliance(sys.argv[1]))

@@ -1,8 +1,7 @@
 """Linear elasticity of a taxel mesh at small strain, and the compliance of its surface.
 
 Eight-node hexahedra with the dilatation averaged over each cell (the B-bar method: Hughes, The Finite Element
-Method, 1987, section 4.5), which is what the mixed elements of `contact` become at small strain and what
-keeps nearly incompressible cells from locking.
+Method, 1987, section 4.5), which keeps nearly incompressible cells from locking.
 """
 
 import numpy as np

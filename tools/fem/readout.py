@@ -21,9 +21,8 @@ BoolArray = NDArray[np.bool_]
 Part = Callable[[FloatArray, FloatArray], BoolArray]
 
 SIDES = ("-x", "-y", "+x", "+y")  # resistors R1, R2, R3, R4 of the shipped array
-_FINE = (
-    16  # sample points along each side of a face: areas near the edge are right within 1.5 %, halves 0.5 %
-)
+# Sample points along each side of a face: areas near the edge are right within 1.5 %, halves within 0.5 %.
+_FINE = 16
 EDGE_MM = 1.0  # the areas that reproduce the paper's 0.07 N a side and its near-100 % change lie beyond this
 CENTRE_MM = 0.5  # assumed radius of the common electrode
 _CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])  # of a face's reference square

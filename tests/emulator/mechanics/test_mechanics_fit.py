@@ -24,15 +24,13 @@ def table(path: Path, header: str, first: FloatArray, stress: FloatArray) -> Pat
 
 def noisy(rubber: Yeoh, seed: int) -> YeohFit:
     noise = 0.005 * np.random.default_rng(seed).normal(size=COMPRESSION.size)
-    return fit_yeoh(COMPRESSION, rubber.uniaxial(COMPRESSION).stress_mpa + noise)
+    return fit_yeoh(COMPRESSION, rubber.uniaxial_mpa(COMPRESSION) + noise)
 
 
 @pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
 @pytest.mark.parametrize(("header", "offset"), [("strain,stress_mpa", 1.0), ("stretch,stress_mpa", 0.0)])
 def test_fit_recovers_table_1_from_a_file(tmp_path: Path, rubber: Yeoh, header: str, offset: float) -> None:
-    path = table(
-        tmp_path / "curve.csv", header, COMPRESSION - offset, rubber.uniaxial(COMPRESSION).stress_mpa
-    )
+    path = table(tmp_path / "curve.csv", header, COMPRESSION - offset, rubber.uniaxial_mpa(COMPRESSION))
     fit = fit_material_file(path)
     assert fit.c_mpa == pytest.approx((rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa), abs=1e-8)
     assert fit.verdict == ("stable" if rubber is RTV else "stable-where-measured")
@@ -49,7 +47,7 @@ def test_intervals_have_their_coverage(rubber: Yeoh) -> None:
 
 
 def test_intervals_shrink_with_level_and_the_mean_is_unbiased() -> None:
-    curve = RUBBER.uniaxial(COMPRESSION).stress_mpa + 0.005 * np.random.default_rng(1).normal(size=40)
+    curve = RUBBER.uniaxial_mpa(COMPRESSION) + 0.005 * np.random.default_rng(1).normal(size=40)
     wide, narrow = fit_yeoh(COMPRESSION, curve, 0.99), fit_yeoh(COMPRESSION, curve, 0.5)
     assert np.all(np.array(wide.low_mpa) < np.array(narrow.low_mpa))
     c1 = np.array([noisy(RUBBER, seed).c_mpa[0] for seed in range(400)])
@@ -92,7 +90,7 @@ def test_the_map_is_json_without_infinity(rubber: Yeoh) -> None:
 
 def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
-    stress = PDMS.uniaxial(COMPRESSION).stress_mpa
+    stress = PDMS.uniaxial_mpa(COMPRESSION)
     rows = "\n\n".join(f"x, {s!r} ,{a!r}" for a, s in zip(COMPRESSION.tolist(), stress.tolist(), strict=True))
     path.write_text(f"\ufeffspecimen, stress_mpa ,stretch\r\n{rows}\n", encoding="utf-8")
     assert fit_material_file(path).c_mpa[0] == pytest.approx(PDMS.c1_mpa)
