@@ -5,10 +5,10 @@ fit is given the speed, as the procedure must be, and the direction of the slip 
 paper it sees the very windows of the procedure (10 s each, from 1 s after the slip was detected), and windows
 of 2 s of the same slide, 0.8 to 2.2 periods. Plates drawn at random are no plates that anything was tuned on:
 each seed has a period and an angle of its own, one window of each length, with the speed given and not.
-Online the estimator follows the slip detector, and answers when its preset lets it.
+Online the estimator follows the slip detector, and answers when the preset "balanced" lets it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from bench.texture.signal import RATE_HZ, Wave
 from bench.texture.trials import ARRAY, Trial, compare, joint_fit, online_answers
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
-from tactiled.detect.grooves.params import PRESETS, JointParams, Preset
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
@@ -108,7 +108,7 @@ def paper_plate_trials(plate: Plate, seed: int) -> list[Trial]:
         for first in range(slide.first_scan, end - n + 1, n):
             fit = _fit(slide, first, window_s, _SPEED_MM_S)
             trials.append(compare(fit, wave, name=f"joint, {window_s:g} s", window_s=window_s, **fields))
-    return trials + [_first_answer(slide, wave, preset, seed) for preset in PRESETS]
+    return [*trials, _first_answer(slide, wave, "plates of the paper", seed)]
 
 
 def drawn_plate(seed: int) -> Plate:
@@ -119,7 +119,7 @@ def drawn_plate(seed: int) -> Plate:
 
 
 def drawn_plate_trials(seed: int) -> list[Trial]:
-    """Windows of one slide over the plate of a seed, and the first answer of the preset "balanced"."""
+    """Windows of one slide over the plate of a seed, and the first answer online."""
     wave = Wave(*drawn_plate(seed), _SPEED_MM_S)
     slide = play(_drawn_scene(wave), seed)
     trials = []
@@ -128,7 +128,7 @@ def drawn_plate_trials(seed: int) -> list[Trial]:
             fit = _fit(slide, slide.first_scan, window_s, _SPEED_MM_S if is_known else 0.0)
             fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_known}
             trials.append(compare(fit, wave, name="drawn plate", **fields))
-    return [*trials, replace(_first_answer(slide, wave, "balanced", seed), name="drawn plates")]
+    return [*trials, _first_answer(slide, wave, "drawn plates", seed)]
 
 
 def _drawn_scene(wave: Wave) -> Scene:
@@ -144,15 +144,15 @@ _OFFSET_S = EmulatedBoardParams().channel_step_s * np.arange(ARRAY.n_channels, d
 
 def _fit(slide: PlateSlide, first: int, window_s: float, speed_mm_s: float) -> GrooveAnswer | Refusal:
     onset, volts = slide.onset, slide.volts[first : first + round(window_s * RATE_HZ)]
-    return joint_fit(ARRAY, volts, _OFFSET_S, speed_mm_s, onset.direction_deg, onset.direction_sd_deg)
+    return joint_fit(volts, _OFFSET_S, speed_mm_s, onset.direction_deg, onset.direction_sd_deg)
 
 
-def _first_answer(slide: PlateSlide, wave: Wave, preset: Preset, seed: int) -> Trial:
+def _first_answer(slide: PlateSlide, wave: Wave, name: str, seed: int) -> Trial:
     """First answer online, and the time from the true onset to the scan that completed it."""
     onset_s = slide.truth.onset_s
     until = int(np.searchsorted(slide.time_s, onset_s + _LONGEST_S))
     events = online_answers(
-        JointParams(preset=preset, speed_mm_s=_SPEED_MM_S),
+        JointParams(speed_mm_s=_SPEED_MM_S),
         slide.volts[:until],
         _OFFSET_S,
         slide.onset,
@@ -161,4 +161,4 @@ def _first_answer(slide: PlateSlide, wave: Wave, preset: Preset, seed: int) -> T
     answer = next((event for event in events if event.status == "ok"), None)
     after_s = answer.answered_s - onset_s if answer else np.inf
     nan = float("nan")
-    return compare(answer, wave, name=preset, seed=seed, window_s=nan, is_speed_known=True, after_s=after_s)
+    return compare(answer, wave, name=name, seed=seed, window_s=nan, is_speed_known=True, after_s=after_s)

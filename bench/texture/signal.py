@@ -111,12 +111,8 @@ def sensed_by(
 ) -> ArrayResponse:
     """Response of an array whose channels all ripple alike, each kind at a phase of its own.
 
-    Parameters
-    ----------
-    snr_db : float
-        Of each channel: ``10 log10(amplitude^2 / (2 sigma^2))`` of the fundamental.
-    harmonics : tuple of float
-        Amplitudes of 2nd, 3rd, ... over the first.
+    The signal-to-noise ratio is ``10 log10(amplitude^2 / (2 sigma^2))`` of the fundamental of each channel;
+    harmonics are amplitudes of the 2nd, 3rd, ... over it.
     """
     kind = kinds_of(array)
     return ArrayResponse(
@@ -168,13 +164,7 @@ def scan_times_s(window_s: float) -> FloatArray:
 
 
 def readings(grating: Grating, rng: np.random.Generator, memory: float = 0.0) -> FloatArray:
-    """Volts (n, channels): drift, wave and noise.
-
-    Parameters
-    ----------
-    memory : float
-        Coefficient of the autoregression of order 1 that is each channel's noise; 0 is white.
-    """
+    """Volts (n, channels): drift, wave, and noise (an autoregression of order 1; of memory 0 it is white)."""
     sensed, time_s = grating.sensed, grating.time_s
     ripple = wave_volts(grating.wave, sensed, time_s)
     volts = grating.drift[:, 0] + np.outer(time_s, grating.drift[:, 1]) + ripple
@@ -201,18 +191,8 @@ def turns(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:
     return np.asarray((x * np.cos(angle) + y * np.sin(angle)) / wave.period_mm)
 
 
-def bound(
-    wave: Wave, sensed: ArrayResponse, time_s: FloatArray, *, is_speed_known: bool, n_drift: int = 2
-) -> Bound:
-    """Cramer-Rao bound of one window.
-
-    Parameters
-    ----------
-    time_s : (n,) float64
-        Instants at which the scans began.
-    n_drift : int
-        Unknown terms of each channel's drift: 0 for none, 1 for its level, 2 for a straight line.
-    """
+def bound(wave: Wave, sensed: ArrayResponse, time_s: FloatArray, *, is_speed_known: bool) -> Bound:
+    """Cramer-Rao bound of one window, whose scans began at `time_s` (n,)."""
     # Both origins are free, since phases are: near the middle the numbers are of one size.
     time_s = time_s - time_s.mean()
     x, y = _places(wave, sensed, time_s)
@@ -232,7 +212,7 @@ def bound(
         columns = np.zeros((len(time_s), len(information)))
         columns[:, :n_wave] = (swing @ order)[:, None] * np.stack([part[:, c] for part in shared], axis=1)
         columns[:, n_wave + kind * n_harmonics + np.arange(n_harmonics)] = swing
-        own = np.column_stack([np.vander(time_s, n_drift), np.cos(own_phase)])
+        own = np.column_stack([np.vander(time_s, 2), np.cos(own_phase)])
         basis, _ = np.linalg.qr(own)
         columns -= basis @ (basis.T @ columns)
         information += columns.T @ columns / sensed.noise_volts[c] ** 2

@@ -2,12 +2,6 @@
 
 `model_window` is a window that the model describes. Each entry of `MISFITS` spoils it. `GROOVELESS` are
 windows without a grating, over which the only right answer is a refusal.
-
-`TWO_WAVES` has more than one wave in view: two gratings, or a grating and a hum. Gratings whose ripples have
-one frequency (crossed grooves, a knurl) cannot be told apart by the spectrum; ripples at twice or three times
-another's frequency look, to the spectrum, like harmonics of it. Either grating is a right answer, and both is
-a better one; any other answer is wrong. Where the channels of a taxel sense both waves alike, the two beat as
-one wave under pads that are pressed unevenly does: the hardest to tell.
 """
 
 from collections.abc import Callable
@@ -54,11 +48,11 @@ class SpoiledWindow:
     bend_mm: float = np.inf  # radius of the grooves; infinite is straight
     # place along the groove normal (turns) to what is added to it
     wander: Callable[[FloatArray], FloatArray] | None = None
-    beside: Wave | None = None  # another grating under the skin, whose ripple is in `added_volts`
 
-    def turns(self, wave: Wave) -> FloatArray:
-        """Phase of a grating, bent as the window's are, under each reading: (n, channels)."""
-        sensed, angle, theta = self.sensed, np.radians(wave.angle_deg), np.radians(wave.direction_deg)
+    def turns(self) -> FloatArray:
+        """Groove phase under each reading (n, channels)."""
+        sensed, wave = self.sensed, self.wave
+        angle, theta = np.radians(wave.angle_deg), np.radians(wave.direction_deg)
         x = sensed.x_mm - sensed.x_mm.mean() + self.travel_mm * np.cos(theta)
         y = sensed.y_mm - sensed.y_mm.mean() + self.travel_mm * np.sin(theta)
         across, along = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
@@ -66,7 +60,7 @@ class SpoiledWindow:
 
     def volts(self, rng: np.random.Generator) -> FloatArray:
         """Readings (n, channels), clipped to the converter's range."""
-        sensed, phase = self.sensed, self.turns(self.wave)
+        sensed, phase = self.sensed, self.turns()
         if self.wander is not None:
             phase = phase + self.wander(phase)
         order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)
@@ -77,12 +71,10 @@ class SpoiledWindow:
         return np.asarray(np.clip(volts, 0.0, RANGE_VOLTS))
 
 
-def model_window(
-    array: Array, rng: np.random.Generator, window_s: float, snr_db: float = SNR_DB
-) -> SpoiledWindow:
+def model_window(array: Array, rng: np.random.Generator, window_s: float) -> SpoiledWindow:
     """Draw a window that the model describes, over a grating of moderate period."""
     wave = Wave(float(rng.uniform(*_PERIODS_MM)), float(rng.uniform(*_ANGLES_DEG)), SPEED_MM_S, 0.0)
-    sensed, time_s = sensed_by(array, rng, snr_db), scan_times_s(window_s)
+    sensed, time_s = sensed_by(array, rng, SNR_DB), scan_times_s(window_s)
     shape = (len(time_s), array.n_channels)
     return SpoiledWindow(
         wave=wave,
@@ -259,72 +251,3 @@ GROOVELESS: dict[str, Spoil] = {
     "sand paper, grain 1 mm": partial(_sand_paper, grain_mm=1.0),
     "load that swings at one frequency": _load_swings,
 }
-
-_TILTS_DEG = (15.0, 60.0)  # of crossed grooves, either way
-_EITHER_DEG = (-50.0, 50.0)  # of two gratings that are not crossed, each
-_FINER_MM = (0.7, 1.2)  # of the grating with the higher frequency
-_COARSEST_MM = 4.0  # of the other: ten seconds hold two ripples of it
-
-
-def _add_grating(
-    window: SpoiledWindow, rng: np.random.Generator, wave: Wave, part: float, *, is_alike: bool = False
-) -> None:
-    """Put another grating under the skin, its ripple a part of the first one's.
-
-    Channels sense it each kind in a phase of its own, or all as they sense the first one.
-    """
-    window.beside = wave
-    sensed = window.sensed
-    phase_rad = rng.uniform(-np.pi, np.pi, (sensed.kind.max() + 1,))
-    size_volts = np.full(len(sensed.kind), AMPLITUDE_VOLTS)
-    if is_alike:
-        phase_rad = sensed.phase_rad[:, 0] + phase_rad[0]
-        size_volts = sensed.amplitude_volts[:, 0]
-    turns = window.turns(wave)
-    window.added_volts += part * size_volts * np.cos(2 * np.pi * turns + phase_rad[sensed.kind])
-
-
-def _crossed(window: SpoiledWindow, rng: np.random.Generator, *, part: float, is_alike: bool = False) -> None:
-    tilt_deg = float(rng.uniform(*_TILTS_DEG) * rng.choice([-1, 1]))
-    window.wave = replace(window.wave, angle_deg=tilt_deg)
-    _add_grating(window, rng, replace(window.wave, angle_deg=-tilt_deg), part, is_alike=is_alike)
-
-
-def _faster(window: SpoiledWindow, rng: np.random.Generator, *, times: float, part: float) -> None:
-    """Put another grating under the skin whose ripple has so many times the frequency."""
-    period_mm = np.inf
-    while period_mm > _COARSEST_MM:
-        angle_deg, finer_deg = float(rng.uniform(*_EITHER_DEG)), float(rng.uniform(*_EITHER_DEG))
-        finer_mm = float(rng.uniform(*_FINER_MM))
-        narrower = float(np.cos(np.radians(angle_deg)) / np.cos(np.radians(finer_deg)))
-        period_mm = times * finer_mm * narrower
-    finer = replace(window.wave, period_mm=finer_mm, angle_deg=finer_deg)
-    window.wave = replace(window.wave, period_mm=period_mm, angle_deg=angle_deg)
-    _add_grating(window, rng, finer, part)
-
-
-def _in_step(window: SpoiledWindow, rng: np.random.Generator, *, part: float, times: float = 1.0) -> None:
-    """Let all channels swing together at or beside the grooves' frequency, as on an eccentric roller."""
-    turns = times * window.wave.frequency_hz * (window.time_s[:, None] + window.sensed.offset_s)
-    size = part * AMPLITUDE_VOLTS
-    window.added_volts += size * np.cos(2 * np.pi * (turns + rng.uniform(0, 1)))
-
-
-TWO_WAVES: dict[str, Spoil] = {
-    "crossed, alike": partial(_crossed, part=1.0),
-    "crossed, second at 30 %": partial(_crossed, part=0.3),
-    "crossed, second at 10 %": partial(_crossed, part=0.1),
-    "second of 1.7 times the frequency, at 50 %": partial(_faster, times=1.7, part=0.5),
-    "second of twice the frequency, at 50 %": partial(_faster, times=2.0, part=0.5),
-    "second of three times the frequency, at 50 %": partial(_faster, times=3.0, part=0.5),
-    "all in step at the grooves' frequency, at 30 %": partial(_in_step, part=0.3),
-    "all in step at the grooves' frequency, at 10 %": partial(_in_step, part=0.1),
-    "all in step, 2 % beside that, at 30 %": partial(_in_step, part=0.3, times=1.02),
-    "crossed, second at 30 %, sensed alike": partial(_crossed, part=0.3, is_alike=True),
-}
-TWO_WAVES_SHORT = (  # those that are also seen in short, noisy windows, as first answers have them
-    "crossed, second at 30 %",
-    "crossed, second at 30 %, sensed alike",
-    "all in step at the grooves' frequency, at 30 %",
-    "all in step, 2 % beside that, at 30 %",
-)

@@ -1,12 +1,18 @@
-"""Tables of ``./run bench texture`` from its trials."""
+"""Tables and aims of ``./run bench texture`` from its trials.
+
+A measure beyond its limit by less than two of its own standard errors is "open", as is a rate that too few
+answers cannot show to be small enough: a quick run leaves most so.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 from scipy import special
 
-from bench.report import NONE, Table, counts_in_words, grouped, rms, table
-from bench.texture.plates import PUBLISHED
+from bench.report import NONE, Aim, Reading, Table, counts_in_words, grouped, judge, never, rms, table
+from bench.texture.plates import DRAWN_WINDOWS_S, PUBLISHED, Plate
+from bench.texture.spoiled import GROOVELESS
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
@@ -65,11 +71,6 @@ class TrialSet:
 def windows_of(trials: Iterable[Trial]) -> list[Trial]:
     """Trials that are not first answers."""
     return [t for t in trials if np.isnan(t.after_s)]
-
-
-def first_answers(trials: Iterable[Trial]) -> list[Trial]:
-    """Trials that are first answers of the online estimator."""
-    return [t for t in trials if not np.isnan(t.after_s)]
 
 
 def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> Table:
@@ -134,19 +135,143 @@ def plate_groups(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
     return grouped(windows_of(trials), name)
 
 
-def after_table(what: str, groups: Mapping[str, Sequence[Trial]]) -> Table:
-    """Time until a first answer, or until the answer to old grooves no longer stands."""
+def first_answers_table(trials: Iterable[Trial]) -> Table:
+    """Time from the onset of slip until a first answer."""
     rows = []
-    for name, trials in groups.items():
-        after_s, found = [t.after_s for t in trials], TrialSet(trials)
+    for name, some in grouped((t for t in trials if not np.isnan(t.after_s)), lambda t: t.name).items():
+        after_s, found = [t.after_s for t in some], TrialSet(some)
         times = [f"{np.quantile(after_s, part, method='higher'):.1f} s" for part in (0.5, 0.9, 1.0)]
         rows.append(
             {
-                what: name,
-                "slides": f"{len(trials)}",
+                "slides": name,
+                "number": f"{len(some)}",
                 "after (median, 90 %, latest)": ", ".join(times),
                 "wrong": f"{found.n_wrong}",
                 "error: D, angle": found.errors,
             }
         )
     return table(rows)
+
+
+Found = Mapping[str, Sequence[Trial]]  # by the parts of the bench
+_OVER_BOUND = 1.1
+_HELD = (0.93, 0.97)  # of 95 % intervals, on white noise
+_WRONG = 1e-3  # of answers
+_FIRST_S = 3.0  # since slip began
+_FIRST_PLATE: Plate = (1.2, 30)  # the demo's
+_MOST_REFUSED = 0.02  # of windows over one plate and nothing else
+_SURE = 2.0  # standard errors
+_NOTHING = judge("nothing answered", False, is_open=True)
+
+
+def _near_the_bound(quantity: Quantity, is_known: bool, found: Found) -> Reading:
+    """Take all noises of a window together, and all windows of a noise: a cell cannot tell 1.1 from 1."""
+    mine = [t for t in found["grid"] if t.is_speed_known == is_known and t.periods >= MIN_PERIODS]
+    parts = {f"{s:g} s": TrialSet(some) for s, some in grouped(mine, lambda t: t.window_s).items()}
+    parts |= {f"{db:g} dB": TrialSet(some) for db, some in grouped(mine, lambda t: t.snr_db).items()}
+    parts = {name: part for name, part in parts.items() if part.right}
+    if not parts:
+        return _NOTHING
+    name = max(parts, key=lambda part: parts[part].over_bound(quantity))
+    all_words = f"{name}; all {TrialSet(mine).over_bound(quantity):.2f}"
+    return _over_bound(quantity, parts[name], all_words)
+
+
+def _followed(quantity: Quantity, found: Found) -> Reading:
+    trials = TrialSet(found["tracks"])
+    return _over_bound(quantity, trials, f"{len(trials.bounded)} windows") if trials.bounded else _NOTHING
+
+
+def _over_bound(quantity: Quantity, trials: TrialSet, words: str) -> Reading:
+    error = trials.over_bound(quantity)
+    least = error * (1 - _SURE / np.sqrt(2 * len(trials.bounded)))
+    return judge(f"{error:.2f} ({words})", error <= _OVER_BOUND, is_open=bool(least <= _OVER_BOUND))
+
+
+def _held(quantity: Quantity, is_known: bool, found: Found) -> Reading:
+    trials = TrialSet(t for t in found["grid"] if t.is_speed_known == is_known)
+    # The sigma of intervals that hold what they should: those measured are too few to say how far they stray.
+    part, sd = trials.within(quantity), np.sqrt(_HELD[0] * (1 - _HELD[0]) / max(len(trials.ok), 1))
+    off = max(_HELD[0] - part, part - _HELD[1])
+    return judge(f"{100 * part:.1f} %", off <= 0, is_open=bool(off <= _SURE * sd))
+
+
+def _rarely_wrong(part: str, found: Found) -> Reading:
+    """Judge a rate by its upper 95 % confidence bound, which must be within the limit."""
+    trials = TrialSet(found[part])
+    words = f"{trials.n_wrong} of {len(trials.ok)} ({100 * CONFIDENCE:.0f} %: below "
+    words += f"{1e3 * trials.most_wrong:.2f} in 1000)"
+    return judge(words, trials.most_wrong <= _WRONG, is_open=trials.n_wrong <= _WRONG * len(trials.ok))
+
+
+def _rarely_wrong_slides(found: Found) -> Reading:
+    """Answers of one slide are not independent: only their rate is judged."""
+    trials = TrialSet(found["tracks"])
+    is_met = trials.n_wrong <= _WRONG * len(trials.ok)
+    return judge(f"{trials.n_wrong} of {len(trials.ok)}", is_met, is_open=not trials.ok)
+
+
+def _first(found: Found) -> Reading:
+    plates = [t for t in found["plates"] if (t.period.true, t.angle.true) == _FIRST_PLATE]
+    after_s = [t.after_s for t in plates if not np.isnan(t.after_s)]
+    if not after_s:
+        return _NOTHING
+    return judge(f"{max(after_s):.1f} s, latest of {len(after_s)}", max(after_s) <= _FIRST_S)
+
+
+def _drawn_refused(found: Found) -> Reading:
+    full = [t for t in windows_of(found["drawn plates"]) if t.window_s == max(DRAWN_WINDOWS_S)]
+    refused, most = sum(t.status != "ok" for t in full), _MOST_REFUSED * len(full)
+    is_open = bool(refused - _SURE * np.sqrt(max(refused, 1)) <= most)
+    return judge(f"{refused} of {len(full)}", refused <= most, is_open=is_open)
+
+
+def _wrong(trials: Iterable[Trial]) -> list[bool]:
+    return [t.is_wrong for t in trials if t.status == "ok"]
+
+
+_IN_1000 = f"at most {1e3 * _WRONG:g} in 1000"
+AIMS: tuple[Aim[Found], ...] = (
+    *(
+        Aim(f"{quantity}: error over its bound, {speed}", f"at most {_OVER_BOUND:g}", measure)
+        for quantity in QUANTITIES
+        for speed, measure in (
+            *((speed, partial(_near_the_bound, quantity, known)) for known, speed in SPEEDS.items()),
+            ("followed slides", partial(_followed, quantity)),
+        )
+    ),
+    *(
+        Aim(
+            f"{quantity}: truth within 95 % intervals, {speed}", "93 to 97 %", partial(_held, quantity, known)
+        )
+        for quantity in QUANTITIES
+        for known, speed in SPEEDS.items()
+    ),
+    *(
+        Aim(f"wrong answers, {words}", _IN_1000, partial(_rarely_wrong, part))
+        for words, part in (
+            ("white noise", "grid"),
+            ("coloured noise", "coloured noise"),
+        )
+    ),
+    Aim("wrong answers, followed slides", _IN_1000, _rarely_wrong_slides),
+    Aim(
+        f"{_FIRST_PLATE[0]:g} mm at {_FIRST_PLATE[1]} deg, balanced: first answer after slip began",
+        f"at most {_FIRST_S:g} s",
+        _first,
+    ),
+    Aim(
+        f"plates drawn at random: windows of {max(DRAWN_WINDOWS_S):g} s refused",
+        f"at most {100 * _MOST_REFUSED:g} %",
+        _drawn_refused,
+    ),
+    never("plates drawn at random: wrong answers", lambda found: _wrong(windows_of(found["drawn plates"]))),
+    never(
+        "plates without grooves: answered",
+        lambda found: [t.status == "ok" for t in found["misfits"] if t.name in GROOVELESS],
+    ),
+    never(
+        "spoiled windows: wrong answers",
+        lambda found: _wrong(t for t in found["misfits"] if t.name not in GROOVELESS),
+    ),
+)

@@ -3,6 +3,8 @@
 Every function here makes its trials from a seed: the same arguments, the same trials. An answer is wrong, as
 against inexact, when somewhere on the array its groove phase is more than a quarter turn off: it then sits on
 another lobe of the likelihood, which is what an unresolved integer ambiguity looks like.
+
+Slides (`track_trials`) are seen as they would be live, and each of their answers is a window that is counted.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,9 +14,18 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.texture.signal import RATE_HZ, Bound, Grating, Wave, bound, draw_grating, readings
-from bench.texture.spoiled import GROOVELESS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
-from tactiled.array import Array, FloatArray, load_array
+from bench.texture.signal import (
+    RATE_HZ,
+    Bound,
+    Grating,
+    Wave,
+    bound,
+    draw_grating,
+    readings,
+    scan_times_s,
+)
+from bench.texture.spoiled import GROOVELESS, MISFITS, model_window
+from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
@@ -29,11 +40,14 @@ GratingAnswer = GrooveAnswer | Refusal | TextureEvent
 QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
 ARRAY = load_array("wang2019-3x3")
 MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
-DIRECTION_SD_DEG = 1.5  # as the slip detector states it
 MISFIT_S = 5.0  # windows that break the model
 MEMORIES = (0.9, 0.97)  # of noise from scan to scan: 0.1 s and 0.33 s at 100 Hz
 COLOURED_WINDOWS_S = (1.0, 2.0)
 COLOURED_SNRS_DB = (10.0, 15.0, 20.0)
+SLIDE_S = 12.6
+COMPARED_S = (2.0, 5.0, 8.0, 12.0)  # ends of the windows that are set over the bound, since the slide began
+_GAINS = (0.7, 1.3)
+_SLIDE_PARAMS = JointParams(settle_s=0.0)
 _WRONG_TURNS = 0.25
 _FREE_EVERY = 5  # one trial of the grid in five may have fewer periods
 _SLOW_HZ = 5.0  # ripples are slower: there such noise has most of its power (80 % and 94 %)
@@ -103,27 +117,19 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)]) / period_mm
 
 
-def joint(
-    grating: Grating, volts: FloatArray, is_speed_known: bool, direction_sd_deg: float = 0.0
-) -> GrooveAnswer | Refusal:
+def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> GrooveAnswer | Refusal:
     """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
     speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
-    motion = speed_mm_s, grating.wave.direction_deg, direction_sd_deg
-    return joint_fit(ARRAY, volts, grating.sensed.offset_s, *motion)
+    return joint_fit(volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg, 0.0)
 
 
 def joint_fit(
-    array: Array,
-    volts: FloatArray,
-    offset_s: FloatArray,
-    speed_mm_s: float,
-    direction_deg: float,
-    direction_sd_deg: float,
+    volts: FloatArray, offset_s: FloatArray, speed_mm_s: float, direction_deg: float, direction_sd_deg: float
 ) -> GrooveAnswer | Refusal:
     """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
     motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
     time_s = np.arange(len(volts)) / RATE_HZ
-    return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(array), motion, WaveParams()))
+    return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(ARRAY), motion, WaveParams()))
 
 
 def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
@@ -136,12 +142,12 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
     if answer.status == "ok":
         least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
     fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_speed_known, "snr_db": snr_db}
-    return compare(answer, grating.wave, least, name="white noise", periods=grating.periods, **fields)
+    return compare(answer, grating.wave, least, name=noise_name(0.0), periods=grating.periods, **fields)
 
 
 def noise_name(memory: float) -> str:
     """Name of the noise whose autoregression has this coefficient."""
-    return f"AR(1), {memory:g}"
+    return f"AR(1), {memory:g}" if memory else "white noise"
 
 
 def coloured_trial(memory: float, seed: int) -> Trial:
@@ -164,36 +170,12 @@ def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     rng = np.random.default_rng(seed)
     window = model_window(ARRAY, rng, MISFIT_S)
     (MISFITS | GROOVELESS)[name](window, rng)
-    event = _full_window(window, rng, MISFIT_S, is_speed_known)
-    fields = {"name": name, "seed": seed, "window_s": MISFIT_S, "is_speed_known": is_speed_known}
-    trial = compare(event, window.wave, **fields)
-    return replace(trial, is_wrong=True) if name in GROOVELESS and trial.status == "ok" else trial
-
-
-def two_wave_trial(name: str, window_s: float, snr_db: float, is_speed_known: bool, seed: int) -> Trial:
-    """Ask the online estimator for one of `TWO_WAVES`; errors are those against the nearer grating."""
-    rng = np.random.default_rng(seed)
-    window = model_window(ARRAY, rng, window_s, snr_db)
-    TWO_WAVES[name](window, rng)
-    event = _full_window(window, rng, window_s, is_speed_known)
-    gratings = [window.wave] if window.beside is None else [window.wave, window.beside]
-    nearest = gratings[0]
-    if event.status == "ok":
-        nearest = min(gratings, key=lambda wave: turns_off(wave, event.period_mm, event.angle_deg))
-    fields = {"name": name, "seed": seed, "window_s": window_s, "is_speed_known": is_speed_known}
-    return compare(event, nearest, **fields)
-
-
-def _full_window(
-    window: SpoiledWindow, rng: np.random.Generator, window_s: float, is_speed_known: bool
-) -> TextureEvent:
-    """Answer of the online estimator to a window when it is full."""
     # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
     direction_deg = window.wave.direction_deg
     params = JointParams(
-        max_window_s=window_s, hop_s=window_s, answer_after_s=0.0, settle_s=0.0, direction_deg=direction_deg
+        max_window_s=MISFIT_S, hop_s=MISFIT_S, answer_after_s=0.0, settle_s=0.0, direction_deg=direction_deg
     )
-    events = online_answers(
+    *_, event = online_answers(
         params,
         window.volts(rng),
         window.sensed.offset_s,
@@ -201,7 +183,43 @@ def _full_window(
         valid=window.valid,
         given_mm_s=window.given_mm_s if is_speed_known else (),
     )
-    return list(events)[-1]
+    fields = {"name": name, "seed": seed, "window_s": MISFIT_S, "is_speed_known": is_speed_known}
+    trial = compare(event, window.wave, **fields)
+    return replace(trial, is_wrong=True) if name in GROOVELESS and trial.status == "ok" else trial
+
+
+def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
+    """Answers and refusals of a slide over one grating; odd seeds are given the speed.
+
+    Those at `COMPARED_S` have their bound, where the noise is white.
+    """
+    rng = np.random.default_rng([seed, round(snr_db) + 100, round(100 * memory)])
+    grating = draw_grating(ARRAY, rng, COMPARED_S[0], snr_db, MIN_PERIODS)
+    wave, time_s = grating.wave, scan_times_s(SLIDE_S)
+    gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+    sensed = replace(grating.sensed, amplitude_volts=gain * grating.sensed.amplitude_volts)
+    grating = replace(grating, sensed=sensed, time_s=time_s)
+    is_known = seed % 2 == 1
+    # The direction is configured, as in `misfit_trial`.
+    params = _SLIDE_PARAMS.model_copy(update={"direction_deg": wave.direction_deg})
+    events = online_answers(
+        params,
+        readings(grating, rng, memory),
+        sensed.offset_s,
+        slip_at(0.0, wave.direction_deg),
+        given_mm_s=[(0, wave.speed_mm_s)] if is_known else (),
+    )
+    longest_s, name = params.criteria.max_window_s, f"{noise_name(memory)}, {snr_db:g} dB"
+    trials = []
+    for event in events:
+        end_s = round(event.time_s + 1 / RATE_HZ, 3)
+        used_s = time_s[(time_s >= end_s - longest_s - 1e-9) & (time_s < end_s - 1e-9)]
+        least = None
+        if event.status == "ok" and not memory and end_s in COMPARED_S:
+            least = bound(wave, sensed, used_s, is_speed_known=is_known)
+        fields = {"seed": seed, "is_speed_known": is_known, "window_s": end_s, "snr_db": snr_db}
+        trials.append(compare(event, wave, least, name=name, **fields))
+    return trials
 
 
 def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:
@@ -233,21 +251,17 @@ def online_answers(
     valid: NDArray[np.bool_] | None = None,
     given_mm_s: Sequence[tuple[int, float]] = (),
     start_s: float = 0.0,
-    block_scans: int = 10,
 ) -> Iterator[TextureEvent]:
-    """Events of the online joint estimator, in blocks as they would come live, the slip given.
+    """Events of the online joint estimator, in blocks of ten scans as they would come live, the slip given.
 
-    Parameters
-    ----------
-    given_mm_s : sequence of (scan, mm/s)
-        Speeds that are given, from which scan on.
+    Speeds are given from which scan on.
     """
     estimator = JointTexture(ARRAY, params)
     for scan, speed_mm_s in given_mm_s:
         estimator.set_speed(speed_mm_s, scan)
     block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s, valid=valid)
     detected = round((slip.detected_s - start_s) * RATE_HZ)
-    for first in range(0, len(block), block_scans):
-        part = block[first : first + block_scans]
+    for first in range(0, len(block), 10):
+        part = block[first : first + 10]
         slips = [slip] if first <= detected < first + len(part) else []
         yield from (e for e in estimator.process(part, slips) if isinstance(e, TextureEvent))

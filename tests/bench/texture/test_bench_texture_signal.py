@@ -12,13 +12,11 @@ from bench.texture.signal import (
     LEVEL_VOLTS,
     PERIODS_MM,
     ArrayResponse,
-    Bound,
     Grating,
     Wave,
     bound,
     draw_grating,
     draw_wave,
-    kinds_of,
     readings,
     sensed_by,
     turns,
@@ -47,11 +45,6 @@ def scans(window_s: float) -> FloatArray:
     return np.arange(round(100 * window_s)) / 100.0
 
 
-def of_column(window_s: float, snr_db: float, angle_deg: float, *, n_drift: int = 2) -> Bound:
-    wave = Wave(1.2, angle_deg, 1.0)
-    return bound(wave, column(snr_db), scans(window_s), is_speed_known=True, n_drift=n_drift)
-
-
 # Bounds of that study, of three taxels of a column: angle in degrees, period in um.
 STUDY = [
     (10.0, 20.0, 15.0, 0.0067, 0.15),
@@ -65,16 +58,9 @@ STUDY = [
 def test_one_column_as_studied_before(
     window_s: float, snr_db: float, angle_deg: float, angle_sd_deg: float, period_sd_um: float
 ) -> None:
-    least = of_column(window_s, snr_db, angle_deg)
+    least = bound(Wave(1.2, angle_deg, 1.0), column(snr_db), scans(window_s), is_speed_known=True)
     assert least.angle_sd_deg == pytest.approx(angle_sd_deg, rel=0.02)
     assert 1e3 * least.period_sd_mm == pytest.approx(period_sd_um, rel=0.05)  # given to two digits
-
-
-def test_short_windows_of_the_study_had_no_drift() -> None:
-    least = of_column(2.0, 20.0, 60.0, n_drift=0)
-    assert least.angle_sd_deg == pytest.approx(0.065, rel=0.03)
-    assert 1e3 * least.period_sd_mm == pytest.approx(0.86, rel=0.05)
-    assert of_column(2.0, 20.0, 60.0).angle_sd_deg > least.angle_sd_deg
 
 
 def test_frequency_alone_has_the_classical_bound() -> None:
@@ -145,12 +131,6 @@ def test_signal_is_its_own_model() -> None:
     snr = (ripple**2).mean(axis=0) / sensed.noise_volts**2
     assert 10 * np.log10(snr) == pytest.approx(np.full(36, 20.0), abs=0.3)
     assert np.ptp(turns(wave, sensed, time_s)[:, 0]) == pytest.approx(wave.frequency_hz * 19.99)
-
-
-def test_kinds_are_the_four_sides() -> None:
-    kind = kinds_of(ARRAY)
-    assert len(set(kind.tolist())) == 4
-    assert all(kind[4 * t : 4 * t + 4].tolist() == kind[:4].tolist() for t in range(9))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from bench.texture.signal import turns, wave_volts
-from bench.texture.spoiled import GROOVELESS, LSB_VOLTS, MISFITS, TWO_WAVES, SpoiledWindow, model_window
-from bench.texture.trials import turns_off
+from bench.texture.spoiled import GROOVELESS, LSB_VOLTS, MISFITS, SpoiledWindow, model_window
 from tactiled.array import load_array
 
 ARRAY = load_array("wang2019-3x3")
@@ -16,12 +15,6 @@ def window(name: str, seed: int = 0) -> tuple[SpoiledWindow, np.random.Generator
     made = model_window(ARRAY, rng, 2.0)
     (MISFITS | GROOVELESS)[name](made, rng)
     return made, rng
-
-
-def two_waves(name: str) -> SpoiledWindow:
-    made = model_window(ARRAY, np.random.default_rng(3), 10.0)
-    TWO_WAVES[name](made, np.random.default_rng(4))
-    return made
 
 
 @pytest.mark.parametrize("name", sorted(MISFITS | GROOVELESS))
@@ -70,31 +63,3 @@ def test_strays_of_taxels_are_alike_in_their_channels() -> None:
     by_taxel = made.phase_off_rad.reshape(9, 4)
     assert np.ptp(by_taxel, axis=1).max() < 1e-6
     assert 0.03 < by_taxel[:, 0].std() < 0.3
-
-
-@pytest.mark.parametrize(("times", "words"), [(1.7, "1.7 times"), (2.0, "twice"), (3.0, "three times")])
-def test_second_ripples_are_so_many_times_faster(times: float, words: str) -> None:
-    (name,) = (name for name in TWO_WAVES if words in name)
-    made = two_waves(name)
-    assert made.beside is not None
-    assert made.beside.frequency_hz / made.wave.frequency_hz == pytest.approx(times)
-    spectrum = np.abs(np.fft.rfft(made.added_volts[:, 0], 8 * 1000))
-    seen_hz = np.fft.rfftfreq(8 * 1000, 0.01)[spectrum.argmax()]
-    assert seen_hz == pytest.approx(made.beside.frequency_hz, abs=0.05)
-    assert np.sqrt(2) * made.added_volts.std() == pytest.approx(0.01, rel=0.05)
-
-
-def test_crossed_gratings_share_frequency_and_period() -> None:
-    made = two_waves("crossed, alike")
-    assert made.beside is not None
-    assert made.beside.frequency_hz == pytest.approx(made.wave.frequency_hz)
-    assert made.beside.period_mm == made.wave.period_mm
-    assert made.beside.angle_deg == -made.wave.angle_deg
-    assert turns_off(made.wave, made.beside.period_mm, made.beside.angle_deg) > 0.25
-
-
-def test_waves_in_step_have_no_phase_over_the_array() -> None:
-    made = two_waves("all in step at the grooves' frequency, at 30 %")
-    assert made.beside is None
-    # Channels differ by when they are sampled alone: 3.5 ms of a second or so.
-    assert np.ptp(made.added_volts, axis=1).max() < 0.05 * np.ptp(made.added_volts)

@@ -6,10 +6,7 @@ from dataclasses import replace
 import pytest
 
 from bench.report import aims_table
-from bench.texture.aims import AIMS
-from bench.texture.tables import (
-    TrialSet,
-)
+from bench.texture.tables import AIMS, TrialSet
 from bench.texture.trials import Estimate, Trial
 
 NAN = float("nan")
@@ -65,10 +62,7 @@ def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
         "plates": [],
         "drawn plates": [],
         "misfits": [],
-        "two waves": [],
         "tracks": [replace(t, name="white noise, 20 dB") for t in grid],
-        "strays": [],
-        "changes": [],
     }
     found |= {name.replace("_", " "): trials for name, trials in parts.items()}
     return {row[0]: row[2] for row in rows(aims_table(AIMS, {"measured": found}))}
@@ -90,29 +84,19 @@ def test_few_windows_leave_aims_open() -> None:
     words = aims([trial(over_bound=1.3)] * 4)
     assert words["angle: error over its bound, speed known"].startswith("open")
     assert words["wrong answers, coloured noise"].startswith("open")
-    assert words["grooves that change are noticed"] == "open: nothing answered"
+    assert words["1.2 mm at 30 deg, balanced: first answer after slip began"] == "open: nothing answered"
 
 
 def test_aims_that_are_missed() -> None:
     far = [trial(over_bound=1.3, over_sd=2.5)] * 500 + [WRONG] * 2
     flat = replace(WRONG, name="flat plate")
-    words = aims(far, misfits=[flat], two_waves=[WRONG, RIGHT])
+    words = aims(far, misfits=[flat, WRONG, RIGHT])
     assert words["angle: error over its bound, speed known"].startswith("MISSED")
     assert words["angle: truth within 95 % intervals, speed known"].startswith("MISSED")
     assert words["wrong answers, white noise"].startswith("MISSED")
     assert words["wrong answers, followed slides"].startswith("MISSED")
     assert words["plates without grooves: answered"] == "MISSED: 1 of 1"
-    assert words["two waves in view: wrong answers"] == "MISSED: 1 of 2"
-    late = aims(far, changes=[replace(RIGHT, after_s=after_s) for after_s in (0.8, 2.0)])
-    assert late["grooves that change are noticed"] == "MISSED: latest 2.0 s, 1 of 2 later"
-
-
-def test_strayed_channels_must_be_answered_at_either_speed() -> None:
-    known = replace(RIGHT, name="channels 0.13, taxels 0 rad")
-    unknown = replace(known, is_speed_known=False)
-    found = aims([RIGHT], strays=[known] * 100 + [unknown] * 50 + [refused(unknown)] * 50)
-    assert found["phase offsets of 0.13 rad, speed known: answered"] == "met: 100 % of 100"
-    assert found["phase offsets of 0.13 rad, speed unknown: answered"] == "MISSED: 50 % of 100"
+    assert words["spoiled windows: wrong answers"] == "MISSED: 1 of 2"
 
 
 def test_plates_drawn_at_random_must_be_answered() -> None:

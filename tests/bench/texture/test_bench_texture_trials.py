@@ -9,21 +9,18 @@ from hypothesis import strategies as st
 
 from bench.texture.plates import ANGLES_DEG, PERIODS_MM, drawn_plate
 from bench.texture.signal import Grating, Wave, bound, draw_grating
-from bench.texture.spoiled import model_window
 from bench.texture.tables import TrialSet
 from bench.texture.trials import (
+    COMPARED_S,
     Trial,
     coloured_trial,
     compare,
     grid_trial,
     misfit_trial,
-    online_answers,
-    slip_at,
+    track_trials,
     turns_off,
-    two_wave_trial,
 )
 from tactiled.array import load_array
-from tactiled.detect.grooves.params import JointParams
 from tactiled.events.types import TextureEvent
 
 ARRAY = load_array("wang2019-3x3")
@@ -126,24 +123,18 @@ def test_an_answer_without_grooves_is_wrong() -> None:
     assert abs(clean.period.error) < 6 * clean.period.sd
 
 
-def test_two_gratings_are_seen_and_a_weak_second_is_none() -> None:
-    found = two_wave_trial("second of 1.7 times the frequency, at 50 %", 10.0, 30.0, True, 1001)
-    assert (found.status, found.is_wrong) == ("several-gratings", False)
-    found = two_wave_trial("crossed, second at 10 %", 10.0, 30.0, True, 1001)
-    assert (found.status, found.is_wrong) == ("ok", False)
-
-
-def test_answers_do_not_depend_on_blocks() -> None:
-    rng = np.random.default_rng(0)
-    made = model_window(ARRAY, rng, 3.0)
-    volts, offset_s = made.volts(rng), made.sensed.offset_s
-    params, slip = JointParams(max_window_s=1.5), slip_at(0.0, 0.0)
-    events = [
-        list(online_answers(params, volts, offset_s, slip, given_mm_s=[(0, 1.5)], block_scans=n))
-        for n in (7, 300)
-    ]
-    assert events[0] == events[1]
-    assert events[0]
+def test_every_answer_of_a_slide_is_a_window_and_some_have_a_bound() -> None:
+    trials = track_trials(30.0, 0.0, 1)
+    ends_s = [t.window_s for t in trials]
+    assert np.diff(ends_s) == pytest.approx(np.full(len(ends_s) - 1, 0.2))
+    assert ends_s[-1] == pytest.approx(12.2)  # the answer comes 0.4 s later
+    bounded = [t for t in trials if np.isfinite(t.angle.bound)]
+    assert {t.window_s for t in bounded} == set(COMPARED_S)
+    for trial in bounded:
+        assert not trial.is_wrong
+        assert abs(trial.angle.error) < 5 * trial.angle.bound
+        assert trial.angle.sd == pytest.approx(trial.angle.bound, rel=0.3)
+    assert track_trials(30.0, 0.0, 1) == trials
 
 
 def test_plates_are_drawn_anew_for_each_seed() -> None:
