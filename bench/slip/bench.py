@@ -1,6 +1,6 @@
 """``./run bench slip``: what a controller asks of slip events, for every setting.
 
-Random worlds (`bench.worlds.laws`) and the emulator's families (`scenes`, `resting`) are asked the same
+Random worlds (`bench.worlds.laws`) and the emulator's families (`scenes`) are asked the same
 questions (`score`). Everything is measured on seeds on which nothing was set.
 """
 
@@ -11,7 +11,6 @@ from bench.report import BENCH_WORKERS, BenchOptions, counted, grouped, seeds_in
 from bench.slip.cases import (
     RANDOM,
     REPORTED_FROM,
-    SCENES,
     CaseEvents,
     draw_reported,
     from_scene,
@@ -35,7 +34,7 @@ from bench.slip.minutes import (
     minute_rows,
     read_minute,
 )
-from bench.slip.scenes import NOISES_V
+from bench.slip.scenes import NOISES_V, SCENES
 from bench.slip.score import AHEAD_S, SLOW_S, settings_table
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

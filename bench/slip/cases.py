@@ -1,14 +1,12 @@
 """Cases of ``./run bench slip`` from both kinds of worlds, with the truth that events are compared with."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.slip.resting import LOADS, loaded
-from bench.slip.scenes import ARRAY, FAMILIES, FirstSlip, PlayedScene, play
+from bench.slip.scenes import ARRAY, FirstSlip, PlayedScene
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
@@ -90,13 +88,6 @@ def from_world(world: World) -> Case:
     )
 
 
-SCENES: Mapping[str, Callable[[int], PlayedScene]] = {
-    name: partial(play, family)
-    for name, family in (FAMILIES | {load: partial(loaded, load) for load in LOADS}).items()
-}
-"""Families and resting loads: seed to a played scene."""
-
-
 def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
     """Make a case of a played scene, read with some noise."""
     slip = played.slip or FirstSlip(np.nan, np.inf, np.inf, np.inf, None)
@@ -121,19 +112,12 @@ def draw_reported(seeds: range) -> list[World]:
     return draw_worlds(seeds, Population(laws=(HELD_OUT_LAW,)) if is_held_out else USUAL)
 
 
-def _wang2019(array: Array) -> Detector:
-    return build_suite(array, DetectParams(setting="wang2019"), topics=("slip", "contact"))
-
-
-OTHERS: Mapping[str, Callable[[Array], Detector]] = {"wang2019": _wang2019}
-"""Detectors beside the contact filter; another one needs an entry here."""
-
-NAMES = (*SETTINGS, *OTHERS)
+NAMES = (*SETTINGS, "wang2019")
 
 
 @dataclass(frozen=True, eq=False)
 class CaseEvents:
-    """Slip events of one case, by setting or name of another detector."""
+    """Slip events of one case, by name of a setting."""
 
     case: Case
     by_name: Mapping[str, Sequence[SlipEvent]]
@@ -141,9 +125,12 @@ class CaseEvents:
 
 def run_case(case: Case) -> CaseEvents:
     """Run all detectors over a case."""
-    params = {name: DetectParams.model_validate({"setting": name}).grip for name in SETTINGS}
-    detectors: dict[str, Detector] = {name: GripSlip(case.array, grip) for name, grip in params.items()}
-    detectors |= {name: build(case.array) for name, build in OTHERS.items()}
+    detectors: dict[str, Detector] = {}
+    for name in SETTINGS:
+        params = DetectParams.model_validate({"setting": name}).grip
+        detectors[name] = GripSlip(case.array, params)
+    published = DetectParams(setting="wang2019")
+    detectors["wang2019"] = build_suite(case.array, published, topics=("slip", "contact"))
     by_name = {
         name: [event for event in detector.process(case.block) if isinstance(event, SlipEvent)]
         for name, detector in detectors.items()

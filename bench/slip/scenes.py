@@ -1,7 +1,9 @@
 """Scenes of ``./run bench slip``: played once without noise, then read with noise as often as needed."""
 
 import itertools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -13,6 +15,14 @@ from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene import families
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import Family, slipping
+from tactiled.emulator.scene.families.parts import (
+    any_direction_deg,
+    begin,
+    disturb,
+    friction_n,
+    load_phase,
+    made,
+)
 from tactiled.emulator.scene.truth import TrueSlip, Truth
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -23,7 +33,7 @@ LSB_V = ADC_REFERENCE_V / 2**ADC_BITS
 CHANNEL_STEP_S = 200e-6  # multiplexer step of the emulated board
 HOLD_EXTRA_S = 3.0  # added to the first hold, so that the press is over and forgotten when something happens
 SPEEDS_MM_S = (0.25, 1.0, 5.0, 20.0)
-NOISES_V = (0.3e-3, 1e-3, 3e-3, 10e-3)
+NOISES_V = (0.3e-3, 3e-3)
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 GRID_S = 0.005  # step of the contact models: truth is no finer
 # The load is at rest where it changes by less than this part of the grip within so many seconds.
@@ -144,3 +154,53 @@ STEADY_SLIDES = {f"{speed:g} mm/s": at_speed(speed) for speed in SPEEDS_MM_S}
 # Detectors were set on these, by other seeds than are reported.
 TUNED_SLIPPING = {name: f for name, f in families.SLIPPING.items() if name != "steady-slide"} | STEADY_SLIDES
 FAMILIES = TUNED_SLIPPING | families.HELD_OUT_SLIPPING | families.QUIET | families.HELD_OUT_QUIET
+
+_LOADED_S, _SWING_S, _STEPS = 1.0, 3.0, 4
+_SWING, _IN_STEPS = "swings by 30 to 75 %", "comes in steps, to 30 to 75 %"
+# Loads as parts of the friction limit.
+LOADS = {
+    "rests at 20 to 40 %": (0.2, 0.4),
+    "rests at 40 to 60 %": (0.4, 0.6),
+    "rests at 60 to 80 %": (0.6, 0.8),
+    "rests at 80 to 90 %": (0.8, 0.9),
+    _SWING: (0.3, 0.75),
+    _IN_STEPS: (0.3, 0.75),
+}
+
+
+def loaded(load: str, seed: int) -> Scene:
+    """Scene of a load that comes to rest, or swings, below the friction limit: no gross slip.
+
+    The total shear of a load that comes to rest and of one that makes the contact slip is the same: it grows
+    and stops. On a surface of unknown friction only the taxels' shares differ.
+    """
+    rng, scene = begin(load, seed)
+    scene["held_object"] = {"mass_kg": 0.3}
+    part = rng.uniform(*LOADS[load])
+    if load == _SWING:
+        scene["phases"] += [
+            load_phase(rng, scene, 0.5, 0.05),
+            {"kind": "hold", "duration_s": _SWING_S + _LOADED_S},
+        ]
+        start_s = sum(phase["duration_s"] for phase in scene["phases"][:-1])
+        pull_n, rate_hz = part * friction_n(scene), rng.uniform(0.5, 2.5)
+        direction_deg = any_direction_deg(rng)
+        swing = {"frequency_hz": rate_hz, "direction_deg": direction_deg}
+        disturb(scene, "pull_n", "sine", pull_n, start_s, _SWING_S, **swing)
+    elif load == _IN_STEPS:
+        whole = load_phase(rng, scene, 0.0, part)
+        for step in range(1, _STEPS + 1):
+            tangential_n = whole["tangential_n"] * step / _STEPS
+            grown = {"duration_s": rng.uniform(0.1, 0.5), "tangential_n": tangential_n}
+            scene["phases"] += [whole | grown, {"kind": "hold", "duration_s": rng.uniform(0.2, 1.0)}]
+    else:
+        grown = load_phase(rng, scene, rng.uniform(0.1, 1.0), part)
+        scene["phases"] += [grown, {"kind": "hold", "duration_s": _LOADED_S}]
+    return made(scene)
+
+
+SCENES: Mapping[str, Callable[[int], PlayedScene]] = {
+    name: partial(play, family)
+    for name, family in (FAMILIES | {load: partial(loaded, load) for load in LOADS}).items()
+}
+"""Families and resting loads: seed to a played scene."""
