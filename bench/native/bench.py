@@ -3,24 +3,21 @@
 Two processes of `receive.cpp` have a publisher each, which send scans in turn, 5 ms apart, so that the
 programs do not compete for the processors. The client has read the scan into its structure when it notes the
 time; the other program has its bytes. Latency is from before the send to that instant, wake-up included.
-The controllers of C++ and Python hold emulated objects (`grasps`).
 """
 
 import subprocess
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import msgpack
 import numpy as np
 import zmq
 
-from bench.hold.bench import REPORTED_FROM
-from bench.hold.play import GraspResult
-from bench.native.grasps import BATCH, GRASPS, QUICK_GRASPS, grasps, grasps_table
 from bench.processes import compile_program
 from bench.report import (
     Aim,
@@ -30,7 +27,6 @@ from bench.report import (
     load_words,
     median_aim,
     over_runs,
-    seeds_in_words,
     table,
 )
 from tactiled.array import FloatArray
@@ -86,41 +82,25 @@ class NativeCost:
     """Allocations of msgpack's parser, for one walk and two times unpacking."""
 
 
-@dataclass(frozen=True)
-class NativeResults:
+class NativeResults(NamedTuple):
     """Runs of the bench, and the cost in a loop."""
 
     runs: Sequence[NativeRun]
     cost: NativeCost
-    held: Mapping[str, Sequence[GraspResult]]  # by controller
-
-    @property
-    def further_drops(self) -> int:
-        """Objects that the controller of C++ drops, beyond those that Python's does."""
-        drops = {name: sum(one.dropped for one in some) for name, some in self.held.items()}
-        return drops["C++"] - drops["Python"]
 
 
 def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the client of C++."""
     repeats, n_scans = (_QUICK_REPEATS, _QUICK_SCANS) if options.quick else (_REPEATS, _SCANS)
-    n_batches = (QUICK_GRASPS if options.quick else GRASPS) // BATCH
     runs = []
     with tempfile.TemporaryDirectory(prefix="tactiled-native-") as name:
         receive = compile_receiver(Path(name))
         for repeat in range(repeats):
-            progress.reach(repeat / (repeats + n_batches))
+            progress.reach(repeat / repeats)
             folder = Path(name) / str(repeat)
             folder.mkdir()
             runs.append(run_once(folder, receive, n_scans))
         cost = measure_cost(Path(name), receive)
-        controller = compile_controller(Path(name))
-        held: dict[str, list[GraspResult]] = {"C++": [], "Python": []}
-        for batch in range(n_batches):
-            progress.reach((repeats + batch) / (repeats + n_batches))
-            first = REPORTED_FROM + batch * BATCH
-            for who, some in grasps(controller, range(first, first + BATCH)).items():
-                held[who] += some
     text = (
         f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
         "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). A ratio compares "
@@ -131,9 +111,7 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "time a scan, through the inbox and into its structure. "
         f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
     )
-    aims = aims_table(AIMS, {"measured": NativeResults(runs, cost, held)})
-    held_text = f"Emulated grasps of {seeds_in_words(n_batches * BATCH, REPORTED_FROM)}, as in `bench hold`."
-    return [text, _latency_table(runs), cost_text, held_text, grasps_table(held), aims]
+    return [text, _latency_table(runs), cost_text, aims_table(AIMS, {"measured": NativeResults(runs, cost)})]
 
 
 def compile_receiver(folder: Path) -> Path:
@@ -145,11 +123,6 @@ def compile_receiver(folder: Path) -> Path:
         )
     flags = "-std=c++17", "-Wl,--wrap=malloc", f"-I{_HEADERS}", "-lzmq"
     return compile_program(folder, _HERE / "receive.cpp", *flags)
-
-
-def compile_controller(folder: Path) -> Path:
-    """Compile the controller that `grasps` plays."""
-    return compile_program(folder, _HERE / "hold.cpp", "-std=c++17", f"-I{_HEADERS}")
 
 
 def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
@@ -277,5 +250,4 @@ AIMS: tuple[Aim[NativeResults], ...] = (
         lambda found: found.cost.allocations - found.cost.of_msgpack,
         ".2f",
     ),
-    at_most("drops beyond those of Python", 0.0, "", lambda found: float(found.further_drops), ".0f"),
 )

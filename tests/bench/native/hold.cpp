@@ -1,4 +1,4 @@
-// Grasp controller of C++ for `./run bench native`: grip messages in, forces to command out.
+// Grasp controller of C++ for a test: grip messages in, forces to command out.
 //
 // A line for each message: state, valid, late, then its numbers and the force that the gripper exerts.
 #include <iomanip>
