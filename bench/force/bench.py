@@ -17,11 +17,9 @@ from bench.force.score import (
     Case,
     ForceScore,
     HoldScore,
-    MagnetScore,
     hold_for_an_hour,
     rig_for,
     score,
-    score_magnets,
     study_of,
 )
 from bench.processes import spent_on_scans_us
@@ -62,7 +60,6 @@ class ForceFound:
 
     scores: list[ForceScore]
     holds: list[HoldScore]
-    magnets: list[MagnetScore]
     cost_us: float
     live_cost_us: float
 
@@ -80,14 +77,13 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> list[str]:
     times_s = QUICK_S if options.quick else TIMES_S
     cases = list(dict.fromkeys([*(Case(seconds=s) for s in times_s), *HARD, BARE]))
     seeds = range(REPORTED_FROM, REPORTED_FROM + n)
-    progress.begin(n * (len(cases) + 2))
+    progress.begin(n * (len(cases) + 1))
     with executor(BENCH_WORKERS, options.dask) as pool:
         jobs = zip(*itertools.product(seeds, cases), strict=True)
         scores = counted(pool.map(score, *jobs), progress, "calibrations")
         held = pool.map(partial(hold_for_an_hour, case=MAIN), seeds)
         holds = counted(held, progress, "hold of an hour")
-        magnets = counted(pool.map(score_magnets, seeds), progress, "magnetometers")
-    return report(ForceFound(scores, holds, magnets, *_costs_us()), cases, n)
+    return report(ForceFound(scores, holds, *_costs_us()), cases, n)
 
 
 def report(found: ForceFound, cases: Sequence[Case], n: int) -> list[str]:
@@ -109,9 +105,6 @@ def report(found: ForceFound, cases: Sequence[Case], n: int) -> list[str]:
         "A hold of 15 N for an hour; the skin warms by 10 K within 31 minutes, and the sensitivity "
         "changes by 0.1 to 0.5 % a kelvin.",
         table(_hold_row(one) for one in found.holds),
-        "Skins over five magnetometers, drawn at random, calibrated by 60 s of wandering presses and "
-        "scored on holds. Ridge: on readings and squares.",
-        table(_magnet_row(one) for one in found.magnets),
     ]
 
 
@@ -166,17 +159,6 @@ def _hold_row(one: HoldScore) -> dict[str, str]:
     }
 
 
-def _magnet_row(one: MagnetScore) -> dict[str, str]:
-    return {
-        "seed": f"{one.seed}",
-        "normal": f"{100 * one.tactiled[0]:.2f} %",
-        "normal, ridge": f"{100 * one.ridge[0]:.2f} %",
-        "shear": f"{100 * one.tactiled[1]:.2f} %",
-        "shear, ridge": f"{100 * one.ridge[1]:.2f} %",
-        "90 % intervals hold": f"{100 * one.inside:.0f} %",
-    }
-
-
 def _wins_by_half(case: Case) -> Aim[ForceFound]:
     def measure(found: ForceFound) -> Reading:
         some = found.of(case)
@@ -204,7 +186,6 @@ def _no_worse(found: ForceFound) -> Reading:
         any(errors["tactiled"] > _SAME * errors["ridge with squares"] for errors in (one.normal, one.shear))
         for one in found.scores
     ]
-    worse += [any(np.greater(one.tactiled, _SAME * np.array(one.ridge))) for one in found.magnets]
     return judge(f"{sum(worse)} of {len(worse)} calibrations", not any(worse))
 
 

@@ -16,7 +16,7 @@ from tactiled.force.calibration import CalibrationFile, load_calibration
 from tactiled.force.estimator import ForceEstimator
 from tactiled.samples.block import regular_block
 
-ARRAY, MAGNETS = "wang2019-3x3", "magnetometers-5"
+ARRAY = "wang2019-3x3"
 SHEAR_N = 0.6 * LARGEST_N
 """Range of the shear: friction times the range of the normal force."""
 Z90 = 1.645
@@ -66,15 +66,6 @@ class HoldScore(NamedTuple):
     worst: float  # largest error over standard deviation
     error_n: float  # at the end, as the next
     sd_n: float
-
-
-class MagnetScore(NamedTuple):
-    """A skin over five magnetometers: rms errors of normal force and shear over their ranges."""
-
-    seed: int
-    tactiled: tuple[float, float]
-    ridge: tuple[float, float]  # with squares
-    inside: float  # part of the 90 % intervals that hold the truth
 
 
 def rig_for(seed: int, case: Case) -> tuple[Rig, RigRun, list[RigRun]]:
@@ -180,23 +171,6 @@ def _ridge(
 def _binned(rows: FloatArray, size: int) -> FloatArray:
     n = len(rows) // size
     return np.asarray(rows[: n * size].reshape(n, size, -1).mean(axis=1))
-
-
-def score_magnets(seed: int) -> MagnetScore:
-    """Calibrate a drawn magnetometer skin by a minute of wandering presses, and score it on holds."""
-    rig, rng = draw_rig(load_array(MAGNETS), seed)
-    test, run = rig.run("hold", TEST_S, rng), rig.run("walk", 60.0, rng)
-    found = study_of(rig, run, Case(motion="walk"))
-    truth = [rig.reference.seen(test.loads.wrench(rig.array))]
-    zero = np.median(test.readings[:30], axis=0)  # as the array file says: the first 0.3 s
-    force, sd, _ = _estimated(rig.array, found.file, test.readings - zero)
-    predicted, (size,) = _ridge(rig, run, [test], found, PLAIN)
-    averaged = [_binned(truth[0], size)]
-    # Both are averaged over the same bins: the noise of single scans would hide the difference.
-    ours, ridge = _rms([_binned(force, size)], averaged), _rms(predicted, averaged)
-    pressed = truth[0][:, 2] > 0.02 * LARGEST_N
-    inside = float((np.abs(force - truth[0][:, :3]) < Z90 * sd)[pressed].mean())
-    return MagnetScore(seed, ours, ridge, inside)
 
 
 def hold_for_an_hour(seed: int, case: Case) -> HoldScore:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.force.bench import AIMS, MAIN, SHORT, ForceFound, pooled
-from bench.force.score import METHODS, ForceScore, HoldScore, MagnetScore, score
+from bench.force.score import METHODS, ForceScore, HoldScore, score
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +32,9 @@ def test_aims_read_what_was_measured(scored: ForceScore) -> None:
     )
     bad = replace(good, inside=(0.5, 0.9, 0.9), centre_mm=0.5)
     hold = HoldScore(1, 0.9, 1.0, 0.1, 0.2)
-    skin = MagnetScore(1, (0.1, 0.1), (0.1, 0.1), 0.9)
     verdicts = {}
     for name, one in (("good", good), ("bad", bad)):
-        found = ForceFound([one], [hold], [skin], 30.0, 90.0)
+        found = ForceFound([one], [hold], 30.0, 90.0)
         verdicts[name] = {aim.name: aim.measure(found).verdict for aim in AIMS}
     assert verdicts["good"]["90 % intervals hold"] == "met"
     assert verdicts["bad"]["90 % intervals hold"] == "MISSED"
