@@ -1,8 +1,8 @@
 """Throughput of the daemon and of files, on the compiled path and in plain Python.
 
 A flood through a pty is read by the daemon and, after it, by the C program of `bench.latency`: how long the
-board waits until each has taken the scans. Files are detected and replayed by one processor. All of this is
-repeated in turn, and ratios are within a repeat.
+board waits until each has taken the scans. Files are detected by one processor. All of this is repeated in
+turn, and ratios are within a repeat.
 """
 
 import itertools
@@ -44,7 +44,6 @@ from tactiled.wire.frames import Hello
 WAYS = {"compiled": "1", "python": "0"}
 """Path of a scan, and the value of `compiled.SETTING` that selects it."""
 SCENES = ("rest", "slide")
-VERBS = ("detect", "replay")
 _HERE = Path(__file__).parent
 _SCANS = {"compiled": 30_000, "python": 30_000, "reference": 500_000}
 _REPEATS, _QUICK_REPEATS = 3, 1
@@ -68,8 +67,8 @@ class ThroughputResult:
 
     floods: Mapping[str, Sequence[FloodResult]]
     """By program, each with its repeats."""
-    times_real: Mapping[tuple[str, str, str], Sequence[float]]
-    """Seconds of a recording over processor time, by path, verb and scene, each with its repeats."""
+    times_real: Mapping[tuple[str, str], Sequence[float]]
+    """Seconds of a recording over processor time of `detect`, by path and scene, each with its repeats."""
 
     def flood_ratios(self, name: str) -> list[float]:
         """Scans a second of a program over those of the C program, by repeat."""
@@ -81,7 +80,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure floods and files."""
     part = _QUICK_PART if options.quick else 1
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
-    times_real: defaultdict[tuple[str, str, str], list[float]] = defaultdict(list)
+    times_real: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
     floods: defaultdict[str, list[FloodResult]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
         folder = Path(name)
@@ -89,9 +88,9 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
         duration_s = {scene: _record(folder / f"{scene}.mcap", scene, part) for scene in SCENES}
         for repeat in range(repeats):
             progress.reach(0.1 + 0.9 * repeat / repeats)
-            for way, verb, scene in itertools.product(_ways(), VERBS, SCENES):
-                cpu_s = _cpu_of(verb, folder / f"{scene}.mcap", way)
-                times_real[way, verb, scene].append(duration_s[scene] / cpu_s)
+            for way, scene in itertools.product(_ways(), SCENES):
+                cpu_s = _cpu_of_detect(folder / f"{scene}.mcap", way)
+                times_real[way, scene].append(duration_s[scene] / cpu_s)
             floods["C"].append(_flood_reference(folder, program, _SCANS["reference"] // part))
             for way in _ways():
                 floods[way].append(_flood_daemon(folder, way, _SCANS[way] // part))
@@ -124,8 +123,8 @@ def _record(path: Path, scene: str, part: int) -> float:
     return duration_s
 
 
-def _cpu_of(verb: str, path: Path, way: str) -> float:
-    command = [*PYTHON, "bench.throughput.files", verb, str(path)]
+def _cpu_of_detect(path: Path, way: str) -> float:
+    command = [*PYTHON, "bench.throughput.files", str(path)]
     done = subprocess.run(command, env=_environment(way), capture_output=True, text=True, check=True)
     return float(done.stdout.splitlines()[-1])
 
@@ -154,38 +153,26 @@ def _flood_reference(folder: Path, program: Path, n_scans: int) -> FloodResult:
 
 def _flood_daemon(folder: Path, way: str, n_scans: int) -> FloodResult:
     endpoint = f"ipc://{folder}/{way}"
-    with _flooding(folder, n_scans, "--ask") as (link, board), _Subscriber(endpoint) as subscriber:
+    with _flooding(folder, n_scans, "--ask") as (link, board):
         config = daemon_config(folder / f"{way}.toml", link, endpoint)
         with running(*TACTILED, "run", "--config", config, env=_environment(way)):
-            n_decoded = subscriber.count_scans(board)
+            n_decoded = _count_scans(endpoint, board)
             return FloodResult(n_scans / _taken_s(board), n_scans - n_decoded)
 
 
-class _Subscriber:
-    """Subscriber to every message of a daemon, as a controller would have it."""
-
-    def __init__(self, endpoint: str) -> None:
-        self._context = zmq.Context()
-        self._socket: zmq.Socket[bytes] = self._context.socket(zmq.SUB)
-        self._socket.subscribe("")
-        self._socket.connect(endpoint)
-
-    def __enter__(self) -> "_Subscriber":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close(0)
-        self._context.term()
-
-    def count_scans(self, board: subprocess.Popen[str]) -> int:
-        """Receive until the flood is over and the daemon has taken it; the scans that it decoded."""
+def _count_scans(endpoint: str, board: "subprocess.Popen[str]") -> int:
+    """Subscribe to every message until the daemon has taken the flood; the scans that it decoded."""
+    with zmq.Context() as context, context.socket(zmq.SUB) as events:
+        events.setsockopt(zmq.LINGER, 0)
+        events.subscribe("")
+        events.connect(endpoint)
         until_s, last_s, n_scans = time.monotonic() + _LONGEST_S, time.monotonic(), 0
         while time.monotonic() - last_s < _DRAIN_S or not n_scans:
             if time.monotonic() > until_s or board.poll() is not None:
                 raise OperatorError("the daemon did not take the flood: is this machine too busy?")
-            if not self._socket.poll(100):
+            if not events.poll(100):
                 continue
-            topic, payload = self._socket.recv_multipart()
+            topic, payload = events.recv_multipart()
             if topic.endswith(b"/status"):
                 counted = msgpack.unpackb(payload)["scans"]
                 last_s = time.monotonic() if counted != n_scans else last_s
@@ -209,20 +196,17 @@ def _floods(result: ThroughputResult) -> str:
 
 
 def _files(result: ThroughputResult) -> str:
+    names = {"rest": "detect, rest", "slide": "detect, sliding over grooves"}
     return table(
-        {"file": f"{verb}, {'rest' if scene == 'rest' else 'sliding over grooves'}"}
-        | {
-            f"{way}: times real time": over_runs(result.times_real[way, verb, scene], ".0f")
-            for way in _ways()
-        }
-        for verb in VERBS
-        for scene in SCENES
+        {"file": name}
+        | {f"{way}: times real time": over_runs(result.times_real[way, scene], ".0f") for way in _ways()}
+        for scene, name in names.items()
     )
 
 
 def _times_real(scene: str, limit: float) -> Aim[ThroughputResult]:
     def times(result: ThroughputResult) -> Sequence[float]:
-        return result.times_real[_ways()[0], "detect", scene]
+        return result.times_real[_ways()[0], scene]
 
     return median_aim(f"`detect` of a file, {scene}, times real time", limit, times, ".0f", is_least=True)
 
