@@ -22,7 +22,8 @@ from bench.report import (
 )
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent
 from tactiled.jobs import executor
@@ -107,7 +108,7 @@ def count_reports(world: World) -> HandCount:
     count = HandCount()
     for name in SETTINGS:
         params = DetectParams.model_validate({"setting": name}).grip
-        events = GripSlip(world.array, params).process(world.block)
+        events = GripDetector(world.array, params).process(world.block)
         if name == _AIM_SETTING:
             touches = sum(isinstance(event, GripEvent) and event.state != "none" for event in events)
             count.hours = touches / world.rate_hz / 3600

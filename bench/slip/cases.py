@@ -11,7 +11,8 @@ from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock
@@ -128,7 +129,7 @@ def run_case(case: Case) -> CaseEvents:
     detectors: dict[str, Detector] = {}
     for name in SETTINGS:
         params = DetectParams.model_validate({"setting": name}).grip
-        detectors[name] = GripSlip(case.array, params)
+        detectors[name] = GripDetector(case.array, params)
     published = DetectParams(setting="wang2019")
     detectors["wang2019"] = build_suite(case.array, published, topics=("slip", "contact"))
     by_name = {

@@ -9,10 +9,10 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 from pydantic import Field, model_validator
 
-from tactiled.array import Array, FloatArray
-from tactiled.detect.base import ContactDetector, Detector
+from tactiled.array import Array
+from tactiled.detect.base import ContactDetector, in_order
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.detect.grooves.estimator import JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.params import JointParams
@@ -92,55 +92,33 @@ class TextureEstimator(Protocol):
         ...
 
 
-class ContactModel(Protocol):
-    """Detector that friction can be stated to, and the hand's own motion announced."""
-
-    def state_friction(self, value: float, log_sd: float) -> None:
-        """Take friction, in shear reading over load, from the next contact on."""
-        ...
-
-    def change_object(self) -> None:
-        """Forget friction, stated or learnt, from the next contact on."""
-        ...
-
-    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
-        """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,)."""
-        ...
-
-
 class DetectorPair:
     """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
 
     Parameters
     ----------
-    grip : Detector, optional
-        Runs beside the two.
     sliding : KnownSliding, optional
         Gives the estimator its slips, in place of the slip detector.
 
     Attributes
     ----------
-    models : sequence of ContactModel
-        Those of the detectors that take friction and motion.
+    model : GripDetector or None
+        The slip detector, if friction can be stated to it, and the hand's own motion announced.
     """
 
     def __init__(
         self,
         slip: ContactDetector | None,
         texture: TextureEstimator | None,
-        grip: Detector | None = None,
         sliding: KnownSliding | None = None,
     ) -> None:
-        self._slip, self._grip = slip, grip
-        self.texture = texture
+        self._slip, self.texture = slip, texture
         self._known = None if sliding is None else KnownSlips(sliding)
-        self.models: Sequence[ContactModel] = tuple(
-            part for part in (slip, grip) if isinstance(part, GripSlip | GripDetector)
-        )
+        self.model = slip if isinstance(slip, GripDetector) else None
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
-        for part in (self._slip, self.texture, self._grip, self._known):
+        for part in (self._slip, self.texture, self._known):
             if part is not None:
                 part.reset()
 
@@ -154,9 +132,7 @@ class DetectorPair:
         events = [] if self._slip is None else self._slip.process(item)
         slips = events if self._known is None else self._known.process(item)
         texture = [] if self.texture is None else self.texture.process(item, slips)
-        grip = [] if self._grip is None else self._grip.process(item)
-        # The sort is stable: slip before texture, and texture before grip.
-        return sorted([*events, *texture, *grip], key=lambda event: event.evidence_s)
+        return in_order(events, texture)
 
 
 class Suite(ContactDetector, Protocol):
@@ -168,8 +144,8 @@ class Suite(ContactDetector, Protocol):
         ...
 
     @property
-    def models(self) -> Sequence[ContactModel]:
-        """Detectors that take friction and motion."""
+    def model(self) -> GripDetector | None:
+        """Detector that takes friction and motion; None where none does."""
         ...
 
 
@@ -179,7 +155,7 @@ class BridgedSuite(GapBridge):
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
         self._methods = methods
-        self.texture, self.models = methods.texture, methods.models
+        self.texture, self.model = methods.texture, methods.model
 
     @property
     def hidden_below(self) -> float:
@@ -229,9 +205,8 @@ def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given
 def _model_slip(array: Array, params: DetectParams) -> ContactDetector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if array.measures_ratio:
-        return GripSlip(array, params.grip)
-    # Grip events, where these are published, come from a detector of their own.
-    return SlidingSlip(array, GripSlip(array, params.grip.model_copy(update={"publish": False})))
+        return GripDetector(array, params.grip)
+    return SlidingSlip(array, GripDetector(array, params.grip))
 
 
 _MODEL = DetectorFactories(slip=_model_slip, texture=_joint_texture)
@@ -280,12 +255,6 @@ def build_methods(
     texture: TextureEstimator | None = None
     if "texture" in topics:
         texture = factories.texture(array, params, worker or InPlace(), sliding is not None)
-    needs_slip = bool({"slip", "contact"} & set(topics)) or (texture is not None and sliding is None)
+    needs_slip = bool({"slip", "contact", "grip"} & set(topics)) or (texture is not None and sliding is None)
     slip = factories.slip(array, params) if needs_slip else None
-    asks_grip = params.grip.publish and "grip" in topics
-    # The slip detector of the contact filter publishes the grip events itself.
-    grip: GripDetector | None = None
-    if asks_grip and not isinstance(slip, GripSlip):
-        of_setting = params.wang2019.slip if params.setting == "wang2019" else params.grip
-        grip = GripDetector(array, params.grip.model_copy(update={"contact": of_setting.contact}))
-    return DetectorPair(slip, texture, grip, sliding)
+    return DetectorPair(slip, texture, sliding)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from bench.slip.scenes import play, read_sd_v
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.families import QUIET

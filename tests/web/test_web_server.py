@@ -17,7 +17,7 @@ from page_server import Act, serve_page
 from patience import PATIENCE_S
 from yarl import URL
 
-from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.errors import UnavailableError
 from tactiled.web import server
 from tactiled.web.connections import IDLE_S, MOST_CONNECTIONS

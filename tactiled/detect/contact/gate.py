@@ -1,6 +1,7 @@
 """Thresholds on the posterior of a contact: when a slip is open, and whether it is gross."""
 
 import math
+from collections.abc import Mapping
 from typing import NamedTuple
 
 # tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
@@ -18,6 +19,14 @@ class SlipThresholds(NamedTuple):
 
     incipient: float
     gross: float
+
+
+SETTINGS: Mapping[str, SlipThresholds] = {
+    "fast": SlipThresholds(incipient=0.7, gross=0.35),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.5),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.65),
+}
+"""Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 
 
 class SlipHysteresis:

@@ -1,4 +1,4 @@
-"""Grip events from scans: contact gate, zero, contact filter, one event for each scan in contact."""
+"""Contact, slip and grip events from scans: contact gate, zero of shear, contact filter."""
 
 import math
 from collections.abc import Iterator
@@ -13,6 +13,7 @@ from tactiled.detect.contact.filter import ROW_NAMES, ContactFilter
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
+from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
 from tactiled.detect.contact.touch import ContactScan, Touch
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact_gate import (
@@ -20,9 +21,11 @@ from tactiled.detect.signal.contact_gate import (
     ContactTracker,
     ContactTransition,
     PressureMeasurement,
+    contact_event,
+    lost_contact_event,
 )
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.events.types import ContactState, Event, GripEvent
+from tactiled.events.types import ContactState, Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -71,10 +74,11 @@ class GripParams(Params):
 
 
 class GripDetector:
-    """Compute how close a contact is to slipping, for each scan.
+    """Detect contact and slip, and compute for each scan how close the contact is to slipping.
 
-    The contact is that of the contact gate: a message for each of its scans, of state unknown and not valid
-    while the load is too small to tell. An array that measures no shear over load gets no events.
+    The contact is that of the contact gate: a grip event for each of its scans, of state unknown and not
+    valid while the load is too small to tell. An array without shear or without load channels has contact
+    events only.
 
     Attributes
     ----------
@@ -87,7 +91,8 @@ class GripDetector:
 
     Examples
     --------
-    A press, then shear along +x by Mindlin's curve from 4.0 s, until all of the contact slips at 4.8 s:
+    A press, then shear along +x by Mindlin's curve from 4.0 s, until all of the contact slips at 4.8 s. Loads
+    are equal, so that only the size of the shear tells of friction:
 
     >>> import numpy as np
     >>> from tactiled.array import load_array
@@ -97,11 +102,13 @@ class GripDetector:
     >>> shear_volts = 0.4 * (1 - (1 - travel) ** 1.5) * np.tile([1, 0, -1, 0], 9)
     >>> load_volts = np.clip(time_s - 1, 0, 1)[:, np.newaxis]
     >>> volts = load_volts + shear_volts + 1e-4 * rng.standard_normal((600, 36))
-    >>> grips = GripDetector(array).process(regular_block(volts, 100.0))
-    >>> for grip in (grip for grip in grips if f"{grip.time_s:.2f}" in ("3.90", "4.20", "4.60")):
-    ...     print(f"{grip.time_s:.2f} s: {grip.state}, utilisation {grip.utilisation:.1f}")
+    >>> for event in GripDetector(array).process(regular_block(volts, 100.0)):
+    ...     if event.topic == "slip" and event.state == "onset":
+    ...         print(f"{event.detected_s:.2f} s: {event.kind} slip since {event.onset_s:.2f} s")
+    ...     if event.topic == "grip" and f"{event.time_s:.2f}" in ("3.90", "4.60"):
+    ...         print(f"{event.time_s:.2f} s: {event.state}, utilisation {event.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.1
-    4.20 s: partial, utilisation 0.3
+    4.17 s: incipient slip since 4.09 s
     4.60 s: partial, utilisation 0.5
     """
 
@@ -141,6 +148,8 @@ class GripDetector:
         self._last_s = 0.0
         self._is_told = False  # the newest message has a contact
         self._is_cut_off = False  # a gap ended the messages of a contact
+        self._slips: PosteriorSlips | None = None
+        self._slipping: object = None  # signs of the contact whose slips these are
         self.tracker: ContactTracker | None = None
         self.pressure: PressureMeasurement | None = None
         self.change: ContactTransition | None = None
@@ -199,12 +208,52 @@ class GripDetector:
         return median, self._params.friction_log_sd
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Return an event for each scan in contact, and one of state none when the contact ends."""
+        """Return the events that the item completes.
+
+        A gap or a new scan rate ends slip and contact with events that are not valid, because their end was
+        not observed. A slip inside a gap is reported where the contact goes on after it.
+        """
         if isinstance(item, Gap):
-            return self.pass_gap(item)
-        events = self.forget() if item.rate_hz != self._rate_hz else []
-        events += [event for event in self.scans(item) if event is not None]
+            return self._pass_gap(item)
+        events = self._forget() if item.rate_hz != self._rate_hz else []
+        for row, message in enumerate(self.scans(item)):
+            tracker, pressure = self.tracker, self.pressure
+            assert tracker is not None
+            assert pressure is not None
+            if self.change:
+                events.append(contact_event(item, row, pressure, self.change))
+            is_valid = self.keeps_enough and not bool(item.late[row])
+            events += self._slip(ScanInstant(self._last_s, float(item.time_sd_s[row]), is_valid))
+            if change := self._follow_slip(tracker):
+                events.append(contact_event(item, row, pressure, change))
+            if message is not None and self._params.publish:
+                events.append(message)
         return events
+
+    def _slip(self, at: ScanInstant) -> list[SlipEvent]:
+        """Return the slip events of the newest scan."""
+        scan = None if self.contact_state == "none" else self.contact
+        slips = self._slips
+        if scan is not None:
+            if slips is None or scan.filter.signs is not self._slipping:
+                self._slips = slips = PosteriorSlips(scan.filter.gate, self._rate_hz)
+                self._slipping = scan.filter.signs
+            return slips.step(scan, at)
+        # Readings that are lost look like a contact that is lost.
+        is_valid = at.is_valid and self.is_trusted
+        return [slips.end(at.time_s, valid=is_valid)] if slips is not None and slips.open else []
+
+    def _follow_slip(self, tracker: ContactTracker) -> ContactTransition | None:
+        """Enter or leave the contact states that slips make."""
+        state = tracker.state
+        if state == "none":
+            return None
+        slip = None if self._slips is None else self._slips.open
+        if slip is None:
+            return tracker.end_sliding() if state in ("shearing", "sliding") else None
+        if slip.kind == "gross":
+            return None if state == "sliding" else tracker.begin_sliding()
+        return None if state == "shearing" else tracker.begin_shearing()
 
     @property
     def contact_state(self) -> ContactState:
@@ -229,7 +278,7 @@ class GripDetector:
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
 
-        A block of another scan rate follows a `forget`.
+        All blocks have one scan rate.
         """
         if self.tracker is None:
             self._rate_hz = block.rate_hz
@@ -244,6 +293,7 @@ class GripDetector:
             zip(block.time_s.tolist(), block.late.tolist(), self.pressure.rows(), strict=True)
         ):
             self.change = tracker.step(*pressed)
+            before_s, self._last_s = self._last_s, time_s
             if readings is None:
                 yield None
                 continue
@@ -251,8 +301,8 @@ class GripDetector:
             is_pressed = self._touch is not None and self._touch.is_pressed
             readings.take(scan, in_contact, is_pressed)
             self.is_trusted = readings.is_read and not is_late
-            self._step(readings, time_s, touches=tracker.state != "none")
-            yield self._told(time_s, is_late, touches=tracker.state != "none")
+            self._step(readings, time_s - before_s, touches=tracker.state != "none")
+            yield self._told(is_late, touches=tracker.state != "none")
 
     def _make(self, rate_hz: float) -> TaxelReadings:
         """Make all that depends on the scan rate."""
@@ -271,19 +321,19 @@ class GripDetector:
         )
         return TaxelReadings(self._array, rate_hz)
 
-    def pass_gap(self, gap: Gap) -> list[Event]:
-        """Return the end of a contact that a gap interrupts; keep what is known until the scan after it.
+    def _pass_gap(self, gap: Gap) -> list[Event]:
+        """Return the ends of what a gap interrupts; keep what is known until the scan after it.
 
         Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
         tells whether the contact went on.
         """
         if gap.cause not in SCANNED or self.tracker is None:
-            return self.forget()
+            return self._forget()
+        self._is_cut_off = self._is_told
+        events = self._cut_off()
         self.tracker.interrupt(gap.n_missing)
         if self._readings is None:
-            return []
-        events = self._cut_off()
-        self._is_cut_off = bool(events)
+            return events
         if self.contact is not None:
             self._before_gap = self._touch
             self._loads_before_gap = self._readings.recent[-1, 0].copy()
@@ -294,22 +344,27 @@ class GripDetector:
         self._readings.interrupt()
         return events
 
-    def forget(self) -> list[Event]:
-        """Forget everything seen; return the end of a contact that is cut off."""
+    def _forget(self) -> list[Event]:
+        """Forget everything seen; return the ends of what is cut off."""
         events = self._cut_off()
         self._begin()
         return events
 
     def _cut_off(self) -> list[Event]:
-        """Return the end of the messages of a contact."""
-        events: list[Event] = [_no_contact(self._last_s, valid=False)] if self._is_told else []
+        """Return the ends of slip, contact and grip events, not valid: nobody saw them."""
+        events: list[Event] = []
+        if self._slips is not None and self._slips.open:
+            events.append(self._slips.end(self._last_s, valid=False))
+        if self.contact_state != "none":
+            events.append(lost_contact_event(self._last_s, self.contact_state))
+        if self._is_told and self._params.publish:
+            events.append(_no_contact(self._last_s, valid=False))
         self._is_told = False
         return events
 
-    def _step(self, readings: TaxelReadings, time_s: float, *, touches: bool) -> None:
-        """Take the newest scan of the readings; `touches` by the contact gate."""
-        before_s, self._last_s = self._last_s, time_s
-        self.acceleration_m_s2 = self._motion.at(time_s)
+    def _step(self, readings: TaxelReadings, step_s: float, *, touches: bool) -> None:
+        """Take the newest scan, `step_s` after the one before; `touches` by the contact gate."""
+        self.acceleration_m_s2 = self._motion.at(self._last_s)
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
             self._filter.friction_memory.widen(_DROPPED_SD)
@@ -318,7 +373,7 @@ class GripDetector:
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._before_gap is not None:
             loads = readings.recent[-1, 0]
-            self._touch = self._resume(self._before_gap, loads, load > least, time_s - before_s)
+            self._touch = self._resume(self._before_gap, loads, load > least, step_s)
             self._before_gap = None
             if self._touch is None:
                 self._end_touch(readings)
@@ -337,15 +392,15 @@ class GripDetector:
         else:
             self._touch.weigh(readings.recent[-1], self._places)
 
-    def _told(self, time_s: float, is_late: bool, *, touches: bool) -> GripEvent | None:
+    def _told(self, is_late: bool, *, touches: bool) -> GripEvent | None:
         """Return the message of the newest scan: of the contact, or that it ended."""
         assert self._readings is not None
         ends = self._is_told or self._is_cut_off
         self._is_told, self._is_cut_off = touches, False
         if touches:
             assert self._touch is not None
-            return self._touch.event(time_s, self._radius_mm, self._unit, self.is_trusted, is_late)
-        return _no_contact(time_s, valid=self.is_trusted) if ends else None
+            return self._touch.event(self._last_s, self._radius_mm, self._unit, self.is_trusted, is_late)
+        return _no_contact(self._last_s, valid=self.is_trusted) if ends else None
 
     def _begin_touch(self, least: float, *, is_seen: bool) -> Touch:
         zero = PressZero(

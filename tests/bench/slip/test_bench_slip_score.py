@@ -20,8 +20,8 @@ from bench.slip.score import (
 from bench.worlds.laws import draw_worlds
 from bench.worlds.world import World
 from tactiled.array import load_array
-from tactiled.detect.contact.grip_detector import GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
 
@@ -110,5 +110,5 @@ def test_settings_on_one_posterior_are_the_detectors_of_these_settings(world: Wo
     assert found["balanced"]
     for name, at in SETTINGS.items():
         params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
-        events = GripSlip(world.array, params).process(world.block)
+        events = GripDetector(world.array, params).process(world.block)
         assert found[name] == [one for one in events if isinstance(one, SlipEvent)]

@@ -10,9 +10,9 @@ import pytest
 
 from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
-from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.posterior import INCIPIENT_USED, LEAST_GROSS_USED
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
 
 HANDS = {
@@ -38,7 +38,7 @@ def worlds(request: pytest.FixtureRequest) -> list[World]:
 def told(world: World, setting: str) -> Sequence[Event]:
     at = SETTINGS[setting]
     params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
-    return GripSlip(world.array, params).process(world.block)
+    return GripDetector(world.array, params).process(world.block)
 
 
 @pytest.mark.parametrize("setting", sorted(SETTINGS))
@@ -89,7 +89,7 @@ def test_grip_messages_come_for_as_long_as_the_contact(worlds: list[World], part
         rest = np.median(world.block.volts[~world.touching], axis=0)
         lighter = dataclasses.replace(world.block, volts=rest + part * (world.block.volts - rest))
         contact = grip = "none"
-        events = GripSlip(world.array).process(lighter)
+        events = GripDetector(world.array).process(lighter)
         for _, of_a_scan in itertools.groupby(events, key=lambda event: event.evidence_s):
             for event in of_a_scan:
                 if isinstance(event, ContactEvent):
@@ -104,7 +104,7 @@ def test_grip_messages_come_for_as_long_as_the_contact(worlds: list[World], part
 def test_a_contact_whose_beginning_nobody_saw_is_unknown_until_it_slid() -> None:
     (world,) = draw("laws", range(7001, 7002), 0.2, ("pull",))
     first = int(np.flatnonzero(world.touching)[0]) + round(0.8 * world.rate_hz)
-    events = GripSlip(world.array).process(world.block[first:])
+    events = GripDetector(world.array).process(world.block[first:])
     grips = [event for event in events if isinstance(event, GripEvent)]
     assert (grips[0].state, grips[0].utilisation_low, grips[0].utilisation_high) == ("unknown", 0.0, 1.0)
     assert all(event.needed_load >= event.load for event in grips if event.state == "unknown")

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.announced import HOLD_S, AnnouncedMotion, course_of
 from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError
@@ -25,7 +24,7 @@ courses = st.lists(st.tuples(instants, st.floats(-1000, 1000)), min_size=1, max_
 )
 
 
-def announce(to: AnnouncedMotion | GripDetector | GripSlip, *course: tuple[float, float]) -> None:
+def announce(to: AnnouncedMotion | GripDetector, *course: tuple[float, float]) -> None:
     take = to.announce if isinstance(to, AnnouncedMotion) else to.announce_motion
     time_s, acceleration_m_s2 = np.array(course, dtype=np.float64).T
     take(time_s, acceleration_m_s2)
@@ -99,24 +98,20 @@ def test_a_value_has_no_effect_on_scans_before_it_came() -> None:
     assert all(map(math.isnan, found[6:]))
 
 
-@pytest.mark.parametrize("make", [GripDetector, GripSlip])
 @pytest.mark.parametrize("cause", ["missing", "restart"])
-def test_what_was_announced_survives_gaps_and_another_rate(
-    make: type[GripDetector] | type[GripSlip], cause: Any
-) -> None:
-    detector = make(ARRAY)
-    grip = detector if isinstance(detector, GripDetector) else detector._grip  # noqa: SLF001  nothing says it yet
+def test_what_was_announced_survives_gaps_and_another_rate(cause: Any) -> None:
+    detector = GripDetector(ARRAY)
     detector.process(scans(10))
     announce(detector, (0.19, 12.0), (0.29, 13.0))
     detector.process(Gap(10, cause, 20))
     detector.process(scans(1, start_s=0.2))
-    assert grip.acceleration_m_s2 == 12.0
+    assert detector.acceleration_m_s2 == 12.0
     detector.process(scans(1, start_s=0.3, rate_hz=200.0))
-    assert grip.acceleration_m_s2 == 13.0
+    assert detector.acceleration_m_s2 == 13.0
     detector.reset()
-    assert math.isnan(grip.acceleration_m_s2)
+    assert math.isnan(detector.acceleration_m_s2)
     detector.process(scans(1, start_s=0.3))
-    assert math.isnan(grip.acceleration_m_s2)
+    assert math.isnan(detector.acceleration_m_s2)
 
 
 def test_new_detectors_are_given_what_was_announced() -> None:
@@ -127,7 +122,7 @@ def test_new_detectors_are_given_what_was_announced() -> None:
 
         def __init__(self) -> None:
             super().__init__(ARRAY)
-            self.models = (self,)
+            self.model = self
             built.append(self)
 
     suite = TunedSuite(ARRAY, DetectParams(), lambda *_: OneDetector())

@@ -155,9 +155,10 @@ def test_reset_and_a_board_that_begins_anew_equal_new() -> None:
     detector.reset()
     fresh = GripDetector(xyz()).process(block)
     assert detector.process(block) == fresh
-    (last,) = detector.process(Gap(5, "restart", 400))
-    assert isinstance(last, GripEvent)
-    assert (last.state, last.valid) == ("none", False)
+    ends = detector.process(Gap(5, "restart", 400))
+    assert [(event.topic, event.state, event.valid) for event in ends] == [
+        ("slip", "end", False), ("contact", "none", False), ("grip", "none", False)
+    ]  # fmt: skip
     assert detector.process(Gap(5, "missing", 400)) == []
     assert detector.process(block) == fresh
 
@@ -171,7 +172,7 @@ def test_constant_readings_are_never_gross(name: str, value: float) -> None:
     assert_finite(events)
     assert not any(event.state in ("gross", "partial") for event in grips(events))
     if not array.has_shear:
-        assert events == []
+        assert grips(events) == []
 
 
 @given(st.integers(0, 10**6), st.sampled_from([1e-6, 1e-3, 0.1, 10.0]), st.floats(0, 0.2))

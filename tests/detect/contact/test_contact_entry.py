@@ -7,9 +7,9 @@ import pytest
 from touches import contact_states, onsets, slips
 
 from tactiled.array import FloatArray, load_array
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.press_zero import PressZero
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
@@ -45,7 +45,7 @@ def grips(events: list[Event]) -> list[GripEvent]:
 
 @pytest.mark.parametrize("pull_s", [0.6, 0.8, 1.0])
 def test_a_pull_during_the_press_is_told_in_its_direction(pull_s: float) -> None:
-    events = GripSlip(ARRAY).process(touch(0.6 * ramp(pull_s, 0.4), PRESSED))
+    events = GripDetector(ARRAY).process(touch(0.6 * ramp(pull_s, 0.4), PRESSED))
     first = onsets(events)[0]
     assert pull_s < first.detected_s < pull_s + 0.4
     assert abs(first.direction_deg - DIRECTION_DEG) < max(2.0, 2 * first.direction_sd_deg)
@@ -53,7 +53,7 @@ def test_a_pull_during_the_press_is_told_in_its_direction(pull_s: float) -> None
 
 def test_a_press_without_a_pull_is_no_slip() -> None:
     for seed in range(5):
-        assert slips(GripSlip(ARRAY).process(touch(0 * PRESSED, PRESSED, seed=seed))) == []
+        assert slips(GripDetector(ARRAY).process(touch(0 * PRESSED, PRESSED, seed=seed))) == []
 
 
 def test_the_interval_of_utilisation_holds_what_a_slanted_press_bears() -> None:
@@ -152,7 +152,7 @@ def test_a_contact_from_the_first_scan_on_is_uncertain_and_its_slips_are_told() 
     ratio = 2 * 0.2 / 1.2
     assert all(event.utilisation_low == 0.0 for event in before)
     assert all(event.utilisation_high > ratio / event.friction for event in before)
-    told = onsets(GripSlip(ARRAY).process(touch(0.2 + 0.5 * ramp(4.0, 0.3), 1.2 + 0 * PRESSED)))
+    told = onsets(GripDetector(ARRAY).process(touch(0.2 + 0.5 * ramp(4.0, 0.3), 1.2 + 0 * PRESSED)))
     assert 4.0 < told[0].detected_s < 4.3
     assert abs(told[0].direction_deg - DIRECTION_DEG) < 2.0
 
@@ -186,7 +186,7 @@ def test_a_lift_within_one_scan_ends_the_contact(shear_volts: float) -> None:
     assert grips(events)[-1].time_s == pytest.approx(4.99)
 
 
-def through_a_gap(block: ScanBlock, detector: GripDetector | GripSlip) -> list[Event]:
+def through_a_gap(block: ScanBlock, detector: GripDetector) -> list[Event]:
     events = detector.process(block[:FIRST])
     events += detector.process(Gap(LAST - FIRST, "missing", int(block.index[LAST])))
     return events + detector.process(block[LAST:])
@@ -224,7 +224,7 @@ def test_a_contact_that_ended_in_a_gap_is_told_after_it() -> None:
 
 
 def test_states_of_the_contact_over_a_gap() -> None:
-    states = contact_states(through_a_gap(touch(0 * PRESSED, PRESSED), GripSlip(ARRAY)))
+    states = contact_states(through_a_gap(touch(0 * PRESSED, PRESSED), GripDetector(ARRAY)))
     assert states == ["loading", "holding", "none", "unknown"]
 
 
@@ -239,17 +239,17 @@ def test_a_slip_is_told_at_any_rate(rate_hz: float) -> None:
     pressed = 1.2 * ramp(0.5, 0.5, rate_hz, n_s)
     start_s = n_s / 2
     block = touch(0.6 * ramp(start_s, takes_s, rate_hz, n_s), pressed, rate_hz)
-    first = onsets(GripSlip(ARRAY).process(block))[0]
+    first = onsets(GripDetector(ARRAY).process(block))[0]
     assert start_s < first.detected_s < start_s + takes_s + 1.0 / rate_hz
     assert abs(first.direction_deg - DIRECTION_DEG) < 3.0
-    assert slips(GripSlip(ARRAY).process(touch(0 * pressed, pressed, rate_hz))) == []
+    assert slips(GripDetector(ARRAY).process(touch(0 * pressed, pressed, rate_hz))) == []
 
 
 @pytest.mark.parametrize("rate_hz", [1.0, 3.0])
 def test_a_contact_that_is_pressed_and_pulled_within_a_scan_is_told(rate_hz: float) -> None:
     pressed = np.repeat([0.0, 1.2], [6, 14])
     block = touch(0.5 * pressed, pressed, rate_hz)
-    first = onsets(GripSlip(ARRAY).process(block))[0]
+    first = onsets(GripDetector(ARRAY).process(block))[0]
     assert first.detected_s == pytest.approx(6 / rate_hz, abs=2.1 / rate_hz)
     assert abs(first.direction_deg - DIRECTION_DEG) < max(3.0, first.direction_sd_deg)
 
@@ -266,7 +266,7 @@ def test_neighbouring_channels_that_jump_are_no_slip(channels: int, jump: float,
     volts = block.volts.copy()
     struck = (7 * scans + round(10 * jump) + np.arange(channels)) % ARRAY.n_channels
     volts[400 : 400 + scans, struck] = np.clip(volts[400 : 400 + scans, struck] + jump, 0, 3)
-    events = GripSlip(ARRAY, GRIP_FAST).process(regular_block(volts[:750], 100.0))
+    events = GripDetector(ARRAY, GRIP_FAST).process(regular_block(volts[:750], 100.0))
     assert [event for event in slips(events) if event.detected_s > 3.99] == []
 
 
@@ -275,13 +275,13 @@ def test_channels_that_stick_take_their_taxels_out_and_hide_no_slip(volts: float
     block = touch(0.6 * ramp(6.0, 0.3), PRESSED)
     stuck = block.volts.copy()
     stuck[350:, [0, 18]] = stuck[350, [0, 18]] if volts is None else volts
-    told = onsets(GripSlip(ARRAY).process(regular_block(stuck, 100.0)))
+    told = onsets(GripDetector(ARRAY).process(regular_block(stuck, 100.0)))
     assert 6.0 < told[0].detected_s < 6.3
     assert set(told[-1].taxels) <= {1, 2, 3, 5, 6, 7, 8}
     assert abs(told[0].direction_deg - DIRECTION_DEG) < 3.0
 
 
 def test_a_slip_of_all_taxels_within_a_scan_is_no_jump_of_channels() -> None:
-    told = onsets(GripSlip(ARRAY).process(touch(0.6 * ramp(4.0, 0.01), PRESSED)))
+    told = onsets(GripDetector(ARRAY).process(touch(0.6 * ramp(4.0, 0.01), PRESSED)))
     assert 4.0 < told[0].detected_s < 4.05
     assert told[0].valid

@@ -7,8 +7,8 @@ import pytest
 from mindlin import slid_to
 
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
-from tactiled.detect.contact.grip_detector import GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS, GripSlip
+from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -59,7 +59,7 @@ def slips(events: list[Event]) -> list[SlipEvent]:
 
 @pytest.fixture(scope="module")
 def found() -> list[Event]:
-    return GripSlip(ARRAY, KNOWN).process(slide())
+    return GripDetector(ARRAY, KNOWN).process(slide())
 
 
 def test_a_slip_is_incipient_then_gross_then_ends(found: list[Event]) -> None:
@@ -84,7 +84,7 @@ def test_the_contact_shears_slides_and_holds(found: list[Event]) -> None:
 
 @pytest.mark.parametrize("direction_deg", [-150.0, 0.0, 30.0, 90.0])
 def test_the_direction_is_that_of_the_motion(direction_deg: float) -> None:
-    told = slips(GripSlip(ARRAY, KNOWN).process(slide(direction_deg)[:350]))
+    told = slips(GripDetector(ARRAY, KNOWN).process(slide(direction_deg)[:350]))
     assert len(told) == 2
     for event in told:
         error_deg = (event.direction_deg - direction_deg + 180) % 360 - 180
@@ -93,14 +93,14 @@ def test_the_direction_is_that_of_the_motion(direction_deg: float) -> None:
 
 
 def test_a_skin_that_turns_on_the_spot_has_no_direction() -> None:
-    told = slips(GripSlip(ARRAY, KNOWN).process(slide(turn=1.0)))
+    told = slips(GripDetector(ARRAY, KNOWN).process(slide(turn=1.0)))
     assert told
     assert told[0].direction_sd_deg == UNKNOWN_SD_DEG
 
 
 def test_a_higher_probability_is_reported_later() -> None:
     detected_s = [
-        slips(GripSlip(ARRAY, GripParams(incipient_p=p)).process(slide()))[0].detected_s
+        slips(GripDetector(ARRAY, GripParams(incipient_p=p)).process(slide()))[0].detected_s
         for p in (0.05, 0.3, 0.9)
     ]
     assert detected_s == sorted(detected_s)
@@ -116,7 +116,7 @@ def without(block: ScanBlock, channels: list[int], from_row: int = 0) -> ScanBlo
 
 @pytest.mark.parametrize("from_row", [0, 220])
 def test_a_taxel_that_is_lost_does_not_slip_and_the_rest_is_reported(from_row: int) -> None:
-    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), [4], from_row)))
+    told = slips(GripDetector(ARRAY, KNOWN).process(without(slide(), [4], from_row)))
     assert [(event.state, event.kind, event.valid) for event in told] == [
         ("onset", "incipient", True),
         ("onset", "gross", True),
@@ -126,13 +126,13 @@ def test_a_taxel_that_is_lost_does_not_slip_and_the_rest_is_reported(from_row: i
 
 
 def test_slips_of_a_pad_that_has_lost_a_third_are_not_valid() -> None:
-    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), [1, 12, 23])))
+    told = slips(GripDetector(ARRAY, KNOWN).process(without(slide(), [1, 12, 23])))
     assert told
     assert not any(event.valid for event in told)
 
 
 def test_a_pad_that_cannot_be_read_any_more_ends_a_slip_with_an_event_that_is_not_valid() -> None:
-    told = slips(GripSlip(ARRAY, KNOWN).process(without(slide(), list(range(27)), 300)))
+    told = slips(GripDetector(ARRAY, KNOWN).process(without(slide(), list(range(27)), 300)))
     assert [(event.state, event.kind, event.valid) for event in told] == [
         ("onset", "incipient", True),
         ("onset", "gross", True),
@@ -150,7 +150,7 @@ def test_one_taxel_tells_incipient_slip_and_its_direction() -> None:
         )
     )
     volts = slide().volts.reshape(-1, 9, 3).sum(axis=1) / 2
-    told = slips(GripSlip(array).process(regular_block(volts, RATE_HZ)))
+    told = slips(GripDetector(array).process(regular_block(volts, RATE_HZ)))
     assert (told[0].state, told[0].kind) == ("onset", "incipient")
     assert 2.0 < told[0].detected_s < SLIPS_S
     assert abs(told[0].direction_deg - 30.0) < 2 * told[0].direction_sd_deg < 10
@@ -165,12 +165,12 @@ def test_an_array_without_shear_has_contact_events_only() -> None:
             full_scale_volts=8.0,
         )
     )
-    events = GripSlip(array).process(regular_block(slide().volts[:, 2::3], RATE_HZ))
+    events = GripDetector(array).process(regular_block(slide().volts[:, 2::3], RATE_HZ))
     assert {event.topic for event in events} == {"contact"}
 
 
 def test_a_gap_ends_a_slip_with_an_event_that_is_not_valid() -> None:
-    detector = GripSlip(ARRAY, KNOWN)
+    detector = GripDetector(ARRAY, KNOWN)
     detector.process(slide()[:300])
     (end,) = slips(detector.process(Gap(5, "missing", 500)))
     assert (end.state, end.kind, end.valid) == ("end", "gross", False)
@@ -180,7 +180,7 @@ def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
     block = slide()[:300]
     events = build_methods(ARRAY, DetectParams(grip=KNOWN), topics=("slip", "grip")).process(block)
     assert {event.topic for event in events} == {"slip", "contact", "grip"}
-    assert slips(events) == slips(GripSlip(ARRAY, KNOWN).process(block))
+    assert slips(events) == slips(GripDetector(ARRAY, KNOWN).process(block))
     assert sum(event.topic == "grip" for event in events) == len(
         {e.time_s for e in events if e.topic == "grip"}
     )

@@ -7,7 +7,6 @@ import pytest
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
-from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
 from tactiled.events.types import Event, GripEvent
@@ -36,9 +35,8 @@ def log_sd(event: GripEvent) -> float:
     return math.log(event.friction_high / event.friction_low) / (2 * 1.645)
 
 
-@pytest.mark.parametrize("make", [GripDetector, GripSlip])
-def test_the_next_contact_begins_with_what_was_stated(make: type[GripDetector] | type[GripSlip]) -> None:
-    detector = make(ARRAY)
+def test_the_next_contact_begins_with_what_was_stated() -> None:
+    detector = GripDetector(ARRAY)
     detector.state_friction(1.8, 0.1)
     first = grips(detector.process(touch(0)))[5]
     assert first.friction == pytest.approx(1.8, rel=0.02)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from touches import onsets
 
 from tactiled.array import FloatArray, load_array
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.readings import Responses
-from tactiled.detect.contact.slip_detector import GripSlip
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.events.types import GripEvent
 from tactiled.samples.block import regular_block
@@ -98,7 +98,7 @@ def test_a_slide_on_an_even_contact_is_told_by_its_ripple_alone() -> None:
     pulled = np.interp(TIME_S, [3.0, 3.5], [0.0, 0.2])[:, np.newaxis]
     ripple = np.where(TIME_S[:, np.newaxis] > 3.5, over_grating() - LOADS, over_grating()[350] - LOADS)
     readings = touches * (1.0 + pulled * SIDES[0] + ripple) + noise(1e-3)
-    events = GripSlip(ARRAY).process(regular_block(readings, RATE_HZ))
+    events = GripDetector(ARRAY).process(regular_block(readings, RATE_HZ))
     gross = [event for event in onsets(events) if event.kind == "gross"]
     assert 3.5 < gross[0].detected_s < 9.5
     assert abs(gross[0].direction_deg) < 10.0
@@ -111,5 +111,5 @@ def test_a_slide_on_an_even_contact_is_told_by_its_ripple_alone() -> None:
 def test_a_ripple_without_any_shear_is_gross_slip_in_an_unknown_direction() -> None:
     touches = np.interp(TIME_S, [0.5, 1.0], [0.0, 1.0])[:, np.newaxis]
     loads = np.repeat((over_grating() - LOADS).reshape(-1, 9, 4).mean(axis=2), 4, axis=1)
-    events = GripSlip(ARRAY).process(regular_block(touches * (1.0 + loads) + noise(1e-5), RATE_HZ))
+    events = GripDetector(ARRAY).process(regular_block(touches * (1.0 + loads) + noise(1e-5), RATE_HZ))
     assert [event.kind for event in onsets(events)] == ["incipient", "gross"]

@@ -9,7 +9,7 @@ from touches import contact_states
 
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, ContactLevels, FloatArray, build
-from tactiled.detect.contact.slip_detector import GripSlip
+from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import ContactEvent
 from tactiled.samples.block import Gap, regular_block
@@ -140,7 +140,7 @@ def test_a_touch_that_was_hidden_before_a_gap_is_no_new_press() -> None:
     values = readings(
         np.concatenate([press(3.0, 0.0), np.full(round(60 * RATE_HZ), 0.14 * LOAD)]), np.ones(4)
     )
-    detector = GripSlip(COUNTS)
+    detector = GripDetector(COUNTS)
     detector.process(regular_block(values[:3600], RATE_HZ))
     detector.process(Gap(1, "missing", 3601))
     events = detector.process(regular_block(values[3601:], RATE_HZ, start_s=36.01, index=3601))
@@ -228,13 +228,13 @@ def test_the_set_decays() -> None:
 def test_missing_scans_leave_noise_and_set_as_they_are() -> None:
     values = readings(press(20.0, 0.06), np.ones(4))
     cut = round(21.5 * RATE_HZ)
-    detector = GripSlip(COUNTS)
+    detector = GripDetector(COUNTS)
     detector.process(regular_block(values[:cut], RATE_HZ))
     lost = detector.process(Gap(100, "missing", cut + 100))
     assert contact_states(lost) == ["none"]
     after = regular_block(values[cut + 100 :], RATE_HZ, start_s=(cut + 100) / RATE_HZ, index=cut + 100)
     assert detector.process(after) == []  # the press ended in the gap: what is left is the set
-    again = GripSlip(COUNTS)
+    again = GripDetector(COUNTS)
     again.process(regular_block(values[:cut], RATE_HZ))
     again.process(Gap(0, "restart", cut + 100))
     assert contact_states(again.process(after))[0] == "unknown"

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
-from tactiled.detect.contact.slip_detector import SETTINGS
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.detect.contact.slip_detector import SETTINGS
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.tune.hold import Recording
 from tactiled.tune.study import ReportCount, Study, rate_interval
 
