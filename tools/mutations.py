@@ -44,7 +44,6 @@ class Mutation:
     """One change of one file: the characters `start` to `end` become `new`."""
 
     file: str
-    lines: range  # of the statement: Python reports the execution of some of them
     start: int
     end: int
     line: int
@@ -71,12 +70,10 @@ def mutations(source: str, file: str) -> list[list[Mutation]]:
         return starts[line - 1] + len(encoded[line - 1][:column].decode())  # columns of ast count bytes
 
     found = []
-    for node, within, texts in _changes(ast.parse(source), range(0)):
+    for node, texts in _changes(ast.parse(source)):
         start = offset(node.lineno, node.col_offset)
         end = offset(node.end_lineno or node.lineno, node.end_col_offset or 0)
-        old, own = source[start:end], range(node.lineno, (node.end_lineno or node.lineno) + 1)
-        lines = within if node.lineno in within else own
-        places = [Mutation(file, lines, start, end, node.lineno, old, text) for text in texts]
+        places = [Mutation(file, start, end, node.lineno, source[start:end], text) for text in texts]
         found.append([one for one in places if _compiles(one.apply(source))])
     return [place for place in found if place]
 
@@ -89,18 +86,12 @@ def _compiles(source: str) -> bool:
     return True
 
 
-def _changes(node: ast.AST, within: range) -> Iterator[tuple[ast.expr | ast.stmt, range, list[str]]]:
-    """Nodes under a node, the lines of the statements they are in, and the texts that may replace them."""
+def _changes(node: ast.AST) -> Iterator[tuple[ast.expr | ast.stmt, list[str]]]:
+    """Nodes under a node, and the texts that may replace them."""
     if _is_skipped(node):
         return
-    if isinstance(node, ast.stmt):
-        body = getattr(node, "body", None) or getattr(node, "cases", None)
-        within = range(node.lineno, (node.end_lineno or node.lineno) + 1)
-        if body:  # the head of a compound statement
-            first = body[0].pattern if isinstance(body[0], ast.match_case) else body[0]
-            within = range(node.lineno, max(first.lineno, node.lineno + 1))
     if isinstance(node, ast.expr | ast.stmt) and (texts := list(_alternatives(node))):
-        yield node, within, texts
+        yield node, texts
     for name, value in ast.iter_fields(node):
         if name in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and name == "keywords"):
             continue
@@ -108,8 +99,8 @@ def _changes(node: ast.AST, within: range) -> Iterator[tuple[ast.expr | ast.stmt
             if not isinstance(child, ast.AST):
                 continue
             if name in ("test", "ifs") and not isinstance(node, ast.Assert) and isinstance(child, ast.expr):
-                yield child, within, [f"not ({ast.unparse(child)})"]
-            yield from _changes(child, within)
+                yield child, [f"not ({ast.unparse(child)})"]
+            yield from _changes(child)
 
 
 def _is_skipped(node: ast.AST) -> bool:
