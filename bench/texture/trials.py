@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.texture.signal import (
     RATE_HZ,
@@ -180,7 +179,6 @@ def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
         window.volts(rng),
         window.sensed.offset_s,
         slip_at(0.0, direction_deg),
-        valid=window.valid,
         given_mm_s=window.given_mm_s if is_speed_known else (),
     )
     fields = {"name": name, "seed": seed, "window_s": MISFIT_S, "is_speed_known": is_speed_known}
@@ -248,7 +246,6 @@ def online_answers(
     offset_s: FloatArray,
     slip: SlipEvent,
     *,
-    valid: NDArray[np.bool_] | None = None,
     given_mm_s: Sequence[tuple[int, float]] = (),
     start_s: float = 0.0,
 ) -> Iterator[TextureEvent]:
@@ -259,7 +256,7 @@ def online_answers(
     estimator = JointTexture(ARRAY, params)
     for scan, speed_mm_s in given_mm_s:
         estimator.set_speed(speed_mm_s, scan)
-    block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s, valid=valid)
+    block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s)
     detected = round((slip.detected_s - start_s) * RATE_HZ)
     for first in range(0, len(block), 10):
         part = block[first : first + 10]
