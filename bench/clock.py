@@ -95,18 +95,9 @@ def timing(
     pings: bool = False,
     answer_s: tuple[float, float] = _ANSWER_S,
 ) -> tuple[FloatArray, FloatArray]:
-    """Error and stated sigma of every scan's instant.
+    """Error and stated sigma (n,) of every scan's instant.
 
-    Parameters
-    ----------
-    pings : bool
-        Ping the board as the daemon does.
-    answer_s : tuple of float
-        Least and largest time that the board takes to answer.
-
-    Returns
-    -------
-    error_s, time_sd_s : (n,) float64
+    The board is pinged as the daemon does, and answers within the least and the largest time `answer_s`.
     """
     layout = load_layout("board-v1")
     # The board starts on a hand-over of the adapter, so only what follows sets the phase of scans against

@@ -35,14 +35,9 @@ def compile_program(folder: Path, source: Path, *flags: str) -> Path:
 
 @contextmanager
 def running(*command: str | Path, ready: str = "", **options: Any) -> Iterator["subprocess.Popen[Any]"]:
-    """Run a command until the end of the block.
+    """Run a command, with options of `subprocess.Popen`, until the end of the block.
 
-    Parameters
-    ----------
-    ready : str
-        What the first line of its output must have, which is waited for.
-    **options
-        Options of `subprocess.Popen`.
+    The first line of its output must have the words `ready`, and is waited for.
     """
     streams = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
     process = subprocess.Popen(list(map(str, command)), text=True, **streams | options)

@@ -104,15 +104,7 @@ class Aim(Generic[T]):
 
 
 def at_most(name: str, limit: float, unit: str, value: Callable[[T], float], form: str) -> Aim[T]:
-    """Aim that a number does not exceed a limit; a number that is not finite misses it.
-
-    Parameters
-    ----------
-    unit : str
-        Follows both numbers, with its leading blank.
-    form : str
-        Format of the measured number.
-    """
+    """Aim that a number does not exceed a limit; one that is not finite misses it. A unit has its blank."""
 
     def measure(found: T) -> Reading:
         number = value(found)

@@ -60,14 +60,9 @@ class Course:
 def course(
     world: World, learnt: Learnt | None = None, params: GripParams | None = None, *, announces: bool = False
 ) -> Course:
-    """Run the contact filter over a world.
+    """Run the contact filter over a world, with the shipped trees where none are given.
 
-    Parameters
-    ----------
-    learnt : Learnt, optional
-        The shipped trees where it is left out.
-    announces : bool
-        The hand announces its acceleration, where the world has one.
+    A hand that announces does so with its acceleration, where the world has one.
     """
     detector = GripDetector(world.array, params, learnt)
     if announces:

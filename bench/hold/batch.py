@@ -27,28 +27,10 @@ ALL_SLIDES = 0.99  # share of the contact area from which all of it slips
 
 
 class HeldBatch:
-    """Held objects in grippers, all stepped together.
+    """Held objects (e,) in grippers, all stepped together.
 
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Of contact model lumped, with a held object without spring, of equal duration.
-    array : Array
-        Of taxels with side electrodes.
-
-    Attributes
-    ----------
-    grip_n, goal_n : (e,) float64
-        Present grip, and the one that the gripper follows.
-    place_mm : (e, 2) float64
-        How far each object has moved over the skin.
-    shear_n : (e, 2) float64
-        Friction on each object, against its motion over the skin.
-    friction : (e,) float64
-        Friction coefficient at rest.
-    sliding : (e,) float64
-        Share of the taxels' contact area that slips.
-    has_fallen : (e,) bool
+    Scenes are of contact model lumped and of equal duration, with a held object without spring; the array has
+    side electrodes.
     """
 
     def __init__(self, scenes: Sequence[Scene], array: Array) -> None:
@@ -91,14 +73,14 @@ class HeldBatch:
         self._rngs = [np.random.default_rng([scene.seed, 3]) for scene in scenes]
         self._crept_n = np.zeros(e)
         self._e, self._t, self._k = e, t, 0
-        self.grip_n = np.zeros(e)
+        self.grip_n = np.zeros(e)  # present grip, and the one that the gripper follows
         self._goals = np.full((int(self._delay.max()) + 1, e), np.nan)  # by step, in a ring
         self.goal_n = np.full(e, np.nan)
         self._place, self._velocity = np.zeros(e, complex), np.zeros(e, complex)
         self._friction_n, self._held_share = np.zeros(e, complex), np.ones(e)
         self.has_fallen: NDArray[np.bool_] = np.zeros(e, dtype=np.bool_)
-        self.sliding = np.zeros(e)
-        self.friction = self._at_rest
+        self.sliding = np.zeros(e)  # share of the taxels' contact area that slips
+        self.friction = self._at_rest  # coefficient at rest
 
     @property
     def place_mm(self) -> FloatArray:

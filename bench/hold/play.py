@@ -55,14 +55,9 @@ class FixedGrip:
 
 
 class TightenOnSlip:
-    """Grip that is raised at each onset of slip, and eased between them if wanted.
+    """Grip that each onset of slip multiplies.
 
-    Parameters
-    ----------
-    times : float
-        By which each onset multiplies the grip.
-    eases : bool
-        Ease a twentieth of the grip in a second, from one second after the last onset on.
+    One that eases loses a twentieth of the grip in a second, from one second after the last onset on.
     """
 
     def __init__(self, times: float, *, eases: bool = False) -> None:

@@ -55,12 +55,7 @@ class Guest:
 
     Each boot writes into a new layer (qcow2) over what was there. qemu notes in the file which blocks a layer
     has when the guest flushes its disk: after a cut, blocks that were new and not flushed are lost, as in a
-    disk with a volatile cache.
-
-    Parameters
-    ----------
-    folder : Path
-        Place of layers and sockets. Its folder `share` can be mounted by the guest (`mount_share`).
+    disk with a volatile cache. The folder has layers, sockets, and `share`, which the guest can mount.
     """
 
     def __init__(self, image: Image, folder: Path) -> None:
@@ -77,13 +72,7 @@ class Guest:
         self.cut_power()
 
     def boot(self, *boards: Board, masked_unit: str = "") -> None:
-        """Switch the power on, with boards plugged in, and wait for the root shell.
-
-        Parameters
-        ----------
-        masked_unit : str, optional
-            Unit that systemd does not start at this boot.
-        """
+        """Switch the power on, with boards plugged in, and wait for the root shell; a masked unit is off."""
         self._layers += 1
         layer = self._folder / f"{self._layers}.qcow2"
         form = "raw" if self._layer == self._image.disk else "qcow2"

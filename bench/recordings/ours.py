@@ -91,11 +91,7 @@ class ForceErrors(NamedTuple):
 def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> ForceErrors | None:
     """Calibrate as `tactiled calibrate` does, and judge the folds; None where it refuses.
 
-    Parameters
-    ----------
-    ridge : callable, optional
-        Rms errors (axes,) of a rule, from the log, times, reference and its axes; without it, those of ridge
-        regression with squares.
+    A ridge returns the rms errors (axes,) of a rule; without it, those of ridge with squares stand.
     """
     assert log.forces is not None
     values = np.full((len(log.time_s), 6), np.nan)

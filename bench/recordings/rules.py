@@ -81,12 +81,7 @@ def by_threshold(logs: Sequence[Log], score: Callable[[Log], float]) -> list[boo
 
 
 def by_best_of_others(logs: Sequence[Log], said: NDArray[np.bool_]) -> list[bool]:
-    """Decide for each log by the choice that is best on the other groups.
-
-    Parameters
-    ----------
-    said : (choices, logs) bool
-    """
+    """Decide for each log by the choice, of those said (choices, logs), that is best on the other groups."""
     label = np.array([log.label for log in logs])
     groups = np.array([log.group for log in logs])
     decided = []
@@ -144,14 +139,7 @@ def by_trees(logs: Sequence[Log]) -> list[bool]:
 def ridge_of_resistance(log: Log, at_s: FloatArray, reference: FloatArray, used: Sequence[int]) -> FloatArray:
     """Return the rms errors of ridge regression on 1/v and log v, in folds that leave out whole contacts.
 
-    Parameters
-    ----------
-    at_s : (n,) float64
-        From the first scan.
-    reference : (n, 6) float64
-        At these times.
-    used : sequence of int
-        Forces that the reference has.
+    The reference (n, 6) has the forces `used`, at times (n,) from the first scan on.
     """
     readings = np.stack([np.interp(at_s, log.time_s - log.time_s[0], one) for one in log.readings.T], axis=1)
     start = _start(log)

@@ -55,13 +55,7 @@ class FirstSlip:
 
 
 def shear_begins_s(slip: TrueSlip, time_s: FloatArray, shear_n: FloatArray, normal_n: FloatArray) -> float:
-    """Instant at which the tangential load began to grow towards a slip.
-
-    Parameters
-    ----------
-    time_s, shear_n, normal_n : (n,) float64
-        Instants every `GRID_S`; tangential and normal load of all taxels.
-    """
+    """Instant at which the tangential load began to grow towards a slip; loads (n,) come every `GRID_S`."""
     back = round(_REST_S / GRID_S)
     change_n = np.ptp(sliding_window_view(shear_n, back + 1), axis=1)
     at_rest_s = time_s[back:][change_n <= _REST_CHANGE * normal_n[back:]]

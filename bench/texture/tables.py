@@ -21,13 +21,7 @@ _WITHIN = 1.96  # sigmas of a 95 % interval
 
 
 class TrialSet:
-    """Trials of one row of a table.
-
-    Attributes
-    ----------
-    all, ok, right : list of Trial
-        All of them, those that were answered, and those among these that are not wrong.
-    """
+    """Trials of one row of a table: all, those that were answered (`ok`), and the right ones of these."""
 
     def __init__(self, trials: Iterable[Trial]) -> None:
         self.all = list(trials)

@@ -86,18 +86,7 @@ def fit(
     Generators weigh the same, however many looks they have. The trees of the state must know how far to trust
     the odds of the first ones on physics that those have not seen. So they learn from odds of trees that were
     grown without the generator of the look.
-
-    Parameters
-    ----------
-    forests : mapping
-        First forests, by the generators that each is grown without: all of `left_out`.
-    without : frozenset of str
-        Generators that nothing is learnt from.
-
-    Returns
-    -------
-    dict
-        Arrays that `learnt_from` reads.
+    First forests are those of all `left_out`. The arrays are those that `learnt_from` reads.
     """
     some = [w for w in worlds if w.generator not in without]
     p = np.concatenate([forests[without | {w.generator}].predict_proba(w.signs)[:, 1] for w in some])

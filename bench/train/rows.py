@@ -55,13 +55,7 @@ def silent() -> Learnt:
 
 
 def looks_of(world: World, *, as_trained: bool = True) -> Looks:
-    """Run the front end over a world and keep each look.
-
-    Parameters
-    ----------
-    as_trained : bool
-        Announce and cut at random, from the seed; otherwise none of it.
-    """
+    """Run the front end over a world and keep each look; as trained, announce and cut at random."""
     rng = np.random.default_rng([25, world.seed])
     announces, cuts = rng.random(2) < (_ANNOUNCES, _CUT) if as_trained else (False,) * 2
     block, first = world.block, 0

@@ -21,15 +21,7 @@ class Link:
 
 @contextmanager
 def link(url: str, bytes_s: float = float("inf")) -> Iterator[Link]:
-    """Forward connections to the server of a page, with at most `bytes_s` to each browser.
-
-    Parameters
-    ----------
-    url : str
-        Address of the page.
-    bytes_s : float
-        What one connection carries towards its browser, bytes in a second.
-    """
+    """Forward connections to the server of a page, with at most `bytes_s` bytes a second to each browser."""
     loop = asyncio.new_event_loop()
     counted = Link("")
     target = urlsplit(url)

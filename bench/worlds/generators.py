@@ -22,15 +22,5 @@ GENERATORS: Mapping[str, Callable[[range, float, tuple[str, ...]], list[World]]]
 
 
 def draw(generator: str, seeds: range, minutes: float = 1.0, hands: tuple[str, ...] = ()) -> list[World]:
-    """Draw the worlds of some seeds.
-
-    Parameters
-    ----------
-    generator : str
-        Key of `GENERATORS`.
-    minutes : float
-        Length of each world.
-    hands : tuple of str, optional
-        Only these kinds of hands.
-    """
+    """Draw the worlds of some seeds; with `hands`, only these kinds."""
     return GENERATORS[generator](seeds, minutes, hands)

@@ -43,16 +43,9 @@ def centre(x: FloatArray, y: FloatArray) -> BoolArray:
 
 
 def read_out(mesh: TaxelMesh, parts: list[Part]) -> FloatArray:
-    """Weights that turn the forces on the bottom points into the force on each part of the chip.
+    """Weights (parts, m) that turn the forces on the bottom points into the force on each part of the chip.
 
-    Parameters
-    ----------
-    parts : list of callable
-        Whether points (x, y), mm, belong to the part; the chip's rim is added.
-
-    Returns
-    -------
-    (len(parts), m) float64
+    A part says whether points (x, y), mm, belong to it; the chip's rim is added.
     """
     points, faces = mesh.points_mm[mesh.bottom, :2], mesh.bottom_faces
     around, inside = np.zeros(len(points)), np.zeros((len(parts), len(points)))
