@@ -8,6 +8,7 @@ The object has mass and turns; the hand pulls it by a spring, or it hangs betwee
 one, a spring with a friction of its own. A hand that carries and feels the object slide grips harder.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -37,17 +38,46 @@ _LOST_MM = 40.0  # a carried object that has slid as far falls
 _SPEED_S = 0.008  # over which the speed of a tip is averaged: a few steps
 
 
-@dataclass(frozen=True)
-class _Scene:
+@dataclass(frozen=True, eq=False)
+class PressedScene:
+    """Drawn contact under an object with a table of pressures, and the plan of the hand that moves it."""
+
     drawn: Drawn
     plan: HandPlan
     table: PressureTable
-    x: FloatArray
-    y: FloatArray
-    mu: FloatArray
-    surface: FloatArray
-    arm_mm: tuple[float, float]
-    scalars: dict[str, float]
+    arrays: dict[str, FloatArray]  # of one shape in all scenes of a batch
+    scalars: dict[str, float]  # among these "usual", the usual load, and "bears", the shear that it bears
+
+    def forces(
+        self, load: FloatArray, shear: FloatArray, truth: FloatArray, pressed: FloatArray, creep: float = 0.0
+    ) -> Forces:
+        """Courses of what the log sees, at its kept steps; pressed is the load of all places.
+
+        Truth (3, steps) is utilisation, whether the contact slides, and the shear that it bears.
+        """
+        usual_n = self.scalars["usual"]
+        return Forces(
+            step_s=STEP_S * KEEP,
+            load=load,
+            shear=shear,
+            utilisation=truth[0],
+            slides=truth[1] > 0,
+            limit=truth[2],
+            touching=pressed > TOUCHING * usual_n,
+            acceleration_m_s2=self.plan.course.acceleration_m_s2[KEEP - 1 :: KEEP][self.plan.logged],
+            usual_n=usual_n,
+            static_friction=self.scalars["bears"] / usual_n,
+            creep=creep,
+        )
+
+
+def side_by_side_scenes(
+    scenes: Sequence[PressedScene],
+) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+    """Stack the scalars (scenes,) and the arrays (scenes, ...) of a batch, by name."""
+    first = scenes[0]
+    scalars = {name: np.array([s.scalars[name] for s in scenes]) for name in first.scalars}
+    return scalars, {name: np.stack([s.arrays[name] for s in scenes]) for name in first.arrays}
 
 
 def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) -> list[World]:
@@ -55,7 +85,7 @@ def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) ->
     return measure_together([_draw(seed, minutes, hands or HANDS) for seed in seeds], _simulate)
 
 
-def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
+def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
     rng = np.random.default_rng([41, seed])
     hand, shape = str(rng.choice(hands)), str(rng.choice(SHAPES))
     side, pitch = int(rng.choice([3, 3, 4])), rng.uniform(3.0, 4.5)
@@ -101,17 +131,12 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
         arm = np.zeros(2)
         scalars |= {"lever_mm": 0.0, "rough": 0.0, "ridges": 0.0}
     centre = (float((limit * x).sum()) / bears, float((limit * y).sum()) / bears)
-    return _Scene(
-        drawn=Drawn("bristles", shape, hand, seed, side, pitch, rng),
-        plan=held,
-        table=table,
-        x=x,
-        y=y,
-        mu=mu,
-        surface=rng.normal(size=(side**2, _SURFACE)),
-        arm_mm=(centre[0] + arm[0], centre[1] + arm[1]),
-        scalars=scalars,
-    )
+    arrays = {
+        "x": x, "y": y, "mu": mu, "surface": rng.normal(size=(side**2, _SURFACE)),
+        "arm_mm": np.array([centre[0] + arm[0], centre[1] + arm[1]]),
+    }  # fmt: skip
+    drawn = Drawn("bristles", shape, hand, seed, side, pitch, rng)
+    return PressedScene(drawn, held, table, arrays, scalars)
 
 
 def places(side: int, pitch: float) -> tuple[FloatArray, FloatArray]:
@@ -127,11 +152,11 @@ def _aged(ages: Any, rest_s: Any) -> Any:
     return 1 + ages / 1.5 * np.log10(1 + rest_s / 0.3)
 
 
-def _simulate(scenes: list[_Scene]) -> list[Forces]:
+def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     """Integrate a batch of worlds with arrays of one size."""
-    v = {name: np.array([s.scalars[name] for s in scenes]) for name in scenes[0].scalars}
-    x, y, mu = (np.stack([getattr(s, name) for s in scenes]) for name in ("x", "y", "mu"))
-    tables, surface = np.stack([s.table.node_n for s in scenes]), np.stack([s.surface for s in scenes])
+    v, arrays = side_by_side_scenes(scenes)
+    x, y, mu, surface = (arrays[name] for name in ("x", "y", "mu", "surface"))
+    tables = np.stack([s.table.node_n for s in scenes])
     longest = max(len(s.plan.course) for s in scenes)
     course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
@@ -141,7 +166,7 @@ def _simulate(scenes: list[_Scene]) -> list[Forces]:
     n, nodes = x.shape
     taxels, worlds = nodes // _EACH, np.arange(n)
     along = np.stack([np.cos(v["angle"]), np.sin(v["angle"])])
-    arm = np.array([s.arm_mm for s in scenes]).T
+    arm = arrays["arm_mm"].T
     lever = arm[0] * along[1] - arm[1] * along[0]
     k_node = v["bristle"][:, None]
     branch, relax = v["maxwell"][:, None], np.exp(-STEP_S / v["tau_s"])[:, None]
@@ -245,7 +270,12 @@ def _simulate(scenes: list[_Scene]) -> list[Forces]:
             out[0, j] = np.where(touches, np.sqrt((force**2).sum(axis=0)).sum(axis=1) / borne, 0.0)
             out[1, j] = touches & (sticks < 1 - MOST_OF) & (speed > MOVES_MM_S)
             out[2, j] = borne
-    return [_forces(scene, out_load[:, b], out_shear[:, b], out[:, :, b]) for b, scene in enumerate(scenes)]
+    found = []
+    for b, scene in enumerate(scenes):
+        logged = scene.plan.logged
+        felt = out_load[logged, b]
+        found.append(scene.forces(felt, out_shear[logged, b], out[:, logged, b], felt.sum(axis=1)))
+    return found
 
 
 def _second_finger(
@@ -258,20 +288,3 @@ def _second_finger(
     other[2] += k * step[2] * v["radius"]
     size = np.sqrt((other**2).sum(axis=0))
     other *= np.minimum(1.0, v["second"] * relative * friction / np.maximum(size, 1e-12))
-
-
-def _forces(scene: _Scene, load: FloatArray, shear: FloatArray, truth: FloatArray) -> Forces:
-    """Courses of a scene that the log sees."""
-    part, v = scene.plan.logged, scene.scalars
-    return Forces(
-        step_s=STEP_S * KEEP,
-        load=load[part],
-        shear=shear[part],
-        utilisation=truth[0][part],
-        slides=truth[1][part] > 0,
-        limit=truth[2][part],
-        touching=load[part].sum(axis=1) > TOUCHING * v["usual"],
-        acceleration_m_s2=scene.plan.course.acceleration_m_s2[KEEP - 1 :: KEEP][part],
-        usual_n=v["usual"],
-        static_friction=v["bears"] / v["usual"],
-    )

@@ -182,7 +182,7 @@ def _felt(
     return felt * rng.lognormal(0, spread, n), shear * rng.lognormal(0, spread, (2, n))
 
 
-def mixed(forces: FloatArray, mix: FloatArray) -> FloatArray:
+def mixed(forces: NDArray[np.floating[Any]], mix: FloatArray) -> FloatArray:
     """Share forces (..., places) among taxels by a matrix (taxels, places), summed in one order always."""
     return np.stack([(forces * row).sum(axis=-1) for row in mix], axis=-1)
 

@@ -7,16 +7,23 @@ load, and grows with the logarithm of the speed of slip, so that a slide begins 
 hand that holds its position relaxes, and the readings creep with a power of time.
 """
 
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from bench.worlds.arrays import places_mm
-from bench.worlds.bristles import ALMOST, AT_LIMIT, MOST_OF, MOVES_MM_S, TOUCHING
-from bench.worlds.hands import KEEP, STEP_S, HandPlan, log_uniform, plan, side_by_side
+from bench.worlds.bristles import (
+    ALMOST,
+    AT_LIMIT,
+    MOST_OF,
+    MOVES_MM_S,
+    TOUCHING,
+    PressedScene,
+    side_by_side_scenes,
+)
+from bench.worlds.hands import KEEP, STEP_S, log_uniform, plan, side_by_side
 from bench.worlds.sensors import Drawn, Forces, measure_together, mixed
-from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
+from bench.worlds.shapes import SHAPES, draw_table, rows
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 
@@ -41,24 +48,12 @@ _FOLLOWS_S = 0.006  # the object behind the hand
 _SPEED_MM_S = 0.1  # of slip, from which friction grows with its logarithm
 
 
-@dataclass(frozen=True)
-class _Scene:
-    drawn: Drawn
-    plan: HandPlan
-    table: PressureTable
-    x: FloatArray
-    y: FloatArray
-    adhesion: FloatArray
-    to_taxels: FloatArray
-    scalars: dict[str, float]
-
-
 def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = HANDS) -> list[World]:
     """Simulate worlds of so many minutes; all else is drawn from each seed."""
     return measure_together([_draw(seed, minutes, hands or HANDS) for seed in seeds], _simulate)
 
 
-def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
+def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
     rng = np.random.default_rng([43, seed])
     hand, shape = str(rng.choice(hands)), str(rng.choice(SHAPES))
     side, pitch = int(rng.choice([3, 3, 4])), rng.uniform(3.2, 4.5)
@@ -85,23 +80,18 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> _Scene:
     scalars["reach"] = _REACH.get(hand, 1.0)
     if hand == "near-limit":
         scalars["relaxes"] = 0.0  # a load that falls would take it beyond
-    return _Scene(
-        drawn=Drawn("sheet", shape, hand, seed, side, pitch, rng),
-        plan=held,
-        table=table,
-        x=x,
-        y=y,
-        adhesion=adhesion,
-        to_taxels=near / near.sum(axis=0),
-        scalars=scalars,
-    )
+    arrays = {"x": x, "y": y, "adhesion": adhesion, "to_taxels": near / near.sum(axis=0)}
+    return PressedScene(Drawn("sheet", shape, hand, seed, side, pitch, rng), held, table, arrays, scalars)
 
 
-def _simulate(scenes: list[_Scene]) -> list[Forces]:
+def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     """Relax a batch of lattices of one size, step by step."""
-    v = {name: np.array([s.scalars[name] for s in scenes]) for name in scenes[0].scalars}
-    x, y, adhesion = (np.stack([getattr(s, name) for s in scenes]) for name in ("x", "y", "adhesion"))
-    x, y = x - v["x"][:, None], y - v["y"][:, None]  # the object turns about the middle of the contact
+    v, arrays = side_by_side_scenes(scenes)
+    adhesion = arrays["adhesion"]
+    x, y = (
+        arrays["x"] - v["x"][:, None],
+        arrays["y"] - v["y"][:, None],
+    )  # the object turns about the middle of the contact
     longest = max(len(s.plan.course) for s in scenes)
     course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
@@ -161,7 +151,14 @@ def _simulate(scenes: list[_Scene]) -> list[Forces]:
             sticks = 1 - (limit * slips).sum(axis=1) / borne
             out[1, j] = in_touch & (sticks < 1 - MOST_OF) & ((limit * slip).sum(axis=1) / borne > MOVES_MM_S)
             out[2, j] = borne
-    return [_forces(scene, out_load[:, b], out_u[:, :, b], out[:, :, b]) for b, scene in enumerate(scenes)]
+    found = []
+    for b, scene in enumerate(scenes):
+        logged, to_taxels = scene.plan.logged, scene.arrays["to_taxels"]
+        # What springs bring to the ground is shared among the taxels.
+        pressed, sheared = out_load[logged, b], scene.scalars["ground"] * out_u[logged, :, b]
+        felt = mixed(pressed, to_taxels), mixed(sheared, to_taxels)
+        found.append(scene.forces(*felt, out[:, logged, b], pressed.sum(axis=1), scene.scalars["creep"]))
+    return found
 
 
 def _sums(u: FloatArray, side: int) -> FloatArray:
@@ -178,21 +175,3 @@ def _sums(u: FloatArray, side: int) -> FloatArray:
 def _neighbours(side: int) -> FloatArray:
     """Number of neighbours (nodes,)."""
     return np.asarray(_sums(np.ones((1, 1, side**2)), side)[0, 0])
-
-
-def _forces(scene: _Scene, load: FloatArray, u: FloatArray, truth: FloatArray) -> Forces:
-    """Courses of a scene that the log sees: what springs bring to the ground, shared among the taxels."""
-    part, v = scene.plan.logged, scene.scalars
-    return Forces(
-        step_s=STEP_S * KEEP,
-        load=mixed(load[part], scene.to_taxels),
-        shear=mixed(v["ground"] * u[part], scene.to_taxels),
-        utilisation=truth[0][part],
-        slides=truth[1][part] > 0,
-        limit=truth[2][part],
-        touching=load[part].sum(axis=1) > TOUCHING * v["usual"],
-        acceleration_m_s2=scene.plan.course.acceleration_m_s2[KEEP - 1 :: KEEP][part],
-        usual_n=v["usual"],
-        static_friction=v["bears"] / v["usual"],
-        creep=v["creep"],
-    )
