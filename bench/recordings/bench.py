@@ -96,8 +96,8 @@ class Contacts:
 class Errors:
     """Errors of forces over their ranges, by axis, of each log."""
 
-    of_logs: Sequence[FloatArray]  # sequence of (axes,)
-    # sequence of (axes,): parts of the 90 % intervals that hold the force; empty where there are no intervals
+    of_logs: Sequence[FloatArray]  # each (axes,)
+    # each (axes,): parts of the 90 % intervals that hold the force; empty where there are no intervals
     inside: Sequence[FloatArray] = ()
     n_refused: int = 0
 

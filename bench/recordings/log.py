@@ -31,7 +31,7 @@ class Log:
     speed_mm_s: float = 0.0
     # (n, 3): fx, fy, fz of the force sensor, newtons, at the scans; NaN for axes that it does not have
     forces: FloatArray | None = None
-    # sequence of (rows, columns, first): size of each pad of taxels, and the channel of its first one
+    # (rows, columns, first): size of each pad of taxels, and the channel of its first one
     pads: tuple[tuple[int, int, int], ...] = ()
 
     @property

@@ -38,7 +38,7 @@ class SpoiledWindow:
     # (n, channels): way of the skin along the motion when each reading is taken; the window's middle at 0
     travel_mm: FloatArray
     added_volts: FloatArray  # (n, channels): on top of level, ripple and noise
-    # list of (scan, mm/s): speeds that the estimator is given, from which scan on
+    # (scan, mm/s): speeds that the estimator is given, from which scan on
     given_mm_s: list[tuple[int, float]]
     phase_off_rad: FloatArray
     level_volts: FloatArray

@@ -6,9 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.slip.scenes import GRID_S, PlayedScene, at_speed, play, shear_begins_s
-from tactiled.emulator.scene.families import QUIET
 from tactiled.emulator.scene.phases import FlatPlate
-from tactiled.emulator.scene.physical import ContactStepper
 from tactiled.emulator.scene.truth import TrueSlip
 
 
@@ -23,20 +21,6 @@ def test_instants_of_a_slip_are_in_order(slide: PlayedScene) -> None:
     assert 0.0 < slip.shear_s < slip.incipient_s < slip.gross_s < slip.end_s
     still = slide.volts[int(slip.shear_s * 100) - 20 : int(slip.shear_s * 100) - 1]
     assert np.ptp(still, axis=0).max() < 1e-3  # nothing moves before the shear but creep
-
-
-def test_a_scene_is_played_from_its_start_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun: list[ContactStepper] = []
-    reset = ContactStepper.reset
-
-    def counted(source: ContactStepper) -> None:
-        begun.append(source)
-        reset(source)
-
-    monkeypatch.setattr(ContactStepper, "reset", counted)
-    held = play(QUIET["inclined-load"], 1)
-    assert held.duration_s > 4.0  # longer than a contact model keeps
-    assert len(begun) <= 2  # where it is made
 
 
 @given(st.floats(0.5, 3.0), st.sampled_from([1, 2, 3]))

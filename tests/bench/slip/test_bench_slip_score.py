@@ -1,11 +1,11 @@
-"""Answers of the slip bench: from events made by hand, and from detectors on a world."""
+"""Answers of the slip bench, from events made by hand."""
 
 from typing import Literal
 
 import numpy as np
 import pytest
 
-from bench.slip.cases import Case, from_world, run_case
+from bench.slip.cases import Case
 from bench.slip.score import (
     Reported,
     directions,
@@ -17,20 +17,11 @@ from bench.slip.score import (
     rests_called_gross,
     slow_reported_ahead,
 )
-from bench.worlds.laws import draw_worlds
-from bench.worlds.world import World
 from tactiled.array import load_array
-from tactiled.detect.contact.gate import SETTINGS
-from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
 
 RATE_HZ = 100.0
-
-
-@pytest.fixture(scope="module")
-def world() -> World:
-    return next(one for one in draw_worlds(range(20_000, 20_012)) if one.slips)
 
 
 def case(*, slips: bool = True) -> Case:
@@ -103,12 +94,3 @@ def test_events_at_the_wrong_time_count_against_the_detector() -> None:
     assert ended_while_it_slides([turned]) == [False]
     assert rests_called_gross([Reported(case(slips=False), TRUE)]) == [True]
     assert rests_called_gross([Reported(case(slips=False), TRUE)], 0.6) == []
-
-
-def test_settings_on_one_posterior_are_the_detectors_of_these_settings(world: World) -> None:
-    found = run_case(from_world(world)).by_name
-    assert found["balanced"]
-    for name, at in SETTINGS.items():
-        params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
-        events = GripDetector(world.array, params).process(world.block)
-        assert found[name] == [one for one in events if isinstance(one, SlipEvent)]
