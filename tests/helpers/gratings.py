@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.grooves.equations import DetrendedWindow, detrended
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, Refusal
 from tactiled.detect.grooves.params import WaveParams
-from tactiled.detect.grooves.window import FitWindow
+from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 
 ARRAY = load_array("wang2019-3x3")
 SIDES = [TaxelChannel(name=f"R{k + 1}", kind="side", azimuth_deg=180.0 + 90 * k) for k in range(4)]

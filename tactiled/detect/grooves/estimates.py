@@ -14,11 +14,11 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import CLEAR_CYCLES
 from tactiled.detect.grooves.model import TINY, ChannelLayout, period_and_angle
 from tactiled.detect.grooves.outcome import GrooveAnswer, TrackedWave
 from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.window import CLEAR_CYCLES
 
 # choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8

@@ -16,16 +16,18 @@
   a varying speed does not smear the line. Without one (0) the speed is estimated. A new window begins where
   the speed changes sign, becomes known or becomes unknown.
 * The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
-* Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported at
-  every hop. No answer is "ok" while its standard deviation is a quarter of the period or more.
-* With two gratings in view there is no answer but "several-gratings".
+* Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported once a
+  second window has the same line. No answer is "ok" while its standard deviation is a quarter of the period
+  or more.
 """
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.fit import fit_wave
@@ -39,21 +41,108 @@ from tactiled.detect.grooves.outcome import (
     Refusal,
     texture_event,
 )
-from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.grooves.params import AnswerCriteria, JointParams
 from tactiled.detect.grooves.track import track_wave
-from tactiled.detect.grooves.window import FitWindow, PendingFit, ScanWindow, SlideWindow
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
-from tactiled.detect.worker import InPlace, Worker
+from tactiled.detect.worker import InPlace, Job, Worker
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
 
 # derived: of the period. Two gratings that differ by less could not be told apart at two standard deviations.
 _LARGEST_SD_PART = 0.25
-WindowFit = Callable[[FitWindow], Outcome]
 # physical: grooves deflect friction, and with it the direction of the slip event: by up to 5 degrees on
 # physical scenes.
 _GROOVES_TURN_DEG = 3.0
+# derived: in the window: a line at the place of the newest one before it. Chance lines come at any place.
+_SAME_LINE_PERIODS = 0.5
+
+WindowFit = Callable[[FitWindow], Outcome]
+_Scans = tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]
+
+
+class SlideWindow:
+    """The newest scans of one slip in one direction, and what was answered of them.
+
+    Parameters
+    ----------
+    size : int
+        Scans of a full window.
+    most : int
+        Scans that a widened window may have.
+    """
+
+    def __init__(self, size: int, most: int) -> None:
+        self.size = size
+        self._most = max(size, most)
+        self._pieces: list[_Scans] = []  # readings, which are usable, instants, speeds
+        self.n_scans = 0  # since the window began
+        self.n_next_fit = 0
+        self.n_pending = 0  # fits that were handed over and not reported
+        self.has_answer = False
+        self.is_over = False
+        self.last: Outcome = Refusal("no-slip")
+        self.line_hz = 0.0
+        self.end: SlipEnd | None = None
+
+    def append(self, block: ScanBlock, speeds_mm_s: FloatArray, full_scale_volts: float) -> None:
+        """Append scans and the speed at each; readings beyond the converter's range are not used."""
+        good = block.valid & (np.abs(block.volts) <= full_scale_volts)
+        self._pieces.append((block.volts, good, block.time_s, speeds_mm_s))
+        self.n_scans += len(block)
+
+    def widen(self) -> None:
+        """Double the number of scans, up to the most."""
+        self.size = min(2 * self.size, self._most)
+
+    def scans(self) -> _Scans:
+        """Return the scans in the window: arrays that nothing changes, so a fit may run beside the loop."""
+        volts, good, time_s, speeds_mm_s = (
+            np.concatenate(parts)[-self._most :] for parts in zip(*self._pieces, strict=True)
+        )
+        self._pieces = [(volts, good, time_s, speeds_mm_s)]
+        newest = slice(-self.size, None)
+        return volts[newest], good[newest], time_s[newest], speeds_mm_s[newest]
+
+    def __len__(self) -> int:
+        return min(self.n_scans, self.size)
+
+    @property
+    def sign(self) -> float:
+        """Sign of the newest speed: 1 forward, -1 backward, 0 unknown."""
+        return float(np.sign(self._pieces[-1][-1][-1]))
+
+    def span(self, end_s: float, rate_hz: float) -> FitSpan:
+        """Describe the scans in the window, with the mean of the speeds that were set, without a sign."""
+        speed_mm_s = float(np.abs(self.scans()[-1]).mean()) if self._pieces else 0.0
+        return FitSpan(end_s, len(self) / rate_hz, speed_mm_s)
+
+
+@dataclass(frozen=True, eq=False)
+class PendingFit:
+    """A fit that was handed over."""
+
+    job: Job[Outcome]
+    due_index: int  # scan at which the answer is reported
+    window: SlideWindow
+    span: FitSpan
+    is_full: bool  # True where the window had its full length
+    is_refusal_due: bool  # True where a refusal is reported also without an answer before it
+
+    def is_reported(self, fit: Outcome, criteria: AnswerCriteria) -> bool:
+        """Return True for an answer that is good enough, and for a refusal that is due."""
+        if isinstance(fit, PeriodOnly):
+            before_hz, self.window.line_hz = self.window.line_hz, fit.frequency_hz
+            return abs(fit.frequency_hz - before_hz) * self.span.window_s < _SAME_LINE_PERIODS
+        if isinstance(fit, Refusal):
+            return self.window.has_answer or self.is_refusal_due
+        is_good = (
+            fit.period_sd_mm <= criteria.period_sd_mm
+            and fit.angle_sd_deg <= criteria.angle_sd_deg
+            and fit.frequency_hz * self.span.window_s >= criteria.answer_periods
+        )
+        return is_good or self.is_full or self.window.has_answer
 
 
 class JointTexture:
@@ -63,37 +152,10 @@ class JointTexture:
     ----------
     worker : Worker, optional
         Computes the fits; by default they are computed in place.
-    fit : callable
-        Fits one window: `fit_wave`, or another with its parameters and result.
     looks_back_s : float
         See `SlipGate`.
     widest : int
         How many times its full length a window may have, while it holds too few periods.
-
-    Examples
-    --------
-    Grooves of 1.2 mm at 20 degrees under a slip along +x that is detected at the first scan:
-
-    >>> import numpy as np
-    >>> from tactiled.array import load_array
-    >>> from tactiled.events.types import SlipEvent
-    >>> from tactiled.samples.block import regular_block
-    >>> array, rng, angle = load_array("wang2019-3x3"), np.random.default_rng(0), np.radians(20)
-    >>> x_mm = array.x_mm[array.channel_taxel] + 2 * np.arange(200)[:, np.newaxis] / 100
-    >>> y_mm = array.y_mm[array.channel_taxel]
-    >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + y_mm * np.sin(angle)) + np.arange(36) % 4
-    >>> volts = 1 + 0.05 * np.cos(phase) + 0.005 * rng.standard_normal(phase.shape)
-    >>> block = regular_block(volts, 100.0)
-    >>> slip = SlipEvent(
-    ...     time_s=0.0, state="onset", kind="gross", onset_s=0.0, onset_sd_s=0.01,
-    ...     direction_deg=0.0, direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="grip",
-    ...     statistic=1.0, threshold=0.0, valid=True, detected_s=0.0,
-    ... )
-    >>> events = JointTexture(array, JointParams(speed_mm_s=2.0)).process(block, [slip])
-    >>> for event in (events[0], events[-1]):
-    ...     print(f"{event.answered_s:.2f} s: {event.period_mm:.3f} mm, {event.angle_deg:.1f} degrees")
-    1.49 s: 1.200 mm, 20.0 degrees
-    1.89 s: 1.200 mm, 20.0 degrees
     """
 
     def __init__(
@@ -127,10 +189,7 @@ class JointTexture:
         self._window: SlideWindow | None = None
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
-        """Set the speed from a scan on, or from the next scan if that one is past.
-
-        A change of sign means that the skin has reversed; 0 means unknown.
-        """
+        """Set the speed from a scan on, or from the next one: negative backwards, 0 unknown."""
         self._gate.set_speed(speed_mm_s, from_index)
 
     def expect_late_fit(self, due_index: int) -> None:
@@ -143,14 +202,9 @@ class JointTexture:
         return late
 
     def process(self, item: ScanBlock | Gap, slip: Sequence[Event] = ()) -> list[Event]:
-        """Return the events that an item completes.
+        """Return the events that an item completes, given the events of the slip detector for it.
 
-        Parameters
-        ----------
-        item : ScanBlock or Gap
-            A gap discards the window and its fits; the estimator then waits for the next slip.
-        slip : sequence of Event
-            Events of the slip detector for the same item; other topics are ignored.
+        A gap discards the window and its fits; the estimator then waits for the next slip.
         """
         if isinstance(item, Gap):
             self._gate.close()
@@ -170,7 +224,7 @@ class JointTexture:
                 events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or SlideWindow(0, 0, 0)
+                window = self._window or SlideWindow(0, 0)
                 window.end = piece
                 events += self._refusal(window, piece.time_s)
             self._end_slip()
@@ -185,7 +239,7 @@ class JointTexture:
         while done < len(block):
             sign = np.sign(speeds[done])
             window = self._window
-            if window is None or sign != window.scans.sign:
+            if window is None or sign != window.sign:
                 events += self._answer_before(int(block.index[done]), block)
                 window = self._begin_window(n_window, float(sign))
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
@@ -203,7 +257,7 @@ class JointTexture:
         return events
 
     def _begin_window(self, n_scans: int, sign: float) -> SlideWindow:
-        self._window = SlideWindow(n_scans, len(self._layout.kind), self._widest * n_scans)
+        self._window = SlideWindow(n_scans, self._widest * n_scans)
         self._slip_speed_sign = self._slip_speed_sign or sign
         return self._window
 
@@ -218,21 +272,32 @@ class JointTexture:
 
     def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
         """Hand a copy of the window to the worker, to track the wave of the last answer or to fit anew."""
-        scans, time_s = window.scans, float(newest.time_s[-1])
+        volts, good, time_s, speeds_mm_s = window.scans()
+        span = window.span(float(newest.time_s[-1]), newest.rate_hz)
         last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None
         if not isinstance(last, GrooveAnswer) or last.wave is None:
-            last, window.n_next_fit = None, window.n_scans + len(scans)
-        given = scans.for_fit(newest.channel_offset_s, self._layout, self._motion(scans), self._params)
+            last, window.n_next_fit = None, window.n_scans + len(window)
+        motion = self._motion(window.sign, span.given_speed_mm_s)
+        given = FitWindow(
+            volts,
+            time_s,
+            newest.channel_offset_s,
+            self._layout,
+            motion,
+            self._params,
+            good,
+            np.abs(speeds_mm_s),
+        )
         work = partial(_track_or_fit, self._fit, last, given)
-        is_full = window.n_scans >= scans.size
-        n_hops_full = -(-scans.size // n_hop)
+        is_full = window.n_scans >= window.size
+        n_hops_full = -(-window.size // n_hop)
         window.n_pending += 1
         self._pending.append(
             PendingFit(
                 job=InPlace().submit(_stale) if newest.late[-1] else self._worker.submit(work),
                 due_index=int(newest.index[-1]) + round(self._params.answer_after_s * newest.rate_hz),
                 window=window,
-                span=window.span(time_s, newest.rate_hz),
+                span=span,
                 is_full=is_full,
                 is_refusal_due=is_full and window.n_scans // n_hop % n_hops_full == 0,
             )
@@ -241,7 +306,7 @@ class JointTexture:
     def _answer_before(self, index: int, block: ScanBlock) -> list[Event]:
         """Report the fits that are due at the scans of a block before one of them, at which a window begins.
 
-        Otherwise they would be reported at the first scans of that window, but not where scans come singly.
+        Otherwise they would be reported of that window, but not where scans come singly.
         """
         n_before = index - int(block.index[0])
         return self._answer(block[:n_before]) if n_before else []
@@ -266,7 +331,7 @@ class JointTexture:
                 events.append(self._event(pending.span, fit, answered_s))
             window.last = fit
             if fit.status == "too-few-periods" and pending.is_full:
-                window.scans.widen()
+                window.widen()
             if isinstance(fit, NewPattern):
                 window.is_over, window.n_pending = True, 0
                 self._pending = deque(other for other in self._pending if other.window is not window)
@@ -286,7 +351,7 @@ class JointTexture:
     def _event(self, span: FitSpan, fit: Outcome, answered_s: float) -> TextureEvent:
         return texture_event(span, fit, answered_s, self._params.speed_sd_mm_s)
 
-    def _motion(self, scans: ScanWindow) -> WaveMotion:
+    def _motion(self, sign: float, speed_mm_s: float) -> WaveMotion:
         slip = self._gate.slip
         assert slip is not None
         direction_deg = slip.direction_deg
@@ -295,9 +360,9 @@ class JointTexture:
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
             forward = 1.0
-        if scans.sign * forward < 0:
+        if sign * forward < 0:
             direction_deg += 180.0
-        return WaveMotion(scans.speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
+        return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
 
 def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow) -> Outcome:

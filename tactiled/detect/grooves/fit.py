@@ -21,7 +21,6 @@ from tactiled.detect.grooves.ambiguity import (
     likely_gratings,
     weigh_readings,
 )
-from tactiled.detect.grooves.equations import DetrendedWindow, detrended
 from tactiled.detect.grooves.estimates import disagreement, groove_answer, inflation
 from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, ChannelLayout, wave_vector
@@ -30,7 +29,7 @@ from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
 from tactiled.detect.grooves.ripple import Ripple, strongest_line
 from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
 from tactiled.detect.grooves.second_wave import has_second_wave
-from tactiled.detect.grooves.window import FitWindow
+from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 from tactiled.events.types import TextureStatus
 
 # prior: variance, radians^2. With more, what suits no wave suits its mirror image no better.

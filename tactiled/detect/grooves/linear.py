@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
+from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
 

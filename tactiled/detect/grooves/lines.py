@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import trend_basis
 from tactiled.detect.grooves.model import TINY
+from tactiled.detect.grooves.window import trend_basis
 
 _TREND_ORDER = 3  # choice
 # derived: periods in the window. A cubic trend leaves humps of fewer.

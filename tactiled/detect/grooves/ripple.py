@@ -13,9 +13,9 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.model import FALSE_ALARM
 from tactiled.detect.grooves.spectrum import LEAST_CYCLES, LineSpectrum, floor_beside, line_spectra
+from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # derived: periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound
 # of a straight trend.

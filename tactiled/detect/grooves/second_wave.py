@@ -16,11 +16,11 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import DetrendedWindow
 from tactiled.detect.grooves.model import SAME_WAVE_RAD, WaveMotion
 from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.phasors import NEIGHBOURS, Phasors
 from tactiled.detect.grooves.search import GRID_STEP_RAD
+from tactiled.detect.grooves.window import DetrendedWindow
 from tactiled.detect.worker import pause
 
 _BLOCK = 64  # choice: waves whose overlaps with all later ones fit into the cache

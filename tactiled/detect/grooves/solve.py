@@ -14,7 +14,6 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import DetrendedWindow, NormalEquations
 from tactiled.detect.grooves.linear import (
     Linearisation,
     PlaneWaves,
@@ -22,6 +21,7 @@ from tactiled.detect.grooves.linear import (
     linearise,
     total_information,
 )
+from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # derived: convergence is quadratic from a start within a quarter of a radian.
 _NEWTON_STEPS = 3

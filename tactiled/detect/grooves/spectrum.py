@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import (
+from tactiled.detect.grooves.model import FALSE_ALARM
+from tactiled.detect.grooves.window import (
     CLEAR_CYCLES,
     LEAST_VARIANCE,
     DetrendedWindow,
 )
-from tactiled.detect.grooves.model import FALSE_ALARM
 from tactiled.detect.signal.median import median
 
 # derived: bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.

@@ -1,95 +1,42 @@
-"""Scans of a sliding window, kept while they come and handed to a fit; and the fits of one slide."""
+"""The scans of one fit, the same without their slow part, and the sums over them that a likelihood needs.
 
-from dataclasses import dataclass
+Near one frequency, readings enter the likelihood of a plane wave only through their products with a few
+functions of time: cosine and sine of each harmonic, and the same times the distance travelled, which describe
+the response to a small change of frequency. Slow polynomials are projected out of readings and functions
+alike, which equals fitting them (Frisch, Waugh, Lovell). One pass over the window therefore yields small
+normal equations for each channel, and every question about wave vectors, phases and amplitudes is answered
+from those.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion
-from tactiled.detect.grooves.outcome import FitSpan, Outcome, PeriodOnly, Refusal
-from tactiled.detect.grooves.params import AnswerCriteria, WaveParams
-from tactiled.detect.signal.slip_gate import SlipEnd
-from tactiled.detect.worker import Job
-from tactiled.samples.block import ScanBlock
+from tactiled.detect.grooves.outcome import Refusal
+from tactiled.detect.grooves.params import WaveParams
+from tactiled.detect.worker import pause
 
 # prior: part of a channel's readings. A channel with more bad ones is left out of a fit.
 _MOST_BAD_PART = 0.05
 # derived: no converter reads more. Fourth powers of it, and of its noise, are finite numbers.
 _MOST_VOLTS = 1e9
-
-
-class ScanWindow:
-    """The newest scans, up to a number that can grow, contiguous in memory so that fits take views.
-
-    Parameters
-    ----------
-    most : int, optional
-        Scans that are kept for `widen`; `size` if not given.
-    """
-
-    def __init__(self, size: int, n_channels: int, most: int | None = None) -> None:
-        self.size = size
-        self._most = most = max(size, most or 0)
-        self._end = 0
-        self._volts = np.empty((2 * most, n_channels))
-        self._good = np.empty((2 * most, n_channels), dtype=np.bool_)
-        self._time_s = np.empty(2 * most)
-        self._speeds_mm_s = np.empty(2 * most)
-
-    def widen(self) -> None:
-        """Double the number of scans, up to the most."""
-        self.size = min(2 * self.size, self._most)
-
-    def append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
-        """Append scans, with the usable readings (n, channels) and the speed at each scan (n,)."""
-        for first in range(0, len(block), self._most):
-            self._append(block[first : first + self._most], good[first:], speeds_mm_s[first:])
-
-    def _append(self, block: ScanBlock, good: NDArray[np.bool_], speeds_mm_s: FloatArray) -> None:
-        n = len(block)
-        if self._end + n > 2 * self._most:
-            kept = slice(max(0, self._end - self._most), self._end)
-            self._end = kept.stop - kept.start
-            for store in (self._volts, self._good, self._time_s, self._speeds_mm_s):
-                store[: self._end] = store[kept].copy()
-        rows = slice(self._end, self._end + n)
-        self._volts[rows], self._good[rows] = block.volts, good[:n]
-        self._time_s[rows], self._speeds_mm_s[rows] = block.time_s, speeds_mm_s[:n]
-        self._end += n
-
-    def __len__(self) -> int:
-        return min(self._end, self.size)
-
-    @property
-    def _rows(self) -> slice:
-        return slice(max(0, self._end - self.size), self._end)
-
-    @property
-    def sign(self) -> float:
-        """Sign of the newest speed: 1 forward, -1 backward, 0 unknown."""
-        return float(np.sign(self._speeds_mm_s[self._end - 1])) if self._end else 0.0
-
-    @property
-    def speed_mm_s(self) -> float:
-        """Mean of the speeds that were set, without a sign; 0 where there are no scans."""
-        return float(np.abs(self._speeds_mm_s[self._rows]).mean()) if self._end else 0.0
-
-    def for_fit(
-        self, channel_offset_s: FloatArray, layout: ChannelLayout, motion: WaveMotion, params: WaveParams
-    ) -> "FitWindow":
-        """Copy the scans for a fit, which may run while others come."""
-        rows = self._rows
-        return FitWindow(
-            self._volts[rows].copy(),
-            self._time_s[rows].copy(),
-            channel_offset_s,
-            layout,
-            motion,
-            params,
-            self._good[rows].copy(),
-            np.abs(self._speeds_mm_s[rows]),
-        )
+# derived: periods in the window. Lines that are less than this apart cannot be resolved, and removing a line
+# or a trend has removed the noise that is nearer, too.
+CLEAR_CYCLES = 0.75
+# derived: order of the trend that is always removed: level and slope.
+STRAIGHT = 1
+# derived: ridge as a fraction of a function's sum of squares. Rounding leaves nothing of a line that the
+# trend absorbs whole. The ridge changes amplitudes by less than a 30-bit converter can resolve.
+_RIDGE = 1e-9
+# derived: noise of a 22-bit converter on 3 V, volts^2: a lower bound that keeps the weights of a noiseless
+# signal finite.
+LEAST_VARIANCE = (1e-6) ** 2 / 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,56 +74,191 @@ class FitWindow:
         return volts, chosen
 
 
-# derived: in the window: a line at the place of the newest one before it. Chance lines come at any place.
-_SAME_LINE_PERIODS = 0.5
+@dataclass(frozen=True, eq=False)
+class DetrendedWindow:
+    """The good channels of a window with the slow part removed.
+
+    The distance travelled is scaled to run from about -1 to 1 over the window. `half_travel` is the distance
+    that 1 stands for, in millimetres (or seconds, where the speed is unknown). A phase rate is in radians per
+    unit of this scaled distance: a line of c periods in the window has the phase rate ``pi c``.
+    """
+
+    volts: FloatArray  # (channels, n): orthogonal to `trend`
+    travel: FloatArray  # (1 or channels, n): one row where the speed is constant, else a row for each channel
+    # (channels,): distance travelled between the instant that `travel` states and the sampling of each
+    # channel
+    skew: FloatArray
+    half_travel: float
+    duration_s: float
+    trend: FloatArray  # (n, terms): orthonormal columns: polynomials, and lines that were removed
+    layout: ChannelLayout  # of these channels, about their centre
+    motion: WaveMotion
+    params: WaveParams
+    removed: tuple[float, ...] = ()  # phase rates of lines that were removed
+
+    @property
+    def n(self) -> int:
+        """Number of scans."""
+        return len(self.trend)
+
+    @cached_property
+    def power(self) -> FloatArray:
+        """Sum of squares of each channel, volts^2: (channels,)."""
+        return np.asarray(np.einsum("cn,cn->c", self.volts, self.volts))
+
+    @cached_property
+    def without_speed(self) -> "DetrendedWindow":
+        """A copy in which the speed is unknown."""
+        return replace(self, motion=self.motion.without_speed)
+
+    def without_lines(self, phase_rate: float, multiples: Iterable[float]) -> "DetrendedWindow":
+        """A copy in which the lines at multiples of a phase rate are part of the trend."""
+        phase_rates = [phase_rate * multiple for multiple in multiples]
+        angle = np.outer(self.travel.mean(axis=0), phase_rates)
+        left = self._without(np.concatenate([np.cos(angle), np.sin(angle)], axis=1))
+        return replace(left, removed=(*self.removed, *phase_rates))
+
+    def is_removed(self, phase_rate: float) -> bool:
+        """Return True next to a removed line, where the window holds no information."""
+        return any(abs(phase_rate - other) < np.pi * CLEAR_CYCLES for other in self.removed)
+
+    def clear_harmonics(self, phase_rate: float, most: int) -> int:
+        """Number of harmonics, `most` at most, below the first that is next to a removed line."""
+        return next((h - 1 for h in range(2, most + 1) if self.is_removed(h * phase_rate)), most)
+
+    @cached_property
+    def curved(self) -> "DetrendedWindow":
+        """A copy in which polynomials of up to the permitted order are part of the trend."""
+        return self._without(trend_basis(self.n, self.params.trend_order)[:, STRAIGHT + 1 :])
+
+    def _without(self, functions: FloatArray) -> "DetrendedWindow":
+        trend = np.linalg.qr(np.concatenate([self.trend, functions], axis=1))[0]
+        volts = self.volts - (self.volts @ trend) @ trend.T
+        return replace(self, volts=volts, trend=np.asarray(trend))
+
+    @cached_property
+    def tie(self) -> FloatArray:
+        """Phase rate per unit of the wave vector, where the motion is known; else zeros: (2,)."""
+        return self.half_travel * self.motion.heading * float(self.motion.has_speed)
+
+    def psi(self, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
+        """Phase of waves (waves, 2) of some phase rates (waves,) at each channel: (waves, channels)."""
+        return np.asarray(k @ self.layout.xy_mm.T + phase_rate[:, np.newaxis] * self.skew)
+
+    def frequency_hz(self, phase_rate: float) -> float:
+        """Mean frequency of a phase rate."""
+        return phase_rate / np.pi / self.duration_s
+
+    @cached_property
+    def largest_step(self) -> float:
+        """Largest scaled distance between two scans."""
+        return float(np.diff(self.travel[0]).max())
+
+    def equations(self, phase_rate: float, n_harmonics: int = 1) -> "NormalEquations":
+        """Normal equations of the harmonics of one phase rate."""
+        pause()
+        wave = np.exp(1j * phase_rate * self.travel)
+        rows = []
+        power = np.ones_like(wave)
+        for _ in range(n_harmonics):
+            power = power * wave
+            rows += [power.real, power.imag]
+        basis = np.stack(rows, axis=1)  # (groups, 2 harmonics, n)
+        basis = np.concatenate([basis, basis * self.travel[:, np.newaxis]], axis=1)
+        # The readings are orthogonal to the trend, so removing the trend from the Gram matrix is enough.
+        slow = basis @ self.trend
+        gram = basis @ basis.swapaxes(1, 2) - slow @ slow.swapaxes(1, 2)
+        gram += _RIDGE * self.n / 2 * np.eye(basis.shape[1])
+        if len(basis) == 1:
+            product = self.volts @ basis[0].T
+        else:
+            product = (basis @ self.volts[:, :, np.newaxis])[..., 0]
+        return NormalEquations(phase_rate, n_harmonics, gram, product, self)
 
 
-class SlideWindow:
-    """Scans of one slip in one direction, and what was answered of them."""
+@lru_cache(maxsize=16)  # windows that have their full length ask for the same few
+def trend_basis(n: int, order: int) -> FloatArray:
+    """Orthonormal polynomials of up to `order` on n even steps: (n, order + 1), read-only."""
+    steps = np.linspace(-1.0, 1.0, n)
+    basis = np.asarray(np.linalg.qr(np.polynomial.legendre.legvander(steps, order))[0])
+    basis.flags.writeable = False
+    return basis
 
-    def __init__(self, n_scans: int, n_channels: int, most: int) -> None:
-        self.scans = ScanWindow(n_scans, n_channels, most)
-        self.n_scans = 0
-        self.n_next_fit = 0
-        self.n_pending = 0
-        self.has_answer = False
-        self.is_over = False
-        self.last: Outcome = Refusal("no-slip")
-        self.line_hz = 0.0
-        self.end: SlipEnd | None = None
 
-    def append(self, block: ScanBlock, speeds_mm_s: FloatArray, full_scale_volts: float) -> None:
-        """Append scans; readings beyond the converter's range are not used."""
-        good = block.valid & (np.abs(block.volts) <= full_scale_volts)
-        self.scans.append(block, good, speeds_mm_s)
-        self.n_scans += len(block)
-
-    def span(self, end_s: float, rate_hz: float) -> FitSpan:
-        """Describe the scans in the window."""
-        return FitSpan(end_s, len(self.scans) / rate_hz, self.scans.speed_mm_s)
+def detrended(window: FitWindow) -> DetrendedWindow | Refusal:
+    """Remove level and slope from the readings of the good channels, and scale the distance travelled."""
+    n, params, motion = len(window.volts), window.params, window.motion
+    if n <= params.trend_order + 4 * params.max_harmonics + 1:
+        return Refusal("too-few-periods")
+    readings, chosen = window.good_readings()
+    if not len(chosen):
+        return Refusal("saturated")
+    rate = np.full(n, motion.speed_mm_s if motion.has_speed else 1.0)
+    if window.speeds_mm_s is not None and motion.has_speed:
+        rate = window.speeds_mm_s
+    travel = np.concatenate([[0.0], np.cumsum(rate[:-1] * np.diff(window.time_s))])
+    half_travel = float(np.ptp(travel)) / 2 or 1.0
+    travel = (travel - (travel.min() + travel.max()) / 2) / half_travel
+    rate, offset_s = rate / half_travel, window.channel_offset_s[chosen]
+    if np.ptp(rate) <= 1e-9 * abs(rate).max():
+        travel, skew = travel[np.newaxis], offset_s * rate[0]
+    else:
+        travel, skew = travel + np.outer(offset_s, rate), np.zeros(len(chosen))
+    trend = trend_basis(n, STRAIGHT)
+    volts = readings.T - (readings.T @ trend) @ trend.T
+    layout = window.layout.centred(chosen)
+    return DetrendedWindow(volts, travel, skew, half_travel, window.duration_s, trend, layout, motion, params)
 
 
 @dataclass(frozen=True, eq=False)
-class PendingFit:
-    """A fit that was handed over."""
+class NormalEquations:
+    """Products of a window with cosine and sine of each harmonic, then with the same times the travel."""
 
-    job: Job[Outcome]
-    due_index: int  # scan at which the answer is reported
-    window: SlideWindow
-    span: FitSpan
-    is_full: bool  # True where the window had its full length
-    is_refusal_due: bool  # True where a refusal is reported also without an answer before it
+    phase_rate: float  # of the fundamental
+    n_harmonics: int
+    gram: FloatArray  # (1 or channels, 4 harmonics, 4 harmonics): products of the functions with each other
+    product: FloatArray  # (channels, 4 harmonics): products of the functions with the readings
+    window: DetrendedWindow
+    # Newest linearisation with weights and wave, kept by `solve.WaveSolver`
+    newest: list[Any] = field(default_factory=list)
 
-    def is_reported(self, fit: Outcome, criteria: AnswerCriteria) -> bool:
-        """Return True for an answer that is good enough, and for a refusal that is due."""
-        if isinstance(fit, PeriodOnly):
-            before_hz, self.window.line_hz = self.window.line_hz, fit.frequency_hz
-            return abs(fit.frequency_hz - before_hz) * self.span.window_s < _SAME_LINE_PERIODS
-        if isinstance(fit, Refusal):
-            return self.window.has_answer or self.is_refusal_due
-        is_good = (
-            fit.period_sd_mm <= criteria.period_sd_mm
-            and fit.angle_sd_deg <= criteria.angle_sd_deg
-            and fit.frequency_hz * self.span.window_s >= criteria.answer_periods
-        )
-        return is_good or self.is_full or self.window.has_answer
+    def times_gram(self, on: FloatArray) -> FloatArray:
+        """Multiply combinations of the functions (..., functions, starts, channels) by the Gram matrix."""
+        if len(self.gram) > 1:
+            return np.asarray(np.einsum("cef,...fsc->...esc", self.gram, on))
+        return np.asarray((self.gram[0] @ on.reshape(*on.shape[:-2], -1)).reshape(on.shape))
+
+    @cached_property
+    def parts(self) -> FloatArray:
+        """Least-squares cosine and sine parts of each channel by itself: (channels, 2 harmonics)."""
+        m = 2 * self.n_harmonics
+        if len(self.gram) == 1:
+            return np.asarray(np.linalg.solve(self.gram[0, :m, :m], self.product[:, :m].T).T)
+        return np.asarray(np.linalg.solve(self.gram[:, :m, :m], self.product[:, :m, np.newaxis])[..., 0])
+
+    def phasors(self, harmonic: int = 1) -> NDArray[np.complex128]:
+        """Complex amplitude of one harmonic in each channel, corrected for scan skew: (channels,)."""
+        late = np.exp(-1j * harmonic * self.phase_rate * self.window.skew)
+        return np.asarray((self.parts[:, 2 * harmonic - 2] - 1j * self.parts[:, 2 * harmonic - 1]) * late)
+
+    @cached_property
+    def explained(self) -> FloatArray:
+        """Sum of squares that `parts` explain in each channel, volts^2: (channels,)."""
+        return np.asarray((self.parts * self.product[:, : 2 * self.n_harmonics]).sum(axis=1))
+
+    @cached_property
+    def variance(self) -> FloatArray:
+        """Variance of the residual of each channel's own fit, volts^2: (channels,)."""
+        window = self.window
+        n_free = max(window.n - window.trend.shape[1] - 2 * self.n_harmonics, 1)
+        return np.asarray(np.maximum((window.power - self.explained) / n_free, LEAST_VARIANCE))
+
+    def phase_rate_sd(self, variance: FloatArray) -> float:
+        """Cramer-Rao bound of the phase rate where channels share nothing else, fundamental only."""
+        m = 2 * self.n_harmonics
+        late = np.zeros_like(self.product)  # derivative by the phase rate, as parts of the functions
+        late[:, m], late[:, m + 1] = self.parts[:, 1], -self.parts[:, 0]
+        seen = (self.gram @ late[..., np.newaxis])[..., 0]
+        own = np.linalg.solve(self.gram[:, :m, :m], seen[:, :m, np.newaxis])[..., 0]
+        information = (late * seen).sum(axis=1) - (own * seen[:, :m]).sum(axis=1)
+        return float(1 / np.sqrt(max(float((information / variance).sum()), 1e-12)))

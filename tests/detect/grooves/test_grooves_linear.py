@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.equations import NormalEquations
 from tactiled.detect.grooves.linear import (
     Linearisation,
     PlaneWaves,
@@ -18,6 +17,7 @@ from tactiled.detect.grooves.linear import (
     sweep,
 )
 from tactiled.detect.grooves.model import ChannelLayout
+from tactiled.detect.grooves.window import NormalEquations
 
 N_CHANNELS, N = 6, 200
 
