@@ -6,7 +6,6 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import (
     FALSE_ALARM,
     MAX_CANDIDATES,
@@ -19,7 +18,7 @@ from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.refine import RefinedWave, refine
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.search import search_wave_vectors
-from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
 from tactiled.events.types import Candidate
 

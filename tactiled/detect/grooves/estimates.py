@@ -17,7 +17,7 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import TINY, ChannelLayout, period_and_angle
 from tactiled.detect.grooves.outcome import GrooveAnswer, TrackedWave
 from tactiled.detect.grooves.refine import RefinedWave
-from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.solve import WaveSolver, expected_products
 from tactiled.detect.grooves.window import CLEAR_CYCLES
 
 # choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
@@ -141,7 +141,8 @@ def _variance_inflation(best: RefinedWave, slope: FloatArray) -> tuple[FloatArra
     n_taxels = len(layout.places_mm)
     if best.mismatch.any() and n_taxels > _SPENT_TAXELS:
         is_taxel = layout.taxel == np.arange(n_taxels)[:, np.newaxis]
-        parts = is_taxel[..., np.newaxis] * solver.residual_products(best.equations, best.waves)
+        residual = best.equations.product - expected_products(best.equations, best.waves)[0]
+        parts = is_taxel[..., np.newaxis] * residual
         moved = ((solver.displacements(best.equations, best.waves, parts) @ slope.T) ** 2).sum(axis=0)
         left = n_taxels - _SPENT_TAXELS
         effect, dof = design_effect(solver.standardised_mismatch(best.equations, best.waves), layout)

@@ -22,13 +22,13 @@ from tactiled.detect.grooves.ambiguity import (
     weigh_readings,
 )
 from tactiled.detect.grooves.estimates import disagreement, groove_answer, inflation
-from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, ChannelLayout, wave_vector
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
 from tactiled.detect.grooves.ripple import Ripple, strongest_line
 from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
 from tactiled.detect.grooves.second_wave import has_second_wave
+from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 from tactiled.events.types import TextureStatus
 

@@ -6,10 +6,9 @@ import numpy as np
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM
 from tactiled.detect.grooves.search import explained_power, most_explained_power
-from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # choice: iterations at most; noise and mismatch of each are those of the one before.

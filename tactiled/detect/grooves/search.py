@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.linear import PlaneWaves
 from tactiled.detect.grooves.model import SAME_WAVE_RAD, TINY, ChannelLayout
 from tactiled.detect.grooves.ripple import Ripple
-from tactiled.detect.grooves.solve import WaveSolver
+from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow
 
 # choice: phase at the edge of the array between neighbouring points of a search grid.

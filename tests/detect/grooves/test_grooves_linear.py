@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.linear import (
+from tactiled.detect.grooves.model import ChannelLayout
+from tactiled.detect.grooves.solve import (
     Linearisation,
     PlaneWaves,
     expected_products,
     linearise,
     sweep,
 )
-from tactiled.detect.grooves.model import ChannelLayout
 from tactiled.detect.grooves.window import NormalEquations
 
 N_CHANNELS, N = 6, 200

@@ -22,7 +22,7 @@ from scipy import signal
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
-from tactiled.detect.grooves.spectrum import floor_beside
+from tactiled.detect.grooves.ripple import floor_beside
 
 OFFSETS_S = np.linspace(0, 0.007, 36)
 
