@@ -7,10 +7,9 @@ import pytest
 
 from tactiled.array import Array, FloatArray, build, load_array
 from tactiled.detect.grooves.estimator import JointTexture
-from tactiled.detect.grooves.lines import spectral_lines, swing_spectrum
 from tactiled.detect.grooves.outcome import Outcome, PeriodOnly
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.grooves.period_only import period_range
+from tactiled.detect.grooves.period_only import period_range, spectral_lines, swing_spectrum
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectorPair, DetectParams, build_suite
@@ -61,7 +60,7 @@ def answers(array: Array, items: list[ScanBlock | Gap], **texture: object) -> li
 def test_a_line_is_found_at_its_frequency_within_its_sigma(seed: int) -> None:
     true_hz = float(np.random.default_rng(100 + seed).uniform(1.5, 14))
     block = ridges(seed, {true_hz: 1.0})
-    line = spectral_lines(swing_spectrum(block.volts), block.time_s, 1e-4, (0.0, 16.0))[0]
+    line = spectral_lines(swing_spectrum(block.volts), block.time_s, (0.0, 16.0))[0]
     assert abs(line.frequency_hz - true_hz) < 4 * line.frequency_sd_hz
     assert line.frequency_sd_hz < 0.01
 
@@ -72,19 +71,19 @@ def test_noise_of_any_even_colour_has_no_line(slope: float, channels: int) -> No
     found = 0
     for seed in range(40):
         block = ridges(1000 + seed, {}, channels=channels, slope=slope)
-        found += bool(spectral_lines(swing_spectrum(block.volts), block.time_s, 1e-4, (0.0, 16.0)))
+        found += bool(spectral_lines(swing_spectrum(block.volts), block.time_s, (0.0, 16.0)))
     assert found == 0
 
 
 def test_degenerate_windows_have_no_line_and_no_warning() -> None:
     time_s = np.arange(200) / 100
     flat = np.full((200, 4), 7.0)
-    assert spectral_lines(swing_spectrum(flat), time_s, 1e-4, (0.0, 45.0)) == []
+    assert spectral_lines(swing_spectrum(flat), time_s, (0.0, 45.0)) == []
     straight = flat + 100 * time_s[:, np.newaxis]
-    assert spectral_lines(swing_spectrum(straight), time_s, 1e-4, (0.0, 45.0)) == []
-    assert spectral_lines(swing_spectrum(flat[:20]), time_s[:20], 1e-4, (0.0, 45.0)) == []
+    assert spectral_lines(swing_spectrum(straight), time_s, (0.0, 45.0)) == []
+    assert spectral_lines(swing_spectrum(flat[:20]), time_s[:20], (0.0, 45.0)) == []
     one_bit = flat + np.where(np.arange(200) % 50 == 0, 1.0, 0.0)[:, np.newaxis]
-    for line in spectral_lines(swing_spectrum(one_bit), time_s, 1e-4, (0.0, 45.0)):
+    for line in spectral_lines(swing_spectrum(one_bit), time_s, (0.0, 45.0)):
         assert np.isfinite(line).all()
 
 
@@ -215,8 +214,8 @@ def test_uneven_ridges_on_a_rough_surface_are_a_line_and_the_surface_alone_is_no
     heights = 1 + 0.25 * rng.standard_normal((40, 16))
     way = 3.0 * time_s[:, np.newaxis] + rng.uniform(0, 1, 16)
     ridge = heights[np.floor(way).astype(int), np.arange(16)] * np.cos(2 * np.pi * way)
-    assert spectral_lines(swing_spectrum(rough), time_s, 1e-4, (0.0, 16.0)) == []
-    (line, *_) = spectral_lines(swing_spectrum(rough + 60 * ridge), time_s, 1e-4, (0.0, 16.0))
+    assert spectral_lines(swing_spectrum(rough), time_s, (0.0, 16.0)) == []
+    (line, *_) = spectral_lines(swing_spectrum(rough + 60 * ridge), time_s, (0.0, 16.0))
     assert abs(line.frequency_hz - 3.0) < 3 * line.frequency_sd_hz
 
 
