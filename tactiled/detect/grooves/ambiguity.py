@@ -1,14 +1,29 @@
-"""Test whether one reading of the phases is the true one: the best against all others that they allow."""
+"""Weigh every wave that the phases of a line allow: is the best of them the true one?
 
-from dataclasses import replace
+No two taxels of a skin are alike: the phase of a channel differs from that of the wave by a stray of its own
+(standard deviation `sigma_c`), and the channels of a taxel share one (`sigma_t`). Large strays make a wrong
+wave vector look as good as the true one. Both standard deviations are therefore integrated out over a grid:
+
+    phase_c = phase of the kind + k . place_c + stray_c + stray of the taxel + noise
+    evidence of k = integral over both sigmas of p(sigmas) N(residual; 0, Sigma(sigmas)),
+
+with the phases of the kinds and small corrections of k integrated out as Gaussian unknowns (restricted
+likelihood: Harville, J. Am. Stat. Assoc. 72, 1977). A known motion is one more observation, of the component
+of k along it. Because phases are angles, the chord ``2 sin(residual / 2)`` stands for a residual; it equals
+the residual where that is small and makes the likelihood that of von Mises where it is large.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import (
     FALSE_ALARM,
     MAX_CANDIDATES,
+    TINY,
     ChannelLayout,
     WaveMotion,
     distinct,
@@ -19,9 +34,33 @@ from tactiled.detect.grooves.refine import RefinedWave, refine
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.search import search_wave_vectors
 from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
-from tactiled.detect.grooves.strays import StrayPosterior, weigh_waves
+from tactiled.detect.worker import pause
 from tactiled.events.types import Candidate
 
+# choice: standard deviations of strays, radians: of a channel, about evenly spaced in the logarithm, and of a
+# taxel. The largest are where phases tell nothing; below the smallest no noise is as low.
+SIGMAS_C = np.array([0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.13, 0.16, 0.2, 0.25, 0.32, 0.4, 0.5])
+SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])  # choice
+# derived: variances of channel and taxel together, (sigmas_c, sigmas_t), radians^2.
+_VARIANCES = SIGMAS_C[:, np.newaxis] ** 2 + SIGMAS_T**2
+# physical: prior: median and log-spread of sigma_c, mean of an exponential sigma_t. Skins with physics stray
+# by 0.05 to 0.2 radians, more between channels than between taxels.
+_MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
+
+
+def _log_prior() -> FloatArray:
+    log = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
+    return np.asarray(log - np.logaddexp.reduce(log, axis=None))
+
+
+LOG_PRIOR = _log_prior()
+"""Logarithms of the prior probabilities of the standard deviations, (sigmas_c, sigmas_t)."""
+# physical: residuals are weighted by the inverse of noise and this variance to find the phase of a kind,
+# radians^2.
+_TYPICAL_VARIANCE = 0.1**2
+# choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
+# millimetre): larger than any, and small enough for a direction in which an array has no extent.
+_ANY_CORRECTION = 10.0
 # prior: likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are
 # few, and fitted instead of integrated out.
 _TEMPERATURE = 2.0
@@ -29,16 +68,110 @@ _TEMPERATURE = 2.0
 _LEAST_SPREAD_MM2 = 1e-6
 
 
-def weigh_readings(best: RefinedWave, found: PlaneWaves, noise_inflation: float = 1.0) -> StrayPosterior:
-    """Probabilities of all readings `found`, of which `best` is the first one refined.
+@dataclass(frozen=True, eq=False)
+class StrayPosterior:
+    """Posterior of several waves and of the strays."""
 
-    Where strays that are independent (`strays`) leave it open which reading is true, the alternative is tried
-    that they follow the loads of the taxels (`Phasors`). Both models are averaged by their likelihoods.
+    weights: FloatArray  # (waves,): probabilities of the waves; they sum to 1
+    k: FloatArray  # (2,): the likeliest wave: mean over the standard deviations of strays
+    # Root of the mean variance of strays, of channel and taxel together, given the likeliest wave
+    stray_rad: float
+    # Probability of the waves other than the likeliest if the channels of a kind were alike
+    error_if_alike: float
+
+
+def weigh_waves(
+    z: NDArray[np.complex128],
+    variance: FloatArray,
+    layout: ChannelLayout,
+    k: FloatArray,
+    motion: WaveMotion,
+    along: float,
+    along_sd: float,
+    log_prior: FloatArray = LOG_PRIOR,
+) -> StrayPosterior:
+    """Weigh waves by the phases of one line.
 
     Parameters
     ----------
-    noise_inflation : float
-        Ratio of the noise at the line to that of `best`.
+    z, variance : (channels,) complex128 and float64
+        Phasors of the line, and the variance of noise in the real and in the imaginary part of each.
+    k : (waves, 2) float64
+        Local maxima of the likelihood, radians per millimetre.
+    motion : WaveMotion
+        With a known speed, `along` counts as an observation.
+    along, along_sd : float
+        Component of the wave vector along the motion, from frequency and speed, and its standard deviation
+        apart from that of speed and direction; radians per millimetre.
+    log_prior : (sigmas_c, sigmas_t) float64
+        Logarithms of the probabilities of the standard deviations.
+    """
+    noise = variance / np.maximum(np.abs(z) ** 2, TINY)
+    residual = _residuals(z, noise, layout, k)
+    design = np.concatenate([layout.is_kind, layout.xy_mm], axis=1)
+    is_taxel = (layout.taxel[:, np.newaxis] == np.arange(len(layout.places_mm))).astype(np.float64)
+    n = design.shape[1]
+    weight = 1 / (noise + SIGMAS_C[:, np.newaxis] ** 2)  # (sigmas_c, channels)
+    both = np.concatenate([design, residual], axis=1)
+    products = (weight[:, np.newaxis] * design.T) @ both  # (sigmas_c, unknowns, unknowns and waves)
+    squares = weight @ residual**2
+    # A stray that the channels of a taxel share takes a rank-one part out of each product (Woodbury).
+    sums = (weight[:, np.newaxis] * is_taxel.T) @ both  # (sigmas_c, taxels, unknowns and waves)
+    total = weight @ is_taxel
+    shared = SIGMAS_T[:, np.newaxis] ** 2 / (1 + SIGMAS_T[:, np.newaxis] ** 2 * total[:, np.newaxis, :])
+    pause()
+    shared_sums = shared[:, :, np.newaxis] * sums[:, np.newaxis, :, :n].swapaxes(2, 3)
+    products = products[:, np.newaxis] - shared_sums @ sums[:, np.newaxis]
+    squares = squares[:, np.newaxis] - shared @ sums[..., n:] ** 2
+    log_det = -np.log(weight).sum(axis=1)[:, np.newaxis] - np.log(
+        shared / np.maximum(SIGMAS_T[:, np.newaxis] ** 2, TINY), where=shared > 0, out=np.zeros_like(shared)
+    ).sum(axis=2)
+    pause()
+    gram, seen = products[..., :n] + _ANY_CORRECTION**-2 * np.eye(n), products[..., n:]
+    inverse = np.linalg.inv(gram)
+    unknown = inverse @ seen  # (sigmas_c, sigmas_t, unknowns, waves): phases of the kinds, corrections of k
+    quadratic = squares - (seen * unknown).sum(axis=2)
+    pause()
+    # A known motion is one more observation of each wave (Sherman, Morrison 1950): its row, value and slack.
+    row, off, slack = np.zeros((len(k), n)), np.zeros(len(k)), np.ones(len(k))
+    if motion.has_speed:
+        slack = np.hypot(motion.along_sd(k), along_sd)
+        row[:, -2:] = motion.heading / slack[:, np.newaxis]
+        off = (along - k @ motion.heading) / slack
+    pull = inverse @ row.T
+    spread = 1 + (row.T * pull).sum(axis=2)
+    miss = off - (row.T * unknown).sum(axis=2)
+    unknown = unknown + pull * (miss / spread)[:, :, np.newaxis]
+    quadratic = quadratic + miss**2 / spread
+    log_gram = np.linalg.slogdet(gram)[1][..., np.newaxis] + np.log(spread)
+    log = -0.5 * (quadratic + log_det[..., np.newaxis] + log_gram) - np.log(slack)
+    error_if_alike = 1 - float(special.softmax(log[0, 0]).max())
+    log = log + log_prior[..., np.newaxis]
+    of_wave = np.logaddexp.reduce(log, axis=(0, 1))
+    weights = special.softmax(of_wave)
+    likeliest = int(weights.argmax())
+    p = np.exp(log[:, :, likeliest] - of_wave[likeliest])
+    moved = np.einsum("st,sta->a", p, unknown[:, :, -2:, likeliest])
+    stray_rad = float(np.sqrt((p * _VARIANCES).sum()))
+    return StrayPosterior(weights, k[likeliest] + moved, stray_rad, error_if_alike)
+
+
+def _residuals(
+    z: NDArray[np.complex128], noise: FloatArray, layout: ChannelLayout, k: FloatArray
+) -> FloatArray:
+    """Chords (channels, waves) of the phases that waves leave, each kind about its mean direction."""
+    unit = np.exp(1j * (np.angle(z)[:, np.newaxis] - layout.xy_mm @ k.T))
+    mean = layout.is_kind.T @ (unit / (noise + _TYPICAL_VARIANCE)[:, np.newaxis])
+    left = np.angle(unit * np.exp(-1j * (layout.is_kind @ np.angle(mean))))
+    return np.asarray(2 * np.sin(left / 2))
+
+
+def weigh_readings(best: RefinedWave, found: PlaneWaves, noise_inflation: float = 1.0) -> StrayPosterior:
+    """Probabilities of all readings `found`, of which `best` is the first one refined.
+
+    Where strays that are independent leave it open which reading is true, the alternative is tried that they
+    follow the loads of the taxels (`Phasors`). Both models are averaged by their likelihoods.
+    `noise_inflation` is the ratio of the noise at the line to that of `best`.
     """
     window, variance = best.window, best.variance * noise_inflation
     z, layout = best.equations.phasors(), window.layout

@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from tactiled.array import load_array
+from tactiled.detect.grooves.ambiguity import LOG_PRIOR, SIGMAS_C, SIGMAS_T, weigh_waves
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
-from tactiled.detect.grooves.strays import LOG_PRIOR, SIGMAS_C, SIGMAS_T, weigh_waves
 
 LAYOUT = channel_layout(load_array("wang2019-3x3"))
 PLACE = np.stack([LAYOUT.x_mm - LAYOUT.x_mm.mean(), LAYOUT.y_mm - LAYOUT.y_mm.mean()], axis=1)
