@@ -1,4 +1,4 @@
-"""Weigh every wave that the phases of a line allow: is the best of them the true one?
+"""Probabilities of all waves that the phases of a line allow.
 
 No two taxels of a skin are alike: the phase of a channel differs from that of the wave by a stray of its own
 (standard deviation `sigma_c`), and the channels of a taxel share one (`sigma_t`). Large strays make a wrong

@@ -22,7 +22,7 @@ from tactiled.detect.grooves.window import CLEAR_CYCLES
 
 # choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8
-# derived: periods of the window, less rounding. Closer to the line the fit has absorbed the noise.
+# derived: periods of the window, less rounding. Closer to a line the fit has absorbed the noise.
 _NEAREST = 1.0 - 1e-9
 # choice: probability that white noise passes as more than white. The covariance is then too wide by the
 # factor found.
@@ -38,15 +38,7 @@ _SPENT_TAXELS = 3
 def groove_answer(
     best: RefinedWave, scale: FloatArray, added: FloatArray, error_probability: float, stray_rad: float
 ) -> GrooveAnswer:
-    """Answer that a wave gives.
-
-    Parameters
-    ----------
-    scale : (3,) float64
-        Factors that widen the standard deviations of period, angle and speed.
-    added : (3, 3) float64
-        Covariance that is added after that.
-    """
+    """Answer that a wave gives; `scale` and `added` are those of `TrackedWave`."""
     window, k = best.window, best.k
     motion, speed_mm_s, slope = window.motion, _speed_mm_s(best), _slope(best)
     covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
@@ -105,28 +97,8 @@ def disagreement(best: RefinedWave, other: FloatArray) -> FloatArray:
 
 
 def inflation(best: RefinedWave) -> tuple[FloatArray, float]:
-    """Factors of the standard deviations of period, angle and speed, and the largest of variance by noise.
-
-    Returns
-    -------
-    scale : (3,) float64
-    noise_inflation : float
-    """
-    by_noise, by_mismatch = _variance_inflation(best, _slope(best))
-    return np.sqrt(np.maximum(by_noise, by_mismatch)), float(by_noise.max())
-
-
-def _variance_inflation(best: RefinedWave, slope: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Factors, at least 1, for the variances of ``slope @ (kx, ky, phase_rate)``.
-
-    Parameters
-    ----------
-    slope : (answers, 3) float64
-
-    Returns
-    -------
-    by_noise, by_mismatch : (answers,) float64
-    """
+    """Factors (3,) of the sds of period, angle and speed, and the largest factor of a variance by noise."""
+    slope = _slope(best)
     layout, solver = best.window.layout, WaveSolver(best.window, best.variance, best.mismatch)
     stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-200)
     by_noise, by_mismatch = np.ones(len(slope)), np.ones(len(slope))
@@ -149,7 +121,7 @@ def _variance_inflation(best: RefinedWave, slope: FloatArray) -> tuple[FloatArra
         by_mismatch = np.maximum(
             moved * n_taxels / left / stated * _small_sample_factor(left), effect * _small_sample_factor(dof)
         )
-    return by_noise, by_mismatch
+    return np.sqrt(np.maximum(by_noise, by_mismatch)), float(by_noise.max())
 
 
 def _small_sample_factor(dof: float) -> float:
@@ -160,12 +132,8 @@ def _small_sample_factor(dof: float) -> float:
 def design_effect(mismatches: FloatArray, layout: ChannelLayout) -> tuple[float, float]:
     """Design effect (Kish 1965) of channels that deviate together within taxels, and its degrees of freedom.
 
-    The ratio of the variance of the taxels' sums to that of as many independent channels.
-
-    Parameters
-    ----------
-    mismatches : (channels,) float64
-        In standard deviations.
+    The ratio of the variance of the taxels' sums to that of as many independent channels. Mismatches
+    (channels,) are in standard deviations.
     """
     n_taxels, n_channels = len(layout.places_mm), len(mismatches)
     sums, sizes = np.bincount(layout.taxel, mismatches), np.bincount(layout.taxel)
@@ -194,14 +162,13 @@ def _noise_beside(best: RefinedWave) -> FloatArray:
     fits = (np.abs(away) >= _NEAREST) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
     away = away[fits][np.argsort(np.abs(away[fits]), kind="stable")][:_PLACES]
     travel = window.travel.mean(axis=0)
-    rows = []
-    for h in range(1, n_harmonics + 1):
-        wave = np.exp(-1j * np.outer(travel, h * phase_rate + np.pi * away))  # (n, places)
-        for weighted in (wave, wave * travel[:, np.newaxis]):
-            shifted = left.volts @ weighted
-            # A line of any phase: the cosine, and the sine a quarter of a period later.
-            rows.append(np.concatenate([shifted, 1j * shifted], axis=1))
-    plain, late = np.array(rows[0::2]), np.array(rows[1::2])
-    parts = [part for z in plain for part in (z.real, -z.imag)]
-    parts += [part for z in late for part in (z.real, -z.imag)]
+    waves = [
+        np.exp(-1j * np.outer(travel, h * phase_rate + np.pi * away)) for h in range(1, n_harmonics + 1)
+    ]  # (n, places)
+    parts = []
+    for weighted in (*waves, *(wave * travel[:, np.newaxis] for wave in waves)):
+        shifted = left.volts @ weighted
+        # A line of any phase: the cosine, and the sine a quarter of a period later.
+        z = np.concatenate([shifted, 1j * shifted], axis=1)
+        parts += [z.real, -z.imag]
     return np.stack(parts, axis=-1).swapaxes(0, 1)

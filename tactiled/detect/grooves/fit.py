@@ -22,7 +22,7 @@ from tactiled.detect.grooves.ambiguity import (
     weigh_readings,
 )
 from tactiled.detect.grooves.estimates import disagreement, groove_answer, inflation
-from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, ChannelLayout, wave_vector
+from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, wave_vector
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
 from tactiled.detect.grooves.ripple import Ripple, strongest_line
@@ -54,13 +54,9 @@ class _Found(NamedTuple):
     phase_rate: float = 0.0
     harmonics: Sequence[int] = ()
 
-    def removed_from(self, window: DetrendedWindow) -> DetrendedWindow:
-        """Return the window without these lines."""
-        return window.without_lines(self.phase_rate, self.harmonics)
-
 
 def fit_wave(window: FitWindow) -> GrooveAnswer | Refusal:
-    """Fit one window.
+    """Fit the strongest wave of a window; refuse where what it leaves holds another one.
 
     Examples
     --------
@@ -81,33 +77,27 @@ def fit_wave(window: FitWindow) -> GrooveAnswer | Refusal:
     ok: 1.200 mm, 20.0 degrees
     """
     prepared = detrended(window)
-    return prepared if isinstance(prepared, Refusal) else _only_wave(prepared)
-
-
-def _only_wave(window: DetrendedWindow) -> GrooveAnswer | Refusal:
-    """Fit the strongest wave; refuse where what it leaves holds another one."""
-    found = _strongest_wave(window)
+    if isinstance(prepared, Refusal):
+        return prepared
+    found = _strongest_wave(prepared)
     first = found.outcome
     if not found.harmonics:
         return first
     if isinstance(first, GrooveAnswer) and not first.uses_given_speed:
         # Evidence against the given speed from the first wave holds for the second one, too.
-        window = window.without_speed
-    least = _LEAST_SECOND_PART * float(window.equations(found.phase_rate).explained.sum())
-    second = _strongest_wave(found.removed_from(window), least)
+        prepared = prepared.without_speed
+    least = _LEAST_SECOND_PART * float(prepared.equations(found.phase_rate).explained.sum())
+    second = _strongest_wave(prepared.without_lines(found.phase_rate, found.harmonics), least)
     if not isinstance(second.outcome, GrooveAnswer):
         return first
     # The first without the second, which was noise to it.
-    alone = _strongest_wave(second.removed_from(window)).outcome
-    if isinstance(alone, GrooveAnswer) and _are_alike(alone, second.outcome, window.layout):
-        return alone  # an uneven speed makes side bands, which are the same grating at other frequencies
+    left, other = prepared.without_lines(second.phase_rate, second.harmonics), second.outcome
+    alone = _strongest_wave(left).outcome
+    if isinstance(alone, GrooveAnswer):
+        apart = wave_vector(alone.period_mm, alone.angle_deg) - wave_vector(other.period_mm, other.angle_deg)
+        if np.abs(apart).max() * prepared.layout.radius_mm <= SAME_WAVE_RAD:
+            return alone  # an uneven speed makes side bands, which are the same grating at other frequencies
     return Refusal("several-gratings", first.frequency_hz, first.snr_db)
-
-
-def _are_alike(one: GrooveAnswer, other: GrooveAnswer, layout: ChannelLayout) -> bool:
-    """True where two answers cannot be told apart on the array."""
-    apart = wave_vector(one.period_mm, one.angle_deg) - wave_vector(other.period_mm, other.angle_deg)
-    return bool(np.abs(apart).max() * layout.radius_mm <= SAME_WAVE_RAD)
 
 
 def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
@@ -132,8 +122,7 @@ def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
 
 def _wave(ripple: Ripple) -> _Found | None:
     """Fit the wave of a line, directly or as the mirror image of an undersampled ripple; or None."""
-    window = ripple.window
-    motion = window.motion
+    window, motion = ripple.window, ripple.window.motion
     if not has_baseline(window.layout, motion):
         return _Found(Refusal("ambiguous", ripple.frequency_hz))
     best, found = _best_reading(ripple)

@@ -80,12 +80,7 @@ class WaveMotion:
         return np.array([-heading[1], heading[0]])
 
     def along_sd(self, k: FloatArray) -> FloatArray:
-        """Standard deviation of the component along the motion that frequency and speed give: (waves,).
-
-        Parameters
-        ----------
-        k : (waves, 2) float64
-        """
+        """Standard deviation (waves,) of the component of k along the motion, from frequency and speed."""
         along, across, sd = k @ self.heading, k @ self.across, np.radians(self.direction_sd_deg)
         by_speed = along * (self.speed_sd_mm_s / self.speed_mm_s)
         # Error of cos(tilt + error) to first and second order: the first vanishes where normal and motion
@@ -122,19 +117,12 @@ class ChannelLayout:
     @cached_property
     def places_mm(self) -> FloatArray:
         """Positions of the taxels: (taxels, 2)."""
-        return self._places[0]
+        return np.array(sorted(set(map(tuple, self.xy_mm.tolist()))))
 
     @cached_property
     def taxel(self) -> NDArray[np.int64]:
         """Row in `places_mm` of each channel: (channels,)."""
-        return self._places[1]
-
-    @cached_property
-    def _places(self) -> tuple[FloatArray, NDArray[np.int64]]:
-        of_channel = list(zip(self.x_mm.tolist(), self.y_mm.tolist(), strict=True))
-        places = sorted(set(of_channel))
-        row = {place: number for number, place in enumerate(places)}
-        return np.array(places), np.array([row[place] for place in of_channel], dtype=np.int64)
+        return np.asarray((self.xy_mm[:, np.newaxis] == self.places_mm).all(axis=2).argmax(axis=1))
 
     @cached_property
     def radius_mm(self) -> float:

@@ -11,10 +11,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, Candidate, TextureEvent, Textu
 
 @dataclass(frozen=True, eq=False)
 class TrackedWave:
-    """Parameters of a fitted wave with which `track` finds the same wave in a later window.
-
-    Nothing here depends on where the window begins or ends.
-    """
+    """What `track` finds a fitted wave in a later window with; independent of where windows begin and end."""
 
     k: FloatArray  # (2,): wave vector, radians per millimetre
     # Phase per unit of travel: radians per millimetre, or per second where no speed was given
@@ -91,9 +88,6 @@ class NewPattern(Refusal):
 Outcome = GrooveAnswer | PeriodOnly | Refusal
 
 
-ESTIMATOR = "joint"
-
-
 class FitSpan(NamedTuple):
     """End and length of the scans that a fit used, and the speed that was set for them (0: unknown)."""
 
@@ -111,15 +105,11 @@ def texture_event(span: FitSpan, fit: Outcome, answered_s: float, speed_sd_mm_s:
         frequency_hz=fit.frequency_hz,
         window_s=span.window_s,
         snr_db=fit.snr_db,
-        estimator=ESTIMATOR,
+        estimator="joint",
     )
     if span.given_speed_mm_s > 0:
-        event = replace(
-            event,
-            speed_mm_s=span.given_speed_mm_s,
-            speed_sd_mm_s=speed_sd_mm_s,
-            speed_source="given",
-        )
+        given_mm_s = span.given_speed_mm_s
+        event = replace(event, speed_mm_s=given_mm_s, speed_sd_mm_s=speed_sd_mm_s, speed_source="given")
     if isinstance(fit, Refusal):
         return replace(event, candidates=fit.candidates, stray_rad=fit.stray_rad)
     event = replace(event, period_mm=fit.period_mm, period_sd_mm=fit.period_sd_mm)
@@ -133,10 +123,6 @@ def texture_event(span: FitSpan, fit: Outcome, answered_s: float, speed_sd_mm_s:
             candidates=fit.candidates,
         )
     if fit.speed_mm_s > 0 and not fit.uses_given_speed:
-        event = replace(
-            event,
-            speed_mm_s=fit.speed_mm_s,
-            speed_sd_mm_s=fit.speed_sd_mm_s,
-            speed_source="estimated",
-        )
+        found_mm_s, sd_mm_s = fit.speed_mm_s, fit.speed_sd_mm_s
+        event = replace(event, speed_mm_s=found_mm_s, speed_sd_mm_s=sd_mm_s, speed_source="estimated")
     return replace(event, angle_deg=fit.angle_deg, angle_sd_deg=fit.angle_sd_deg, stray_rad=fit.stray_rad)

@@ -29,13 +29,9 @@ _MISMATCHES = np.array([0.0, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0]) ** 2
 
 
 class Phasors:
-    """Phasors of one line, and the likelihood of waves given them.
+    """Phasors (channels,) of one line, and the likelihood of waves given them.
 
-    Parameters
-    ----------
-    z : (channels,) complex128
-    variance : (channels,) float64
-        Of noise in the real and in the imaginary part of each.
+    The variance (channels,) is that of noise in the real and in the imaginary part of each.
     """
 
     def __init__(self, z: NDArray[np.complex128], variance: FloatArray, layout: ChannelLayout) -> None:
@@ -56,12 +52,7 @@ class Phasors:
         self._together = list(together.values())
 
     def fit(self, k: FloatArray) -> NDArray[np.complex128]:
-        """Least-squares contribution of each wave to each channel: (pairs, channels, waves).
-
-        Parameters
-        ----------
-        k : (pairs, waves, 2) float64
-        """
+        """Least-squares contribution (pairs, channels, waves) of waves (pairs, waves, 2) to each channel."""
         wave = np.exp(1j * (k @ self.place.T)).swapaxes(1, 2)  # (pairs, channels, waves)
         by_kind = wave[:, :, np.newaxis] * self.is_kind[:, :, np.newaxis]  # (pairs, channels, kinds, waves)
         gram = np.einsum("pcga,pcgb->pgab", by_kind.conj(), by_kind)
@@ -77,10 +68,7 @@ class Phasors:
         return np.maximum(self._by_channel_gain(size, beside), self._by_taxel_factor(beside))
 
     def by_mismatch(self, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log-likelihoods of single waves under two models of mismatch: of each channel, and of taxel loads.
-
-        Each at its maximum near the given wave vectors (waves, 2).
-        """
+        """Log-likelihoods near single waves (waves, 2) under mismatch of each channel, and of taxel loads."""
         found = []
         for by_load in (False, True):
             at, likelihood = k, np.zeros(len(k))
@@ -104,15 +92,7 @@ class Phasors:
         return np.abs(model) ** 2, left * np.exp(-1j * np.angle(model))
 
     def _by_channel_gain(self, size: FloatArray, left: NDArray[np.complex128]) -> FloatArray:
-        """Log-likelihood where one gain of each channel applies to all waves: (pairs,).
-
-        Parameters
-        ----------
-        size : (pairs, channels) float64
-            Squares of what waves explain.
-        left : (pairs, channels) complex128
-            Residual, parallel and perpendicular to the model.
-        """
+        """Log-likelihood where one gain of each channel applies to all waves: (pairs,)."""
         variance = _MISMATCHES[:, np.newaxis, np.newaxis] * size + self.variance
         log = np.log(variance)
         total = np.zeros(len(size))
@@ -128,11 +108,6 @@ class Phasors:
         Factor analysis with one factor (Rubin, Thayer 1982): each kind follows the factor with its own
         complex loading and has its own residual variance. The extra unknown of each kind is penalised
         (Schwarz 1978).
-
-        Parameters
-        ----------
-        left : (pairs, channels) complex128
-            Residual, parallel and perpendicular to the model.
         """
         total = np.full(len(left), -self.is_kind.shape[1] / 2 * np.log(2 * len(self.z)))
         for mine in self._together:

@@ -46,12 +46,6 @@ def visible_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
     return 1
 
 
-def line_powers(equations: NormalEquations, variance: FloatArray) -> FloatArray:
-    """Power over noise of each harmonic, without the overlap of neighbouring lines: (harmonics,)."""
-    parts = equations.parts**2 * np.einsum("gff->gf", equations.gram)[:, : 2 * equations.n_harmonics]
-    return np.asarray((parts.T / variance).sum(axis=1).reshape(-1, 2).sum(axis=1))
-
-
 def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: FloatArray) -> list[int]:
     """Multiples of a wave's frequency that are not harmonics of this wave; 1 is the fundamental.
 
@@ -60,11 +54,7 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
     as the cause of a misfit, unless another wave vector explains the line so much better that mismatch is
     unlikely (likelihood ratio of the phase variances, corrected for the number of vectors tried).
 
-    Parameters
-    ----------
-    equations : NormalEquations
-        With the lines in question.
-    variance : (channels,) float64
+    The equations have the lines in question.
     """
     window = equations.window
     power = window.n / 2  # power of a line of amplitude 1
@@ -93,7 +83,6 @@ class RefinedWave:
 
     waves: PlaneWaves  # one wave
     equations: NormalEquations  # at its frequency, with its harmonics
-    variance: FloatArray  # (channels,): of each channel's noise, volts^2
     # (kinds, harmonics): variance of phases within a kind, radians^2, widened so that all harmonics count as
     # one observation
     mismatch: FloatArray
@@ -103,6 +92,11 @@ class RefinedWave:
     def window(self) -> DetrendedWindow:
         """Window that was fitted, with the motion that the fit was tied to."""
         return self.equations.window
+
+    @property
+    def variance(self) -> FloatArray:
+        """Variance of each channel's noise, volts^2: (channels,)."""
+        return self.equations.variance
 
     @property
     def k(self) -> FloatArray:
@@ -139,7 +133,9 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
         foreign = foreign_lines(best.waves, best.equations, best.variance)
         if not foreign or n_harmonics == 1:
             return best
-        if np.argmax(line_powers(best.equations, best.variance)) > 0:
+        # Power over noise of each harmonic, without the overlap of neighbouring lines.
+        parts = best.equations.parts**2 * np.einsum("gff->gf", best.equations.gram)[:, : 2 * n_harmonics]
+        if np.argmax((parts.T / best.variance).sum(axis=1).reshape(-1, 2).sum(axis=1)) > 0:
             return replace(best, is_wave=False)
         n_harmonics = max(foreign[0] - 1, 1)
 
@@ -174,7 +170,7 @@ def refine_once(
     equations = window.equations(float(phase_rate[0]), mismatch.shape[1])
     solver = WaveSolver(window, equations.variance, mismatch)
     waves = solver.solve(equations, k, phase_rate, 2, phase)
-    return RefinedWave(waves, equations, equations.variance, solver.mismatch_variance(equations, waves))
+    return RefinedWave(waves, equations, solver.mismatch_variance(equations, waves))
 
 
 def suits_channels(best: RefinedWave, phase_rate: float) -> bool:

@@ -21,12 +21,9 @@ _SLACK_SIGMAS = 3.0  # choice
 
 
 def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
-    """Local maxima of the likelihood over the wave vector, the best first; may be empty.
+    """Local maxima of the likelihood over the wave vector, the best first, which explains more than `least`.
 
-    Parameters
-    ----------
-    least : float
-        The best must explain more than this (`common_mode_power`).
+    May be empty.
     """
     window, equations = ripple.window, ripple.equations
     k = _starts(ripple)
@@ -46,7 +43,7 @@ def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
 
 
 def _axes(window: DetrendedWindow) -> tuple[FloatArray, FloatArray]:
-    """Directions of the search grid: along the motion, where that is known, and across it."""
+    """Directions along the motion, where that is known, and across it."""
     motion = window.motion
     return (motion.heading, motion.across) if motion.has_direction else (np.eye(2)[0], np.eye(2)[1])
 

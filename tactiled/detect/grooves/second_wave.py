@@ -58,18 +58,9 @@ def has_second_wave(
     k: FloatArray,
     are_alike: bool,
 ) -> bool:
-    """True where a second wave of the same frequency explains what one wave does not.
+    """True where a second wave of the same frequency explains what one wave (2,) does not.
 
-    Parameters
-    ----------
-    z : (channels,) complex128
-        Phasors of the line.
-    variance : (channels,) float64
-        Of noise in the real and in the imaginary part of each.
-    k : (2,) float64
-        Wave vector of the one wave.
-    are_alike : bool
-        True where the phases of a kind show no mismatch.
+    Phasors and variances are as for `Phasors`; `are_alike` says that the phases of a kind show no mismatch.
     """
     layout, motion, params = window.layout, window.motion, window.params
     phasors = Phasors(z, variance, layout)
@@ -154,10 +145,8 @@ def _explained(phasors: Phasors, waves: FloatArray) -> FloatArray:
             crossed *= _by_distance(by_distance[: n - first], len(crossed))
             both = power[rows, np.newaxis] + power[later] - 2 * crossed.real
             explained[rows, later] += both * _by_distance(factor[: n - first], len(crossed))
-        common, with_common = (
-            z.sum(axis=0) / np.sqrt(len(place)),
-            own.conj().sum(axis=1) / np.sqrt(len(place)),
-        )
+        common = z.sum(axis=0) / np.sqrt(len(place))
+        with_common = own.conj().sum(axis=1) / np.sqrt(len(place))
         both = power + (np.abs(common) ** 2).sum() - 2 * ((seen.conj() @ common) * with_common).real
         explained[:, n] += _resolved(with_common) * both
     return np.triu(explained, 1)

@@ -35,30 +35,7 @@ _UNLIKE_EARLIER = 4.0
 def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
     """The wave of an answer in another window, or None where it is not there or where it must be fitted.
 
-    Parameters
-    ----------
-    last : GrooveAnswer
-        Of an overlapping window; its error probability remains.
-
-    Examples
-    --------
-    Grooves of 1.2 mm at 20 degrees, fitted in the first three seconds and followed for a fourth:
-
-    >>> import numpy as np
-    >>> from tactiled.array import load_array
-    >>> from tactiled.detect.grooves.fit import fit_wave
-    >>> from tactiled.detect.grooves.model import WaveMotion, channel_layout
-    >>> from tactiled.detect.grooves.params import WaveParams
-    >>> layout = channel_layout(load_array("wang2019-3x3"))
-    >>> rng, time_s, angle = np.random.default_rng(0), np.arange(400) / 100, np.radians(20)
-    >>> x_mm = layout.x_mm + 2 * time_s[:, np.newaxis]
-    >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + layout.y_mm * np.sin(angle))
-    >>> volts = 1 + 0.05 * np.cos(phase + layout.kind) + 0.005 * rng.standard_normal(phase.shape)
-    >>> rest = np.zeros(36), layout, WaveMotion(2.0, 0.0, 0.0, 0.0), WaveParams()
-    >>> first = fit_wave(FitWindow(volts[:300], time_s[:300], *rest))
-    >>> later = track_wave(first, FitWindow(volts, time_s, *rest))
-    >>> print(f"{later.period_mm:.3f} mm, {later.angle_deg:.1f} degrees")
-    1.200 mm, 20.0 degrees
+    The answer is that of an overlapping window; its error probability remains.
     """
     window = detrended(scans)
     if isinstance(window, Refusal) or last.wave is None:
@@ -82,15 +59,7 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
 
 
 def is_another_pattern(best: RefinedWave, n_block: int) -> bool:
-    """True where the phasors of the newest block are not those of the blocks before, at least two.
-
-    Parameters
-    ----------
-    best : RefinedWave
-        The wave of the whole window.
-    n_block : int
-        Scans in a block. The oldest scans, less than a block, are not looked at.
-    """
+    """True where the phasors of the newest block are not those of the blocks before, at least two."""
     window = best.window
     n_channels, n_earlier = len(window.volts), window.n // n_block - 1
     if n_earlier < 2 or n_channels < 2:
