@@ -12,7 +12,7 @@ from tactiled.doctor.finding import Finding
 from tactiled.doctor.ranges import TILTS_DEG, Range, has_direction, ranges
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-_FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/evidence.py)
+_FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/tracker.py)
 
 
 def abilities(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:

@@ -1,8 +1,24 @@
 """Slip told by roughness and ripple: windows of readings to the beginning and the end of sliding.
 
-Log odds of windows (`evidence`) add up, between 0 and a bound. Sliding begins where the sum exceeds a
-threshold, and ends where it is spent, or at once where readings change far less from scan to scan than they
-did in the slide. Windows in which the contact begins or ends tell nothing.
+A surface that moves under the skin loads each taxel on its own. A hand that trembles, a motor that hums, a
+tap and a change of grip act on a rigid body: on the load and on its two tilts, which are three patterns over
+the channels. Without the three strongest patterns of a window, a channel at rest is left with its own noise.
+
+1. Spectra of the window: a cubic trend removed, under a Hann window, over the noise of each channel.
+2. Roughness: the largest mean of three neighbouring bins of what the three strongest patterns leave, over the
+   same at rest. Where rest was seen out of contact alone, it must exceed white noise at the level of the
+   window's quietest quarter of bins, too. What happens in one quarter of the window, such as a tap, does not
+   count. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
+3. Ripple: the strongest line that travels, whose phases differ between channels. A ridge passes the taxels
+   one after the other, so that the phases of its ripple fill the circle. A hum of the gripper or a tremor of
+   the hand shakes the load and tilts it: phasors in phase, and phasors of both signs in quadrature to these.
+   Then either the phases have a mean, or twice the phases have. Places of the taxels are not needed. Ridges
+   as far apart as twice the array, or as the taxels, are not told from a hum.
+4. Log odds of sliding: both over what windows at rest reach, bounded, so that no single window decides. They
+   add up, between 0 and a bound. Sliding begins where the sum exceeds a threshold, and ends where it is
+   spent, or at once where readings change far less from scan to scan than they did in the slide. Windows in
+   which the contact begins or ends tell nothing.
+
 What the sensor does at rest is learnt from windows without evidence, in this contact where there was a hold.
 """
 
@@ -12,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.grooves.period_only import apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.quantise import HeldReadings
-from tactiled.detect.sliding.evidence import Spectra, log_odds, own_power, ripple_odds, spectra
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0  # choice
@@ -30,6 +46,26 @@ _STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of
 _STOPPED_HOPS = 2  # choice
 _LEAST_STEPS = 1.0 / 12  # derived: variance of rounding to whole steps
 _ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that of even rounding
+_LEAST_CYCLES = 3  # derived: a cubic trend leaves humps of fewer in the window
+_PATTERNS = 3  # derived: load, and tilt in two directions
+_CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
+_FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
+_SMOOTH = np.ones(3) / 3  # choice
+_QUIET_PART = 0.25  # prior: of the bins, which show the noise
+# tuned: set on seeds 0 to 7 of the worlds of `sensors` in research/README.md (16 taxels, 35.6 Hz). Largest of
+# some ten independent groups of bins, in standard deviations of their logarithm, with a margin for noise that
+# is not quite even.
+_AT_REST, _AT_REST_SDS = 0.4, 3.5
+_SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
+_LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
+_ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
+_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # tuned: on the same seeds; less than sliding needs
+
+# derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
+# the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
+_MOST_ALIKE = 0.4
+# derived: phases of fewer that are noise fill the circle by chance, or have a mean by chance
+_LEAST_CHANNELS = 6
 
 
 class Change(NamedTuple):
@@ -42,8 +78,103 @@ class Change(NamedTuple):
     is_gross: bool = True  # False where it may be that only a part of the contact slips
 
 
+def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
+    """Logarithm of the power of the strongest bin over that of any other, except its lobe and harmonics.
+
+    Of spectra (bins, channels) under a Hann window, each channel over its own standard deviation, whose first
+    bin has `first_cycles` periods in the window; 0 where the line does not travel.
+    """
+    if z.shape[1] < _LEAST_CHANNELS:
+        return 0.0
+    power = (np.abs(z) ** 2).sum(axis=1)
+    cycles = np.arange(len(z)) + first_cycles
+    peak = int(np.argmax(power))
+    size = np.abs(z[peak])
+    doubled = z[peak] ** 2 / np.maximum(size, 1e-30)
+    if max(abs(z[peak].sum()), abs(doubled.sum())) > _MOST_ALIKE * float(size.sum()):
+        return 0.0
+    others = apart_from(cycles, int(cycles[peak]))
+    if not others.any():
+        return 0.0
+    return float(np.log(max(power[peak], 1e-30) / max(float(power[others].max()), 1e-30)))
+
+
+class _Spectra(NamedTuple):
+    """Spectra of a window."""
+
+    z: NDArray[np.complex128]  # (bins, channels)
+    noise: FloatArray  # (channels,): power of each channel's noise in a bin, at the quietest quarter of bins
+    readings: FloatArray  # (n, channels): without their trend
+
+
+def _spectra(readings: FloatArray, rounding_power: FloatArray) -> _Spectra:
+    """Compute spectra of readings (n, channels); `rounding_power` (channels,) is the least noise of each."""
+    n, found = len(readings), swing_spectrum(readings)
+    z = found.values[_LEAST_CYCLES : n // 2]
+    power = np.sort(np.abs(z) ** 2, axis=0)[int(_QUIET_PART * len(z))]
+    least = rounding_power * float((np.hanning(n) ** 2).sum())
+    return _Spectra(z, np.maximum(power, np.maximum(least, 1e-12)), found.readings)
+
+
+def _own_power(found: _Spectra, noise: FloatArray) -> FloatArray:
+    """Power (bins,) over the noise that the strongest patterns of a window leave, mean over channels."""
+    z = found.z / np.sqrt(noise) @ _own_patterns(found, noise)
+    return np.asarray((np.abs(z) ** 2).mean(axis=1))
+
+
+def _own_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
+    """Patterns (channels, channels - left out), over the noise, except the strongest."""
+    z = found.z / np.sqrt(noise)
+    parts = np.concatenate([z.real, z.imag])
+    _, patterns = np.linalg.eigh(parts.T @ parts)
+    return np.asarray(patterns[:, : z.shape[1] - _n_patterns(z.shape[1])])
+
+
+def _happens_once(found: _Spectra) -> bool:
+    """Return True where most of what exceeds the noise is in one quarter of the window, as of a tap."""
+    n = len(found.readings)
+    own = found.readings / np.sqrt(found.noise) @ _own_patterns(found, found.noise)
+    power = (own**2).mean(axis=1)[: n // 4 * 4].reshape(4, -1).mean(axis=1)
+    # A quarter of exponentially distributed power is below 0.29 of its mean; a Hann window has 3/8 of n.
+    noise = 1 / (-np.log(1 - _QUIET_PART) * 0.375 * n)
+    excess = np.maximum(power - noise, 0.0)
+    return bool(excess.max() > _ONCE * excess.sum())
+
+
+def _n_patterns(channels: int) -> int:
+    """Number of patterns that are left out."""
+    return min(_PATTERNS, channels // _CHANNELS_OF_PATTERN)
+
+
+def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> float:
+    """Log odds of sliding, given the `_own_power` (bins,) of a window and that at rest, where it is known."""
+    bins, channels = found.z.shape
+    n_free = channels - _n_patterns(channels)
+    if channels < _FEW:
+        return -_MOST_ROUGH
+    sd = float(1 / np.sqrt(2 * n_free))
+    if at_rest is None:
+        level = np.sort(own)[int(_QUIET_PART * bins)]
+        ratio = np.convolve(own, _SMOOTH, "valid") / max(float(level), 1e-12)
+    else:
+        ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
+    growth = float(np.log(max(float(ratio.max()), 1e-12)))
+    rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ROUGH, _MOST_ROUGH))
+    if rough > 0 and _happens_once(found):
+        rough = 0.0
+    ripple = _ripple_odds(found)
+    return rough if ripple <= 0 else max(rough, 0.0) + ripple
+
+
+def _ripple_odds(found: _Spectra) -> float:
+    """Log odds of sliding that the ripple of a window gives; 0 where no line travels."""
+    size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / len(found.z)))
+    line = travelling_line(found.z / size, _LEAST_CYCLES) - _LINE_AT_REST
+    return float(np.clip(_SLOPE * line, 0.0, _MOST_LINE))
+
+
 class _Rest:
-    """Noise and own changes of the channels, from windows at rest; see `own_power`."""
+    """Noise and own changes of the channels, from windows at rest; see `_own_power`."""
 
     def __init__(self, n_channels: int) -> None:
         self.n = 0
@@ -72,10 +203,11 @@ class SlidingTracker:
         n = max(_LEAST_WINDOW, round(_WINDOW_S * rate_hz / self._mean_of))
         self._hop = n // _HOPS
         self._size = self._hop * _HOPS
-        self._partial = np.empty((0, array.n_channels))
+        self._sum = np.zeros(array.n_channels)
+        self._n_summed = 0
+        self._is_read = np.ones(array.n_channels, dtype=np.bool_)  # in all scans of the sum
         self._window = np.zeros((self._size, array.n_channels))
         self._is_good = np.zeros((self._size, array.n_channels), dtype=np.bool_)
-        self._partial_ok = np.empty((0, array.n_channels), dtype=np.bool_)
         self._touching = np.zeros(self._size, dtype=np.bool_)
         self._n = 0  # means so far
         self._was_touching = False
@@ -89,32 +221,25 @@ class SlidingTracker:
     def process(self, held: HeldReadings, touches: NDArray[np.bool_]) -> list[Change]:
         """Return the changes that the scans complete; `touches` (n,) says which are in contact."""
         changes: list[Change] = []
-        done, n = 0, len(held.steps)
-        while done < n:
-            take = min(self._mean_of - len(self._partial), n - done)
-            rows = slice(done, done + take)
-            self._partial = np.concatenate([self._partial, held.steps[rows]])
-            self._partial_ok = np.concatenate([self._partial_ok, held.ok[rows]])
-            for row in range(done, done + take):
-                is_same = bool(touches[row]) == self._was_touching
-                self._unchanged = self._unchanged + 1 if is_same else 0
-                if self.slides and self._was_touching and not touches[row]:
-                    changes.append(self._end(row))
-                self._was_touching = bool(touches[row])
-            done += take
-            if len(self._partial) < self._mean_of:
-                continue
-            if change := self._add(bool(touches[done - 1]), done - 1):
+        for row, steps in enumerate(held.steps):
+            touching = bool(touches[row])
+            self._unchanged = self._unchanged + 1 if touching == self._was_touching else 0
+            if self.slides and self._was_touching and not touching:
+                changes.append(self._end(row))
+            self._was_touching = touching
+            self._sum = self._sum + steps
+            self._is_read = self._is_read & held.ok[row]
+            self._n_summed += 1
+            if self._n_summed == self._mean_of and (change := self._add(row)):
                 changes.append(change)
         return changes
 
-    def _add(self, touches: bool, row: int) -> Change | None:
+    def _add(self, row: int) -> Change | None:
         place = self._n % self._size
-        self._window[place] = self._partial.sum(axis=0) / self._mean_of
-        self._is_good[place] = self._partial_ok.all(axis=0)
-        self._touching[place] = touches
-        self._partial = self._partial[:0]
-        self._partial_ok = self._partial_ok[:0]
+        self._window[place] = self._sum / self._mean_of
+        self._is_good[place] = self._is_read
+        self._touching[place] = self._was_touching
+        self._sum, self._n_summed, self._is_read = np.zeros_like(self._sum), 0, np.ones_like(self._is_read)
         self._n += 1
         if self._n < self._size or self._n % self._hop:
             return None
@@ -136,10 +261,10 @@ class SlidingTracker:
         change = np.abs(np.diff(readings, axis=0))
         smallest = np.where(change > 0, change, np.inf).min(axis=0)
         rounding = np.maximum(np.where(np.isfinite(smallest), smallest, 0.0) ** 2 * _ROUNDING, _LEAST_STEPS)
-        found = spectra(readings, rounding)
+        found = _spectra(readings, rounding)
         rest = self._rest
         noise = rest.noise(used, found.noise)
-        gained = self._log_odds(found, noise)
+        gained = self._gained(found, noise)
         self._odds = float(np.clip(self._odds + gained, 0.0, _BOUND))
         if self._odds == 0.0:
             self._since_hop = self._n
@@ -154,17 +279,18 @@ class SlidingTracker:
         elif gained < 0 and self._odds < _LEARNS_BELOW:
             if touching.all() != rest.is_of_contact:  # the new state soon outweighs the old
                 rest.n, rest.is_of_contact = min(rest.n, _KNOWN_HOPS), bool(touching.all())
-            rest.learn(used, found.noise, own_power(found, noise))
+            rest.learn(used, found.noise, _own_power(found, noise))
         return None
 
-    def _log_odds(self, found: Spectra, noise: FloatArray) -> float:
+    def _gained(self, found: _Spectra, noise: FloatArray) -> float:
+        """Log odds of the window, as far as rest is known."""
         rest = self._rest
         if rest.n < _KNOWN_HOPS:
-            return ripple_odds(found) or _NO_RIPPLE
-        over_rest = log_odds(found, own_power(found, noise), rest.own)
+            return _ripple_odds(found) or _NO_RIPPLE
+        over_rest = _log_odds(found, _own_power(found, noise), rest.own)
         if rest.is_of_contact:
             return over_rest
-        return min(over_rest, log_odds(found, own_power(found, found.noise), None))
+        return min(over_rest, _log_odds(found, _own_power(found, found.noise), None))
 
     def _stops(self, readings: FloatArray) -> bool:
         """Return True where the newest readings of a slide change far less than those before."""

@@ -12,7 +12,7 @@ from touches import pieces, run, splits
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.sliding.evidence import travelling_line
+from tactiled.detect.sliding.tracker import travelling_line
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
