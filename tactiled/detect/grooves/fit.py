@@ -105,11 +105,11 @@ def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
     for _ in range(_MOST_LINES):
         # No line has more than the total power.
         ripples = strongest_line(window) if float(window.power.sum()) >= least else []
-        if not ripples or max(ripple.power for ripple in ripples) < least:
+        if not ripples or max(float(each.equations.explained.sum()) for each in ripples) < least:
             break
         for ripple in ripples:
             if ripple.periods < window.params.min_periods:
-                return _Found(Refusal("too-few-periods", ripple.frequency_hz))
+                return _Found(Refusal("too-few-periods", window.frequency_hz(ripple.phase_rate)))
             found = _wave(ripple)
             if found is not None:
                 return found
@@ -124,7 +124,7 @@ def _wave(ripple: Ripple) -> _Found | None:
     """Fit the wave of a line, directly or as the mirror image of an undersampled ripple; or None."""
     window, motion = ripple.window, ripple.window.motion
     if not has_baseline(window.layout, motion):
-        return _Found(Refusal("ambiguous", ripple.frequency_hz))
+        return _Found(Refusal("ambiguous", window.frequency_hz(ripple.phase_rate)))
     best, found = _best_reading(ripple)
     if ripple.is_line and (best is None or (motion.has_speed and best.mismatch.any())):
         image = _mirror_image(ripple, -np.inf if best is None else found.gain[0])

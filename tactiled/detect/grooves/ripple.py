@@ -57,19 +57,9 @@ class Ripple:
         return self.window.equations(self.phase_rate)
 
     @property
-    def frequency_hz(self) -> float:
-        """Mean frequency."""
-        return self.window.frequency_hz(self.phase_rate)
-
-    @property
     def periods(self) -> float:
         """Periods of the ripple in the window."""
         return self.phase_rate / np.pi
-
-    @property
-    def power(self) -> float:
-        """Power of the line, volts^2 summed over channels and scans."""
-        return float(self.equations.explained.sum())
 
     def aic(self, variance: FloatArray) -> float:
         """Information criterion of Akaike (1974): residual sum of squares plus two for each unknown."""
@@ -85,8 +75,11 @@ def strongest_line(window: DetrendedWindow) -> list[Ripple]:
     A line that may be the harmonic of a slower one appears twice: as that harmonic, then as a fundamental.
     """
     power, needed, variance = _spectrum(window)
+    # Waves (bins, n) at the first bins; half a bin stands for bin 0.
     n_slow = min(_SLOW_CYCLES * _PADDING, len(power))
-    waves = _slow_waves(window, n_slow)
+    bin_rad = np.pi / _PADDING * (window.n - 1) / window.n * window.travel.mean(axis=0)
+    waves = np.cumprod(np.broadcast_to(np.exp(1j * bin_rad), (n_slow - 1, window.n)), axis=0)
+    waves = np.concatenate([np.exp(0.5j * bin_rad)[np.newaxis], waves])
     found = []
     for trended, least_periods in ((window, 0.0), (window.curved, FEW_PERIODS)):
         power = np.concatenate([_least_squares_power(trended, waves, variance), power[n_slow:]])
@@ -202,14 +195,6 @@ def floor_beside(window: DetrendedWindow, phase_rate: float, variance: FloatArra
     waves = np.exp(1j * np.outer(np.pi * there, window.travel.mean(axis=0)))
     powers = _least_squares_power(window, waves, variance)
     return float((powers * rises).mean())
-
-
-def _slow_waves(window: DetrendedWindow, n_bins: int) -> NDArray[np.complex128]:
-    """Complex waves at the first bins of the spectrum: (bins, n); half a bin stands for bin 0."""
-    phase_rate = np.pi / _PADDING * (window.n - 1) / window.n
-    first = np.exp(1j * phase_rate * window.travel.mean(axis=0))
-    waves = np.cumprod(np.broadcast_to(first, (n_bins - 1, window.n)), axis=0)
-    return np.concatenate([np.exp(0.5j * phase_rate * window.travel.mean(axis=0))[np.newaxis], waves])
 
 
 def _least_squares_power(

@@ -38,8 +38,8 @@ def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
         z = equations.phasors()
         if len(found.k) and explained_power(z, window.layout, found.k[0], ripple.variance) > least:
             return found
-    empty = np.zeros(0)
-    return PlaneWaves(np.zeros((0, 2)), empty, empty, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
+    none = np.zeros(0)
+    return PlaneWaves(np.zeros((0, 2)), none, none, np.zeros((0, 3, 3)), np.zeros((0, 0, 0)))
 
 
 def _axes(window: DetrendedWindow) -> tuple[FloatArray, FloatArray]:
@@ -160,16 +160,10 @@ def _scores(
 
 
 def _is_peak(scores: FloatArray) -> NDArray[np.bool_]:
-    """True for grid points no lower than their neighbours along each axis."""
-    peak = np.ones(scores.shape, dtype=np.bool_)
-    for axis in (0, 1):
-        if scores.shape[axis] > 1:
-            rises = np.diff(scores, axis=axis) > 0
-            first = [slice(None)] * 2
-            first[axis] = slice(0, 1)
-            edge = np.ones_like(rises[tuple(first)])
-            peak &= np.concatenate([edge, rises], axis=axis) & ~np.concatenate([rises, ~edge], axis=axis)
-    return peak
+    """True for grid points above the one before them and no lower than the one after, along each axis."""
+    around = np.pad(scores, 1, constant_values=-np.inf)
+    is_peak = (scores > around[:-2, 1:-1]) & (scores >= around[2:, 1:-1])
+    return np.asarray(is_peak & (scores > around[1:-1, :-2]) & (scores >= around[1:-1, 2:]))
 
 
 def _distinct(waves: PlaneWaves, layout: ChannelLayout) -> PlaneWaves:

@@ -304,7 +304,8 @@ class WaveSolver:
         """
         slack = self._slack(waves.k)
         noisy = expected_products(equations, waves) + noise
-        near = self._with_mismatch(linearise(equations, self._weight, waves, noisy))
+        near = linearise(equations, self._weight, waves, noisy)
+        near = near if self._mismatch is None else near.with_mismatch(self._mismatch)
         normal, gradient = self._normal(near, slack)
         return np.asarray(
             _solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_phase_rate(slack)[0].T
@@ -353,9 +354,7 @@ class WaveSolver:
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._window.layout.is_kind)))
 
     def _near(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
-        return self._with_mismatch(self._plain(equations, waves))
-
-    def _with_mismatch(self, near: Linearisation) -> Linearisation:
+        near = self._plain(equations, waves)
         return near if self._mismatch is None else near.with_mismatch(self._mismatch)
 
     def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
