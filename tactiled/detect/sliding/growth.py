@@ -193,10 +193,9 @@ class GrowthTracker:
 
 
 def _moved(growth: FloatArray) -> float:
-    """Growth of the loads of one pad (channels,), over their noise, squared, as far as load moves over it.
+    """Squared growth of the loads of one pad (channels,), over their noise, as far as load moves over it.
 
-    Geometric mean of all of the growth and of twice the smaller of what rises and what falls: 0 where all
-    rise.
+    Geometric mean of all of it and of twice the smaller of what rises and what falls: 0 where all rise.
     """
     rises = float((growth[growth > _MOVED] ** 2).sum())
     falls = float((growth[growth < -_MOVED] ** 2).sum())

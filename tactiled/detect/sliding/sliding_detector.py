@@ -31,13 +31,7 @@ _STATES_THAT_SLIDE = ("unknown", "loading", "holding", "sliding")
 
 
 class SlidingSlip:
-    """Detect contact and slip; a `Detector`.
-
-    Parameters
-    ----------
-    first : ContactDetector
-        Reports contact, and slip by shear.
-    """
+    """Detect contact and slip; a `Detector`. `first` reports contact, and slip by shear."""
 
     def __init__(self, array: Array, first: ContactDetector) -> None:
         self._array = array
@@ -48,8 +42,11 @@ class SlidingSlip:
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
         self._first.reset()
-        self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
+        self._forget()
+
+    def _forget(self) -> None:
+        self._rate_hz = 0.0  # nothing seen
         self._state: ContactState = "none"  # of the first detector
         self._published: ContactState = "none"
         self._touching: tuple[int, ...] = ()
@@ -127,7 +124,7 @@ class SlidingSlip:
             return []
         if own.kind == "gross":  # load that still moves belongs to the slide: slip and contact end together
             self._own, self._gross_end_s = {}, time_s
-        return [] if self._own or self._of_first is not None else self._ended(time_s, time_s, valid=valid)
+        return [] if self._own or self._of_first is not None else self._ended(time_s, valid=valid)
 
     def _first_slips(self, event: SlipEvent) -> list[Event]:
         self._of_first = event if event.state == "onset" and not self._grows else None
@@ -136,11 +133,11 @@ class SlidingSlip:
         self._newest = event if event.state == "onset" else None
         return [event]
 
-    def _ended(self, time_s: float, detected_s: float, *, valid: bool) -> list[Event]:
+    def _ended(self, time_s: float, *, valid: bool) -> list[Event]:
         newest, self._newest = self._newest, None
         if newest is None:
             return []
-        return [dataclasses.replace(newest, state="end", time_s=time_s, detected_s=detected_s, valid=valid)]
+        return [dataclasses.replace(newest, state="end", time_s=time_s, detected_s=time_s, valid=valid)]
 
     def _onset(self, time_s: float, change: Change, *, valid: bool) -> SlipEvent:
         before_s = change.scans_before / self._rate_hz
@@ -168,35 +165,21 @@ class SlidingSlip:
         is_gross = any(slip.kind == "gross" for slip in self._own.values())
         slides = is_gross and self._state in _STATES_THAT_SLIDE
         state: ContactState = "sliding" if slides else self._state
+        return self._publish(float(block.time_s[row]), state, self._touching, valid=not bool(block.late[row]))
+
+    def _publish(
+        self, time_s: float, state: ContactState, taxels: tuple[int, ...], *, valid: bool
+    ) -> list[Event]:
         if state == self._published:
             return []
         before, self._published = self._published, state
-        return [
-            ContactEvent(
-                time_s=float(block.time_s[row]),
-                state=state,
-                previous=before,
-                taxels=self._touching,
-                valid=not bool(block.late[row]),
-            )
-        ]
+        return [ContactEvent(time_s=time_s, state=state, previous=before, taxels=taxels, valid=valid)]
 
     def _cut_off(self) -> list[Event]:
         """End slip and contact after the last scan, not valid, and forget them."""
-        events: list[Event] = []
-        if self._newest is not None:
-            events += self._ended(self._last_time_s, self._last_time_s, valid=False)
-        if self._published != "none":
-            events.append(
-                ContactEvent(
-                    time_s=self._last_time_s, state="none", previous=self._published, taxels=(), valid=False
-                )
-            )
-        self._rate_hz = 0.0
-        self._state = self._published = "none"
-        self._touching = ()
-        self._of_first = self._newest = None
-        self._own, self._gross_end_s = {}, -np.inf
+        events = self._ended(self._last_time_s, valid=False)
+        events += self._publish(self._last_time_s, "none", (), valid=False)
+        self._forget()
         return events
 
 
