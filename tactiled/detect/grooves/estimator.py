@@ -2,23 +2,17 @@
 
 `fit` holds the fit of one window and `track` follows its wave to the next; this module manages the window.
 
-* A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. It is
-  fitted every `hop_s`, counted in scans, so the arithmetic does not depend on how scans were chunked.
+* A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. A new
+  one begins where the speed changes sign, becomes known or becomes unknown. It is fitted every `hop_s`,
+  counted in scans, so the arithmetic does not depend on how scans were chunked.
 * Each fit is handed to a worker, and its answer is reported `answer_after_s` after the end of its window, at
   a fixed scan. A fit that is not ready by then is reported as "stale".
 * Once there is an answer, its wave is tracked. The window is fitted anew when it has doubled or, at its full
   length, when all its scans are new, and at every hop without an answer or with more than one wave in view.
-  Another pattern under the skin is reported as "ambiguous" and begins a new window.
 * The first answer comes when the number of periods and both standard deviations meet the criteria, or when
   the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
   the window is full and after every further full length, and at the end of a slip that had no answer.
-* A given speed ties the frequency to the wave vector, and windows are measured in distance travelled, so that
-  a varying speed does not smear the line. Without one (0) the speed is estimated. A new window begins where
-  the speed changes sign, becomes known or becomes unknown.
-* The direction is that of the slip event, unless configured. Where neither is known, no speed is estimated.
-* Where phases cannot tell an angle, `fit` may answer "period-only" (`period_only`), which is reported once a
-  second window has the same line. No answer is "ok" while its standard deviation is a quarter of the period
-  or more.
+* A period without an angle (`period_only`) is reported where the window before had the same line.
 """
 
 from collections import deque
@@ -271,7 +265,7 @@ class JointTexture:
         return max(1, round(duration_s * rate_hz))
 
     def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
-        """Hand a copy of the window to the worker, to track the wave of the last answer or to fit anew."""
+        """Hand the window to the worker, to track the wave of the last answer or to fit anew."""
         volts, good, time_s, speeds_mm_s = window.scans()
         span = window.span(float(newest.time_s[-1]), newest.rate_hz)
         last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None

@@ -64,10 +64,8 @@ class PeriodOnly:
     status: ClassVar[Literal["period-only"]] = "period-only"
     frequency_hz: float
     snr_db: float
-    period_mm: float
-    period_sd_mm: float
-    period_range_mm: tuple[float, float]  # shortest and longest period
-    candidates: tuple[Candidate, ...] = ()  # all gratings in view, where there are several
+    # The gratings in view, the strongest first: periods and their intervals, weighted by shares of the power
+    gratings: tuple[Candidate, ...]
 
 
 @dataclass(frozen=True)
@@ -112,16 +110,18 @@ def texture_event(span: FitSpan, fit: Outcome, answered_s: float, speed_sd_mm_s:
         event = replace(event, speed_mm_s=given_mm_s, speed_sd_mm_s=speed_sd_mm_s, speed_source="given")
     if isinstance(fit, Refusal):
         return replace(event, candidates=fit.candidates, stray_rad=fit.stray_rad)
-    event = replace(event, period_mm=fit.period_mm, period_sd_mm=fit.period_sd_mm)
     if isinstance(fit, PeriodOnly):
-        shortest_mm, longest_mm = fit.period_range_mm
+        first = fit.gratings[0]
         return replace(
             event,
-            period_min_mm=shortest_mm,
-            period_max_mm=longest_mm,
+            period_mm=first.period_mm,
+            period_sd_mm=first.period_sd_mm,
+            period_min_mm=first.period_min_mm,
+            period_max_mm=first.period_max_mm,
             angle_sd_deg=UNKNOWN_SD_DEG,
-            candidates=fit.candidates,
+            candidates=fit.gratings if len(fit.gratings) > 1 else (),
         )
+    event = replace(event, period_mm=fit.period_mm, period_sd_mm=fit.period_sd_mm)
     if fit.speed_mm_s > 0 and not fit.uses_given_speed:
         found_mm_s, sd_mm_s = fit.speed_mm_s, fit.speed_sd_mm_s
         event = replace(event, speed_mm_s=found_mm_s, speed_sd_mm_s=sd_mm_s, speed_source="estimated")

@@ -23,7 +23,7 @@ a speed the answer is "ambiguous", with the frequency alone.
 Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -142,10 +142,12 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)
     if gratings[0].over_others < 1.0:
         return Refusal("too-few-periods")
+    frequency_hz, snr_db = gratings[0].frequency_hz, float(10 * np.log10(gratings[0].power))
     if window.motion.speed_mm_s == 0:
-        return Refusal("ambiguous", gratings[0].frequency_hz, float(10 * np.log10(gratings[0].power)))
-    answers = [_of_line(line, window) for line in gratings]
-    return replace(answers[0], candidates=_candidates(gratings, answers))
+        return Refusal("ambiguous", frequency_hz, snr_db)
+    power = sum(line.power for line in gratings)
+    periods = tuple(_period(line, window, line.power / power) for line in gratings)
+    return PeriodOnly(frequency_hz=frequency_hz, snr_db=snr_db, gratings=periods)
 
 
 def period_range(frequency_hz: float, speed_mm_s: float, max_tilt_deg: float) -> tuple[float, float]:
@@ -196,7 +198,8 @@ def _fundamentals(lines: list[SpectralLine], apart_hz: float) -> list[SpectralLi
     return found
 
 
-def _of_line(line: SpectralLine, window: FitWindow) -> PeriodOnly:
+def _period(line: SpectralLine, window: FitWindow, weight: float) -> Candidate:
+    """Period of a line at the given speed, with its interval."""
     motion, params = window.motion, window.params
     relative = line.frequency_sd_hz / line.frequency_hz
     shortest, longest = period_range(line.frequency_hz, motion.speed_mm_s, params.max_tilt_deg)
@@ -204,30 +207,13 @@ def _of_line(line: SpectralLine, window: FitWindow) -> PeriodOnly:
     period_mm = min(longest, params.max_period_mm)  # shorter than `longest`: the grooves are tilted
     low_mm = max(shortest - _INTERVAL_SDS * sd_mm, min(params.min_period_mm, period_mm))
     high_mm = min(longest + _INTERVAL_SDS * sd_mm, params.max_period_mm)
-    return PeriodOnly(
-        frequency_hz=line.frequency_hz,
-        snr_db=float(10 * np.log10(line.power)),
+    return Candidate(
         period_mm=period_mm,
+        angle_deg=0.0,
+        weight=weight,
         period_sd_mm=sd_mm,
-        period_range_mm=(low_mm, high_mm),
-    )
-
-
-def _candidates(gratings: list[SpectralLine], answers: list[PeriodOnly]) -> tuple[Candidate, ...]:
-    """All gratings in view, where there are several, weighted by their shares of the power."""
-    if len(gratings) < 2:
-        return ()
-    total = sum(line.power for line in gratings)
-    return tuple(
-        Candidate(
-            period_mm=answer.period_mm,
-            angle_deg=0.0,
-            weight=line.power / total,
-            period_sd_mm=answer.period_sd_mm,
-            period_min_mm=answer.period_range_mm[0],
-            period_max_mm=answer.period_range_mm[1],
-        )
-        for line, answer in zip(gratings, answers, strict=True)
+        period_min_mm=low_mm,
+        period_max_mm=high_mm,
     )
 
 

@@ -1,7 +1,5 @@
 """Period without an angle: lines of known frequency, noise of any colour, intervals that hold."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from tactiled.detect.grooves.period_only import period_range, spectral_lines, sw
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectorPair, DetectParams, build_suite
-from tactiled.events.types import TextureEvent
+from tactiled.events.types import Candidate, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
 
@@ -157,19 +155,6 @@ def test_nothing_is_answered_over_a_flat_surface() -> None:
     assert "ok" not in statuses
 
 
-def chunks(block: ScanBlock, size: int) -> Iterator[ScanBlock]:
-    return (block[start : start + size] for start in range(0, len(block), size))
-
-
-@pytest.mark.parametrize("size", [1, 13, 100])
-def test_answers_do_not_depend_on_chunks(size: int) -> None:
-    block = ridges(7, {4.0: 0.6}, seconds=4.0)
-    array = unknown_places(16)
-    whole = answers(array, [block], speed_mm_s=10.0)
-    assert whole
-    assert answers(array, list(chunks(block, size)), speed_mm_s=10.0) == whole
-
-
 def test_sliding_goes_on_after_a_gap_and_is_cut_to_its_interval() -> None:
     block = ridges(8, {4.0: 1.0}, seconds=9.0)
     array = unknown_places(16)
@@ -195,14 +180,6 @@ def test_dead_channels_are_left_out() -> None:
     readings[:, 7] = 2000.0
     found = answers(unknown_places(16), [regular_block(readings, RATE_HZ)], speed_mm_s=10.0)
     assert found[-1].period_mm == pytest.approx(2.5, rel=0.005)
-
-
-def test_detectors_that_are_not_asked_for_do_not_run() -> None:
-    block = ridges(10, {4.0: 1.0})
-    params = DetectParams.model_validate({"texture": {"speed_mm_s": 10.0}})
-    suite = build_suite(unknown_places(16), params, sliding=KnownSliding(), topics=("texture",))
-    assert {event.topic for event in suite.process(block)} == {"texture"}
-    assert build_suite(unknown_places(16), params, topics=("slip", "contact")).texture is None
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -274,14 +251,8 @@ def test_a_line_is_reported_once_a_second_window_has_it_too() -> None:
 
     def fit(_window: FitWindow) -> Outcome:
         at = next(fits, 9.01)
-        period_mm = 10 / at
-        return PeriodOnly(
-            frequency_hz=at,
-            snr_db=0.0,
-            period_mm=period_mm,
-            period_sd_mm=0.0,
-            period_range_mm=(0.0, period_mm),
-        )
+        period = Candidate(period_mm=10 / at, angle_deg=0.0, weight=1.0)
+        return PeriodOnly(frequency_hz=at, snr_db=0.0, gratings=(period,))
 
     texture = JointTexture(unknown_places(16), params, fit=fit)
     suite = DetectorPair(None, texture, sliding=KnownSliding())
