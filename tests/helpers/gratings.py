@@ -116,6 +116,14 @@ def off(found: GrooveAnswer, grating: Grating) -> tuple[float, float]:
     return found.period_mm - grating.period_mm, (found.angle_deg - grating.angle_deg + 90) % 180 - 90
 
 
+def is_near(found: Outcome, grating: Grating) -> bool:
+    """Whether an answer is that grating, and no other reading of its phases."""
+    if not isinstance(found, GrooveAnswer):
+        return False
+    by_mm, by_deg = off(found, grating)
+    return abs(by_mm) < 0.05 * grating.period_mm and abs(by_deg) < 5
+
+
 def assert_right(outcome: Outcome | None, grating: Grating, sigmas: float = 5.0) -> None:
     found = answer(outcome)
     by_mm, by_deg = off(found, grating)

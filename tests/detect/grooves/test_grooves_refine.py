@@ -18,8 +18,6 @@ from gratings import (
 )
 from scipy import signal
 
-from tactiled.detect.grooves.estimates import design_effect
-from tactiled.detect.grooves.model import channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer
 
 
@@ -59,15 +57,6 @@ def test_noise_that_is_stronger_near_the_line_widens_the_sigmas() -> None:
             z.append(off(found, grating)[0] / found.period_sd_mm)
     assert len(z) > 30
     assert np.mean(np.abs(z) < 2) > 0.85
-
-
-def test_channels_with_common_mismatch_count_as_one() -> None:
-    rng, layout = np.random.default_rng(3), channel_layout(ARRAY)
-    effect, dof = design_effect(rng.normal(size=36), layout)
-    assert 1.0 <= effect < 2.0
-    assert dof == pytest.approx(30 / effect)
-    together, few = design_effect(rng.normal(size=9)[ARRAY.channel_taxel], layout)
-    assert (together, few) == (4.0, 7.5)
 
 
 def test_mismatch_of_a_tenth_of_a_radian_is_answered_with_correct_sigmas() -> None:

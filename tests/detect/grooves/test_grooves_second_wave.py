@@ -12,21 +12,15 @@ from gratings import (
     assert_refused,
     assert_right,
     fit,
+    is_near,
     motions,
-    off,
 )
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
+from tactiled.detect.grooves.model import channel_layout, wave_vector
+from tactiled.detect.grooves.phasors import Phasors
 
 OFFSETS_S = np.linspace(0, 0.007, 36)
-
-
-def is_near(found: Outcome, grating: Grating) -> bool:
-    if not isinstance(found, GrooveAnswer):
-        return False
-    by_mm, by_deg = off(found, grating)
-    return abs(by_mm) < 0.05 * grating.period_mm and abs(by_deg) < 5
 
 
 def gains(slide: Slide) -> FloatArray:
@@ -34,7 +28,26 @@ def gains(slide: Slide) -> FloatArray:
     return np.random.default_rng(slide.seed).uniform(0.6, 1.4, 36)
 
 
+def crossed(period_mm: float, angle_deg: float, sizes: tuple[float, float]) -> FloatArray:
+    """Two ripples of one frequency at 2 mm/s along x; each kind of channel has its own phases."""
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + 2.0 * (Slide().times()[:, np.newaxis] + OFFSETS_S)
+    y, own = ARRAY.y_mm[ARRAY.channel_taxel], np.nan_to_num(ARRAY.azimuth_deg)
+    along, across = wave_vector(period_mm, angle_deg)
+    one, other = np.cos(along * x + across * y + own), np.cos(along * x - across * y + 1 - 2 * own)
+    return np.asarray(sizes[0] * one + sizes[1] * other)
+
+
 REFUSED = ("several-gratings", "ambiguous", "uneven-channels")
+
+
+def test_contributions_of_waves_are_those_of_least_squares() -> None:
+    rng, layout = np.random.default_rng(1), channel_layout(ARRAY)
+    z, k = rng.standard_normal(36) + 1j * rng.standard_normal(36), rng.uniform(-5, 5, (2, 2))
+    wave = np.exp(1j * layout.xy_mm @ k.T)  # (channels, waves)
+    design = np.concatenate([layout.is_kind * wave[:, :1], layout.is_kind * wave[:, 1:]], axis=1)
+    amplitude, n = np.linalg.lstsq(design, z, rcond=None)[0], layout.is_kind.shape[1]
+    expected = np.stack([design[:, :n] @ amplitude[:n], design[:, n:] @ amplitude[n:]], axis=1)
+    assert Phasors(z, np.full(36, 1e-4), layout).fit(k[np.newaxis])[0] == pytest.approx(expected, abs=1e-6)
 
 
 @motions
@@ -124,33 +137,20 @@ def test_taxel_loads_are_not_taken_for_a_second_wave(motion_of: MotionOf, part: 
 def test_a_slightly_wrong_direction_hides_no_crossed_grooves(
     motion_of: MotionOf, off_deg: float, angle_deg: float
 ) -> None:
-    gratings = Grating(1.3, angle_deg), Grating(1.3, -angle_deg)
-    slide = Slide((), duration_s=4.0)
-    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
-    y = ARRAY.y_mm[ARRAY.channel_taxel]
-    along = 2 * np.pi / 1.3 * np.cos(np.radians(angle_deg))
-    across = 2 * np.pi / 1.3 * np.sin(np.radians(angle_deg))
-    own = np.nan_to_num(ARRAY.azimuth_deg)
+    gratings, slide = (Grating(1.3, angle_deg), Grating(1.3, -angle_deg)), Slide(())
     for part in (0.05, 0.03):
-        waves = 0.05 * np.cos(along * x + across * y + own)
-        waves = waves + part * np.cos(along * x - across * y + 1 - 2 * own)
         motion = replace(motion_of(slide), direction_deg=off_deg, direction_sd_deg=1.5)
-        found = fit(slide, motion, volts=slide.volts(ARRAY, OFFSETS_S) + waves)
+        volts = slide.volts(ARRAY, OFFSETS_S) + crossed(1.3, angle_deg, (0.05, part))
+        found = fit(slide, motion, volts=volts)
         assert found.status in REFUSED or any(is_near(found, grating) for grating in gratings)
 
 
 @motions
 @pytest.mark.parametrize("angle_deg", [15.0, 30.0, 35.0, 45.0, 60.0])
 def test_equal_crossed_gratings_are_seen(motion_of: MotionOf, angle_deg: float) -> None:
-    slide = Slide((), duration_s=6.0, noise=0.001)
-    x = ARRAY.x_mm[ARRAY.channel_taxel] + slide.speed_mm_s * (slide.times()[:, np.newaxis] + OFFSETS_S)
-    y = ARRAY.y_mm[ARRAY.channel_taxel]
-    along = 2 * np.pi / 1.1 * np.cos(np.radians(angle_deg))
-    across = 2 * np.pi / 1.1 * np.sin(np.radians(angle_deg))
-    own = np.nan_to_num(ARRAY.azimuth_deg)
-    waves = 0.05 * (np.cos(along * x + across * y + own) + np.cos(along * x - across * y + 1 - 2 * own))
-    found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, OFFSETS_S) + waves)
-    assert_refused(found, "several-gratings")
+    slide = Slide((), noise=0.001)
+    volts = slide.volts(ARRAY, OFFSETS_S) + crossed(1.1, angle_deg, (0.05, 0.05))
+    assert_refused(fit(slide, motion_of(slide), volts=volts), "several-gratings")
 
 
 @motions

@@ -13,16 +13,12 @@ from gratings import (
     assert_refused,
     assert_right,
     fit,
+    is_near,
     motions,
-    off,
-    prepared,
 )
 from scipy import signal
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import channel_layout
-from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
-from tactiled.detect.grooves.ripple import floor_beside
 
 OFFSETS_S = np.linspace(0, 0.007, 36)
 
@@ -34,13 +30,6 @@ def drifting(slide: Slide, pole: float, snr_db: float) -> FloatArray:
     noise = signal.lfilter([np.sqrt(1 - pole**2)], [1, -pole], white, axis=0)[500:]
     size = slide.gratings[0].amplitude / np.sqrt(2 * 10 ** (snr_db / 10))
     return np.asarray(slide.volts(ARRAY, OFFSETS_S) + size * noise)
-
-
-def is_near(found: Outcome, grating: Grating) -> bool:
-    if not isinstance(found, GrooveAnswer):
-        return False
-    by_mm, by_deg = off(found, grating)
-    return abs(by_mm) < 0.05 * grating.period_mm and abs(by_deg) < 5
 
 
 @motions
@@ -170,23 +159,3 @@ def test_creep_far_larger_than_the_ripple_does_not_hide_it(motion_of: MotionOf, 
     creep = -0.5 * np.exp(-times_s / times_s.max() * 3) * np.linspace(0.5, 1.0, 36)
     volts = slide.volts(ARRAY, OFFSETS_S) + creep
     assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
-
-
-@motions
-@pytest.mark.parametrize("value", [0.0, 3.0, -1e6])
-def test_constants_are_no_grooves(motion_of: MotionOf, value: float) -> None:
-    slide = Slide()
-    assert_refused(fit(slide, motion_of(slide), volts=np.full((400, 36), value)), "low-snr")
-
-
-@pytest.mark.parametrize("cycles", [20.5, 20.25])
-def test_the_floor_between_harmonics_as_close_as_a_cycle_is_that_of_the_noise(cycles: float) -> None:
-    # Half a cycle, midway between two harmonics, is as far from both as a place can be.
-    n, sd = 2000, 1e-3
-    volts = sd * np.random.default_rng(0).standard_normal((n, 36))
-    window = prepared(volts, np.arange(n) / 100, channel_layout(ARRAY))
-    found = floor_beside(window, cycles * np.pi, np.full(36, sd**2), line=np.pi)
-    if cycles % 1 == 0.5:
-        assert found == pytest.approx(1.0, abs=0.4)
-    else:
-        assert found == np.inf

@@ -15,13 +15,13 @@ from gratings import (
     known,
     motions,
     numbers,
-    off,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from touches import textures
 
+from bench.texture.trials import slip_at
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
@@ -30,7 +30,6 @@ from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, T
 from tactiled.detect.grooves.params import JointParams, WaveParams
 from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
 
 LAYOUT = channel_layout(ARRAY)
@@ -40,12 +39,6 @@ LONG = Slide(duration_s=8.0, noise=0.02)
 
 def window(motion: WaveMotion, volts: FloatArray, time_s: FloatArray) -> FitWindow:
     return FitWindow(volts, time_s, OFFSETS_S, LAYOUT, motion, WaveParams())
-
-
-def track(
-    last: GrooveAnswer, motion: WaveMotion, volts: FloatArray, time_s: FloatArray
-) -> GrooveAnswer | NewPattern | None:
-    return track_wave(last, window(motion, volts, time_s))
 
 
 def in_sigmas(one: GrooveAnswer, other: GrooveAnswer) -> tuple[float, float]:
@@ -62,36 +55,22 @@ def test_a_tracked_wave_is_that_of_a_fit_of_the_window(motion_of: MotionOf, angl
     volts, time_s, motion = slide.volts(ARRAY, OFFSETS_S), slide.times(), motion_of(slide)
     found = answer(fit_wave(window(motion, volts[:250], time_s[:250])))
     for end in (300, 500, 800):
-        found = answer(track(found, motion, volts[:end], time_s[:end]))
+        found = answer(track_wave(found, window(motion, volts[:end], time_s[:end])))
     anew = answer(fit(slide, motion, volts=volts))
     assert in_sigmas(found, anew) == pytest.approx((0.0, 0.0), abs=0.02)
     assert found.period_sd_mm == pytest.approx(anew.period_sd_mm, rel=0.1)
     assert found.angle_sd_deg == pytest.approx(anew.angle_sd_deg, rel=0.1)
 
 
-@motions
-def test_intervals_of_95_percent_hold(motion_of: MotionOf) -> None:
-    z = []
-    for seed in range(120):
-        slide = Slide(duration_s=3.0, noise=0.035, seed=seed)
-        volts, time_s, motion = slide.volts(ARRAY, OFFSETS_S), slide.times(), motion_of(slide)
-        first = answer(fit_wave(window(motion, volts[:200], time_s[:200])))
-        found = answer(track(first, motion, volts[100:], time_s[100:]))
-        by_mm, by_deg = off(found, slide.gratings[0])
-        z.append((by_mm / found.period_sd_mm, by_deg / found.angle_sd_deg))
-    held = (np.abs(z) < 1.96).mean(axis=0)
-    assert np.all((held > 0.89) & (held < 0.995))  # 120 trials: 95 % +- 2 %
-
-
 def test_lost_scans_with_true_times_and_a_channel_that_dies_leave_the_answer_right() -> None:
     volts, time_s, motion = LONG.volts(ARRAY, OFFSETS_S), LONG.times(), known(LONG)
     first = answer(fit(LONG, motion, volts=volts))
     kept = np.random.default_rng(1).random(len(time_s)) > 0.1
-    lost = track(first, motion, volts[kept], time_s[kept])
+    lost = track_wave(first, window(motion, volts[kept], time_s[kept]))
     assert_right(lost, LONG.gratings[0])
     volts[400:, 7] = np.nan
     volts[:, 20] = 1.0  # without ripple and noise
-    dead = track(first, motion, volts, time_s)
+    dead = track_wave(first, window(motion, volts, time_s))
     assert_right(dead, LONG.gratings[0])
 
 
@@ -116,7 +95,7 @@ def test_anything_gives_finite_numbers_or_nothing(
         uses_given_speed=bool(rng.integers(2)), wave=wave,
     )  # fmt: skip
     motion = WaveMotion(speed, 0.01 * speed, float(rng.uniform(-180, 180)), 5.0)
-    found = track(last, motion, volts, np.arange(n) / 100)
+    found = track_wave(last, window(motion, volts, np.arange(n) / 100))
     if found is not None:
         assert np.isfinite(numbers(found)).all()
         assert not isinstance(found, GrooveAnswer) or np.all(np.diag(found.covariance) >= 0)
@@ -130,7 +109,7 @@ def test_another_pattern_is_noticed(motion_of: MotionOf, later: Grating) -> None
     changed = dataclasses.replace(LONG, gratings=(later,)).volts(ARRAY, OFFSETS_S)
     for scans, is_noticed in ((0, False), (60, True), (150, True)):
         both = np.concatenate([volts[: 800 - scans], changed[800 - scans :]])
-        found = track(last, motion_of(LONG), both, LONG.times())
+        found = track_wave(last, window(motion_of(LONG), both, LONG.times()))
         assert isinstance(found, NewPattern) == is_noticed
 
 
@@ -138,27 +117,8 @@ def test_an_uneven_speed_is_no_other_pattern() -> None:
     even = Slide(duration_s=8.0)
     last = answer(fit(even, known(even).without_speed))
     uneven = dataclasses.replace(even, acceleration_mm_s2=0.02, speed_mm_s=1.92)
-    found = track(last, known(even).without_speed, uneven.volts(ARRAY, OFFSETS_S), even.times())
+    found = track_wave(last, window(known(even).without_speed, uneven.volts(ARRAY, OFFSETS_S), even.times()))
     assert not isinstance(found, NewPattern)
-
-
-def slip_along_x() -> SlipEvent:
-    return SlipEvent(
-        time_s=0.0,
-        state="onset",
-        kind="gross",
-        onset_s=0.0,
-        onset_sd_s=0.01,
-        direction_deg=0.0,
-        direction_sd_deg=1.0,
-        confidence=1.0,
-        taxels=(),
-        detector="test",
-        statistic=1.0,
-        threshold=0.5,
-        valid=True,
-        detected_s=0.0,
-    )
 
 
 def test_an_answer_is_fitted_anew_when_its_window_has_doubled_or_is_all_new() -> None:
@@ -171,7 +131,7 @@ def test_an_answer_is_fitted_anew_when_its_window_has_doubled_or_is_all_new() ->
     slide = Slide(duration_s=26.0)
     texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0), fit=counted)
     block = regular_block(slide.volts(ARRAY, OFFSETS_S), 100.0, channel_offset_s=OFFSETS_S)
-    events = textures(texture.process(block, [slip_along_x()]))
+    events = textures(texture.process(block, [slip_at(0.0, 0.0, 1.0)]))
     assert all(event.status == "ok" for event in events)
     assert events[0].answered_s == pytest.approx(1.19)
     assert ends == [20, 40, 60, 80, 100, 200, 400, 800, 1600, 2400]
@@ -185,7 +145,7 @@ def test_grooves_that_change_are_reported_and_answered_anew() -> None:
     volts[700:] = other.volts(ARRAY, OFFSETS_S)[700:]
     texture = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0))
     block = regular_block(volts, 100.0, channel_offset_s=OFFSETS_S)
-    events = textures(texture.process(block, [slip_along_x()]))
+    events = textures(texture.process(block, [slip_at(0.0, 0.0, 1.0)]))
     refused = [event for event in events if event.status != "ok"]
     assert [event.status for event in refused] == ["ambiguous"]
     assert 7.0 < refused[0].answered_s <= 8.6
@@ -193,6 +153,6 @@ def test_grooves_that_change_are_reported_and_answered_anew() -> None:
     assert after[0].answered_s < refused[0].answered_s + 2.5
     assert [event.period_mm for event in after] == pytest.approx([1.5] * len(after), abs=0.01)
     chunked = JointTexture(ARRAY, JointParams(speed_mm_s=2.0, settle_s=0.0, direction_deg=0.0))
-    pieces = [chunked.process(block[:1], [slip_along_x()])]
+    pieces = [chunked.process(block[:1], [slip_at(0.0, 0.0, 1.0)])]
     pieces += [chunked.process(block[first : first + 33]) for first in range(1, len(block), 33)]
     assert textures([event for piece in pieces for event in piece]) == events

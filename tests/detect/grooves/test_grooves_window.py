@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
-from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.params import WaveParams
 from tactiled.detect.grooves.window import FitWindow
 
@@ -56,15 +56,9 @@ def test_distance_travelled_compensates_acceleration() -> None:
 
 
 @motions
-def test_one_step_of_the_converter_under_three_volts(motion_of: MotionOf) -> None:
-    slide = Slide((Grating(amplitude=LSB),), level=2.99, noise=LSB / 2, duration_s=6.0)
-    volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
-    assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
-
-
-@motions
-def test_a_noiseless_signal_on_a_coarse_converter(motion_of: MotionOf) -> None:
-    slide = Slide((Grating(amplitude=4 * LSB),), noise=0.0)
+@pytest.mark.parametrize(("steps", "noise"), [(1, LSB / 2), (4, 0.0)])
+def test_ripples_of_few_steps_of_the_converter(motion_of: MotionOf, steps: int, noise: float) -> None:
+    slide = Slide((Grating(amplitude=steps * LSB),), level=2.99, noise=noise, duration_s=6.0)
     volts = np.round(slide.volts(ARRAY, OFFSETS_S) / LSB) * LSB
     assert_right(fit(slide, motion_of(slide), volts=volts), slide.gratings[0])
 
@@ -115,16 +109,6 @@ def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
     params = WaveParams(trend_order=trend_order, max_harmonics=max_harmonics)
     window = FitWindow(volts, np.arange(n) / 100, OFFSETS_S, channel_layout(ARRAY), motion, params)
     assert np.isfinite(numbers(fit_wave(window))).all()
-
-
-@pytest.mark.parametrize("n_harmonics", [1, 2])
-def test_a_line_absorbed_by_the_trend_has_no_amplitude(n_harmonics: int) -> None:
-    rng = np.random.default_rng(0)
-    times = np.arange(40) / 100
-    layout = ChannelLayout(np.arange(3.0), np.zeros(3), np.zeros(3, dtype=np.int64))
-    window = prepared(rng.normal(size=(40, 3)), times, layout)
-    left = window.without_lines(5.0, [1.0])
-    assert left.equations(5.0, n_harmonics).parts[:, :2] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("amplitude", [0.01, 0.3])
