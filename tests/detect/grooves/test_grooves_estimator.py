@@ -1,6 +1,7 @@
 """The joint estimator online: the contract of every detector, when it answers, and what it refuses."""
 
 import dataclasses
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,7 +17,7 @@ from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
 from tactiled.detect.grooves.params import PRESETS, JointParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.wang2019.slip import WaveletSlip
-from tactiled.events.types import Event, SlipEvent, TextureEvent
+from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
@@ -159,8 +160,6 @@ class Ride:
     speeds_mm_s: FloatArray
     grating: Grating = field(default=Grating())
     direction_deg: float = 0.0
-    index: int = 0
-    start_s: float = 0.0
 
     def block(self) -> ScanBlock:
         theta, a = np.radians(self.direction_deg), np.radians(self.grating.angle_deg)
@@ -171,10 +170,16 @@ class Ride:
         phase = 2 * np.pi * (x * np.cos(a) + y * np.sin(a)) / self.grating.period_mm
         noise = 0.003 * np.random.default_rng(4).normal(size=phase.shape)
         volts = 1 + self.grating.amplitude * np.cos(phase + ARRAY.azimuth_deg) + noise
-        return regular_block(volts, 100.0, start_s=self.start_s, index=self.index, channel_offset_s=SKEW_S)
+        return regular_block(volts, 100.0, channel_offset_s=SKEW_S)
 
-    def slip(self, direction_sd_deg: float = 1.0) -> SlipEvent:
-        return slip_at(self.start_s, self.direction_deg, direction_sd_deg)
+    def events(
+        self, params: JointParams, speeds: Iterable[tuple[int, float]] = (), direction_sd_deg: float = 1.0
+    ) -> list[TextureEvent]:
+        texture = JointTexture(ARRAY, params)
+        for scan, speed_mm_s in speeds:
+            texture.set_speed(speed_mm_s, scan)
+        slip = slip_at(0.0, self.direction_deg, direction_sd_deg)
+        return textures(texture.process(self.block(), [slip]))
 
 
 def right(event: TextureEvent, grating: Grating) -> bool:
@@ -187,8 +192,7 @@ def test_presets_trade_time_for_sigma() -> None:
     ride = Ride(np.full(500, 1.0), Grating(1.2, 30.0))
     firsts = []
     for preset in PRESETS:
-        texture = JointTexture(ARRAY, JointParams(preset=preset, speed_mm_s=1.0, direction_deg=0.0))
-        events = textures(texture.process(ride.block(), [ride.slip()]))
+        events = ride.events(JointParams(preset=preset, speed_mm_s=1.0, direction_deg=0.0))
         firsts.append(next(e for e in events if e.status == "ok"))
     assert all(right(e, ride.grating) for e in firsts)
     assert [e.time_s for e in firsts] == sorted({e.time_s for e in firsts})
@@ -200,10 +204,7 @@ def test_presets_trade_time_for_sigma() -> None:
 def test_a_streamed_speed_profile_does_not_smear() -> None:
     speeds = 1.0 + 0.8 * np.sin(np.arange(800) / 60)
     ride = Ride(speeds)
-    texture = JointTexture(ARRAY, JointParams(preset="quick"))
-    for index, speed in enumerate(speeds):
-        texture.set_speed(float(speed), index)
-    events = textures(texture.process(ride.block(), [ride.slip()]))
+    events = ride.events(JointParams(preset="quick"), enumerate(speeds.tolist()))
     fine = [e for e in events if e.status == "ok"]
     assert len(fine) > 0.9 * len(events) > 10
     assert all(right(e, ride.grating) for e in fine)
@@ -213,10 +214,8 @@ def test_a_reversed_speed_begins_a_new_window_and_reverses_the_direction() -> No
     speeds = np.where(np.arange(1000) < 500, 2.0, -2.0)
     ride = Ride(speeds, direction_deg=25.0)
     for direction_deg in (None, 25.0):
-        texture = JointTexture(ARRAY, JointParams(preset="quick", direction_deg=direction_deg))
-        texture.set_speed(2.0, 0)
-        texture.set_speed(-2.0, 500)
-        events = textures(texture.process(ride.block(), [ride.slip()]))
+        params = JointParams(preset="quick", direction_deg=direction_deg)
+        events = ride.events(params, [(0, 2.0), (500, -2.0)])
         assert all(right(e, ride.grating) for e in events if e.status == "ok")
         assert any(e.status == "ok" and e.time_s > 8.0 for e in events)
         assert max(e.window_s for e in events if 5.0 < e.time_s < 7.0) <= 2.0
@@ -225,16 +224,14 @@ def test_a_reversed_speed_begins_a_new_window_and_reverses_the_direction() -> No
 def test_a_stop_in_mid_slip_is_no_wrong_answer() -> None:
     speeds = np.concatenate([np.full(400, 2.0), np.zeros(400)])
     ride = Ride(speeds)
-    texture = JointTexture(ARRAY, JointParams(preset="quick"))
-    events = textures(texture.process(ride.block(), [ride.slip()]))
+    events = ride.events(JointParams(preset="quick"))
     assert all(right(e, ride.grating) for e in events if e.status == "ok" and e.time_s < 4.0)
     assert all(e.status != "ok" for e in events if e.time_s > 7.5)  # the window holds the stop alone
 
 
 def test_without_a_direction_period_and_angle_are_found_and_no_speed() -> None:
     ride = Ride(np.full(400, 2.0))
-    texture = JointTexture(ARRAY, JointParams(preset="quick"))
-    events = textures(texture.process(ride.block(), [ride.slip(direction_sd_deg=180.0)]))
+    events = ride.events(JointParams(preset="quick"), direction_sd_deg=180.0)
     fine = [e for e in events if e.status == "ok"]
     assert len(fine) > 3
     assert all(right(e, ride.grating) and e.speed_source == "none" for e in fine)
@@ -246,7 +243,7 @@ def test_two_gratings_are_refused_as_such() -> None:
     block = ride.block()
     block = dataclasses.replace(block, volts=block.volts + other.block().volts - 1)
     texture = JointTexture(ARRAY, JointParams(preset="quick", speed_mm_s=2.0))
-    events = textures(texture.process(block, [ride.slip()]))
+    events = textures(texture.process(block, [slip_at(0.0, 0.0, 1.0)]))
     assert all(right(event, strong) for event in events if event.status == "ok")
     assert events[-1].status == "several-gratings"
     assert (events[-1].period_mm, events[-1].candidates) == (0.0, ())
@@ -261,7 +258,7 @@ def test_a_slide_that_never_ends_does_not_drift() -> None:
     for turn in range(80):
         index = block.index + 600 * turn
         again = dataclasses.replace(block, index=index, time_s=block.time_s + 6.0 * turn)
-        answers += textures(texture.process(again, [ride.slip()] if turn == 0 else []))
+        answers += textures(texture.process(again, [slip_at(0.0, 0.0, 1.0)] if turn == 0 else []))
     settled = [(e.period_mm, e.angle_deg) for e in answers[2:]]
     assert len(settled) > 70
     assert np.ptp(settled, axis=0) == pytest.approx([0.0, 0.0], abs=1e-7)
@@ -278,7 +275,7 @@ def test_ten_million_scans_of_one_slide_do_not_change_the_answer() -> None:
     late = np.ones(n, dtype=np.bool_)
     params = JointParams(speed_mm_s=speed_mm_s, max_window_s=3.0, hop_s=10.0, settle_s=0.0, answer_after_s=0)
     texture, fresh = JointTexture(column, params), JointTexture(column, params)
-    slip = Ride(np.zeros(1)).slip()
+    slip = slip_at(0.0, 0.0, 1.0)
     n_events = 0
     for turn in range(500):
         again = dataclasses.replace(block, index=block.index + n * turn, late=late)

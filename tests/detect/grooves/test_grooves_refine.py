@@ -4,18 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gratings import (
-    ARRAY,
-    Grating,
-    MotionOf,
-    Slide,
-    answer,
-    assert_refused,
-    fit,
-    known,
-    motions,
-    off,
-)
+from gratings import ARRAY, Grating, MotionOf, Slide, answer, assert_refused, fit, known, motions, off
 from scipy import signal
 
 from tactiled.detect.grooves.outcome import GrooveAnswer

@@ -4,17 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gratings import (
-    ARRAY,
-    Grating,
-    MotionOf,
-    Slide,
-    assert_refused,
-    assert_right,
-    fit,
-    is_near,
-    motions,
-)
+from gratings import ARRAY, Grating, MotionOf, Slide, assert_refused, assert_right, fit, is_near, motions
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import channel_layout, wave_vector

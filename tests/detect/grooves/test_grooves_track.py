@@ -4,18 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gratings import (
-    ARRAY,
-    Grating,
-    MotionOf,
-    Slide,
-    answer,
-    assert_right,
-    fit,
-    known,
-    motions,
-    numbers,
-)
+from gratings import ARRAY, Grating, MotionOf, Slide, answer, assert_right, fit, known, motions, numbers
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
