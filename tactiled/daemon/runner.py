@@ -1,44 +1,61 @@
-"""One board of the daemon: port, pipeline, session, distributor and commands, put together and run.
+"""One board of the daemon: port, pipeline, session and commands, put together and run.
 
 A daemon has a runner for each board. They share the event loop, the sockets and the wall clock, and nothing
 else: what one of them meets (no port, noise, a wrong board, a full disk, an exception) the others do not see.
+
+The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
+lock in it, so the age of an event is that of its bytes plus the time of computing.
+
+A scan leaves before the detectors run, and the processor is then offered to other threads once. Where no
+processor is idle, Linux would let the subscriber begin when this thread waits, which is after the detectors.
 """
 
 import asyncio
+import json
 import logging
 import math
+import os
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from tactiled.daemon.board.datapath import DataPath
+from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import other_layouts
-from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.load import LoopTurns
-from tactiled.daemon.board.report import Report
+from tactiled.daemon.board.link import STOP_S, LoopTurns, make_link
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.clock import EpochClock
-from tactiled.daemon.operations.distributor import Distributor
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.metrics import Metrics
 from tactiled.daemon.operations.recorder import Recorder
-from tactiled.daemon.serial.connection import Connection
-from tactiled.daemon.serial.port import PortParams, check_url
+from tactiled.daemon.serial.device import LineErrors
+from tactiled.daemon.serial.port import Connection, PortParams, SerialPort, check_url
 from tactiled.daemon.zmq.commands import Commands, Done
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
+from tactiled.events.types import Event, InfoEvent
+from tactiled.limited_log import RateLimitedLog
 from tactiled.pipeline import Pipeline
+from tactiled.received import Output
+from tactiled.recording.contents import Input, Read
 from tactiled.tomlfile import Params
+from tactiled.version import __version__
 from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Command, Hello
+from tactiled.wire.layout import Layout
 
 logger = logging.getLogger(__name__)
 
 STATUS_PERIOD_S = 0.1
+INFO_PERIOD_S = 1.0
 # A status that is due so soon is published directly behind a scan. On its own, it would now and then hold up
 # the next scan of a board at 100 Hz or more.
 _EARLY_S = 0.01
+# Wait for the last scans when the daemon stops, where no answer tells which is the last: longer than an FTDI
+# bucket (16 ms).
+_DRAIN_S = 0.1
+_LOOK_S = 0.005  # between looks for that answer: a stop takes at most a quarter longer than the board needs
 
 
 class ServiceParams(Params):
@@ -99,40 +116,36 @@ class BoardRunner:
     ) -> None:
         check_url(params.port.url)
         self.params = params
-        self._recorder = recorder = board.recorder
-        self._shared = shared
-        self._phase_s = phase_s
-        self._status_s = math.inf  # when the next status is due
-        pipeline = self._pipeline = board.make_pipeline()
-        self._layout = pipeline.layout
-        link = make_link(pipeline, params.session, self._baud, other_layouts(pipeline.layout), shared.turns)
-        session = self._session = link.session
-        self._connection = connection = Connection(params.port.url, self._baud)
-        switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
-        self.metrics = Metrics(pipeline.health, connection.errors, lambda: session.board_serial)
-        self._distributor = Distributor(
-            pipeline, session, shared.publisher, self.metrics, shared.clock, recorder
-        )
-        self._commands = Commands(pipeline, session, self._distributor.tuned, switch)
-        self._report = Report(
-            session, link, connection, pipeline.layout, pipeline.array, self._distributor, self._state_told
-        )
         self.words = ""
         """State of the board and its reason, as logged; empty before the first."""
-        self._path = DataPath(
-            link, connection, Encoder(pipeline.layout), self._distributor, shared.turns,
-            self._changed, self._handled, self._failed,
-        )  # fmt: skip
+        self.is_fresh = False
+        """True where the newest status says that data are fresh."""
+        self._recorder = recorder = board.recorder
+        self._shared = shared
+        pipeline = self._pipeline = board.make_pipeline()
+        self._encoder = Encoder(pipeline.layout)
+        others = other_layouts(pipeline.layout)
+        self._link = make_link(pipeline, params.session, self._baud, others, shared.turns)
+        session = self._session = self._link.session
+        self._connection = Connection(params.port.url, self._baud)
+        self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
+        switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
+        self._commands = Commands(pipeline, session, self._tuned, switch)
+        self._handover_s: float | None = None  # of the adapter, as the pipeline knows it
+        self._deadline: asyncio.TimerHandle | None = None
+        self._log = RateLimitedLog(logger)
+        self._logged = (session.state, session.reason(0.0))
+        self._warned: dict[str, str] = {}
+        self._started_s = time.monotonic()
+        self._next_status_s = math.inf
+        self._phase_s = phase_s
+        self._next_info_s = self._started_s
+        self._described = session.hello
 
     @property
     def serial(self) -> str:
         """Serial number of the board; empty while it is unknown."""
         return self._session.board_serial
-
-    @property
-    def is_fresh(self) -> bool:
-        """True where the newest status of the board says that its data are fresh."""
-        return self._report.is_fresh
 
     async def run(self, fault: str = "", pause_s: float = 0.0) -> None:
         """Read the board until `stop`; an error in the data path ends it.
@@ -153,12 +166,12 @@ class BoardRunner:
             for finished in (self._end, *tasks):
                 if finished.done():
                     finished.result()
-            await self._path.drain()
+            await self._drain()
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            self._path.close()
+            self._set_deadline(math.inf)
 
     def stop(self) -> None:
         """Drain the line and end."""
@@ -192,10 +205,6 @@ class BoardRunner:
         if moved:
             self._connection.move(new.port.url, self._baud)
 
-    def act(self) -> None:
-        """Send the commands that the board needs after a change."""
-        self._path.act()
-
     def settings(self, now_s: float) -> dict[str, Any]:
         """Return the present settings, by the names that requests use."""
         return self._commands.settings(now_s)
@@ -206,53 +215,233 @@ class BoardRunner:
         def finish(reason: str) -> None:
             event = self._commands.event(request, requester, reason, time.monotonic())
             if event is not None:
-                self._distributor.publish_and_record(event)
+                self._publish_and_record(event)
             done(reason)
 
         self._commands.do(request, requester, now_s, finish)
-        self._path.act()
+        self.act()
+
+    def act(self, commands: Sequence[Command] = ()) -> None:
+        """Send commands to the board, report a new state, and set the timer for the next deadline."""
+        for command in commands:
+            data = self._encoder.encode(command)
+            now_s = time.monotonic()
+            if (arguments := self._link.sending(command, now_s)) is not None:
+                self._tuned(command.name, arguments, (), now_s)
+            self._connection.write(data)
+        now_s = time.monotonic()
+        self._report_state(now_s)
+        self._commands.poll(now_s)
+        deadline_s = self._session.deadline_s
+        # A timer that is set is replaced only where it would fire too late, which is rare even at 100 Hz.
+        if self._deadline is None or self._deadline.when() > deadline_s:
+            self._set_deadline(deadline_s)
+
+    # ---- called by the connection and by timers ----------------------------------------------------
 
     async def _connect(self, pause_s: float) -> None:
         await asyncio.sleep(pause_s)
-        await self._connection.run(self._path)
+        await self._connection.run(self._opened, self._received, self._lost)
 
-    async def _watch(self) -> None:
-        """Check the line and publish the status, at 10 Hz in every state."""
-        await asyncio.sleep(self._phase_s)
-        self._status_s = time.monotonic()
-        self._look(self._status_s)
-        while True:
-            due_s = self._status_s
-            await asyncio.sleep(due_s - time.monotonic())
-            if due_s == self._status_s:  # there was no scan shortly before
-                now_s = time.monotonic()
-                self._shared.turns.add(now_s, now_s - due_s)
-                self._look(now_s)
+    def _opened(self, port: SerialPort) -> None:
+        now_s = time.monotonic()
+        if port.handover_s != self._handover_s:
+            self._handover_s = port.handover_s
+            arguments = {"handover_s": port.handover_s}
+            _, events = self._pipeline.command("adapter", arguments, now_s)
+            self._tuned("adapter", arguments, events, now_s)
+        self.act(self._link.opened(now_s, self._framing_errors(), is_pty=port.is_pty))
 
-    def _look(self, now_s: float) -> None:
-        """Check the line and publish the status."""
-        self._status_s = max(self._status_s + STATUS_PERIOD_S, now_s)  # after a hang, missed ones are skipped
-        self._path.watch(now_s)
-        self._report.regular(now_s)
-        self._shared.watched(now_s)
+    def _received(self, data: bytes) -> None:
+        now_s = time.monotonic()
+        try:
+            self.act(self._link.received(data, now_s, self._publish, self._record_read, self._send_scans))
+            end_s = time.monotonic()
+            self.metrics.handled(end_s - now_s)
+            self._shared.turns.add(end_s, end_s - now_s)
+            if end_s >= self._next_status_s - _EARLY_S:
+                self._look(end_s)
+        except Exception as error:  # as in `_attempt`, without a call between bytes and scan
+            self._failed(error)
 
-    def _handled(self, now_s: float) -> None:
-        """Publish the status behind a scan if it is due soon."""
-        if now_s >= self._status_s - _EARLY_S:
-            self._look(now_s)
+    def _send_scans(self) -> None:
+        self._shared.publisher.server.flush()
+        os.sched_yield()
 
-    def _changed(self, now_s: float) -> None:
-        self._report.changed(now_s, leaving=self._end.done())
-        self._commands.poll(now_s)
+    def _lost(self, reason: str) -> None:
+        self._attempt(lambda: self._handle_loss(reason))
 
-    def _state_told(self, words: str) -> None:
-        self.words = words
-        self._shared.show_states()
+    def _handle_loss(self, reason: str) -> None:
+        if self._link.lost(reason):
+            self._record("disconnected", {}, (), time.monotonic())
+        self.act()
+
+    def _set_deadline(self, deadline_s: float) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self._deadline = None
+        if deadline_s < math.inf:
+            self._deadline = asyncio.get_running_loop().call_at(deadline_s, self._pass_deadline)
+
+    def _pass_deadline(self) -> None:
+        self._deadline = None
+        self._attempt(lambda: self.act(self._session.tick(time.monotonic())))
+
+    def _attempt(self, step: Callable[[], None]) -> None:
+        """Take a step in a callback of the event loop, which would log an exception and continue."""
+        try:
+            step()
+        except Exception as error:  # a bug: it ends this board's part of the daemon, which begins anew
+            self._failed(error)
 
     def _failed(self, error: Exception) -> None:
         if not self._end.done():
             self._end.set_exception(error)
 
+    async def _drain(self) -> None:
+        """Stop the board, handle the scans that are still in transit, and report the port as lost."""
+        if self._connection.port is not None:
+            self.act(self._session.stop())
+            is_answered = self._session.is_stopping
+            end_s = time.monotonic() + STOP_S
+            # A port that is closed loses what the board has not read yet: it would go on sending.
+            while self._session.is_stopping and time.monotonic() < end_s:
+                await asyncio.sleep(_LOOK_S)
+            if not is_answered:
+                await asyncio.sleep(_DRAIN_S)
+        self._lost("tactiled is stopping")
+
+    # ---- status and info ---------------------------------------------------------------------------
+
+    async def _watch(self) -> None:
+        """Check the line and publish the status, at 10 Hz in every state."""
+        await asyncio.sleep(self._phase_s)
+        self._next_status_s = time.monotonic()
+        self._look(self._next_status_s)
+        while True:
+            due_s = self._next_status_s
+            await asyncio.sleep(due_s - time.monotonic())
+            if due_s == self._next_status_s:  # there was no scan shortly before
+                now_s = time.monotonic()
+                self._shared.turns.add(now_s, now_s - due_s)
+                self._look(now_s)
+
+    def _look(self, now_s: float) -> None:
+        """Check line and deadlines, close a dead port, and publish what is due."""
+        # After a hang, statuses that were missed are skipped.
+        self._next_status_s = max(self._next_status_s + STATUS_PERIOD_S, now_s)
+        self.act(self._link.watch(now_s, self._framing_errors()))
+        if self._session.state != "running":
+            self._connection.check(self._link.expire_silence(now_s))
+        self._publish_status(now_s)
+        self._log.write_counts(now_s)
+        self._connection.log.write_counts(now_s)
+        hello = self._session.hello
+        if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
+            self._described = hello
+            self._next_info_s = now_s + INFO_PERIOD_S
+            self._publish_and_record(_info_event(hello, self._pipeline.layout, self._pipeline.array, now_s))
+        if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
+            self._publish_and_record(recording)
+        self._shared.watched(now_s)
+
+    def _report_state(self, now_s: float) -> None:
+        """Report a change of state or reason in the log, and a new state to subscribers."""
+        state, reason = state_and_reason = (self._session.state, self._session.reason(now_s))
+        if state_and_reason == self._logged:
+            return
+        is_new = state != self._logged[0]
+        self._logged = state_and_reason
+        self.words = f"{self._board} {state}: {reason or f'{self._session.rate_hz:g} Hz'}"
+        is_expected = state in ("running", "syncing") or self._end.done()
+        self._log.add(self.words, now_s, logging.INFO if is_expected else logging.WARNING)
+        if is_new:
+            self._publish_status(now_s)  # a controller learns of a stall at once, not up to 0.1 s later
+        self._shared.show_states()
+
+    def _publish_status(self, now_s: float) -> None:
+        port = self._connection.port
+        event = self._link.status(
+            now_s,
+            started_s=self._started_s,
+            connects=self._connection.connects,
+            warning="" if port is None else port.warning,
+        )
+        warnings = self._link.warnings
+        for cause in warnings.keys() - self._warned.keys():  # each cause once, whatever its numbers do
+            self._log.add(f"{self._board}: {warnings[cause]}", now_s, kind=cause)
+        self._warned = warnings
+        self.is_fresh = event.valid
+        self._publish_and_record(replace(event, sent=self._shared.publisher.sent(self.serial)))
+
+    # ---- publisher, recorder and metrics -----------------------------------------------------------
+
+    def _publish(self, event: Event) -> None:
+        """Publish an event of the pipeline; the recorder gets it through `_record_read`, with its bytes."""
+        serial, publisher = self.serial, self._shared.publisher
+        publisher.send(event, board=serial, unix_offset_s=self._shared.clock.offset_s)
+        self.metrics.count(event, publisher.dropped[serial])
+
+    def _publish_and_record(self, event: Event) -> None:
+        """Publish and record an event that the daemon itself made."""
+        self._publish(event)
+        if self._recorder is not None:
+            self._recorder.record_event(event, self.serial, self._shared.clock.offset_s)
+
+    def _tuned(self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float) -> None:
+        """Record a command to the pipeline, and publish the events that it caused."""
+        self._record(name, arguments, events, now_s)
+        for event in events:
+            self._publish(event)
+
+    def _record_read(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
+        if self._recorder is not None:
+            for index in self._pipeline.late_fits:  # before the read, so that a replay knows of them in time
+                self._record("late-fit", {"index": index}, (), now_s)
+            read = Read(now_s, self._shared.clock.offset_s, data)
+            self._recorder.record(read, outputs, self._pipeline.hello)
+
+    def _record(
+        self, name: str, arguments: Mapping[str, Any], outputs: Sequence[Output], now_s: float
+    ) -> None:
+        """Record an input of the pipeline that is no read, with its outputs."""
+        if self._recorder is not None:
+            cause = Input(now_s, self._shared.clock.offset_s, name, json.dumps(dict(arguments)))
+            self._recorder.record(cause, outputs, self._pipeline.hello)
+
+    def _line_errors(self) -> LineErrors | None:
+        port = self._connection.port
+        return None if port is None else port.errors()
+
+    def _framing_errors(self) -> int | None:
+        errors = self._line_errors()
+        return None if errors is None else errors.framing
+
+    @property
+    def _board(self) -> str:
+        return f"board {self.serial}".rstrip()
+
     @property
     def _baud(self) -> int:
-        return self.params.port.baud or self._layout.file.baud
+        return self.params.port.baud or self._pipeline.layout.file.baud
+
+
+def _info_event(hello: Hello, layout: Layout, array: Array, now_s: float) -> InfoEvent:
+    """Make the info event from the hello of the board and the configured layout and array."""
+    return InfoEvent(
+        time_s=now_s,
+        board_serial=hello.board_serial,
+        firmware_version=hello.firmware_version,
+        protocol=layout.name,
+        protocol_version=hello.protocol_version,
+        array_id=hello.array_id,
+        channels=layout.n_channels,
+        taxels=array.n_taxels,
+        x_mm=tuple(array.x_mm.tolist()),
+        y_mm=tuple(array.y_mm.tolist()),
+        channel_names=array.channel_name,
+        rate_hz=hello.rate_hz,
+        volts_per_count=hello.volts_per_count,
+        channel_offset_s=hello.channel_offset_s or (0.0,) * layout.n_channels,
+        tactiled_version=__version__,
+    )

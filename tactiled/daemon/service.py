@@ -17,7 +17,7 @@ from functools import partial
 from typing import Any
 
 from tactiled import compiled
-from tactiled.daemon.board.load import LoopTurns
+from tactiled.daemon.board.link import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text

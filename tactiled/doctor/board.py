@@ -11,9 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from tactiled.config import Setup
-from tactiled.daemon.board.datapath import STOP_S
 from tactiled.daemon.board.diagnosis import frames_of, other_layouts
-from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.link import STOP_S, make_link
 from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.doctor.finding import Finding, split

@@ -27,10 +27,9 @@ from patience import PATIENCE_S
 
 from tactiled import limited_log
 from tactiled.daemon import service as service_module
-from tactiled.daemon.board.datapath import DataPath
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
-from tactiled.daemon.runner import ServiceParams
+from tactiled.daemon.runner import BoardRunner, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, serve
 from tactiled.daemon.zmq.params import PublishParams
@@ -353,14 +352,14 @@ def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytes
 def test_the_daemon_does_not_spin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, plugged: bool) -> None:
     daemon = Daemon(tmp_path)
     turns = 0
-    real = DataPath.act
+    real = BoardRunner.act
 
-    def counted(path: DataPath, commands: Sequence[Command] = ()) -> None:
+    def counted(runner: BoardRunner, commands: Sequence[Command] = ()) -> None:
         nonlocal turns
         turns += 1
-        real(path, commands)
+        real(runner, commands)
 
-    monkeypatch.setattr(DataPath, "act", counted)
+    monkeypatch.setattr(BoardRunner, "act", counted)
 
     async def story(_: Service) -> None:
         await daemon.until(lambda: len(daemon.rows("status")) >= 12, "12 statuses")

@@ -1,7 +1,6 @@
 """Commands to a board: one at a time, each repeated until the board answers; and when to ping it. No I/O."""
 
 import math
-from dataclasses import dataclass, replace
 
 from tactiled.wire.frames import Acknowledge, Command
 
@@ -10,16 +9,15 @@ from tactiled.wire.frames import Acknowledge, Command
 ANSWER_S = 0.2
 # After so many unanswered commands the board may have rebooted, and is asked to identify itself.
 MAX_TRIES = 5
-
-
-@dataclass(frozen=True)
-class _Pending:
-    """Command that was sent and is not answered yet."""
-
-    name: str
-    token: int
-    tries: int
-    again_s: float
+# Mean time between two pings. Ping and answer take 20 octets, 0.2 % of a line at 115200 baud; 120 s of the
+# clock's fit hold some 120 of them, of which the fastest bounds the fit.
+PING_S = 1.0
+# The first comes as soon as some scans have arrived: until it is answered, instants on a bunched line are
+# known to some ms only, and a board that was switched off and on may look like one with a backlog.
+FIRST_S = 0.05
+# The golden ratio spreads the intervals evenly between 0.5 and 1.5 times `PING_S`. So pings are not in step
+# with scans, adapter timers or the daemon's own ticks, and some find the line and the adapter idle.
+_GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 class Asking:
@@ -38,7 +36,8 @@ class Asking:
 
     def reset(self, now_s: float) -> None:
         """Forget the command that awaits an answer."""
-        self._pending: _Pending | None = None
+        self._awaited, self._awaited_token = "", 0
+        self._tries, self._again_s = 0, -math.inf
         self._quiet_until_s = now_s
         self.asked_s = now_s
         """Time of the newest command or answer, host monotonic seconds."""
@@ -49,7 +48,7 @@ class Asking:
 
     def drop(self) -> None:
         """Stop waiting for an answer."""
-        self._pending = None
+        self._awaited, self._tries, self._again_s = "", 0, -math.inf
 
     def keep_quiet(self, until_s: float) -> None:
         """Send no command before `until_s`."""
@@ -58,25 +57,23 @@ class Asking:
     @property
     def due_s(self) -> float:
         """Earliest time of the next command."""
-        return max(self._quiet_until_s, self._pending.again_s if self._pending is not None else -math.inf)
+        return max(self._quiet_until_s, self._again_s)
 
     def is_due(self, name: str, now_s: float) -> bool:
         """Return True when `name` may be sent now: not awaiting an answer, and not in a quiet time."""
-        pending = self._on_its_way(name)
-        return now_s >= self._quiet_until_s and (pending is None or now_s >= pending.again_s)
+        return now_s >= self._quiet_until_s and (name != self._awaited or now_s >= self._again_s)
 
     def is_exhausted(self, name: str) -> bool:
         """Return True when `name` was sent `MAX_TRIES` times without an answer."""
-        pending = self._on_its_way(name)
-        return pending is not None and pending.tries >= MAX_TRIES
+        return name == self._awaited and self._tries >= MAX_TRIES
 
     def ask(self, name: str, rate_hz: float | None, now_s: float) -> Command:
         """Make the command `name` and await its answer; `rate_hz` is used by set_rate only."""
-        before = self._on_its_way(name)
-        tries = before.tries if before is not None else 0
+        if name != self._awaited:
+            self._tries = 0
         command = self.command(name, rate_hz)
-        self.asked_s = now_s
-        self._pending = _Pending(name, command.token, tries + 1, now_s + ANSWER_S)
+        self.asked_s, self._again_s = now_s, now_s + ANSWER_S
+        self._awaited, self._awaited_token, self._tries = name, command.token, self._tries + 1
         return command
 
     def command(self, name: str, rate_hz: float | None = None) -> Command:
@@ -86,38 +83,19 @@ class Asking:
 
     def awaits(self, answer: Acknowledge) -> bool:
         """Return True for the answer to the command that awaits one."""
-        pending = self._pending
-        return pending is not None and (pending.token, pending.name) == (answer.token, answer.command)
+        return (answer.command, answer.token) == (self._awaited, self._awaited_token)
 
     def answered_busy(self, name: str, now_s: float) -> None:
         """Handle the answer ``busy``: `name` is repeated after `ANSWER_S`, as often as needed."""
-        self.asked_s = now_s
-        self.put_off = name
-        if (pending := self._on_its_way(name)) is not None:
-            self._pending = replace(pending, tries=0)
+        self.asked_s, self.put_off, self._tries = now_s, name, 0
 
     def answered(self, name: str, now_s: float) -> None:
         """Handle an answer to `name` other than ``busy``."""
-        self.asked_s = now_s
-        self.put_off = ""
-        if self._on_its_way(name):
-            self._pending = None
+        self.asked_s, self.put_off = now_s, ""
+        if self._awaited == name:
+            self.drop()
         if self.unanswered == name:
             self.unanswered = ""
-
-    def _on_its_way(self, name: str) -> _Pending | None:
-        return self._pending if self._pending is not None and self._pending.name == name else None
-
-
-# Mean time between two pings. Ping and answer take 20 octets, 0.2 % of a line at 115200 baud; 120 s of the
-# clock's fit hold some 120 of them, of which the fastest bounds the fit.
-PING_S = 1.0
-# The first comes as soon as some scans have arrived: until it is answered, instants on a bunched line are
-# known to some ms only, and a board that was switched off and on may look like one with a backlog.
-FIRST_S = 0.05
-# The golden ratio spreads the intervals evenly between 0.5 and 1.5 times `PING_S`. So pings are not in step
-# with scans, adapter timers or the daemon's own ticks, and some find the line and the adapter idle.
-_GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 class Pinging:
@@ -136,22 +114,14 @@ class Pinging:
 
     def reset(self, now_s: float) -> None:
         """Begin with a board that has just begun to run; whether it answers pings is not known."""
-        self._is_refused = False
-        self._next_s = now_s + FIRST_S
+        self.due_s = now_s + FIRST_S if self._is_possible else math.inf
+        """Time of the next ping; inf where there is none."""
 
     def refused(self) -> None:
         """Send no ping until `reset`: the board does not know the command."""
-        self._is_refused = True
-
-    @property
-    def due_s(self) -> float:
-        """Time of the next ping; inf where there is none."""
-        return self._next_s if self._is_possible and not self._is_refused else math.inf
+        self.due_s = math.inf
 
     def sent(self, now_s: float) -> None:
         """Set the time of the next ping; it does not depend on an answer to this one."""
-        self._next_s = now_s + self._interval_s()
-
-    def _interval_s(self) -> float:
         self._count += 1
-        return PING_S * (0.5 + self._count * _GOLDEN % 1.0)
+        self.due_s = now_s + PING_S * (0.5 + self._count * _GOLDEN % 1.0)

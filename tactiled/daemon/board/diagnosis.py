@@ -22,9 +22,9 @@ from collections import Counter, deque
 from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import NamedTuple
 
 from tactiled import resources
+from tactiled.pipeline import Health
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Corrupt
 from tactiled.wire.layout import Layout, load_layout
@@ -43,33 +43,11 @@ _MISSING_PART = 0.01  # share of the scan instants: a healthy board on a healthy
 _FRAMING_PART = 0.02  # a line at the right rate has none; at a wrong one every other byte lacks its stop bit
 
 
-class Tally(NamedTuple):
-    """Counters of line and pipeline at one instant."""
-
-    bytes_in: int = 0
-    bytes_framed: int = 0
-    bytes_discarded: int = 0
-    corrupt: Mapping[str, int] = {}
-    """Rejected frames by reason."""
-    framing_errors: int | None = None
-    """Count of the UART's driver; None where it keeps none."""
-    scans_due: int = 0
-    """Scan instants by the board's sequence numbers, including those of missing scans."""
-    scans_overrun: int = 0
-    """Scan instants that the board missed and flagged."""
-    scans_dropped: int = 0
-    """Scans that are missing between intact frames without a flag."""
-
-
 class LineWatch:
     """Watch bytes, frames and counters of a line, and name what is wrong with it.
 
-    Parameters
-    ----------
-    protocol, baud : str and int
-        Named in messages; nothing else depends on them.
-    others : mapping of str to Layout
-        Layouts to try on bytes that are no frames of this protocol, by their names in board.protocol.
+    `protocol` and `baud` are named in messages. `others` are layouts to try on bytes that are no frames of
+    this protocol, by their names in board.protocol.
     """
 
     def __init__(self, protocol: str, baud: int, others: Mapping[str, Layout] = MappingProxyType({})) -> None:
@@ -82,14 +60,17 @@ class LineWatch:
         """Begin with a port that was just opened; behind a pty is a program, not a cable with a board."""
         self._is_pty = is_pty
         self._overrun_s = -math.inf
-        self._first: Tally | None = None
+        self._first: Health | None = None
         self.byte_s = now_s
         """Time of the last byte, or of opening the port."""
         self._frame_s = now_s
         self._tail = b""
-        self._newest: Tally | None = None
-        self._at_frame = Tally()
-        self._marks: deque[tuple[float, Tally]] = deque()
+        self._newest: Health | None = None
+        self._framing_errors: int | None = None
+        # Counters at the newest frame
+        self._at_frame: Health | None = None
+        self._framing_errors_at_frame = 0
+        self._marks: deque[tuple[float, Health]] = deque()
         self._cause = ("", "")
         self._look_s = now_s + HICCUP_S
 
@@ -102,25 +83,26 @@ class LineWatch:
         """Take note of a good frame."""
         self._frame_s = now_s
 
-    def count(self, tally: Tally, now_s: float) -> None:
-        """Take the counters as they are now."""
-        self._first = self._first or tally
-        if self._newest is not None and tally.scans_overrun > self._newest.scans_overrun:
+    def count(self, health: Health, framing_errors: int | None, now_s: float) -> None:
+        """Take the counters as they are now; `framing_errors` is None where the UART's driver keeps none."""
+        self._first = self._first or health
+        newest = self._newest
+        if newest is not None and health.scans_overrun > newest.scans_overrun:
             self._overrun_s = now_s
-        if self._newest is None or tally.bytes_framed > self._newest.bytes_framed:
-            self._at_frame = tally
-            if self._newest is not None:
+        if newest is None or health.bytes_framed > newest.bytes_framed:
+            self._at_frame, self._framing_errors_at_frame = health, framing_errors or 0
+            if newest is not None:
                 self._frame_s = now_s
             self._cause, self._look_s = ("", ""), now_s + HICCUP_S
-        self._newest = tally
+        self._newest, self._framing_errors = health, framing_errors
         if now_s >= self._look_s:
             self._look_s = now_s + HICCUP_S
-            kind, words = self._likely_cause(tally)
+            kind, words = self._likely_cause(health)
             # The words are logged when they change, so numbers in them stay as they were.
             if kind != self._cause[0]:
                 self._cause = kind, words
         if not self._marks or now_s >= self._marks[-1][0] + _MARK_S:
-            self._marks.append((now_s, tally))
+            self._marks.append((now_s, health))
             if self._marks[0][0] < now_s - _WINDOW_S:
                 self._marks.popleft()
 
@@ -162,7 +144,7 @@ class LineWatch:
                 f"{100 * lost / came:.0f} % of the bytes are damaged: noise on the line; look at cable, "
                 "ground and connectors"
             )
-        due = self._newest.scans_due - before.scans_due
+        due = self._newest.scans + self._newest.scans_missing - before.scans - before.scans_missing
         overrun = self._newest.scans_overrun - before.scans_overrun
         dropped = self._newest.scans_dropped - before.scans_dropped
         least = max(_LEAST_MISSED, _MISSING_PART * due)
@@ -192,16 +174,16 @@ class LineWatch:
             return "no bytes arrive any more, and frames did: is the board powered, is it plugged in?"
         return "no bytes arrive: is the board powered, is this its port, are its two lines swapped?"
 
-    def _likely_cause(self, now: Tally) -> tuple[str, str]:
+    def _likely_cause(self, now: Health) -> tuple[str, str]:
         """Kind of the cause, and its description."""
-        since = self._at_frame
-        reasons = Counter(now.corrupt)
-        reasons.subtract(since.corrupt)
+        since = self._at_frame or now
+        reasons = Counter(now.corrupt_by_reason)
+        reasons.subtract(since.corrupt_by_reason)
         total = reasons.total()
-        came = now.bytes_in - since.bytes_in
         is_misframed = None
-        if now.framing_errors is not None:
-            is_misframed = now.framing_errors - (since.framing_errors or 0) > _FRAMING_PART * came
+        if self._framing_errors is not None:
+            n_errors = self._framing_errors - self._framing_errors_at_frame
+            is_misframed = n_errors > _FRAMING_PART * (now.bytes_in - since.bytes_in)
         if _printable(self._tail) >= _TEXT_PART:
             shown = self._tail[-40:].decode("ascii", "replace").strip()
             return "text", f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"

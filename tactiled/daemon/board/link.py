@@ -5,15 +5,15 @@ real port and clock or with simulated ones.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from types import MappingProxyType
 from typing import Any
 
 from tactiled import compiled
-from tactiled.daemon.board.diagnosis import LineWatch, Tally
-from tactiled.daemon.board.load import HostLoad, LoopTurns
-from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
+from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health, Pipeline, check_hello
@@ -32,6 +32,11 @@ _SLEPT_S = 2.0
 # Largest age of a fresh scan, in units of `Session.silence_s`: one for a stall that is not detected yet, and
 # one for bunching by the adapter. An older scan came out of a backlog.
 _STALE_FACTOR = 2.0
+STOP_S = 1.0  # longest wait for the answer to the last stop, which takes 20 ms, and more on a busy host
+_LOAD_WINDOW_S = 10.0  # time for which a warning stays after its cause, as the warnings of the line do
+# A stall of a board at 100 Hz is declared after five scans: a loop that is busy for longer delays that, too.
+_LONG_TURN_S = 0.05
+_KEPT_S = 1.0  # turns are kept for longer than the 0.1 s between two statuses
 # Fields of the status event that the pipeline states under the same names.
 _OF_HEALTH = {one.name for one in fields(Health)} & {one.name for one in fields(StatusEvent)}
 
@@ -39,24 +44,63 @@ RecordRead = Callable[[bytes, Sequence[Output], float], None]
 """Takes the bytes of one read, the outputs of the pipeline for them, and the time of the read."""
 
 
-def _record_nothing(data: bytes, outputs: Sequence[Output], now_s: float) -> None:
-    del data, outputs, now_s
+class LoopTurns:
+    """Longest turn of the event loop since any recent instant; the boards of a process share one loop."""
+
+    def __init__(self) -> None:
+        # Ends and durations. A turn that is no longer than a later one is never the longest again, so the
+        # durations decrease, and few are kept.
+        self._turns: deque[tuple[float, float]] = deque()
+
+    def add(self, end_s: float, duration_s: float) -> None:
+        """Take a turn that ended at `end_s` (monotonic seconds), or how much too late a timer fired."""
+        turns = self._turns
+        while turns and turns[-1][1] <= duration_s:
+            turns.pop()
+        turns.append((end_s, duration_s))
+        while turns[0][0] < end_s - _KEPT_S:
+            turns.popleft()
+
+    def longest_since(self, since_s: float) -> float:
+        """Return the longest turn that ended after `since_s`, at most 1 s ago, in seconds; 0.0 for none."""
+        return next((duration_s for end_s, duration_s in self._turns if end_s > since_s), 0.0)
 
 
-def _go_on() -> None:
-    pass
+class HostLoad:
+    """What delays one board on a busy host: long turns of the event loop, and late groove fits."""
+
+    def __init__(self, turns: LoopTurns) -> None:
+        self._turns = turns
+        # Of the statuses of the last 10 s: time, longest turn since the one before, late fits until then
+        self._recent: deque[tuple[float, float, int]] = deque()
+
+    def status(self, now_s: float, fits_late: int) -> float:
+        """Return the longest turn since the last call in seconds."""
+        longest_s = self._turns.longest_since(self._recent[-1][0] if self._recent else 0.0)
+        self._recent.append((now_s, longest_s, fits_late))
+        while self._recent[0][0] < now_s - _LOAD_WINDOW_S:
+            self._recent.popleft()
+        return longest_s
+
+    def warning(self) -> str:
+        """Return what is wrong and its cause; empty for nothing."""
+        words = []
+        longest_s = max((turn_s for _, turn_s, _ in self._recent), default=0.0)
+        if longest_s > _LONG_TURN_S:
+            words.append(
+                f"the daemon could not react for up to {1e3 * longest_s:.0f} ms: other processes or virtual "
+                "machines use this host's processors, or it reads too many boards"
+            )
+        if self._recent and (late := self._recent[-1][2] - self._recent[0][2]):
+            words.append(
+                f"{late} groove fits were not ready in time: the host is too slow or too busy; raise "
+                "texture.hop_s and texture.answer_after_s, or stop other processes"
+            )
+        return "; ".join(words)
 
 
 class BoardLink:
-    """Connect pipeline, session and line diagnosis of one board.
-
-    Parameters
-    ----------
-    line : LineWatch
-        The one that `session` was made with.
-    turns : LoopTurns, optional
-        Takes the turns of the event loop; left out: status and warnings know of none.
-    """
+    """Connect pipeline, session and line diagnosis of one board; `line` is the one of the session."""
 
     def __init__(
         self, pipeline: Pipeline, session: Session, line: LineWatch, turns: LoopTurns | None = None
@@ -75,7 +119,7 @@ class BoardLink:
     ) -> list[Command]:
         """Begin with a port that was just opened; returns the commands to send first."""
         self._line.reset(now_s, is_pty=is_pty)
-        self._count(now_s, framing_errors)
+        self._line.count(self.pipeline.health(), framing_errors, now_s)
         return self.session.opened(now_s)
 
     def received(
@@ -83,23 +127,21 @@ class BoardLink:
         data: bytes,
         now_s: float,
         publish: Callable[[Event], None],
-        record: RecordRead = _record_nothing,
-        scans_published: Callable[[], None] = _go_on,
+        record: RecordRead = lambda *_: None,
+        scans_published: Callable[[], None] = lambda: None,
     ) -> list[Command]:
         """Process the bytes of one read of the port.
 
         Parameters
         ----------
-        now_s : float
-            Host monotonic seconds at which the bytes were read.
         publish : callable
             Takes each event of the accepted board before this method returns: the scans before the
             detectors run, then what the detectors found.
         record : callable, optional
-            See `RecordRead`; called before what the detectors found is published, and also when the pipeline
-            raises, because the bytes that made it fail are the ones to look at later.
+            Called before what the detectors found is published, and also when the pipeline raises, because
+            the bytes that made it fail are the ones to look at later.
         scans_published : callable, optional
-            Called after scans were published, before the detectors run.
+            Called between scans and detectors.
         """
         session, outputs = self.session, list[Output]()
         try:
@@ -140,17 +182,10 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline of a ping that is about to be written.
+        """Tell the pipeline of a ping that is about to be written: no board receives it before `now_s`.
 
-        Parameters
-        ----------
-        now_s : float
-            Time before the first byte is written; the board cannot have received it earlier.
-
-        Returns
-        -------
-        dict or None
-            Arguments of the pipeline's command of the same name, for the recording; None if there was none.
+        Returns the arguments of the pipeline's command of the same name, for the recording; None if none was
+        given.
         """
         if command.name != "ping":
             return None
@@ -171,7 +206,7 @@ class BoardLink:
         if now_s > self._watched_s + _SLEPT_S:
             self._awake_s = now_s
         self._watched_s = now_s
-        self._count(now_s, framing_errors)
+        self._line.count(self.pipeline.health(), framing_errors, now_s)
         return self.session.tick(now_s)
 
     def expire_silence(self, now_s: float) -> str:
@@ -186,15 +221,7 @@ class BoardLink:
         return f"no byte for {silent_s:.0f} s: opened anew"
 
     def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
-        """Make the status event, and set `warnings`.
-
-        `valid` requires a running board and a fresh newest scan.
-
-        Parameters
-        ----------
-        connects : int
-            Number of times that the port was opened.
-        """
+        """Make the status event, and set `warnings`; `valid` requires a running board and a fresh scan."""
         session, health = self.session, self.pipeline.health()
         # Before the first scan the age counts from the start of the daemon.
         age_s = max(0.0, now_s - max(health.newest_scan_s, started_s))
@@ -229,20 +256,6 @@ class BoardLink:
             **{name: getattr(health, name) for name in _OF_HEALTH},
         )
 
-    def _count(self, now_s: float, framing_errors: int | None) -> None:
-        health = self.pipeline.health()
-        tally = Tally(
-            bytes_in=health.bytes_in,
-            bytes_framed=health.bytes_framed,
-            bytes_discarded=health.bytes_discarded,
-            corrupt=health.corrupt_by_reason,
-            framing_errors=framing_errors,
-            scans_due=health.scans + health.scans_missing,
-            scans_overrun=health.scans_overrun,
-            scans_dropped=health.scans_dropped,
-        )
-        self._line.count(tally, now_s)
-
 
 def make_link(
     pipeline: Pipeline,
@@ -251,12 +264,7 @@ def make_link(
     others: Mapping[str, Layout] = MappingProxyType({}),
     turns: LoopTurns | None = None,
 ) -> BoardLink:
-    """Make the link to the board that `pipeline` was made for.
-
-    Parameters
-    ----------
-    others : mapping of str to Layout
-        Layouts that a diagnosis tries on bytes that are no frames of the pipeline's layout.
+    """Make the link to the board that `pipeline` was made for; see `LineWatch` for `others`.
 
     Raises
     ------
@@ -265,5 +273,5 @@ def make_link(
     """
     layout, array = pipeline.layout, pipeline.array
     line = LineWatch(layout.name, baud, others)
-    requirements = BoardRequirements(params, layout, lambda hello: check_hello(hello, layout, array))
-    return BoardLink(pipeline, Session(requirements, line), line, turns)
+    session = Session(params, layout, lambda hello: check_hello(hello, layout, array), line)
+    return BoardLink(pipeline, session, line, turns)

@@ -8,7 +8,7 @@
         |                  '-- wrong board, refused command --> fault       |
         '---- lost, from anywhere                 silence --> stalled ------'
 
-The next command follows from what is known of the board alone (`BoardRequirements.wanted`), not from a
+The next command follows from what is known of the board alone (`Session._wanted`), not from a
 sequence of steps: an unknown board is asked to identify itself, then its rate is set, then it is started. A
 reboot, a lost answer or a replug makes something unknown again, so every setting is restored by the same
 rule. A board that has not identified itself as the configured one gets no command but ``identify``. A
@@ -23,12 +23,15 @@ Every input takes ``now_s`` and returns the commands to send; `deadline_s` says 
 """
 
 import math
+from collections.abc import Callable
 
 from tactiled.daemon.board.asking import ANSWER_S, Asking, Pinging
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
+from tactiled.daemon.board.requirements import SessionParams, is_same_rate
+from tactiled.errors import ConfigError
 from tactiled.events.types import BoardState
 from tactiled.wire.frames import Acknowledge, Command, Hello
+from tactiled.wire.layout import Layout
 
 # Period of asking a wrong or refusing board again, which may have been replaced or reconfigured.
 FOREIGN_S = 1.0
@@ -43,25 +46,49 @@ class Session:
 
     Parameters
     ----------
+    check : callable
+        Returns the reason why a board does not fit layout and array, or None (`pipeline.check_hello`).
     line : LineWatch
         Names the likely cause when no frame arrives.
+
+    Raises
+    ------
+    ConfigError
+        A rate is configured, and the layout cannot set or confirm one.
     """
 
-    def __init__(self, requirements: BoardRequirements, line: LineWatch) -> None:
-        self.requirements = requirements
+    def __init__(
+        self, params: SessionParams, layout: Layout, check: Callable[[Hello], str | None], line: LineWatch
+    ) -> None:
+        self._layout = layout
+        self._check = check
         self._line = line
-        self._asking = Asking(requirements.token_bits)
-        self._pinging = Pinging(requirements.has_ping)
-        self.hello: Hello | None = requirements.assumed_hello()
+        self._introduces = layout.has("hello")
+        # The board sends its hello when asked, so that a setting can be confirmed.
+        self._confirms = self._introduces and layout.has("identify")
+        self._asking = Asking(layout.bits("identify", "token") or layout.bits("start", "token") or 16)
+        answers_ticks = layout.bits("acknowledge", "ticks") is not None and layout.tick_s is not None
+        self._pinging = Pinging(layout.has("ping") and answers_ticks)
+        self.hello: Hello | None = layout.assumed_hello()
         """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
         self.lost("opening the port")
+        self.configure(params)
 
     def configure(self, params: SessionParams) -> None:
-        """Take new parameters; the board is identified again, and its settings are restored as needed."""
-        self.requirements.configure(params)
+        """Take new parameters; the board is identified again, and its settings are restored as needed.
+
+        Raises
+        ------
+        ConfigError
+            A rate is configured, and the layout cannot set or confirm one; the old parameters stay.
+        """
+        if params.rate_hz is not None and not (self._confirms and self._layout.has("set_rate")):
+            fault = f"protocol {self._layout.name} cannot set and confirm a rate: leave rate_hz out"
+            raise ConfigError("session.rate_hz", [fault])
+        self.params = params
         self._refused = ""  # the refusal concerned the old parameters
         self._asking.keep_quiet(-math.inf)  # a wrong or refusing board is asked again at once
-        if self.requirements.confirms:
+        if self._confirms:
             self._known = False
 
     # ---- inputs ------------------------------------------------------------------------------------
@@ -72,7 +99,7 @@ class Session:
         self._scan_s = now_s
         self._asking.reset(now_s)
         # Firmware without a hello message is accepted unseen, and started if its protocol can do that.
-        self._known = not self.requirements.introduces
+        self._known = not self._introduces
         return self._step(now_s)
 
     def lost(self, reason: str) -> None:
@@ -96,7 +123,7 @@ class Session:
     def greeted(self, hello: Hello, now_s: float) -> list[Command]:
         """Handle a hello of the board."""
         self._asking.answered("identify", now_s)
-        if (foreign := self.requirements.foreign_because(hello)) is not None:
+        if (foreign := self._foreign_because(hello)) is not None:
             self._foreign = foreign
             self._known = self._running = self._stalled = False
             self._asking.keep_quiet(now_s + FOREIGN_S)
@@ -110,7 +137,7 @@ class Session:
         self._confirmed = hello.streaming and wanted is None
         if self._rate_taken and wanted in ("stop", "set_rate"):
             self._refuse(
-                f"the board took set_rate to {self.requirements.params.rate_hz:g} Hz but says "
+                f"the board took set_rate to {self.params.rate_hz:g} Hz but says "
                 f"{hello.rate_hz:g} Hz: choose a rate that its timer can make",
                 now_s,
             )
@@ -132,7 +159,7 @@ class Session:
             return []  # the hello is the real answer to identify
         self._asking.answered(answer.command, now_s)
         if answer.result != "ok":
-            rate = f" to {self.requirements.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
+            rate = f" to {self.params.rate_hz:g} Hz" if answer.command == "set_rate" else ""
             self._refuse(f"the board refused {answer.command}{rate}: {answer.result}", now_s)
             return []
         self._refused = ""
@@ -154,7 +181,7 @@ class Session:
             self._running, self._stalled = True, False
             self._pinging.reset(now_s)
             self._refused = self._asking.unanswered = ""
-            self._known = self._confirmed or not self.requirements.confirms
+            self._known = self._confirmed or not self._confirms
         return self._step(now_s)
 
     def streams(self) -> None:
@@ -167,7 +194,7 @@ class Session:
             return []
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
-            self._streaming, self._confirmed, self._known = False, False, not self.requirements.confirms
+            self._streaming, self._confirmed, self._known = False, False, not self._confirms
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # the board says that it streams, but no scan arrives: start it again
         # Pings are sent on a deadline only: on the arrival of scans they would keep step with the adapter.
@@ -176,12 +203,10 @@ class Session:
     def stop(self) -> list[Command]:
         """Return the commands that stop the board when the daemon ends; nothing is restored after it."""
         self._leaving = True
-        if not (
-            self._open and (self._known or self._running or self._stalled) and self.requirements.has_stop
-        ):
+        if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
             return []
         command = self._asking.command("stop")
-        self._last_token = command.token if self.requirements.acknowledges else None
+        self._last_token = command.token if self._layout.has("acknowledge") else None
         return [command]
 
     # ---- outputs -----------------------------------------------------------------------------------
@@ -210,9 +235,7 @@ class Session:
     @property
     def board_serial(self) -> str:
         """Serial number of the board, also after it was unplugged; empty while none is known."""
-        return (
-            self.hello.board_serial if self.hello is not None else self.requirements.params.board_serial or ""
-        )
+        return self.hello.board_serial if self.hello is not None else self.params.board_serial or ""
 
     @property
     def rate_hz(self) -> float:
@@ -260,7 +283,24 @@ class Session:
         """Name of the command that the board needs next; None for none."""
         if not self._open or self._leaving:
             return None
-        return self.requirements.wanted(self._known, self._streaming, self.rate_hz)
+        if not self._known:
+            return "identify" if self._layout.has("identify") else None
+        asked_hz = self.params.rate_hz
+        if asked_hz is not None and not is_same_rate(self.rate_hz, asked_hz):
+            return "stop" if self._streaming and self._layout.has("stop") else "set_rate"
+        if not self._streaming and self._layout.has("start"):
+            return "start"
+        return None
+
+    def _foreign_because(self, hello: Hello) -> str | None:
+        """Reason why this is not the configured board, or None when it is."""
+        pinned = self.params.board_serial
+        if pinned is not None and hello.board_serial != pinned:
+            return (
+                f"board {hello.board_serial} is plugged in, board {pinned} is configured: swap them, "
+                "or correct session.board_serial"
+            )
+        return self._check(hello)
 
     def _step(self, now_s: float) -> list[Command]:
         """Return the command that the board needs, unless it awaits an answer or must wait."""
@@ -271,9 +311,9 @@ class Session:
             return []
         if self._asking.is_exhausted(name):
             self._asking.unanswered = name
-            if name != "identify" and self.requirements.confirms:
+            if name != "identify" and self._confirms:
                 self._known, name = False, "identify"
-        return [self._asking.ask(name, self.requirements.params.rate_hz, now_s)]
+        return [self._asking.ask(name, self.params.rate_hz, now_s)]
 
     def _ping(self, now_s: float) -> list[Command]:
         """Return a ping if one is due and the board needs no command."""
@@ -285,7 +325,7 @@ class Session:
     def _refuse(self, reason: str, now_s: float) -> None:
         """Enter the state fault for a command that the board refused; it is asked again after `FOREIGN_S`."""
         self._refused, self._running = reason, False
-        self._known = not self.requirements.introduces
+        self._known = not self._introduces
         self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property

@@ -6,22 +6,24 @@ thread waits for the disk, and `close`, for a limited time.
 """
 
 import contextlib
-import json
 import logging
 import math
+import os
 import queue
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
-from tactiled.daemon.operations.leftovers import Leftovers
 from tactiled.errors import DataError
 from tactiled.events.types import Event, RecordingEvent
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
+from tactiled.recording.directory import unfinished
 from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams
 from tactiled.recording.session import RecordEntry, RecordingSession
 from tactiled.recording.writer import ACTIVE
@@ -39,6 +41,10 @@ _REPORT_S = 1.0  # period of the recording event
 _COMPLAIN_S = 10.0  # between two lines of the log about drops
 # A disk that starts to spin, or a memory card that reorganises itself, answers within some 10 s.
 _SILENT_S = 15.0
+# Niceness of a recovery: the smallest share of a busy processor that never becomes zero, as that of
+# SCHED_IDLE may.
+_RECOVERY_NICE = 19
+_RECOVERY_CLOSE_S = 1.0  # a copy that is incomplete then is made again by the next run
 
 
 @dataclass(frozen=True)
@@ -65,11 +71,12 @@ class Recorder:
         self._header = header
         self._path = path
         self._session: RecordingSession | None = None
-        self._is_on = path is not None or params.directory is not None
+        self.is_on = path is not None or params.directory is not None
+        """True while recording is wanted, whether or not the disk takes it."""
         self._instead: RecordingProgress | None = (
             OFF  # used in place of `_session.progress` before it exists and after a fault
         )
-        if self._is_on:
+        if self.is_on:
             place = path or params.directory
             self._instead = replace(OFF, state="failed", reason=f"{place}: the disk does not answer")
         self._unplaced = (0, 0)  # reads and bytes dropped by a full queue, and not yet marked in the file
@@ -80,7 +87,7 @@ class Recorder:
         self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
-        if self._is_on:  # without a place to record, it can never be switched on: no thread is needed
+        if self.is_on:  # without a place to record, it can never be switched on: no thread is needed
             self._thread.start()
             self._started.wait(_START_S)
 
@@ -89,11 +96,6 @@ class Recorder:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    @property
-    def is_on(self) -> bool:
-        """True while recording is wanted, whether or not the disk takes it."""
-        return self._is_on
 
     @property
     def reads_dropped(self) -> int:
@@ -117,37 +119,20 @@ class Recorder:
 
     # ---- called by the event loop; nothing here waits but `close` ----------------------------------
 
-    def received(self, read: Read, outputs: Sequence[Output], hello: Hello | None) -> None:
-        """Record a read of the port, the outputs of the pipeline for it, and its hello afterwards."""
-        self._hand(read, outputs, hello, "", read.unix_offset_s)
+    def record(self, cause: Read | Input, outputs: Sequence[Output], hello: Hello | None) -> None:
+        """Record a read or another input of the pipeline, its outputs, and its hello afterwards."""
+        self._hand(RecordEntry(cause, outputs, hello, "", cause.unix_offset_s, self._unplaced))
 
-    def disconnected(self, time_s: float, unix_offset_s: float, hello: Hello | None) -> None:
-        """Record a loss of the port, after `Pipeline.disconnected`."""
-        self._hand(Input(time_s, unix_offset_s, "disconnected"), (), hello, "", unix_offset_s)
-
-    def commanded(
-        self,
-        name: str,
-        arguments: Mapping[str, Any],
-        outputs: Sequence[Output],
-        hello: Hello | None,
-        time_s: float,
-        unix_offset_s: float,
-    ) -> None:
-        """Record a command to the pipeline (`Pipeline.command`) and its outputs."""
-        cause = Input(time_s, unix_offset_s, name, json.dumps(dict(arguments)))
-        self._hand(cause, outputs, hello, "", unix_offset_s)
-
-    def daemon_event(self, event: Event, board: str, unix_offset_s: float) -> None:
+    def record_event(self, event: Event, board: str, unix_offset_s: float) -> None:
         """Record an event that the daemon itself made."""
-        self._hand(None, (event,), None, board, unix_offset_s)
+        self._hand(RecordEntry(None, (event,), None, board, unix_offset_s, self._unplaced))
 
     def switch(self, on: bool, hello: Hello | None) -> str:
         """Begin a new recording or end the present one; returns the reason for a refusal, or an empty string.
 
         `report` tells later whether the disk accepted the file.
         """
-        if on == self._is_on:
+        if on == self.is_on:
             return ""
         if on and self._params.directory is None:
             return "nowhere to record: set record.directory in the configuration"
@@ -155,7 +140,7 @@ class Recorder:
             self._queue.put_nowait(_Switch(on, hello))
         except queue.Full:
             return "the disk does not keep up: ask again"
-        self._is_on, self._unplaced = on, (0, 0)
+        self.is_on, self._unplaced = on, (0, 0)
         return ""
 
     def report(self, now_s: float) -> RecordingEvent | None:
@@ -208,17 +193,9 @@ class Recorder:
                 "tactiled recover %s%s", _CLOSE_S, file, file, ACTIVE,
             )  # fmt: skip
 
-    def _hand(
-        self,
-        cause: Read | Input | None,
-        outputs: Sequence[Output],
-        hello: Hello | None,
-        board: str,
-        unix_offset_s: float,
-    ) -> None:
-        if not self._is_on:
+    def _hand(self, entry: RecordEntry) -> None:
+        if not self.is_on:
             return
-        entry = RecordEntry(cause, outputs, hello, board, unix_offset_s, self._unplaced)
         try:
             self._queue.put_nowait(entry)
         except queue.Full:
@@ -267,3 +244,57 @@ class Recorder:
         finally:
             if leftovers is not None:
                 leftovers.close()
+
+
+class Leftovers:
+    """Recover what earlier runs left unfinished in a directory, each time that recording in it begins.
+
+    Recovering a file takes seconds of computing, which would delay the event loop even from a thread. It is
+    therefore done in a process, which locks each file, so that one which is still written is not touched.
+    """
+
+    def __init__(self, directory: Path, min_free_mb: float) -> None:
+        self._directory = directory
+        self._min_free_mb = min_free_mb
+        self._was_recording = False
+        self._child: subprocess.Popen[bytes] | None = None
+
+    def look(self, progress: RecordingProgress) -> None:
+        """Start the process when recording in the directory has begun; never waits for it."""
+        if self._child is not None and (code := self._child.poll()) is not None:
+            if code != 0:
+                logger.warning("%s: not every unfinished recording could be recovered", self._directory)
+            self._child = None
+        is_recording = progress.state == "recording" and Path(progress.file).parent == self._directory
+        if is_recording and not self._was_recording and self._child is None:
+            self._start()
+        self._was_recording = is_recording
+
+    def close(self) -> None:
+        """End the process."""
+        if self._child is None:
+            return
+        self._child.terminate()
+        try:
+            self._child.wait(_RECOVERY_CLOSE_S)
+        except subprocess.TimeoutExpired:  # it waits for the disk, and ignores SIGTERM meanwhile
+            self._child.kill()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._child.wait(_RECOVERY_CLOSE_S)
+
+    def _start(self) -> None:
+        try:
+            if not (files := unfinished(self._directory)):
+                return
+            logger.info("recovering %d unfinished recordings in %s", len(files), self._directory)
+            command = [sys.executable, "-P", "-m", "tactiled", "recover", str(self._directory)]
+            environ = {name: value for name, value in os.environ.items() if name != "NOTIFY_SOCKET"}
+            self._child = subprocess.Popen(
+                [*command, "--min-free-mb", str(self._min_free_mb)],
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env=environ,
+            )  # fmt: skip
+        except OSError as error:
+            logger.warning("unfinished recordings in %s: not recovered: %s", self._directory, error.strerror)
+            return
+        with contextlib.suppress(OSError):  # it has ended already
+            os.setpriority(os.PRIO_PROCESS, self._child.pid, _RECOVERY_NICE)

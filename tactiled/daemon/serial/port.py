@@ -1,4 +1,4 @@
-"""Serial port: opened in a thread, then read and written without blocking the event loop.
+"""Serial port: opened in a thread, read and written without blocking the event loop, reopened when lost.
 
 Opening may take seconds (a TCP connection, an RFC 2217 negotiation) and is therefore done in a thread. A port
 with a file descriptor is read by ``loop.add_reader`` and ``os.read``, a port without one (rfc2217://,
@@ -23,12 +23,18 @@ from pydantic import Field
 from tactiled.daemon.serial import device as devices
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.errors import ConfigError, PortError
+from tactiled.limited_log import RateLimitedLog
 from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)
 
 _READ_BYTES = 4096  # buffer of a tty; small enough that a flood of bytes does not delay the status
 _POLL_S = 0.1  # period at which the reading thread of a port without descriptor checks for its end
+_QUICK_TRIES = 20  # attempts at `_QUICK_S`: a bumped cable is back within a second
+_QUICK_S = 0.05
+_SLOWEST_S = 0.5  # longest interval; a board then runs with its settings within 1 s of its device node
+_SLOWER = 1.5  # factor between later intervals
+_SETTLED_S = 1.0  # a port that was open for so long gets quick attempts again after a loss
 
 
 class PortParams(Params):
@@ -66,21 +72,15 @@ def check_url(url: str) -> None:
 
 
 class SerialPort:
-    """Open port, made by `open_port`.
-
-    Attributes
-    ----------
-    warning : str
-        Fault of a port that works all the same; empty for none.
-    handover_s : float or None
-        Latency timer of the adapter in seconds; None if unknown.
-    """
+    """Open port, made by `open_port`."""
 
     def __init__(self, device: Any, url: str, latency_ms: int | None = None) -> None:
         self._device = device
         self._url = url
         self.warning = devices.latency_warning(url, latency_ms)
+        """Fault of a port that works all the same; empty for none."""
         self.handover_s = None if latency_ms is None else latency_ms / 1000
+        """Latency timer of the adapter in seconds; None if unknown."""
         try:
             self._fd: int | None = device.fileno()
         except OSError:  # io.UnsupportedOperation
@@ -225,3 +225,85 @@ async def open_port_in_thread(url: str, baud: int) -> SerialPort:
     # Not in the default executor: asyncio would wait for it at the end, for as long as a dead host takes.
     threading.Thread(target=work, name="open-port", daemon=True).start()
     return await opened
+
+
+class Connection:
+    """Keep a port open: open it again whenever it was lost."""
+
+    def __init__(self, url: str, baud: int) -> None:
+        self.port: SerialPort | None = None
+        """The port while it is open."""
+        self.connects = 0
+        """Number of times that it was opened."""
+        self.log = RateLimitedLog(logger)
+        """Log with a bounded rate, because a port may open and fail again and again."""
+        self._url, self._baud = url, baud
+        self._gone: asyncio.Future[str] | None = None
+
+    def write(self, data: bytes) -> None:
+        """Write bytes of a command; a failed write is ignored, because the session repeats the command."""
+        if self.port is not None:
+            self.port.write(data)
+
+    def check(self, reason: str) -> None:
+        """Close the port if its name leads to another device, or if `reason` gives a reason."""
+        if self.port is not None and self.port.is_orphan():
+            reason = "its name leads to another device, or to none: opened anew"
+        if reason:
+            self._leave(reason)
+
+    def move(self, url: str, baud: int) -> None:
+        """Close this port and open another one."""
+        self._url, self._baud = url, baud
+        self._leave("the configuration names another port")
+
+    async def run(
+        self,
+        opened: Callable[[SerialPort], None],
+        received: Callable[[bytes], None],
+        lost: Callable[[str], None],
+    ) -> None:
+        """Open the port, read it until it is lost, and repeat; cancel this coroutine to close the port.
+
+        `lost` takes the reason of each loss and of each failed attempt.
+        """
+        tries, delay_s = 0, _QUICK_S
+        loop = asyncio.get_running_loop()
+        while True:
+            url = self._url
+            try:
+                port = await open_port_in_thread(url, self._baud)
+            except PortError as error:
+                lost(str(error))
+            else:
+                opened_s = loop.time()
+                reason = await self._serve(port, opened, received)
+                lost(f"{url}: {reason}")
+                if loop.time() - opened_s > _SETTLED_S:
+                    tries, delay_s = 0, _QUICK_S
+            tries += 1
+            if tries > _QUICK_TRIES:
+                delay_s = min(delay_s * _SLOWER, _SLOWEST_S)
+            await asyncio.sleep(delay_s)
+
+    async def _serve(
+        self, port: SerialPort, opened: Callable[[SerialPort], None], received: Callable[[bytes], None]
+    ) -> str:
+        """Read an open port until it is lost; return the reason."""
+        loop = asyncio.get_running_loop()
+        self.connects += 1
+        self.log.add(f"{self._url}: open at {self._baud} baud", loop.time(), logging.INFO)
+        self.port, self._gone = port, loop.create_future()
+        try:
+            port.attach(received, self._leave)
+            opened(port)
+            return await self._gone
+        finally:
+            self.port = self._gone = None
+            port.detach()
+            # Shielded: a cancellation before the thread begins would leave the port open.
+            await asyncio.shield(loop.run_in_executor(None, port.close))
+
+    def _leave(self, reason: str) -> None:
+        if self._gone is not None and not self._gone.done():
+            self._gone.set_result(reason)

@@ -1,14 +1,21 @@
-"""Execution of commands: detector settings, scan rate, recording. No I/O; time is an argument."""
+"""Execution of commands: detector settings, announced motion, scan rate, recording. No I/O.
 
+A command of motion states when it was sent, in the sender's own clock. Its arrival in the daemon's clock,
+minus that, is the offset of the clocks plus the delay of the command, which is never negative. The smallest
+such difference of the last seconds is therefore the best estimate, as in the clock filter of NTP (RFC 5905,
+section 10).
+"""
+
+import itertools
 import json
 import math
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from tactiled.daemon.board.requirements import SessionParams, is_same_rate
 from tactiled.daemon.board.session import Session
-from tactiled.daemon.zmq.motion import MotionSenders
 from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.types import CommandEvent, Event
@@ -17,6 +24,19 @@ from tactiled.pipeline import Pipeline
 # Time limit of a change of rate: stop, set_rate, identify and start take some 0.1 s, and three lost answers
 # 0.6 s more.
 RATE_S = 3.0
+
+# Instants lie so far from that of sending at most. A value that is older applies to no scan any more, as it
+# holds for 0.1 s; a plan that reaches further ahead is announced in parts.
+REACH_S = 1.0
+_SENDERS = 8  # whose clocks are kept: a controller, its earlier runs, and some people at a keyboard
+# Between two command events of a sender with the same outcome, as between two lines of the log.
+EVENT_PERIOD_S = 10.0
+# Differences of the last one to two windows count: long enough that a command without much delay is among
+# them, short enough that a clock that was set, or stood still, is followed.
+WINDOW_S = 5.0
+# Two crystals of 100 ppm each. A difference is worth that much less with each second of its age, so that an
+# old one never maps an instant to before it was.
+DRIFT = 200e-6
 
 Done = Callable[[str], None]
 """Takes the reason for a refusal, or an empty string when the command is done."""
@@ -28,6 +48,106 @@ class _RateChange:
     before_hz: float | None
     until_s: float
     done: Done
+
+
+Course = dict[str, list[float]]
+"""Arguments of the pipeline's command: ``time_s`` in the daemon's clock, and ``acceleration_m_s2``."""
+
+
+class SenderClock:
+    """Offset of a sender's clock from the daemon's.
+
+    While the clocks drift by at most `DRIFT`, instants are never mapped too early. They are too late by at
+    most the least of ``delay + 2 * DRIFT * age`` over the commands of the last `WINDOW_S`, this one included.
+
+    Examples
+    --------
+    A clock 100 s behind, and delays of 3, 1 and 20 ms:
+
+    >>> clock = SenderClock()
+    >>> [f"{clock.offset_s(sent_s, 100 + sent_s + delay_s):.4f}"
+    ...  for sent_s, delay_s in ((1.0, 0.003), (1.1, 0.001), (1.2, 0.020))]
+    ['100.0030', '100.0010', '100.0010']
+    """
+
+    def __init__(self) -> None:
+        # Smallest differences of this window and the one before, less the drift since the daemon's zero.
+        self._least, self._least_before = math.inf, math.inf
+        self._until_s = -math.inf
+
+    def offset_s(self, sent_s: float, now_s: float) -> float:
+        """Take the instant of sending a command that arrived at `now_s`; return what to add to instants."""
+        if now_s >= self._until_s:
+            is_next = now_s < self._until_s + WINDOW_S
+            self._least_before = self._least if is_next else math.inf
+            self._least, self._until_s = math.inf, now_s + WINDOW_S
+        self._least = min(self._least, now_s - sent_s - DRIFT * now_s)
+        return min(self._least, self._least_before) + DRIFT * now_s
+
+
+@dataclass
+class _Sender:
+    """Program that announces motion."""
+
+    clock: SenderClock = field(default_factory=SenderClock)
+    told_s: dict[bool, float] = field(default_factory=dict)
+    """Host time of its last command event, by outcome."""
+
+
+class MotionSenders:
+    """Programs that announce motion: the courses that their commands mean, and which of these are events."""
+
+    def __init__(self) -> None:
+        self._senders: OrderedDict[tuple[str, ...], _Sender] = OrderedDict()
+
+    def course(self, command: Motion, sender: tuple[str, ...], now_s: float) -> tuple[str, Course]:
+        """Return the reason for a refusal, or an empty string and the announced course.
+
+        `sender` identifies a program that runs, and so a clock.
+        """
+        values = command.acceleration_m_s2
+        if command.time_s is None or command.sent_s is None:
+            reason = ""
+            if command.time_s is not None:
+                reason = "sent_s: missing: time_s needs your clock when you sent the command"
+            elif command.sent_s is not None:
+                reason = "time_s: missing: sent_s is of use for instants only"
+            elif len(values) > 1:
+                reason = f"time_s: missing: {len(values)} values of acceleration_m_s2 need their instants"
+            return reason, {"time_s": [now_s], "acceleration_m_s2": values}
+        times, sent_s = command.time_s, command.sent_s
+        if len(times) != len(values):
+            return f"time_s: {len(times)} instants for {len(values)} values of acceleration_m_s2", {}
+        if any(after < before for before, after in itertools.pairwise(times)):
+            return "time_s: an instant is before the one in front of it", {}
+        if times[0] < sent_s - REACH_S or times[-1] > sent_s + REACH_S:
+            return f"time_s: an instant is more than {REACH_S:g} s from sent_s", {}
+        offset_s = self._sender(sender).clock.offset_s(sent_s, now_s)
+        late_s = now_s - (sent_s + offset_s)
+        if late_s > REACH_S:
+            return (
+                f"sent_s: the command took {late_s:.1f} s longer than others before, or your clock was set",
+                {},
+            )
+        return "", {"time_s": [time_s + offset_s for time_s in times], "acceleration_m_s2": values}
+
+    def is_event(self, sender: tuple[str, ...], *, ok: bool, now_s: float) -> bool:
+        """Return True for the first command of a sender with this outcome within `EVENT_PERIOD_S`.
+
+        A stream of motion would leave nothing else among the stored command events.
+        """
+        told_s = self._sender(sender).told_s
+        if now_s < told_s.get(ok, -math.inf) + EVENT_PERIOD_S:
+            return False
+        told_s[ok] = now_s
+        return True
+
+    def _sender(self, name: tuple[str, ...]) -> _Sender:
+        sender = self._senders.pop(name, None) or _Sender()
+        self._senders[name] = sender  # the newest is last
+        if len(self._senders) > _SENDERS:
+            self._senders.popitem(last=False)
+        return sender
 
 
 class Commands:
@@ -92,7 +212,7 @@ class Commands:
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
-            params = session.requirements.params
+            params = session.params
             # A configuration that was reloaded meanwhile keeps its own rate.
             if params.rate_hz == change.rate_hz:
                 params = params.model_copy(update={"rate_hz": change.before_hz})
@@ -165,7 +285,7 @@ class Commands:
         if self._rate is not None:
             done(f"{self._rate.rate_hz:g} Hz is being set: wait for it")
             return
-        before = self._session.requirements.params
+        before = self._session.params
         try:
             self._session.configure(before.model_copy(update={"rate_hz": rate_hz}))
         except ConfigError as error:

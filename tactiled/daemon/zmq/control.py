@@ -40,6 +40,8 @@ Respond = Callable[[bytes], None]
 Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
 """Carries out a command: (command, requester, now_s, done); `done` takes the reason for a refusal."""
 Settings = Callable[[str, float], Mapping[str, Any]]
+"""Takes the serial number of a board, or an empty string for the only one, and a time; returns a plain map of
+its settings, empty for another board."""
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
     "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
@@ -60,11 +62,6 @@ class Control:
 
     Parameters
     ----------
-    publisher : Publisher
-        Gives the stored messages and the number of this run.
-    settings : callable
-        Takes the serial number of a board, or an empty string for the only one, and a time (monotonic
-        seconds); returns the settings as a plain map, empty for another board.
     boards : callable
         Returns the serial numbers of the boards that take commands here; an empty one is not known yet.
     """
@@ -86,12 +83,9 @@ class Control:
         self._asked_motion: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Answer a request; no payload makes it raise, but a fault of `do` or `settings` passes through.
+        """Answer a request, at once or when a command is done.
 
-        Parameters
-        ----------
-        respond : callable
-            Takes the reply, at once or when a command is done.
+        No payload makes it raise, but a fault of `do` or `settings` passes through.
         """
         request = parse(payload)
         if isinstance(request, Bad):

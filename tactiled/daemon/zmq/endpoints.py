@@ -2,12 +2,10 @@
 
 import contextlib
 import errno
-import fcntl
 import ipaddress
 import os
 import socket
 import stat
-import struct
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,6 @@ _LONGEST_PATH = 107  # bytes: sun_path of unix(7), less its closing NUL
 # Of the kernel, for each connection: what comes is short, and without a limit it grows to some megabytes.
 _RECEIVE_BUFFER_BYTES = 16 * 1024
 _BACKLOG = 64  # connections that wait to be accepted, within a turn of the event loop
-_SIOCGIFADDR = 0x8915  # netdevice(7): the IPv4 address of an interface
 _SOCKET_UMASK = 0o117  # ipc sockets get mode 0660: for the user and group of the daemon
 
 
@@ -60,7 +57,7 @@ def is_wide(endpoint: str) -> bool:
     if transport != "tcp":
         return False
     host = address.rsplit(":", 1)[0].strip("[]")
-    if host in ("localhost", "lo"):
+    if host == "localhost":
         return False
     with contextlib.suppress(ValueError):
         return not ipaddress.ip_address(host).is_loopback
@@ -182,15 +179,12 @@ def _not_bound(endpoint: str, error: zmq.ZMQError | OSError) -> UnavailableError
 
 
 def _addresses(endpoint: str) -> list[tuple[int, Any]]:
-    """Return family and address of the sockets of an endpoint; its host may be the name of an interface."""
+    """Return family and address of the sockets of an endpoint."""
     transport, _, address = endpoint.partition("://")
     if transport == "ipc":
         return [(socket.AF_UNIX, address)]
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        request = struct.pack("256s", os.fsencode(host)[:15])
-        host = socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24])
     every = None if host in ("*", "::") else host  # None: every address, of IPv4 and IPv6
     found = socket.getaddrinfo(every, int(port), type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
     return list(dict.fromkeys((family, where) for family, _, _, _, where in found))

@@ -87,15 +87,7 @@ class Queued(NamedTuple):
 
 
 class Peer:
-    """One connection.
-
-    Parameters
-    ----------
-    sock : socket.socket
-        Not blocking.
-    dropped : Counter
-        Counts the messages that were dropped for newer ones, by `Queued.counted_as`.
-    """
+    """One connection; `dropped` counts its messages that newer ones displaced, by `Queued.counted_as`."""
 
     def __init__(self, sock: socket.socket, bounds: Bounds, dropped: Counter[str]) -> None:
         self.sock = sock
@@ -168,15 +160,7 @@ class Peer:
 
 
 class PeerServer:
-    """Serve the peers of some endpoints; a subclass says what their values mean.
-
-    Parameters
-    ----------
-    socket_type : str
-        Ours, for example ``PUB``.
-    peer_types : collection of str
-        Those that may connect; others are refused with the reason.
-    """
+    """Serve the peers of some endpoints, of which some types may connect; a subclass says what they mean."""
 
     def __init__(self, socket_type: str, peer_types: Collection[str], bounds: Bounds) -> None:
         self.dropped: Counter[str] = Counter()

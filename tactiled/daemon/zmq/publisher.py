@@ -9,8 +9,10 @@ Endpoints with keys are PUB sockets of libzmq.
 
 import secrets
 import time
-from collections import Counter, defaultdict
+from collections import Counter, OrderedDict, defaultdict, deque
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any
 
 import zmq
@@ -20,7 +22,6 @@ from tactiled.daemon.zmq.endpoints import bind
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import Bounds, Peer, PeerServer, Queued
 from tactiled.daemon.zmq.security import CurveAuthenticator
-from tactiled.daemon.zmq.store import Store
 from tactiled.daemon.zmq.zmtp import Cancel, Part, Subscribe, Value
 from tactiled.events import codec
 from tactiled.events.types import Event, Sent
@@ -38,6 +39,11 @@ QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in cont
 BOUNDS = Bounds(zmtp.LONGEST_BYTES, QUEUE_BYTES, turns_per_s=200.0)
 MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; prefixes need fewer
 _MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
+# Boards in the store beside those that the daemon reads: another after an exchange, and one without a name
+# before any hello.
+MORE_BOARDS = 2
+# A bytes object (33) and its entry in the deque (8), rounded up to the granularity of malloc.
+_OVERHEAD_BYTES = 64
 
 
 class EventServer(PeerServer):
@@ -52,13 +58,7 @@ class EventServer(PeerServer):
         self._audience: dict[bytes, tuple[Peer, ...]] = {}
 
     def send(self, topic: bytes, payload: bytes, board: str) -> None:
-        """Queue a message for everyone who wants it; never waits.
-
-        Parameters
-        ----------
-        board : str
-            What the message is counted under in `dropped`.
-        """
+        """Queue a message for everyone who wants it, counted under `board` if it is dropped; never waits."""
         audience = self._audience.get(topic)
         if audience is None:
             if len(self._audience) >= _MOST_TOPICS:
@@ -94,13 +94,90 @@ class EventServer(PeerServer):
             self._audience.clear()
 
 
+@dataclass(frozen=True)
+class Span:
+    """Consecutive messages of one topic."""
+
+    payloads: list[bytes]  # as they were published, in order
+    next_seq: int  # requested messages before this number are among the payloads, or no longer stored
+    more: bool  # there are further messages from `next_seq` on
+
+
+@dataclass
+class _Ring:
+    first_seq: int
+    payloads: deque[bytes] = field(default_factory=deque)
+    n_bytes: int = 0
+
+
+class Store:
+    """Keep the newest encoded messages of each topic, for subscribers that connect late or missed some.
+
+    The limit in bytes, including Python's overhead, holds for each topic of a board, so that scans never
+    displace a slip: 4 MB are a minute of 100 Hz scans of 36 channels, ten minutes of status, or some ten
+    thousand slips.
+    """
+
+    def __init__(self, bytes_per_topic: int, n_boards: int = 1) -> None:
+        self._bytes_per_topic = bytes_per_topic
+        self._most_boards = n_boards + MORE_BOARDS
+        self._boards: OrderedDict[str, dict[str, _Ring]] = OrderedDict()
+
+    def add(self, board: str, topic: str, seq: int, payload: bytes) -> None:
+        """Store a message; the sequence numbers of a topic are consecutive."""
+        rings = self._boards.get(board)
+        if rings is None:
+            rings = self._boards[board] = {}
+            if len(self._boards) > self._most_boards:
+                self._boards.popitem(last=False)
+        self._boards.move_to_end(board)
+        ring = rings.setdefault(topic, _Ring(seq))
+        if seq != ring.first_seq + len(ring.payloads):  # the board was removed from the store meanwhile
+            ring.payloads.clear()
+            ring.first_seq, ring.n_bytes = seq, 0
+        ring.payloads.append(payload)
+        ring.n_bytes += len(payload) + _OVERHEAD_BYTES
+        while ring.n_bytes > self._bytes_per_topic and len(ring.payloads) > 1:  # the newest is always kept
+            ring.n_bytes -= len(ring.payloads.popleft()) + _OVERHEAD_BYTES
+            ring.first_seq += 1
+
+    def latest(self) -> dict[str, bytes]:
+        """Return the newest message of each topic, by full topic; the last board is last."""
+        return {
+            codec.topic_of(board, topic): ring.payloads[-1]
+            for board, rings in self._boards.items()
+            for topic, ring in rings.items()
+        }
+
+    def span(self, board: str, topic: str, first_seq: int, end_seq: int | None, max_bytes: int) -> Span:
+        """Return stored messages with ``first_seq <= seq < end_seq``, at most `max_bytes` of them.
+
+        Without `end_seq`, the newest message is the last one. At least one message is returned where there
+        is any, so that repeated requests always come to an end.
+        """
+        ring = self._boards.get(board, {}).get(topic)
+        if ring is None:
+            return Span([], max(first_seq, end_seq or 0), False)
+        newest_end = ring.first_seq + len(ring.payloads)
+        end_seq = newest_end if end_seq is None else min(end_seq, newest_end)
+        begin = max(0, first_seq - ring.first_seq)
+        payloads: list[bytes] = []
+        size = 0
+        for payload in islice(ring.payloads, begin, max(begin, end_seq - ring.first_seq)):
+            size += len(payload)
+            if payloads and size > max_bytes:
+                break
+            payloads.append(payload)
+        if not payloads:
+            return Span([], max(first_seq, end_seq), False)
+        next_seq = ring.first_seq + begin + len(payloads)
+        return Span(payloads, next_seq, next_seq < end_seq)
+
+
 class Publisher:
     """PUB endpoints, sequence number of each topic, and store of recent messages.
 
-    Parameters
-    ----------
-    context, authenticator : optional
-        Both are required for endpoints with keys.
+    `context` and `authenticator` are for endpoints with keys.
 
     Raises
     ------

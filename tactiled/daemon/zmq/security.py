@@ -214,11 +214,6 @@ def _write(path: Path, mode: int, **keys: bytes) -> None:
 class CurveAuthenticator:
     """ZAP server that admits clients by their CURVE keys; make it before any socket is bound.
 
-    Parameters
-    ----------
-    context : zmq.Context
-        Its sockets send the ZAP requests.
-
     Raises
     ------
     ConfigError
@@ -237,13 +232,7 @@ class CurveAuthenticator:
         self._socket.bind(_ZAP)
 
     def guard(self, sock: zmq.Socket[Any], longest_bytes: int) -> None:
-        """Set up a socket, not bound yet, as a CURVE server with the keys of the daemon.
-
-        Parameters
-        ----------
-        longest_bytes : int
-            Limit of a frame from a peer.
-        """
+        """Set up a socket, not bound yet, as a CURVE server that takes frames of at most `longest_bytes`."""
         sock.setsockopt(zmq.IPV6, 1)
         sock.setsockopt(zmq.MAXMSGSIZE, longest_bytes)
         for name, value in DEAD_PEER_OPTIONS.items():

@@ -78,13 +78,7 @@ Value = Greeted | Ready | Subscribe | Cancel | Ping | Part | Refused
 
 
 class ZmtpDecoder:
-    """Decode what one peer sends.
-
-    Parameters
-    ----------
-    longest_bytes : int
-        Limit of a frame; a peer that announces more is refused before anything of it is kept.
-    """
+    """Decode what one peer sends; one that announces a longer frame is refused before any of it is kept."""
 
     def __init__(self, longest_bytes: int = LONGEST_BYTES) -> None:
         self._longest_bytes = longest_bytes

@@ -2,18 +2,22 @@
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from boards import LAYOUT, SimBoard
 from uart import received_at
 
-from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, Tally, frames_of, other_layouts
+from tactiled.array import load_array
+from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, frames_of, other_layouts
+from tactiled.pipeline import Health, Pipeline
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout, load_layout
 
 LEGACY = load_layout("legacy-9")
+EMPTY = Pipeline(LAYOUT, load_array("wang2019-3x3")).health()
 BAUD = LAYOUT.file.baud
 
 
@@ -43,16 +47,20 @@ class Line:
         self.watch = LineWatch(layout.name, BAUD, other_layouts(layout))
         decoder, reasons = Decoder(layout), Counter[str]()
         self.watch.reset(0.0)
-        self.watch.count(Tally(framing_errors=None if framing_errors is None else 0), 0.0)
+        self.watch.count(EMPTY, None if framing_errors is None else 0, 0.0)
         for k, part in enumerate(parts):
             self.now_s = 4.0 * (k + 1) / len(parts)
             self.watch.received(part, self.now_s)
             reasons.update(f.reason for f in decoder.feed(part) if isinstance(f, Corrupt))
             errors = None if framing_errors is None else framing_errors[k]
-            tally = Tally(
-                decoder.bytes_in, decoder.bytes_framed, decoder.bytes_discarded, dict(reasons), errors
+            health = replace(
+                EMPTY,
+                bytes_in=decoder.bytes_in,
+                bytes_framed=decoder.bytes_framed,
+                bytes_discarded=decoder.bytes_discarded,
+                corrupt_by_reason=dict(reasons),
             )
-            self.watch.count(tally, self.now_s)
+            self.watch.count(health, errors, self.now_s)
 
     @property
     def fault(self) -> str:
@@ -127,12 +135,12 @@ def test_a_flip_in_a_minute_is_no_warning() -> None:
 def test_silence_is_a_fault_after_a_second_until_the_first_frame() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(10.0)
-    watch.count(Tally(), 10.0)
+    watch.count(EMPTY, None, 10.0)
     assert watch.fault(10.0 + HICCUP_S / 2) == ""
     assert "no bytes arrive" in watch.fault(10.0 + HICCUP_S)
     frame = Encoder(LAYOUT).encode(SimBoard().hello())
     watch.received(frame, 12.0)
-    watch.count(Tally(len(frame), len(frame)), 12.0)
+    watch.count(replace(EMPTY, bytes_in=len(frame), bytes_framed=len(frame)), None, 12.0)
     assert watch.fault(12.1) == ""
 
 
@@ -140,11 +148,11 @@ def test_the_text_of_a_fault_is_constant() -> None:
     lines = [f"line {k} of a console that prints\r\n".encode() for k in range(100)]
     watch = LineWatch("x", BAUD)
     watch.reset(0.0)
-    watch.count(Tally(), 0.0)
+    watch.count(EMPTY, None, 0.0)
     faults = set()
     for k, text in enumerate(lines):
         watch.received(text, k / 10)
-        watch.count(Tally((k + 1) * len(text), 0, k * len(text)), k / 10)
+        watch.count(replace(EMPTY, bytes_in=(k + 1) * len(text), bytes_discarded=k * len(text)), None, k / 10)
         faults.add(watch.fault(k / 10))
     assert len(faults - {""}) == 1
 
@@ -154,19 +162,27 @@ def test_unknown_frames_have_no_layout_name() -> None:
     assert frames_of(b"".join(scans(LEGACY, 3)), {"a": LAYOUT, "b": LEGACY}) == "b"
 
 
-def overloaded(*, is_pty: bool, flags: bool = True) -> tuple[LineWatch, Tally, float]:
+def overloaded(*, is_pty: bool, flags: bool = True) -> tuple[LineWatch, Health, float]:
     """A watch on ten seconds of intact frames, each fifth scan instant missed; what it counted, and when."""
     watch = LineWatch("x", BAUD)
     watch.reset(0.0, is_pty=is_pty)
-    watch.count(Tally(), 0.0)
-    tally, now_s = Tally(), 0.0
+    watch.count(EMPTY, None, 0.0)
+    health, now_s = EMPTY, 0.0
     for k in range(1, 101):
         now_s, came, missed = k / 10, 8 * 85 * k, 2 * k
         watch.received(b"\0" * 85, now_s)
         overrun, dropped = (missed, 0) if flags else (0, missed)
-        tally = Tally(came, came, scans_due=10 * k, scans_overrun=overrun, scans_dropped=dropped)
-        watch.count(tally, now_s)
-    return watch, tally, now_s
+        health = replace(
+            EMPTY,
+            bytes_in=came,
+            bytes_framed=came,
+            scans=8 * k,
+            scans_missing=missed,
+            scans_overrun=overrun,
+            scans_dropped=dropped,
+        )
+        watch.count(health, None, now_s)
+    return watch, health, now_s
 
 
 CABLE = ("cable", "ground", "connectors", "noise", "powered", "swapped")
@@ -176,12 +192,12 @@ CABLE = ("cable", "ground", "connectors", "noise", "powered", "swapped")
     ("is_pty", "advice"), [(False, "lower session.rate_hz"), (True, "its host is too slow or too busy")]
 )
 def test_a_board_that_flags_overruns_is_overloaded_and_its_cable_is_good(is_pty: bool, advice: str) -> None:
-    watch, tally, now_s = overloaded(is_pty=is_pty)
+    watch, health, now_s = overloaded(is_pty=is_pty)
     warning = watch.warning()
     assert re.search(r"the board missed \d+ of its last \d+ scan instants", warning)
     assert advice in warning
     later_s = now_s + 27.0  # it fell silent: nothing else has changed
-    watch.count(tally, later_s)
+    watch.count(health, None, later_s)
     fault = watch.fault(later_s)
     assert "missed scan instants before" in fault
     assert advice in fault
@@ -197,7 +213,7 @@ def test_scans_that_are_missing_between_intact_frames_are_not_blamed_on_the_cabl
 def test_a_silent_pseudo_terminal_has_no_cable() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(0.0, is_pty=True)
-    watch.count(Tally(), 0.0)
+    watch.count(EMPTY, None, 0.0)
     fault = watch.fault(27.0)
     assert fault.startswith("no bytes arrive: this port is a pseudo-terminal")
     assert "is it running, and is this host fast enough for it?" in fault
@@ -207,11 +223,12 @@ def test_a_silent_pseudo_terminal_has_no_cable() -> None:
 def test_a_board_that_has_sent_frames_has_no_swapped_lines() -> None:
     watch = LineWatch("x", BAUD)
     watch.reset(0.0)
-    watch.count(Tally(), 0.0)
+    watch.count(EMPTY, None, 0.0)
     watch.received(b"\0" * 85, 1.0)
-    watch.count(Tally(85, 85, scans_due=1), 1.0)
+    one = replace(EMPTY, bytes_in=85, bytes_framed=85, scans=1)
+    watch.count(one, None, 1.0)
     assert "any more" in watch.fault(3.0)
     assert "swapped" not in watch.fault(3.0)
     watch.reset(4.0)
-    watch.count(Tally(85, 85, scans_due=1), 4.0)
+    watch.count(one, None, 4.0)
     assert "swapped" in watch.fault(6.0)

@@ -20,7 +20,7 @@ from patience import PATIENCE_S
 from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.link import SILENT_S, BoardLink
-from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
@@ -142,7 +142,7 @@ def test_a_connection_that_delivers_nothing_is_reopened(tmp_path: Path) -> None:
 
 def bare_link(array: Array = ARRAY) -> BoardLink:
     line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
-    session = Session(BoardRequirements(SessionParams(), LAYOUT, lambda _: None), line)
+    session = Session(SessionParams(), LAYOUT, lambda _: None, line)
     return BoardLink(Pipeline(LAYOUT, array), session, line)
 
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.board.load import HostLoad, LoopTurns
+from tactiled.daemon.board.link import HostLoad, LoopTurns
 
 
 def test_a_status_has_the_longest_turn_since_the_one_before() -> None:

@@ -9,15 +9,18 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from tactiled.array import load_array
 from tactiled.daemon.board.asking import MAX_TRIES
-from tactiled.daemon.board.diagnosis import LineWatch, Tally
-from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
+from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.board.session import FOREIGN_S, Session
 from tactiled.errors import ConfigError
+from tactiled.pipeline import Pipeline
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello
 from tactiled.wire.layout import load_layout
 
 ARRAY = "wang2019-3x3"
+NOTHING = Pipeline(LAYOUT, load_array(ARRAY)).health()
 
 
 def fits(hello: Hello) -> str | None:
@@ -32,7 +35,7 @@ class Bench:
     def __init__(self, params: SessionParams | None = None, board: SimBoard | None = None) -> None:
         self.now_s = 1000.0
         self.line = LineWatch("tactiled-board", 115200)
-        self.session = Session(BoardRequirements(params or SessionParams(), LAYOUT, fits), self.line)
+        self.session = Session(params or SessionParams(), LAYOUT, fits, self.line)
         self.board = board or SimBoard()
         self.down_broken = self.up_broken = False
         self.sent: list[Command] = []
@@ -41,7 +44,7 @@ class Bench:
     def plug(self, board: SimBoard | None = None) -> None:
         self.board = board or self.board
         self.line.reset(self.now_s)
-        self.line.count(Tally(), self.now_s)
+        self.line.count(NOTHING, None, self.now_s)
         self.exchange(self.session.opened(self.now_s))
 
     def unplug(self) -> None:
@@ -280,7 +283,7 @@ def test_bytes_without_frames_are_diagnosed() -> None:
     for _ in range(30):
         bench.run(0.1)
         bench.line.received(b"\0", bench.now_s)
-        bench.line.count(Tally(), bench.now_s)
+        bench.line.count(NOTHING, None, bench.now_s)
     assert "no frame passes: no frame structure in it: wrong baud rate (115200 configured)" in bench.reason
 
 
@@ -417,7 +420,7 @@ def test_new_parameters_take_effect_while_running() -> None:
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
     layout = load_layout("legacy-9")
-    session = Session(BoardRequirements(SessionParams(), layout, fits), LineWatch("legacy-9", 57600))
+    session = Session(SessionParams(), layout, fits, LineWatch("legacy-9", 57600))
     assert session.opened(10.0) == []
     assert (session.state, session.deadline_s) == ("syncing", math.inf)
     assert session.scanned(10.1) == []
@@ -431,7 +434,7 @@ def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:
 
 def test_a_rate_for_firmware_that_cannot_set_one_is_a_config_error() -> None:
     with pytest.raises(ConfigError, match=r"session\.rate_hz.*leave rate_hz out"):
-        BoardRequirements(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits)
+        Session(SessionParams(rate_hz=10.0), load_layout("legacy-9"), fits, LineWatch("legacy-9", 57600))
 
 
 class AnyHistory(RuleBasedStateMachine):

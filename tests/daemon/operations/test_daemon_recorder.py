@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from patience import PATIENCE_S
 
-from tactiled.daemon.operations import leftovers
 from tactiled.daemon.operations import recorder as recorder_module
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.errors import DataError
@@ -71,9 +70,9 @@ def test_all_entries_are_in_the_file(tmp_path: Path) -> None:
     reads = [read(k) for k in range(1000)]
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         for item in reads:
-            recorder.received(item, (), None)
-        recorder.disconnected(10.0, 1.7e9, None)
-        recorder.daemon_event(report(recorder), "B1", 1.7e9)
+            recorder.record(item, (), None)
+        recorder.record(Input(10.0, 1.7e9, "disconnected"), (), None)
+        recorder.record_event(report(recorder), "B1", 1.7e9)
     *got, lost, last = items(tmp_path / "a.mcap")
     assert got == reads
     assert isinstance(lost, Input)
@@ -89,17 +88,17 @@ def test_a_stuck_disk_delays_nothing_and_the_loss_is_marked(
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         disk = StuckDisk(monkeypatch)
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         assert disk.entered.wait(PATIENCE_S)
         for k in range(1, 201):
-            recorder.received(read(k), (), None)  # returns, though nothing is written
+            recorder.record(read(k), (), None)  # returns, though nothing is written
         dropped = recorder.reads_dropped
         assert dropped >= 150
         assert report(recorder).reads_dropped == dropped
         assert report(recorder).reads_waiting == 50
         disk.free.set()
         until(lambda: report(recorder).reads_waiting == 0)
-        recorder.received(read(201), (), None)
+        recorder.record(read(201), (), None)
     (mark,) = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Input)]
     got = [item for item in items(tmp_path / "a.mcap") if isinstance(item, Read)]
     assert (mark.name, mark.values()) == ("dropped", {"reads": dropped, "bytes": 5 * dropped})
@@ -114,7 +113,7 @@ def test_close_returns_although_the_disk_hangs(
     monkeypatch.setattr(recorder_module, "_CLOSE_S", 0.1)
     recorder = Recorder(PARAMS, HEADER, tmp_path / "a.mcap")
     disk = StuckDisk(monkeypatch)
-    recorder.received(read(0), (), None)
+    recorder.record(read(0), (), None)
     assert disk.entered.wait(PATIENCE_S)
     recorder.close()
     assert f"tactiled recover {tmp_path / 'a.mcap'}.active" in caplog.text
@@ -127,18 +126,18 @@ def test_a_disk_that_fails_later_is_reported_and_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         until(lambda: report(recorder).bytes_written > 0)
 
         def broken(_: int) -> None:
             raise OSError(30, "Read-only file system")
 
         monkeypatch.setattr(os, "fsync", broken)
-        recorder.received(read(1), (), None)  # the thread takes it before or after the sync that fails
+        recorder.record(read(1), (), None)  # the thread takes it before or after the sync that fails
         until(lambda: report(recorder).state == "failed")
         assert "Read-only file system" in report(recorder).reason
         for k in range(2, 12):
-            recorder.received(read(k), (), None)
+            recorder.record(read(k), (), None)
         until(lambda: report(recorder).reads_waiting == 0 and recorder.reads_dropped >= 10)
     assert caplog.text.count("not recording") == 1
     assert "Read-only file system" in caplog.text
@@ -157,10 +156,10 @@ def test_a_full_disk_only_increases_the_drop_count(tmp_path: Path) -> None:
     os.dup2(full, stream.fileno())
     os.close(full)
     for k in range(100):
-        recorder.received(read(k), (), None)
+        recorder.record(read(k), (), None)
     until(lambda: report(recorder).state == "failed")
     assert "No space left on device" in report(recorder).reason
-    recorder.received(read(100), (), None)
+    recorder.record(read(100), (), None)
     until(lambda: recorder.reads_dropped >= 1)
     recorder.close()
 
@@ -187,12 +186,12 @@ def test_a_disk_that_is_full_or_gone_is_named_as_such_when_it_takes_a_part_again
         with monkeypatch.context() as disk:
             disk.setattr(os, "fsync", broken)
             for k in range(100):
-                recorder.received(read(k), (), None)
+                recorder.record(read(k), (), None)
             numbers = itertools.count(100)
 
             def drops() -> bool:
                 """Hand over a read; those that a new part takes before it fails are not dropped."""
-                recorder.received(read(next(numbers)), (), None)
+                recorder.record(read(next(numbers)), (), None)
                 return recorder.reads_dropped >= 10
 
             until(lambda: recorder.progress.state == "failed")
@@ -210,12 +209,12 @@ def test_a_disk_that_does_not_answer_is_named_as_such(
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         disk = StuckDisk(monkeypatch)
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         assert disk.entered.wait(PATIENCE_S)
         assert report(recorder).state == "recording"
         monkeypatch.setattr(recorder_module, "_SILENT_S", 0.0)
         for k in range(100):
-            recorder.received(read(k), (), None)
+            recorder.record(read(k), (), None)
         event = report(recorder)
         assert (event.state, event.reason) == ("failed", f"{tmp_path / 'a.mcap'}: the disk does not answer")
         monkeypatch.undo()
@@ -231,7 +230,7 @@ def test_a_folder_that_goes_away_is_named_as_such(tmp_path: Path) -> None:
     with Recorder(PARAMS, HEADER, place / "a.mcap") as recorder:
         shutil.rmtree(place)
         for k in range(10):
-            recorder.received(read(k), (), None)
+            recorder.record(read(k), (), None)
         until(lambda: recorder.progress.state == "failed")
         assert "is its disk gone?" in report(recorder).reason
 
@@ -255,12 +254,12 @@ def test_a_directory_that_appears_after_the_start_is_recorded_into(
             "No such file or directory; make the directory, or choose another one" in report(recorder).reason
         )
         for k in range(10):
-            recorder.received(read(k), (), None)
+            recorder.record(read(k), (), None)
         until(lambda: recorder.reads_dropped == 10)
         time.sleep(0.3)  # tried again, and logged once
         place.mkdir()
         until(lambda: report(recorder).state == "recording")
-        recorder.received(read(10), (), None)
+        recorder.record(read(10), (), None)
     assert caplog.text.count("not recording") == 1
     (file,) = place.iterdir()
     mark, kept = items(file)
@@ -292,7 +291,7 @@ def test_a_hanging_disk_does_not_delay_the_start(tmp_path: Path, monkeypatch: py
         assert time.monotonic() - began_s < PATIENCE_S / 2  # the disk hangs for longer
         assert report(recorder).state == "failed"
         assert "does not answer" in report(recorder).reason
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         disk.free.set()
         until(lambda: report(recorder).state == "recording")
     assert items(tmp_path / "a.mcap") == [read(0)]
@@ -302,13 +301,13 @@ def test_a_hanging_disk_does_not_delay_the_start(tmp_path: Path, monkeypatch: py
 def test_switched_on_and_off_while_running(tmp_path: Path) -> None:
     params = PARAMS.model_copy(update={"directory": str(tmp_path)})
     with Recorder(params, HEADER) as recorder:
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         assert recorder.switch(True, None) == ""  # it is on already
         assert recorder.switch(False, None) == ""
-        recorder.received(read(1), (), None)
+        recorder.record(read(1), (), None)
         until(lambda: report(recorder).state == "off")
         assert recorder.switch(True, None) == ""
-        recorder.received(read(2), (), None)
+        recorder.record(read(2), (), None)
         until(lambda: report(recorder).state == "recording")
         assert recorder.switch(True, None) == ""
     first, second = sorted(tmp_path.glob("*.mcap"))
@@ -316,7 +315,7 @@ def test_switched_on_and_off_while_running(tmp_path: Path) -> None:
     assert (read_header(first).fresh, read_header(second).fresh) == (True, False)
     with Recorder(PARAMS, HEADER) as recorder:
         assert "set record.directory" in recorder.switch(True, None)
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
         assert report(recorder).state == "off"
 
 
@@ -350,9 +349,9 @@ def test_a_bug_ends_the_recording_and_not_the_service(
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         monkeypatch.setattr(recorder._session, "take", lambda *_: 1 / 0)  # noqa: SLF001  a fault is put into the disk
         with caplog.at_level(logging.ERROR):
-            recorder.received(read(0), (), None)
+            recorder.record(read(0), (), None)
             until(lambda: report(recorder).state == "failed")
-        recorder.received(read(1), (), None)
+        recorder.record(read(1), (), None)
     assert "ZeroDivisionError" in caplog.text
     monkeypatch.undo()
     assert items(tmp_path / "a.mcap") == []
@@ -369,7 +368,7 @@ def test_a_directory_is_kept_within_its_limit_while_recording(tmp_path: Path) ->
     with Recorder(params, HEADER) as recorder:
         until(lambda: not old[1].exists())
         assert not old[0].exists()
-        recorder.received(read(0), (), None)
+        recorder.record(read(0), (), None)
     assert old[2].exists()
     assert mine.exists()
     params = PARAMS.model_copy(update={"directory": str(tmp_path), "keep_mb": 0.001})
@@ -384,7 +383,7 @@ def test_files_of_an_earlier_run_are_recovered_while_recording(
 ) -> None:
     monkeypatch.setattr(rotation, "RETRY_S", 0.1)
     # At its own niceness, the process takes a minute or more where others fill the processors.
-    monkeypatch.setattr(leftovers, "_NICE", 0)
+    monkeypatch.setattr(recorder_module, "_RECOVERY_NICE", 0)
     place = tmp_path / "records"
     name = "tactile-20200101T000000.000Z.mcap"
     params = PARAMS.model_copy(update={"directory": str(place)})

@@ -16,7 +16,7 @@ from patience import PATIENCE_S
 from tactiled.array import load_array
 from tactiled.client import AsyncCommander, Client, Message, Recovered, Restarted
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import BoardRequirements, SessionParams
+from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
@@ -238,21 +238,18 @@ def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> Non
 def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(
     asked_hz: float | None, says: str
 ) -> None:
-    session = Session(
-        BoardRequirements(SessionParams(board_serial="A"), LAYOUT, lambda _: None),
-        LineWatch(LAYOUT.name, 115200),
-    )
+    session = Session(SessionParams(board_serial="A"), LAYOUT, lambda _: None, LineWatch(LAYOUT.name, 115200))
     commands = Commands(Pipeline(LAYOUT, ARRAY), session, lambda *_: None)
     reasons: list[str] = []
     session.opened(0.0)
     rate = Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0)
     commands.do(rate, Requester("1", may_command=True), 0.0, reasons.append)
-    assert session.requirements.params.rate_hz == 200.0
+    assert session.params.rate_hz == 200.0
     read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
     commands.configure(read_again)
     commands.poll(RATE_S)
     assert [reason.rpartition("; ")[2] for reason in reasons] == [says]
-    assert session.requirements.params == read_again
+    assert session.params == read_again
 
 
 def test_a_commanded_rate_holds_where_a_configuration_that_is_read_again_names_none(tmp_path: Path) -> None:

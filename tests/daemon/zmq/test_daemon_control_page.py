@@ -10,7 +10,7 @@ from unittest.mock import patch
 from patience import PATIENCE_S
 
 from tactiled import resources
-from tactiled.daemon.zmq.motion import MotionSenders
+from tactiled.daemon.zmq.commands import MotionSenders
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Motion, Requester

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.zmq.motion import DRIFT, EVENT_PERIOD_S, WINDOW_S, MotionSenders, SenderClock
+from tactiled.daemon.zmq.commands import DRIFT, EVENT_PERIOD_S, WINDOW_S, MotionSenders, SenderClock
 from tactiled.daemon.zmq.requests import Motion
 
 ROUNDING_S = 1e-6  # of clocks that count from 1970

@@ -185,10 +185,8 @@ def test_a_dead_subscriber_does_not_delay_shutdown(ipc: str) -> None:
     play(ipc, story)
 
 
-@pytest.mark.parametrize(
-    "endpoint", ["tcp://127.0.0.1:{}", "tcp://localhost:{}", "tcp://lo:{}", "tcp://*:{}"]
-)
-def test_tcp_is_served_by_address_by_name_and_by_interface(endpoint: str) -> None:
+@pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:{}", "tcp://localhost:{}", "tcp://*:{}"])
+def test_tcp_is_served_by_address_and_by_name(endpoint: str) -> None:
     port = free_port()
     params = PublishParams(endpoints=(endpoint.format(port),), allow_plaintext_on_network=True)
     publisher = Publisher(params)
