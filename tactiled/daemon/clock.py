@@ -17,13 +17,7 @@ _TIGHT_S = 2e-4  # a wider bracket cannot resolve a step of `_STEP_S`
 
 
 class EpochClock:
-    """Keep the offset between monotonic and wall clock, and follow steps of the wall clock.
-
-    Parameters
-    ----------
-    monotonic, wall : callable
-        Return the reading of each clock in seconds.
-    """
+    """Keep the offset between monotonic and wall clock, and follow steps of the wall clock."""
 
     def __init__(
         self, monotonic: Callable[[], float] = time.monotonic, wall: Callable[[], float] = time.time
@@ -33,13 +27,7 @@ class EpochClock:
         self.offset_s = self._measure()[0]
 
     def follow(self) -> float:
-        """Compare both clocks again.
-
-        Returns
-        -------
-        float
-            The step of the wall clock that was followed, in seconds; 0.0 when there was none.
-        """
+        """Compare both clocks again; return the step of the wall clock in seconds, 0.0 for none."""
         offset_s, width_s = self._measure()
         step_s = offset_s - self.offset_s
         if width_s > _TIGHT_S or abs(step_s) < _STEP_S:

@@ -103,7 +103,7 @@ class BoardRunner:
     params : ServiceParams
         Those of `board`, or what a reload has made of them.
     phase_s : float
-        Delay of the first status, so that the boards of a daemon do not publish theirs all at once.
+        Delay of the first status, so that boards do not publish theirs all at once.
 
     Raises
     ------
@@ -150,12 +150,7 @@ class BoardRunner:
     async def run(self, fault: str = "", pause_s: float = 0.0) -> None:
         """Read the board until `stop`; an error in the data path ends it.
 
-        Parameters
-        ----------
-        fault : str
-            Published as the reason for having no board, until the port is opened.
-        pause_s : float
-            Time until the port is opened, in seconds.
+        Until the port is opened after `pause_s`, `fault` is published as the reason for having no board.
         """
         self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         if fault:

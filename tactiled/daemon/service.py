@@ -6,6 +6,7 @@ manager restarts it; among several boards, that board alone is started again.
 """
 
 import asyncio
+import contextlib
 import gc
 import logging
 import os
@@ -257,26 +258,25 @@ async def serve(
     }  # fmt: skip
     for number, handler in handlers.items():
         loop.add_signal_handler(number, handler)
+    stopping = None
     if duration_s is not None:
-        _stop_after(duration_s, service.stop, has_begun, loop.time() + BEGIN_S)
+        stopping = asyncio.create_task(_stop_after(duration_s, service.stop, has_begun))
     try:
         await service.run()
     finally:
+        if stopping is not None:
+            stopping.cancel()
         for number in handlers:
             loop.remove_signal_handler(number)
 
 
-def _stop_after(
-    duration_s: float, stop: Callable[[], None], has_begun: Callable[[], bool], by_s: float
-) -> None:
-    """Call `stop` so many seconds after `has_begun`, or at `by_s` of the loop's clock without it."""
-    loop = asyncio.get_running_loop()
-    if has_begun():
-        loop.call_later(duration_s, stop)
-    elif loop.time() >= by_s:
-        stop()
-    else:
-        loop.call_later(_LOOK_S, _stop_after, duration_s, stop, has_begun, by_s)
+async def _stop_after(duration_s: float, stop: Callable[[], None], has_begun: Callable[[], bool]) -> None:
+    with contextlib.suppress(TimeoutError):
+        async with asyncio.timeout(BEGIN_S):
+            while not has_begun():
+                await asyncio.sleep(_LOOK_S)
+        await asyncio.sleep(duration_s)
+    stop()
 
 
 def run_service(

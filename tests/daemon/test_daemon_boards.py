@@ -166,22 +166,6 @@ def play(
         asyncio.run(main())
 
 
-def test_three_boards_share_one_socket(tmp_path: Path) -> None:
-    boards = Boards(tmp_path)
-
-    async def story(_: Service) -> None:
-        await boards.until_running()
-        for serial in SERIALS:
-            await boards.until_scans(serial, 20)
-            await boards.daemon.until(lambda serial=serial: bool(boards.rows("info", serial)), "info")  # type: ignore[misc]
-
-    play(boards, story)
-    boards.check_undisturbed(*SERIALS)
-    assert {row["board_serial"] for row in boards.daemon.rows("info")} == set(SERIALS)
-    assert len({row["run"] for row in boards.daemon.rows("status")}) == 1
-    assert not any(sim.streaming for sim in boards.sims.values())  # all are told to stop
-
-
 def test_an_unplugged_board_is_not_noticed_by_the_others(tmp_path: Path) -> None:
     boards = Boards(tmp_path)
 
@@ -192,9 +176,14 @@ def test_an_unplugged_board_is_not_noticed_by_the_others(tmp_path: Path) -> None
         await boards.until_scans("TS0002", 20)
         await asyncio.to_thread(boards.ptys["TS0001"].plug)
         await boards.until_running("TS0001")
+        for serial in SERIALS:
+            await boards.daemon.until(lambda serial=serial: bool(boards.rows("info", serial)), "info")  # type: ignore[misc]
 
     play(boards, story)
     boards.check_undisturbed("TS0002", "TS0003")
+    assert {row["board_serial"] for row in boards.daemon.rows("info")} == set(SERIALS)
+    assert len({row["run"] for row in boards.daemon.rows("status")}) == 1
+    assert not any(sim.streaming for sim in boards.sims.values())  # all are told to stop
 
 
 def test_noise_on_one_line_is_not_noticed_by_the_others(tmp_path: Path) -> None:
@@ -208,12 +197,13 @@ def test_noise_on_one_line_is_not_noticed_by_the_others(tmp_path: Path) -> None:
                 os.write(master, os.urandom(64))
 
         boards.ptys["TS0002"]._send = send_noise  # type: ignore[method-assign, assignment]  # noqa: SLF001
-        await boards.daemon.until(lambda: boards.states("TS0002")[-1][0] != "running", "noise")
+        await boards.until_state("TS0002", "stalled", "bytes arrive but no frame passes")
         await boards.until_scans("TS0001", 20)
 
     play(boards, story)
     boards.check_undisturbed("TS0001", "TS0003")
     assert boards.rows("status", "TS0002")[-1]["frames_corrupt"] > 0
+    assert any("bytes arrive but no frame passes" in row["reason"] for row in boards.rows("status", "TS0002"))
     assert boards.rows("status", "TS0001")[-1]["frames_corrupt"] == 0
 
 
@@ -231,6 +221,7 @@ def test_a_wrong_board_is_a_fault_of_its_port_alone(tmp_path: Path, stranger: Si
     play(boards, story)
     boards.check_undisturbed("TS0001", "TS0002")
     assert boards.rows("scan", "TS0003") == boards.rows("scan", stranger.serial) == []
+    assert {command.name for command in stranger.commands} == {"identify"}
 
 
 def test_a_full_disk_of_one_board_stops_only_its_recording(

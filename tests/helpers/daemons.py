@@ -41,7 +41,7 @@ class Daemon:
         self._changed = asyncio.Event()
 
     def served(self, recorder: Recorder | None = None) -> ServedBoard:
-        return ServedBoard(self.params, lambda: self.pipeline, recorder)
+        return ServedBoard(self.params, lambda: self.pipeline, recorder, lambda: self.params)
 
     def rows(self, topic: str) -> list[Row]:
         return self.heard.get(topic, [])

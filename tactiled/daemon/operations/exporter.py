@@ -37,13 +37,7 @@ class MetricsParams(Params):
 
 
 class Exporter:
-    """Serve the metrics page.
-
-    Parameters
-    ----------
-    params : MetricsParams
-        With a port other than 0.
-    """
+    """Serve the metrics page at a port other than 0."""
 
     def __init__(self, params: MetricsParams, text: Callable[[], str]) -> None:
         self._text = text

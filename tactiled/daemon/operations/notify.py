@@ -15,11 +15,6 @@ class Notifier:
 
     A manager whose queue is full (the kernel holds 10 datagrams by default) gets each message later, from
     `alive`: a lost READY=1 would let the start fail, and a lost status would show an old one for hours.
-
-    Parameters
-    ----------
-    environ : mapping
-        Read for ``NOTIFY_SOCKET``, ``WATCHDOG_USEC`` and ``WATCHDOG_PID``.
     """
 
     def __init__(self, environ: Mapping[str, str] = os.environ) -> None:

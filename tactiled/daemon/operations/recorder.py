@@ -58,12 +58,8 @@ class _Switch:
 class Recorder:
     """Record reads, commands and events of the service while switched on.
 
-    A file that cannot be written is no error: `report` gives the reason, and it is tried again.
-
-    Parameters
-    ----------
-    path : Path, optional
-        Record into this file from the start; left out: into `params.directory`, if there is one.
+    It records into `path` from the start, or into `params.directory`, if there is one. A file that cannot
+    be written is no error: `report` gives the reason, and it is tried again.
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None = None) -> None:

@@ -17,7 +17,7 @@ from typing import Any
 from tactiled.daemon.board.requirements import SessionParams, is_same_rate
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
-from tactiled.errors import ConfigError, TactiledError
+from tactiled.errors import ConfigError
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
 
@@ -156,10 +156,9 @@ class Commands:
     Parameters
     ----------
     tuned : callable
-        Takes the events caused by a change of the detectors: (name, arguments, events, now_s).
+        Takes a change of the detectors and the events caused by it: (name, arguments, events, now_s).
     record : callable, optional
-        Starts (True) or stops (False) the recording; returns the reason for a refusal, or raises a
-        TactiledError.
+        Starts (True) or stops (False) the recording; returns the reason for a refusal.
     """
 
     def __init__(
@@ -297,7 +296,4 @@ class Commands:
     def _set_recording(self, on: bool) -> str:
         if self._record is None:
             return "this daemon has no recorder: give record.directory in its configuration"
-        try:
-            return self._record(on)
-        except TactiledError as error:
-            return str(error)
+        return self._record(on)

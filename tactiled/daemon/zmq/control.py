@@ -19,6 +19,7 @@ from tactiled.daemon.zmq.requests import (
     CommandRequest,
     Events,
     Motion,
+    Request,
     Requester,
     parse,
     sender_of,
@@ -83,24 +84,31 @@ class Control:
         self._asked_motion: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
 
     def take(self, payload: bytes, requester: Requester, now_s: float, respond: Respond) -> None:
-        """Answer a request, at once or when a command is done.
-
-        No payload makes it raise, but a fault of `do` or `settings` passes through.
-        """
+        """Answer a request, at once or when a command is done; never raises."""
         request = parse(payload)
         if isinstance(request, Bad):
             self.bad.add(request.reason, now_s)
             respond(self._reply(request.id, request.do, request.reason))
             return
-        if isinstance(request, CommandRequest):
-            self._command(request, requester, now_s, respond)
-        elif isinstance(request, Events):
-            respond(self._events(request))
-        else:
-            state = _pack_map(self._publisher.store.latest())
-            settings = msgpack.packb(self._settings(request.board, now_s))
-            boards = msgpack.packb(list(self._boards()))
-            respond(self._reply(request.id, request.do, "", messages=state, settings=settings, boards=boards))
+        try:
+            if isinstance(request, CommandRequest):
+                self._command(request, requester, now_s, respond)
+            elif isinstance(request, Events):
+                respond(self._events(request))
+            else:
+                respond(self._state(request, now_s))
+        except Exception as error:  # a bug in the control channel must not stop sensing
+            self.bad.add(f"a fault of tactiled, please report it: {error!r}", now_s)
+
+    def _state(self, request: Request, now_s: float) -> bytes:
+        return self._reply(
+            request.id,
+            request.do,
+            "",
+            messages=_pack_map(self._publisher.store.latest()),
+            settings=msgpack.packb(self._settings(request.board, now_s)),
+            boards=msgpack.packb(list(self._boards())),
+        )
 
     def _events(self, request: Events) -> bytes:
         if request.topic not in EVENT_TYPES:

@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import zmq
 import zmq.asyncio
@@ -92,10 +91,7 @@ class RequestServer(PeerServer):
             address=peer.address,
             may_command=peer.uid >= 0 or self._commands_over_tcp,
         )
-        try:
-            self._control.take(payload, requester, now_s, respond)
-        except Exception as error:  # a bug in the control channel must not stop sensing
-            self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", now_s)
+        self._control.take(payload, requester, now_s, respond)
 
     def _gone(self, peer: Peer) -> None:
         self._connections.pop(peer, None)
@@ -118,17 +114,18 @@ class Network:
         boards: Callable[[], Sequence[str]] = lambda: (),
         n_boards: int = 1,
     ) -> None:
+        plain = [endpoint for endpoint in params.control if not params.is_guarded(endpoint)]
+        guarded = [endpoint for endpoint in params.control if params.is_guarded(endpoint)]
         with contextlib.ExitStack() as opened:
-            context = authenticator = None
-            if any(params.is_guarded(endpoint) for endpoint in (*params.endpoints, *params.control)):
+            authenticator = None
+            if guarded or any(map(params.is_guarded, params.endpoints)):
                 context = zmq.Context()
                 opened.callback(context.term)
                 authenticator = CurveAuthenticator(context, KeyFolder(Path(params.keys or "")))
                 opened.callback(authenticator.close)
-            self.publisher = Publisher(params, context, authenticator, n_boards)
+            self.publisher = Publisher(params, authenticator, n_boards)
             opened.callback(self.publisher.close)
             self.control = Control(self.publisher, do, settings, boards)
-            plain = [endpoint for endpoint in params.control if not params.is_guarded(endpoint)]
             # With a plain endpoint on the network anyone there may command, so a limit at loopback would
             # protect nothing.
             commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))
@@ -139,9 +136,8 @@ class Network:
             events = self.publisher.server
             self._servers = [requests.run, events.run]
             self._logs = [self.control.bad, self.control.commanded, requests.refused, events.refused]
-            if context is not None and authenticator is not None:
-                guarded = [endpoint for endpoint in params.control if endpoint not in plain]
-                guarded_requests = GuardedRequestServer(guarded, self.control, context, authenticator)
+            if authenticator is not None:
+                guarded_requests = GuardedRequestServer(guarded, self.control, authenticator)
                 opened.callback(guarded_requests.close)
                 self._servers += [guarded_requests.run, authenticator.run]
                 self._logs += [authenticator.denied, authenticator.accepted]
@@ -171,15 +167,9 @@ class GuardedRequestServer:
         An endpoint cannot be bound; the message says what to do.
     """
 
-    def __init__(
-        self,
-        endpoints: Sequence[str],
-        control: Control,
-        context: zmq.Context[Any],
-        authenticator: CurveAuthenticator,
-    ) -> None:
+    def __init__(self, endpoints: Sequence[str], control: Control, authenticator: CurveAuthenticator) -> None:
         self._control = control
-        sock = self._socket = zmq.asyncio.Socket(context, zmq.ROUTER)
+        sock = self._socket = zmq.asyncio.Socket(authenticator.context, zmq.ROUTER)
         sock.setsockopt(zmq.RCVHWM, _HIGH_WATER)
         sock.setsockopt(zmq.SNDHWM, _HIGH_WATER)
         sock.setsockopt(zmq.HANDSHAKE_IVL, round(1000 * HANDSHAKE_S))
@@ -200,11 +190,7 @@ class GuardedRequestServer:
             await self._socket.poll()
             frames = await _receive(plain)
             if frames:
-                now_s = time.monotonic()
-                try:
-                    self._take(plain, frames, now_s)
-                except Exception as error:  # a bug in the control channel must not stop sensing
-                    self._control.bad.add(f"a fault of tactiled, please report it: {error!r}", now_s)
+                self._take(plain, frames, time.monotonic())
             await limit.wait()
 
     def close(self) -> None:

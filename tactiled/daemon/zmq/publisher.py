@@ -177,7 +177,7 @@ class Store:
 class Publisher:
     """PUB endpoints, sequence number of each topic, and store of recent messages.
 
-    `context` and `authenticator` are for endpoints with keys.
+    `authenticator` is for endpoints with keys.
 
     Raises
     ------
@@ -188,7 +188,6 @@ class Publisher:
     def __init__(
         self,
         params: PublishParams,
-        context: zmq.Context[Any] | None = None,
         authenticator: CurveAuthenticator | None = None,
         n_boards: int = 1,
     ) -> None:
@@ -205,7 +204,11 @@ class Publisher:
                     self.server.listen(endpoint)
                     continue
                 if self._guarded is None:
-                    self._guarded = _make(context, authenticator)
+                    assert authenticator is not None  # `Network` has made it for these endpoints
+                    self._guarded = authenticator.context.socket(zmq.PUB, socket_class=zmq.Socket)
+                    self._guarded.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
+                    self._guarded.setsockopt(zmq.LINGER, round(1000 * _LINGER_S))
+                    authenticator.guard(self._guarded, _LONGEST_SUBSCRIPTION)
                 bind(self._guarded, endpoint)
         except BaseException:
             self.close()
@@ -242,14 +245,3 @@ class Publisher:
         self.server.close(_LINGER_S)
         if self._guarded is not None:
             self._guarded.close()
-
-
-def _make(context: zmq.Context[Any] | None, authenticator: CurveAuthenticator | None) -> zmq.Socket[Any]:
-    """Make the PUB socket of the endpoints with keys."""
-    assert context is not None
-    assert authenticator is not None
-    sock: zmq.Socket[Any] = context.socket(zmq.PUB, socket_class=zmq.Socket)
-    sock.setsockopt(zmq.SNDHWM, _SEND_HIGH_WATER)
-    sock.setsockopt(zmq.LINGER, round(1000 * _LINGER_S))
-    authenticator.guard(sock, _LONGEST_SUBSCRIPTION)
-    return sock

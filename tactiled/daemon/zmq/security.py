@@ -221,7 +221,7 @@ class CurveAuthenticator:
     """
 
     def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
-        self._context = context
+        self.context = context
         self._handshakes: list[Handshakes] = []
         self._keys = keys
         self._public, self._secret = keys.pair()
@@ -241,7 +241,7 @@ class CurveAuthenticator:
         sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
         sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
         sock.setsockopt(zmq.ZAP_DOMAIN, _ZAP_DOMAIN)
-        self._handshakes.append(Handshakes(self._context, sock, self.denied))
+        self._handshakes.append(Handshakes(self.context, sock, self.denied))
 
     async def run(self) -> None:
         """Answer ZAP requests until cancelled."""

@@ -6,7 +6,7 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +31,7 @@ from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.events.types import Event, ScanEvent
+from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Pipeline
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board
@@ -61,6 +61,23 @@ class Stuck(PtyBoard):
         super().__exit__(*exits)
         for master in getattr(self, "_masters", []):
             os.close(master)
+
+
+def record_until(daemon: Daemon, file: Path, condition: Callable[[], bool]) -> None:
+    """Serve and record until a condition holds."""
+    header = Header(load_board("board-v1", "wang2019-3x3"))
+
+    async def main() -> None:
+        with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
+            service = Service([daemon.served(recorder)])
+            serving = asyncio.create_task(service.run())
+            async with asyncio.timeout(PATIENCE_S):
+                while not condition():
+                    await asyncio.sleep(0.01)
+            service.stop()
+            await serving
+
+    asyncio.run(main())
 
 
 async def until_connects(daemon: Daemon, n: int) -> None:
@@ -342,54 +359,22 @@ def test_a_channel_that_comes_up_after_the_zero_is_named_until_a_tare() -> None:
     assert not link.status(100.9, started_s=100.0, connects=1).warning
 
 
-def test_lost_frames_are_missing_and_no_restart() -> None:
-    sim, link, events = SimBoard(), bare_link(), list[Event]()
-    link.opened(100.0)
-    link.received(Encoder(LAYOUT).encode(sim.hello()) + stream(sim, 10, 0), 100.1, events.append)
-    stream(sim, 7, 100_000)
-    link.received(stream(sim, 10, 170_000), 100.27, events.append)
-    status = link.status(100.3, started_s=100.0, connects=1)
-    assert (status.restarts, status.scans_missing, status.scans) == (0, 7, 20)
-
-
-def test_a_slow_latency_timer_is_a_warning_in_status(
+def test_the_latency_timer_of_the_adapter_is_used_by_the_clock_recorded_and_a_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(device, "shorten_latency", lambda _: 16)
-    daemon = Daemon(tmp_path)
-
-    async def story(_: Service) -> None:
-        await daemon.until_state("running")
-        await daemon.until(lambda: "every 16 ms only" in daemon.status["warning"], "the warning")
-
-    with PtyBoard(daemon.link):
-        play(daemon, story)
-    assert caplog.text.count("every 16 ms only") == 1
-
-
-def test_the_latency_timer_of_the_adapter_is_used_by_the_clock_and_recorded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(device, "shorten_latency", lambda _: 16)
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_board("board-v1", "wang2019-3x3"))
-
-    async def main() -> None:
-        with PtyBoard(daemon.link), Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
-            service = Service([daemon.served(recorder)])
-            serving = asyncio.create_task(service.run())
-            async with asyncio.timeout(PATIENCE_S):
-                while daemon.pipeline.health().scans < 30:
-                    await asyncio.sleep(0.01)
-            service.stop()
-            await serving
-
-    asyncio.run(main())
-    first = next(item for item in read_items(file) if not isinstance(item, RecordedEvent))
+    with PtyBoard(daemon.link):
+        record_until(daemon, file, lambda: daemon.pipeline.health().scans >= 30)
+    first, *_ = [item for item in read_items(file) if not isinstance(item, RecordedEvent)]
     assert isinstance(first, Input)
     assert (first.name, first.values()) == ("adapter", {"handover_s": 0.016})
     verdict = replay([file], lambda _: None)
     assert (verdict.is_good, verdict.compared >= 30) == (True, True)
+    events = [item.event for item in read_items(file) if isinstance(item, RecordedEvent)]
+    warnings = [event.warning for event in events if isinstance(event, StatusEvent)]
+    assert any("every 16 ms only" in warning for warning in warnings)
+    assert caplog.text.count("every 16 ms only") == 1
 
 
 def is_answered_ping(frame: object) -> bool:
@@ -400,7 +385,6 @@ def test_pings_are_answered_recorded_and_replayed_bit_for_bit(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_board("board-v1", "wang2019-3x3"))
     receive, live, n_answers = daemon.pipeline.receive, Decoder(LAYOUT), 0
 
     def counted(data: bytes, now_s: float) -> Any:
@@ -409,19 +393,8 @@ def test_pings_are_answered_recorded_and_replayed_bit_for_bit(
         return receive(data, now_s)
 
     monkeypatch.setattr(daemon.pipeline, "receive", counted)
-
-    async def main() -> None:
-        with Recorder(RecordParams(min_free_mb=0), header, file) as recorder:
-            service = Service([daemon.served(recorder)])
-            serving = asyncio.create_task(service.run())
-            async with asyncio.timeout(PATIENCE_S):
-                while n_answers < 3:
-                    await asyncio.sleep(0.01)
-            service.stop()
-            await serving
-
     with emulated(daemon.link, load_scene("rest"), FaultParams()):
-        asyncio.run(main())
+        record_until(daemon, file, lambda: n_answers >= 3)
     pings, answers = list[Input](), list[tuple[float, Acknowledge]]()
     decoder = Decoder(LAYOUT)
     for item in read_items(file):

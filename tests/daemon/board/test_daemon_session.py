@@ -145,15 +145,6 @@ def test_the_configured_rate_is_set_confirmed_and_restored_after_reboot_and_repl
     assert (bench.state(), bench.board.rate_hz) == ("running", 200.0)
 
 
-def test_a_silent_reboot_is_a_stall_and_the_board_is_started_again() -> None:
-    bench = Bench(SessionParams(rate_hz=200.0))
-    bench.plug()
-    bench.run(0.5)
-    bench.board.reboot()
-    bench.run(0.5)
-    assert (bench.state(), bench.board.rate_hz, bench.board.streaming) == ("running", 200.0, True)
-
-
 def test_silence_is_a_stall_after_50_ms_and_the_board_is_armed_again() -> None:
     bench = Bench()
     bench.plug()
@@ -203,17 +194,6 @@ def test_a_wrong_board_is_refused_by_name_and_a_right_one_accepted_after_it(
     assert bench.state() == "running"
 
 
-def test_another_protocol_version_is_a_fault_that_a_new_firmware_ends() -> None:
-    bench = Bench()
-    bench.board.protocol_version = 2
-    bench.plug()
-    bench.run(1.0)
-    assert (bench.state(), bench.reason) == ("fault", "speaks protocol version 2")
-    bench.board.protocol_version = 1
-    bench.run(2 * FOREIGN_S)
-    assert bench.state() == "running"
-
-
 def test_a_refused_command_is_logged_and_sent_again() -> None:
     bench = Bench(SessionParams(rate_hz=1000.0))
     bench.board.refuses["set_rate"] = "bad_argument"
@@ -226,17 +206,6 @@ def test_a_refused_command_is_logged_and_sent_again() -> None:
     bench.board.refuses.clear()
     bench.run(2 * FOREIGN_S)
     assert (bench.state(), bench.reason, bench.board.rate_hz) == ("running", "", 1000.0)
-
-
-def test_a_busy_board_gets_the_command_again_without_a_warning() -> None:
-    bench = Bench()
-    bench.board.refuses["start"] = "busy"
-    bench.plug()
-    bench.run(0.5)
-    assert bench.state() == "syncing"
-    bench.board.refuses.clear()
-    bench.run(0.5)
-    assert bench.state() == "running"
 
 
 class Rounding(SimBoard):

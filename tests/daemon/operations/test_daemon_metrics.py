@@ -14,6 +14,7 @@ from daemons import ARRAY, Daemon, play
 from hypothesis import given
 from hypothesis import strategies as st
 from patience import PATIENCE_S
+from ports import free_pair
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -29,11 +30,6 @@ from tactiled.pipeline import Pipeline
 
 def parse(text: str) -> dict[str, Metric]:
     return {family.name: family for family in text_string_to_metric_families(text)}
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
 
 
 def value(families: dict[str, Metric], name: str, **labels: str) -> float:
@@ -76,7 +72,7 @@ def labels_of(families: dict[str, Metric]) -> dict[str, set[str]]:
 
 
 def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
-    port = free_port()
+    port = free_pair()
     daemon = Daemon(tmp_path)
     daemon.params = daemon.params.model_copy(update={"metrics": MetricsParams(port=port)})
     scraped: list[tuple[str, str]] = []
@@ -188,7 +184,7 @@ def serve(
     """An exporter beside a story; when it has ended, no task is left over."""
 
     async def main() -> None:
-        port = free_port()
+        port = free_pair()
         exporter = Exporter(MetricsParams(port=port), text)
         serving = asyncio.create_task(exporter.run())
         try:

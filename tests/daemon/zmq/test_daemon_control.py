@@ -4,8 +4,6 @@ import asyncio
 import contextlib
 import json
 import os
-import socket
-import struct
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,33 +15,29 @@ import msgpack
 import pytest
 import zmq
 import zmq.asyncio
-from boards import descriptors
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from jsonschema import Draft202012Validator
 from messages import anything
-from patience import PATIENCE_S
+from networks import CONTACT, NetworkAlone
+from ports import free_pair
 
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
 from tactiled.daemon.zmq import network, zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
-from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import (
     LONGEST_BYTES,
     REQUESTS,
-    Bad,
     CommandRequest,
     Request,
     Requester,
     parse,
 )
-from tactiled.events.types import ContactEvent
 from tactiled.limited_log import PERIOD_S
 
-CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 2), valid=True)
 SOMEONE = Requester("1", may_command=True)
 EXAMPLES: dict[str, dict[str, Any]] = {
     "state": {},
@@ -149,60 +143,20 @@ def test_a_command_is_done_once_for_an_id() -> None:
     assert len(desk.done) == 3
 
 
-def test_a_client_that_restarts_its_numbers_is_served() -> None:
-    """With a session or without: what an earlier process asked under the same id does not answer for it."""
-    desk = Desk()
-    for start in range(3):
-        connection = Requester(f"connection {start}", may_command=True)
-        assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]
-        assert len(desk.done) == start + 1
-        assert desk.ask(request("inhibit", "1", duration_s=2.0), connection)[0]["ok"]  # sent again: done once
-        assert len(desk.done) == start + 1
-    for start in range(3):
-        ask = request("inhibit", "1", session=f"drawn at start {start}", duration_s=3.0)
-        assert desk.ask(ask, Requester("the same connection", may_command=True))[0]["ok"]
-        assert len(desk.done) == 4 + start
-
-
-def test_a_command_of_a_session_is_done_once_over_any_number_of_connections() -> None:
-    """A reply was lost with its connection: ZeroMQ connects anew, and the client sends the command again."""
-    desk = Desk()
-    ask = request("speed", "1", session="s", speed_mm_s=5.0)
-    first = desk.ask(ask, Requester("1", may_command=True))
-    assert desk.ask(ask, Requester("2", may_command=True)) == first
-    assert len(desk.done) == 1
-    assert desk.ask(ask, Requester("3", may_command=True, key="other"))[0]["ok"]  # a session is its key's own
-    assert len(desk.done) == 2
-    other = request("speed", "1", session="s", speed_mm_s=6.0)
-    (reply,) = desk.ask(other, Requester("4", may_command=True))
-    assert reply["reason"] == "id: was used for another request"
-
-
-def test_a_command_that_failed_by_a_fault_is_carried_out_when_it_is_sent_again() -> None:
-    desk = Desk()
-
-    def broken(*_: Any) -> None:
-        raise ZeroDivisionError("a bug")
-
-    desk.control._do = broken  # noqa: SLF001  a fault is put in
-    with pytest.raises(ZeroDivisionError):
-        desk.ask(request("speed", speed_mm_s=5.0))
-    desk.control._do = desk.do  # noqa: SLF001
-    (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
-    assert reply["ok"]
-    assert len(desk.done) == 1
-
-
-def test_a_command_that_is_answered_before_a_fault_is_not_carried_out_again() -> None:
+@pytest.mark.parametrize("is_answered", [False, True])
+def test_a_command_that_met_a_fault_is_done_once_when_it_is_sent_again(
+    is_answered: bool,
+) -> None:
     desk = Desk()
 
     def broken(*arguments: Any) -> None:
-        desk.do(*arguments)
+        if is_answered:
+            desk.do(*arguments)
         raise ZeroDivisionError("a bug")
 
-    desk.control._do = broken  # noqa: SLF001  a fault is put in
-    with pytest.raises(ZeroDivisionError):
-        desk.ask(request("speed", speed_mm_s=5.0))
+    with patch.object(desk.control, "_do", broken):
+        assert len(desk.ask(request("speed", speed_mm_s=5.0))) == is_answered
+    assert desk.control.bad.count == 1
     (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
     assert reply["ok"]
     assert len(desk.done) == 1
@@ -375,46 +329,16 @@ def test_refused_requests_are_counted_and_logged_at_a_bounded_rate(caplog: pytes
 # ---- with sockets ----------------------------------------------------------------------------------
 
 
-class Server:
-    """A `Network` in this process."""
-
-    def __init__(self, tmp_path: Path, **params: Any) -> None:
-        self.descriptors = descriptors()
-        self.endpoint = f"ipc://{tmp_path}/events.ipc"
-        self.control = f"ipc://{tmp_path}/control.ipc"
-        self.done: list[CommandRequest] = []
-        self.network = Network(
-            PublishParams(endpoints=(self.endpoint,), **params), self.do, lambda *_: {"speed_mm_s": 0.0}
-        )
-
-    def do(
-        self, command: CommandRequest, _requester: Requester, _now_s: float, done: Callable[[str], None]
-    ) -> None:
-        self.done.append(command)
-        done("")
-
-    def send(self, n: int = 1) -> None:
-        for _ in range(n):
-            self.network.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
+def endpoint(folder: Path) -> str:
+    return f"ipc://{folder}/events.ipc"
 
 
-def serve(server: Server, story: Callable[[], Any]) -> None:
-    """Run a story beside the server; nothing may be left over."""
+def control(folder: Path) -> str:
+    return f"ipc://{folder}/control.ipc"
 
-    async def main() -> None:
-        serving = asyncio.create_task(server.network.run())
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                await story()
-            assert not serving.done()
-        finally:
-            serving.cancel()
-            await asyncio.gather(serving, return_exceptions=True)
-            server.network.close()
-        assert asyncio.all_tasks() == {asyncio.current_task()}
 
-    asyncio.run(main())
-    assert descriptors() == server.descriptors
+def served(folder: Path) -> NetworkAlone:
+    return NetworkAlone(endpoints=(endpoint(folder),))
 
 
 def rss_bytes() -> int:
@@ -427,11 +351,11 @@ async def until(condition: Callable[[], bool]) -> None:
 
 
 def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
     items: list[Item] = []
 
     async def story() -> None:
-        async with Client(server.endpoint, topics=("contact",)) as client:
+        async with Client(endpoint(tmp_path), topics=("contact",)) as client:
 
             async def read() -> None:
                 async for item in client:
@@ -456,33 +380,19 @@ def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
         messages = [item.message if isinstance(item, Recovered) else item for item in items]
         return [message.seq for message in messages if isinstance(message, Message)]
 
-    serve(server, story)
+    server.run(story)
     assert seqs() == list(range(seqs()[0], seqs()[-1] + 1))
     assert not [item for item in items if isinstance(item, Lost)]
 
 
-def test_commands_over_sockets(tmp_path: Path) -> None:
-    server = Server(tmp_path)
-
-    async def story() -> None:
-        async with AsyncCommander(server.endpoint, who="test") as daemon:
-            assert (await daemon.send("mark", text="hello")).ok
-            refused = await daemon.send("mark", text="")
-            assert not refused.ok
-            assert refused.reason.startswith("text: ")
-        assert [command.who for command in server.done] == ["test"]
-
-    serve(server, story)
-
-
 def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_path: Path) -> None:
     """And one of a client that was started anew is done, though it has the same id."""
-    server = Server(tmp_path)
+    server = served(tmp_path)
 
     async def ask(id_: str, **head: str) -> dict[str, Any]:
         with zmq.asyncio.Context() as context, context.socket(zmq.REQ) as sock:
             sock.linger = 0
-            sock.connect(server.control)
+            sock.connect(control(tmp_path))
             await sock.send(request("inhibit", id_, duration_s=1.0, **head))
             reply: dict[str, Any] = msgpack.unpackb(await sock.recv())
             return reply
@@ -495,7 +405,7 @@ def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_pat
             assert (await ask("1"))["ok"]
         assert len(server.done) == 4
 
-    serve(server, story)
+    server.run(story)
 
 
 ASK_WITH_IDENTITY = """
@@ -509,13 +419,13 @@ with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
 
 
 def test_an_identity_is_a_session_within_one_process_only(tmp_path: Path) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
     ask = request("inhibit", "1", duration_s=2.0)
 
     async def here(context: zmq.asyncio.Context) -> None:
         with context.socket(zmq.DEALER) as sock:
             sock.linger, sock.routing_id = 0, b"arm"
-            sock.connect(server.control)
+            sock.connect(control(tmp_path))
             await sock.send(ask)
             await sock.recv()
 
@@ -524,24 +434,24 @@ def test_an_identity_is_a_session_within_one_process_only(tmp_path: Path) -> Non
             await here(context)
             await here(context)
             assert len(server.done) == 1
-        code = [sys.executable, "-c", ASK_WITH_IDENTITY, server.control, ask.hex()]
+        code = [sys.executable, "-c", ASK_WITH_IDENTITY, control(tmp_path), ask.hex()]
         other = await asyncio.create_subprocess_exec(*code)
         assert await other.wait() == 0
         assert len(server.done) == 2
 
-    serve(server, story)
+    server.run(story)
 
 
 def test_two_commanders_never_share_a_session_and_one_numbers_its_commands(tmp_path: Path) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
 
     async def story() -> None:
         for _ in range(2):
-            async with AsyncCommander(server.endpoint) as daemon:
+            async with AsyncCommander(endpoint(tmp_path)) as daemon:
                 for _ in range(2):
                     assert (await daemon.send("inhibit", duration_s=1.0)).ok
 
-    serve(server, story)
+    server.run(story)
     assert len({(command.session, command.id) for command in server.done}) == 4
     assert len({command.session for command in server.done}) == 2
 
@@ -550,24 +460,24 @@ def test_two_commanders_never_share_a_session_and_one_numbers_its_commands(tmp_p
     ("kind", "options"), [(zmq.REQ, ()), (zmq.REQ, (zmq.REQ_RELAXED, zmq.REQ_CORRELATE)), (zmq.DEALER, ())]
 )
 def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, ...]) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
 
     async def story() -> None:
         with zmq.asyncio.Context() as context, context.socket(kind) as sock:
             sock.linger = 0
             for option in options:
                 sock.setsockopt(option, 1)
-            sock.connect(server.control)
+            sock.connect(control(tmp_path))
             await sock.send(request("state"))
             assert msgpack.unpackb(await sock.recv())["ok"]
 
-    serve(server, story)
+    server.run(story)
 
 
 def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
     monkeypatch.setattr(network, "BOUNDS", replace(network.BOUNDS, turns_per_s=5000.0))
-    server = Server(tmp_path)
+    server = served(tmp_path)
     server.send(3000)
 
     async def story() -> None:
@@ -578,7 +488,7 @@ def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytes
                 sock.setsockopt(zmq.LINGER, 0)
                 sock.setsockopt(zmq.SNDHWM, 10)
                 sock.setsockopt(zmq.RCVHWM, 10)  # or what is measured is their memory, in this process
-                sock.connect(server.control)
+                sock.connect(control(tmp_path))
             await asyncio.sleep(0.1)
             before = rss_bytes()
             greedy = request("events", board="b", topic="contact", first_seq=0)
@@ -593,40 +503,25 @@ def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytes
                     with contextlib.suppress(zmq.Again):
                         await sock.send_multipart(frames, zmq.NOBLOCK)
                 await asyncio.sleep(0.001)
-            async with AsyncCommander(server.endpoint) as daemon:
+            async with AsyncCommander(endpoint(tmp_path)) as daemon:
                 assert (await daemon.send("mark", text="still there")).ok
             assert rss_bytes() - before < 40e6
             assert server.network.control.bad.count > 0
             big = context.socket(zmq.DEALER)
             big.setsockopt(zmq.LINGER, 0)
-            big.connect(server.control)
+            big.connect(control(tmp_path))
             await big.send(b"x" * (LONGEST_BYTES + 1))  # libzmq drops who sends more
             assert not await big.poll(200)
-            async with AsyncCommander(server.endpoint) as daemon:
+            async with AsyncCommander(endpoint(tmp_path)) as daemon:
                 assert (await daemon.send("state")).ok
         finally:
             context.destroy(linger=0)
 
-    serve(server, story)
-
-
-def test_raw_bytes_on_the_port_are_ignored(tmp_path: Path) -> None:
-    server = Server(tmp_path)
-
-    async def story() -> None:
-        with socket.socket(socket.AF_UNIX) as junk, socket.socket(socket.AF_UNIX) as mute:
-            junk.connect(str(tmp_path / "control.ipc"))
-            mute.connect(str(tmp_path / "control.ipc"))  # connects and never says anything
-            junk.sendall(b"GET / HTTP/1.1\r\n\r\n" + struct.pack(">Q", 2**63))
-            await asyncio.sleep(0.1)
-            async with AsyncCommander(server.endpoint) as daemon:
-                assert (await daemon.send("state")).ok
-
-    serve(server, story)
+    server.run(story)
 
 
 def test_a_request_without_a_last_part_is_not_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
 
     async def story() -> None:
         reader, writer = await asyncio.open_unix_connection(str(tmp_path / "control.ipc"))
@@ -643,26 +538,11 @@ def test_a_request_without_a_last_part_is_not_kept(tmp_path: Path, caplog: pytes
         writer.close()
         await writer.wait_closed()
 
-    serve(server, story)
-
-
-@pytest.mark.parametrize("kind", [zmq.SUB, zmq.PUB, zmq.PULL])
-def test_only_sockets_that_can_ask_may_connect(
-    tmp_path: Path, kind: int, caplog: pytest.LogCaptureFixture
-) -> None:
-    server = Server(tmp_path)
-
-    async def story() -> None:
-        with zmq.Context() as context, context.socket(kind) as sock:
-            sock.linger = 0
-            sock.connect(server.control)
-            await until(lambda: "where DEALER or REQ or ROUTER may connect" in caplog.text)
-
-    serve(server, story)
+    server.run(story)
 
 
 def test_an_internal_error_fails_only_its_request(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    server = Server(tmp_path)
+    server = served(tmp_path)
 
     def broken(*_: Any) -> None:
         raise ZeroDivisionError("a bug")
@@ -670,14 +550,64 @@ def test_an_internal_error_fails_only_its_request(tmp_path: Path, caplog: pytest
     server.network.control._do = broken  # noqa: SLF001  a fault is put in
 
     async def story() -> None:
-        async with AsyncCommander(server.endpoint) as daemon:
+        async with AsyncCommander(endpoint(tmp_path)) as daemon:
             with pytest.raises(Exception, match="no answer"):
                 await daemon.send("mark", text="x", timeout_s=0.2)
             assert (await daemon.send("state")).ok
         assert "report it" in caplog.text
 
-    serve(server, story)
+    server.run(story)
 
 
-def test_the_count_of_bad_requests_is_exact() -> None:
-    assert parse(b"\xc0") == Bad("not a map with string keys")
+def test_a_command_over_ipc_carries_the_user(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    server = served(tmp_path)
+
+    async def story() -> None:
+        async with AsyncCommander(endpoint(tmp_path), who="test") as daemon:
+            assert (await daemon.send("inhibit", duration_s=1.0)).ok
+        assert [command.who for command in server.done] == ["test"]
+        (requester,) = server.requesters
+        assert (requester.uid, requester.key) == (os.getuid(), "")
+        assert f"command: inhibit by uid {os.getuid()}: done" in caplog.text
+
+    server.run(story)
+
+
+@pytest.mark.parametrize("allowed", [False, True])
+def test_commands_over_tcp_are_refused_unless_allowed_but_queries_are_answered(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, allowed: bool
+) -> None:
+    """One ROUTER serves both ways: it knows from whom each request came."""
+    port = free_pair()
+    events = f"tcp://127.0.0.1:{port}"
+    server = NetworkAlone(
+        endpoints=(events,),
+        control_endpoints=(f"tcp://127.0.0.1:{port + 1}", control(tmp_path)),
+        allow_commands_over_tcp=allowed,
+    )
+
+    async def story() -> None:
+        async with AsyncCommander(events) as tcp, AsyncCommander(control=control(tmp_path)) as ipc:
+            assert (await tcp.send("state")).ok
+            reply = await tcp.send("record", on=False)
+            assert reply.ok == allowed
+            if not allowed:
+                assert "allow_commands_over_tcp" in reply.reason
+                assert "record by an unknown user over TCP from 127.0.0.1" in caplog.text
+            assert (await ipc.send("record", on=False)).ok
+        assert [requester.uid for requester in server.requesters] == [-1] * allowed + [os.getuid()]
+
+    server.run(story)
+
+
+def test_an_endpoint_on_a_private_network_accepts_commands() -> None:
+    port = free_pair()
+    server = NetworkAlone(endpoints=(f"tcp://0.0.0.0:{port}",), allow_plaintext_on_network=True)
+
+    async def story() -> None:
+        async with AsyncCommander(f"tcp://127.0.0.1:{port}") as daemon:
+            assert (await daemon.send("record", on=False)).ok
+        assert server.requesters[0].address == "127.0.0.1"
+
+    server.run(story)

@@ -13,6 +13,7 @@ import zmq
 import zmq.asyncio
 from boards import descriptors
 from patience import PATIENCE_S
+from ports import free_pair
 
 from tactiled import tomlfile
 from tactiled.daemon.zmq.endpoints import runtime_directory
@@ -21,13 +22,6 @@ from tactiled.daemon.zmq.publisher import QUEUE_BYTES, Publisher
 from tactiled.errors import ConfigError, OperatorError, UnavailableError
 from tactiled.events.types import ContactEvent, Event, ScanEvent
 from tactiled.tomlfile import Params
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def scan(index: int) -> ScanEvent:
@@ -187,7 +181,7 @@ def test_a_dead_subscriber_does_not_delay_shutdown(ipc: str) -> None:
 
 @pytest.mark.parametrize("endpoint", ["tcp://127.0.0.1:{}", "tcp://localhost:{}", "tcp://*:{}"])
 def test_tcp_is_served_by_address_and_by_name(endpoint: str) -> None:
-    port = free_port()
+    port = free_pair()
     params = PublishParams(endpoints=(endpoint.format(port),), allow_plaintext_on_network=True)
     publisher = Publisher(params)
     with socket.create_connection(("127.0.0.1", port), PATIENCE_S):
@@ -283,7 +277,7 @@ def test_a_path_without_permission_is_explained(tmp_path: Path) -> None:
 
 
 def test_two_daemons_on_one_tcp_port_get_a_clear_line() -> None:
-    endpoint = f"tcp://127.0.0.1:{free_port()}"
+    endpoint = f"tcp://127.0.0.1:{free_pair()}"
     first = Publisher(PublishParams(endpoints=(endpoint,)))
     with pytest.raises(UnavailableError, match=r"in use, by another tactiled perhaps .*ss -tlnp.*endpoints"):
         Publisher(PublishParams(endpoints=(endpoint,)))
