@@ -12,6 +12,7 @@ Readings are in the array's own ``unit`` and within its ``range``; its ``zero`` 
 
 import functools
 import itertools
+import os
 import re
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
@@ -19,11 +20,18 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
+from threadpoolctl import threadpool_limits
 
-from tactiled import blas, tomlfile, tomltext
+from tactiled import tomlfile, tomltext
 from tactiled.tomlfile import Params
 
-blas.use_one_thread()  # here, because every module with numerics imports this one first
+# One thread of BLAS, here, because every module with numerics imports this one first. A product that threads
+# divide between them is rounded in another order, so events would differ between hosts with different numbers
+# of cores; and matrices of 36 channels are too small for two. The call limits libraries that are loaded
+# already, as numpy's may be in a program that uses tactiled as a library; the variables are for those that
+# come later (scipy has a BLAS of its own) and for processes that are started.
+threadpool_limits(limits=1, user_api="blas")
+os.environ.update(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 FloatArray = NDArray[np.float64]
 Kind = Literal["side", "normal", "shear_x", "shear_y"]

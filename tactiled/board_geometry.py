@@ -22,14 +22,13 @@ def geometry_of(info: Mapping[str, Any], override: Array | None = None) -> dict[
         Message of the topic `info`. Its `array_id` names an array that ships with tactiled; of another array
         only places and taxels are known, so that no shear can be drawn.
     override : Array, optional
-        Array from a file of the user, where it has as many channels as the board.
+        Array from a file of the user, used where it has as many channels as the board.
 
     Returns
     -------
     dict
-        `x_mm`, `y_mm` (taxels), `taxel_of_channel`, `names` (channels), `unit`, `low`, `high`, `zero`
-        (channels), and for each taxel a list of ``[channel, weight]``: `pressure`, `shear_x`, `shear_y`.
-        `words` says what is not known; empty where everything is.
+        Among others `pressure`, `shear_x`, `shear_y`: for each taxel a list of ``[channel, weight]``; and
+        `words` on what is not known, empty where everything is.
     """
     n_channels = int(info.get("channels", 0))
     array = override if override is not None and override.n_channels == n_channels else None

@@ -27,13 +27,7 @@ _ROOT = Path(__file__).parents[1]
 
 
 def compiled_module(name: str) -> ModuleType | None:
-    """Load the compiled form of a plain module.
-
-    Returns
-    -------
-    ModuleType or None
-        None where the installation had no compiler, or was built from other sources.
-    """
+    """Load the compiled form of a plain module; None without a compiler, or if built from other sources."""
     if os.environ.get(SETTING, "1") == "0":
         return None
     library = module_library(module_source(name))

@@ -12,10 +12,7 @@ from pydantic import Field
 
 from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
-from tactiled.daemon.board.requirements import SessionParams
-from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.runner import ServiceParams
-from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker
@@ -25,7 +22,7 @@ from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.rotation import RecordParams
 from tactiled.samples.assembler import SampleParams
-from tactiled.tomlfile import Params
+from tactiled.tomlfile import P, Params
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
@@ -46,27 +43,13 @@ class BoardFiles(Params):
     )
 
 
-class Config(Params):
+class Config(ServiceParams):
     """Schema of ``tactiled.toml``; its tables are explained in ``config/tactiled.toml``."""
 
-    port: PortParams
     board: BoardFiles = BoardFiles()
-    session: SessionParams = SessionParams()
     samples: SampleParams = SampleParams()
     detect: DetectParams = DetectParams()
-    publish: PublishParams = PublishParams()
     record: RecordParams = RecordParams()
-    metrics: MetricsParams = MetricsParams()
-
-    @property
-    def service(self) -> ServiceParams:
-        """Parameters of the service."""
-        return ServiceParams(port=self.port, session=self.session, publish=self.publish, metrics=self.metrics)
-
-    @property
-    def pipeline(self) -> PipelineParams:
-        """Parameters of the pipeline."""
-        return PipelineParams(samples=self.samples, detect=self.detect, baud=self.port.baud)
 
 
 @dataclass(frozen=True)
@@ -81,9 +64,13 @@ class Setup:
 
     @property
     def pipeline(self) -> PipelineParams:
-        """Parameters of the pipeline, with the calibration."""
-        return self.config.pipeline.model_copy(
-            update={"force": self.config.board.calibration != NO_FORCE, "calibration": self.calibration}
+        """Parameters of the pipeline."""
+        return PipelineParams(
+            samples=self.config.samples,
+            detect=self.config.detect,
+            force=self.config.board.calibration != NO_FORCE,
+            calibration=self.calibration,
+            baud=self.config.port.baud,
         )
 
     def make_pipeline(self, worker: Worker | None = None) -> Pipeline:
@@ -261,16 +248,8 @@ def default_config(port_url: str, **tables: Params) -> Setup:
 
 def _set_up(config: Config, source: str) -> Setup:
     faults: list[str] = []
-    layout_file: LayoutFile | None = None
-    array_file: ArrayFile | None = None
-    try:
-        layout_file = tomlfile.load(resources.find(config.board.protocol, "protocols"), LayoutFile)
-    except ConfigError as error:
-        faults += [f"board.protocol: {error.source}: {fault}" for fault in error.faults]
-    try:
-        array_file = tomlfile.load(resources.find(config.board.array, "config/arrays"), ArrayFile)
-    except ConfigError as error:
-        faults += [f"board.array: {error.source}: {fault}" for fault in error.faults]
+    layout_file = _load("protocol", resources.find(config.board.protocol, "protocols"), LayoutFile, faults)
+    array_file = _load("array", resources.find(config.board.array, "config/arrays"), ArrayFile, faults)
     if layout_file is None or array_file is None:
         raise ConfigError(source, faults)
     array = build(array_file)
@@ -282,6 +261,15 @@ def _set_up(config: Config, source: str) -> Setup:
         )
         raise ConfigError(source, [fault])
     return Setup(config, _compiled(layout_file.model_dump_json()), array, source, calibration)
+
+
+def _load(key: str, path: Path, schema: type[P], faults: list[str]) -> P | None:
+    """Load a file of the table `board`; add what is wrong with it to `faults`."""
+    try:
+        return tomlfile.load(path, schema)
+    except ConfigError as error:
+        faults += [f"board.{key}: {error.source}: {fault}" for fault in error.faults]
+        return None
 
 
 @cache

@@ -24,12 +24,7 @@ class RateLimitedLog:
     """Log each condition at once; count what repeats within `PERIOD_S` and log the count then.
 
     Counts are logged in the order of the last occurrences, so that the last line of a condition that comes
-    and goes says how things are now.
-
-    Parameters
-    ----------
-    what : str, optional
-        Begins each line, e.g. ``"request refused"``.
+    and goes says how things are now. `what` begins each line, e.g. ``"request refused"``.
     """
 
     def __init__(self, logger: logging.Logger, what: str = "") -> None:
@@ -43,10 +38,7 @@ class RateLimitedLog:
     def add(self, reason: str, now_s: float, level: int = logging.WARNING, kind: str = "") -> None:
         """Count one occurrence; log it now if its condition is new in this period.
 
-        Parameters
-        ----------
-        kind : str, optional
-            Which condition it is, where `reason` contains measured values; default: `reason` itself.
+        `kind` says which condition it is where `reason` contains measured values.
         """
         self.count += 1
         self.write_counts(now_s)
@@ -77,13 +69,7 @@ class RateLimitedLog:
 
 @contextmanager
 def limit_rate_of(names: tuple[str, ...], log: RateLimitedLog) -> Iterator[None]:
-    """Send the lines of loggers of libraries through `log` meanwhile, each as one line without a traceback.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Loggers, such as ``"asyncio"``. Their children are not affected.
-    """
+    """Send lines of loggers of libraries through `log` meanwhile, each as one line without a traceback."""
 
     def redirect(record: logging.LogRecord) -> bool:
         if record.levelno >= logging.WARNING:

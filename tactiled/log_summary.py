@@ -110,17 +110,7 @@ class LogTally:
 def summary(
     tally: LogTally, topics: Collection[str], speed_mm_s: float, *, sliding_is_given: bool
 ) -> Iterator[str]:
-    """Yield the lines.
-
-    Parameters
-    ----------
-    tally : LogTally
-        Finished.
-    topics : collection of str
-        Topics that were asked for.
-    speed_mm_s : float
-        Sliding speed that was given; 0 for none.
-    """
+    """Yield the lines on a finished tally: `topics` were asked for; a speed of 0 was not given."""
     array, duration_s = tally.array, tally.last_s - tally.first_s
     rate_hz = (tally.n_scans - 1) / duration_s
     spacing_s = tally.spacing_s

@@ -158,12 +158,7 @@ class Pipeline:
     def receive(self, data: bytes, now_s: float) -> Received:
         """Turn the bytes of a read into scans, and hellos and answers of the board: the first phase.
 
-        Parameters
-        ----------
-        data : bytes
-            Any part of the stream, of any length.
-        now_s : float
-            Time at which the bytes were handed over, host monotonic seconds.
+        The bytes may be any part of the stream; `now_s` is when they were handed over.
         """
         received = Received([], now_s)
         items, assembler = received.items, self._assembler

@@ -5,13 +5,14 @@ The bar is shown if that is a terminal; else there is one line at the start.
 
 import os
 import sys
+from collections.abc import Callable
+from functools import partial
 from textwrap import fill
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
-    from rich.progress import TaskID
 
 
 class ProgressBar:
@@ -26,12 +27,6 @@ class ProgressBar:
     writes_lines : bool
         The command prints to standard output meanwhile. Where that is a terminal too, there is no bar, which
         would be drawn into those lines.
-    terminal : TextIO, optional
-        Stream for the bar; standard error if not given.
-
-    Notes
-    -----
-    `rich` is imported only where a bar is drawn.
     """
 
     def __init__(
@@ -46,12 +41,13 @@ class ProgressBar:
         self._stream = sys.stderr if terminal is None else terminal
         self._has_bar = self._stream.isatty() and not (writes_lines and sys.stdout.isatty())
         self._bar: RichProgress | None = None
-        self._task: TaskID | None = None
+        self._update: Callable[..., None] = lambda **_: None
 
     def __enter__(self) -> Self:
         if not self._has_bar:
             print(f"{self._title} ...", file=self._stream, flush=True)
             return self
+        # Imported only where a bar is drawn: it takes long.
         from rich.console import Console
         from rich.progress import (
             BarColumn,
@@ -74,7 +70,7 @@ class ProgressBar:
             redirect_stdout=False,  # which rich would print to standard error
         )
         self._bar.start()
-        self._task = self._bar.add_task(self._title, total=self._total)
+        self._update = partial(self._bar.update, self._bar.add_task(self._title, total=self._total))
         return self
 
     def __exit__(
@@ -85,18 +81,15 @@ class ProgressBar:
 
     def begin(self, total: float) -> None:
         """Set the amount of work, once it is known."""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, total=total)
+        self._update(total=total)
 
     def advance(self, what: str, work: float = 1.0) -> None:
         """Add finished work; `what` is shown beside the title."""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, advance=work, description=f"{self._title}: {what}")
+        self._update(advance=work, description=f"{self._title}: {what}")
 
     def reach(self, done: float) -> None:
         """Set the total amount of finished work."""
-        if self._bar is not None and self._task is not None:
-            self._bar.update(self._task, completed=done)
+        self._update(completed=done)
 
     def note(self, what: str) -> None:
         """Show `what` beside the title as the present work."""

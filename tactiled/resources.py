@@ -13,20 +13,10 @@ def shipped(*parts: str) -> Path:
 
 
 def find(name_or_path: str, kind: str) -> Path:
-    """Return the path of a TOML file that is given by shipped name or by path.
+    """Return the path of a TOML file that is given by path, or by its name in a folder of shipped files.
 
-    Parameters
-    ----------
-    name_or_path : str
-        A bare name (``wang2019-3x3``) is looked up among the shipped files; anything with a
-        slash or an ending is a path.
-    kind : str
-        Folder of the shipped files: ``config/arrays``, ``config/scenes``, ``protocols``.
-
-    Returns
-    -------
-    Path
-        May not exist; the code that opens it reports that, with the name that the user gave.
+    `kind` is that folder, such as ``config/arrays``. The file may not exist: the code that opens it reports
+    that, with the name that the user gave.
     """
     if not is_name(name_or_path):
         return Path(name_or_path)

@@ -172,31 +172,3 @@ def test_an_array_file_is_checked_as_such(tactiled: Tactiled, tmp_path: Path) ->
     told = json.loads(done.stdout)
     assert (told["array"], told["taxels"], told["channels"]) == ("mine", 6, 6)
     assert "mine.toml: valid (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr
-
-
-@pytest.mark.parametrize("name", ["wang2019-3x3", "xyz-two-pads-4x4"])
-def test_shipped_array_files_are_good(tactiled: Tactiled, name: str) -> None:
-    done = tactiled("check-config", str(ROOT / "config" / "arrays" / f"{name}.toml"))
-    assert (done.code, json.loads(done.stdout)["array"]) == (0, name)
-
-
-@pytest.mark.parametrize(
-    ("broken", "says"),
-    [
-        (GRID.replace("8.0", "3.0"), ["grids[0]", "x_mm must grow"]),
-        (
-            GRID.replace('"normal"', '"pressure"') + "unit = 3\n",
-            ["taxel_channels[0].kind", "unit: unknown key"],
-        ),
-        (GRID.replace('name = "mine"\n', ""), ["name: missing"]),
-        (GRID.replace('"normal"', '"side"'), ["taxel_channels[0]", "azimuth_deg belongs to kind"]),
-    ],
-)
-def test_faults_of_an_array_file_are_named_by_field(
-    tactiled: Tactiled, broken: str, says: list[str], tmp_path: Path
-) -> None:
-    (tmp_path / "mine.toml").write_text(broken)
-    done = tactiled("check-config", "mine.toml")
-    assert (done.code, done.stdout) == (2, "")
-    assert all(word in done.stderr for word in says), done.stderr
-    assert "port" not in done.stderr

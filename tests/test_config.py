@@ -116,15 +116,6 @@ def test_an_array_of_other_size_than_the_scan_is_refused(tmp_path: Path) -> None
         load_config(path)
 
 
-def test_a_missing_or_invalid_file_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no such file"):
-        load_config(tmp_path / "none.toml")
-    broken = tmp_path / "broken.toml"
-    broken.write_text("[port\n")
-    with pytest.raises(ConfigError, match="not valid TOML"):
-        load_config(broken)
-
-
 def test_the_port_of_the_command_line_wins() -> None:
     assert load_config(SHIPPED, "/dev/ttyACM7").config.port.url == "/dev/ttyACM7"
 

@@ -39,7 +39,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
-    service = setup.config.service.without_publishing()
+    service = setup.config.without_publishing()
     with (
         BackgroundWorker() as worker,
         Recorder(setup.config.record, setup.recording_header(), file) as recorder,
