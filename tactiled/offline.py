@@ -122,42 +122,43 @@ class Choices:
         return replace(array, zero=np.zeros(array.n_channels), zero_first_s=self.tare_s)
 
 
-@dataclass
-class Log:
-    """Accounting of a file while it is processed."""
+class Log(LogTally):
+    """Figures of a file, taken while it is processed."""
 
-    array: Array
-    board: str  # serial number of the board whose recording it is; else the name of the file
-    tally: LogTally
-    # All readings and events, for a picture; None where the file is only passed through
-    held: "HeldLog | None" = None
-    n_events: int = 0
-    n_printed: int = 0
+    def __init__(self, array: Array, board: str) -> None:
+        super().__init__(array)
+        self.board = board
+        """Serial number of the board whose recording it is; else the name of the file."""
+        self.held: HeldLog | None = None
+        self.n_events = self.n_printed = 0
 
-    def add_scans(self, time_s: FloatArray, volts: FloatArray) -> None:
+    def add_scans(self, time_s: FloatArray, readings: FloatArray) -> None:
         """Take consecutive scans: times (n,), readings (n, channels)."""
-        self.tally.add_scans(time_s, volts)
+        super().add_scans(time_s, readings)
         if self.held is not None:
             self.held.time_s += time_s.tolist()
-            self.held.volts += list(volts)
+            self.held.volts += list(readings)
+
+    def add_event(self, event: Event) -> None:
+        """Take the next event."""
+        super().add_event(event)
+        if self.held is not None:
+            self.held.events.append(event)
 
     def summary(self, choices: Choices) -> Iterator[str]:
         """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
+        speed_mm_s = choices.params().texture.speed_mm_s
         return log_summary.summary(
-            self.tally,
-            choices.topics,
-            choices.params().texture.speed_mm_s,
-            sliding_is_given=choices.sliding is not None,
+            self, choices.topics, speed_mm_s, sliding_is_given=choices.sliding is not None
         )
 
 
 @dataclass
 class HeldLog:
-    """All readings and events of a file: its size bounds the memory."""
+    """All readings and events of a file, for a picture; the size of the file bounds the memory."""
 
     time_s: list[float] = field(default_factory=list)
-    # (channels,) float64 each
-    volts: list[FloatArray] = field(default_factory=list)
+    volts: list[FloatArray] = field(default_factory=list)  # (channels,) float64 each
     events: list[Event] = field(default_factory=list)
 
 
@@ -236,10 +237,10 @@ def detect_messages(
             fault = "--rate, --columns and --time-unit are for tables; a recording contains them"
             raise ConfigError("command line", [fault])
         source = choices.source_of(path, array)
-        log = _new_log(choices.array_of(source.array), path)
+        log = Log(choices.array_of(source.array), path.stem)
         found = _run_recording(path, log, source.layout, params, choices, reached)
     elif is_of_ros or path.suffix in TABLES:
-        log = _new_log(choices.array_of(load_array(array or array_of_config(choices.config))), path)
+        log = Log(choices.array_of(load_array(array or array_of_config(choices.config))), path.stem)
         found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
         known = (
@@ -249,22 +250,16 @@ def detect_messages(
     return log, _messages(log, found, choices)
 
 
-def _new_log(array: Array, path: Path) -> Log:
-    return Log(array, path.stem, LogTally(array))
-
-
 def _messages(log: Log, found: Iterator[Event], choices: Choices) -> Iterator[dict[str, Any]]:
     """Count every event, and yield the messages of the topics that are asked for."""
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz, choices.force_hz):
-        log.tally.add_event(event)
-        if log.held is not None:
-            log.held.events.append(event)
+        log.add_event(event)
         if event.topic not in choices.topics:
             continue
         seqs[event.topic] = seq = seqs.get(event.topic, -1) + 1
         yield {"topic": event.topic, **to_map(event, seq=seq, board=log.board, unix_offset_s=0.0)}
-    log.tally.finish()
+    log.finish()
 
 
 def array_of_config(config: Path | None) -> str:
@@ -308,11 +303,11 @@ def _run_recording(
                     foreign = f"{path}: {fault}"
                     logger.warning("%s; its scans are left out", foreign)
             yield from part.events
-    if not log.tally.n_scans and foreign:
+    if not log.n_scans and foreign:
         raise DataError(foreign)
-    if not log.tally.n_scans:
+    if not log.n_scans:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
-    _check_sliding(path, log.tally.first_s, log.tally.last_s, choices.sliding)
+    _check_sliding(path, log.first_s, log.last_s, choices.sliding)
 
 
 def _change(pipeline: Pipeline, item: Input) -> None:
@@ -356,8 +351,8 @@ def _run_table(
     suite = choices.suite(log.array, params)
     splitter = BlockSplitter(spacing, rate_hz)
     for time_s, volts, share in batches:
-        _check_range(path, volts, log.array, log.tally.n_scans)
-        if choices.sliding is not None and not log.tally.n_scans:
+        _check_range(path, volts, log.array, log.n_scans)
+        if choices.sliding is not None and not log.n_scans:
             _check_sliding(path, float(time_s[0]), math.inf, choices.sliding)
         log.add_scans(time_s, volts)
         for item in splitter.split(time_s, volts, log.array.in_range(volts)):
@@ -365,8 +360,8 @@ def _run_table(
                 yield from suite.process(part)
         if reached is not None:
             reached(share)
-    log.tally.n_repeats = splitter.n_repeats
-    _check_sliding(path, log.tally.first_s, log.tally.last_s, choices.sliding)
+    log.n_repeats = splitter.n_repeats
+    _check_sliding(path, log.first_s, log.last_s, choices.sliding)
 
 
 def _check_sliding(path: Path, first_s: float, last_s: float, sliding: KnownSliding | None) -> None:

@@ -303,7 +303,7 @@ def test_what_is_not_asked_for_is_neither_computed_nor_printed(
     choices = Choices(time_unit="ms", columns=("tax*",), tare_s=0.3, topics=("contact",))
     log = detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
     assert {json.loads(line)["topic"] for line in capsys.readouterr().out.splitlines()} == {"contact"}
-    assert not log.tally.textures
+    assert not log.textures
 
 
 def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) -> None:
@@ -438,11 +438,11 @@ def test_a_recording_of_records_of_several_kinds_is_read_with_another_layout(tmp
             writer.read(Read(arrival_s, 0.0, data))
     dynamic = detect_file(path, choices=Choices(topics=("contact",)))
     static = detect_file(path, choices=Choices(topics=("contact",), layout="tsf-85"))
-    n_scans, n_channels = dynamic.tally.readings.shape
+    n_scans, n_channels = dynamic.readings.shape
     assert n_channels == 2
-    assert static.tally.readings.shape[1] == 56
+    assert static.readings.shape[1] == 56
     assert n_scans == pytest.approx(100, abs=5)  # the first two seconds measure the rate
-    assert abs(static.tally.n_scans - n_scans) <= 1
+    assert abs(static.n_scans - n_scans) <= 1
 
 
 @pytest.mark.parametrize(

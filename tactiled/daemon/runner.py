@@ -20,7 +20,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import other_layouts
 from tactiled.daemon.board.link import STOP_S, LoopTurns, make_link
 from tactiled.daemon.board.requirements import SessionParams
@@ -34,16 +33,14 @@ from tactiled.daemon.zmq.commands import Commands, Done
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
-from tactiled.events.types import Event, InfoEvent
+from tactiled.events.types import Event
 from tactiled.limited_log import RateLimitedLog
 from tactiled.pipeline import Pipeline
 from tactiled.received import Output
 from tactiled.recording.contents import Input, Read
 from tactiled.tomlfile import Params
-from tactiled.version import __version__
 from tactiled.wire.codec import Encoder
-from tactiled.wire.frames import Command, Hello
-from tactiled.wire.layout import Layout
+from tactiled.wire.frames import Command
 
 logger = logging.getLogger(__name__)
 
@@ -104,11 +101,6 @@ class BoardRunner:
         Those of `board`, or what a reload has made of them.
     phase_s : float
         Delay of the first status, so that boards do not publish theirs all at once.
-
-    Raises
-    ------
-    ConfigError
-        The parameters can never work.
     """
 
     def __init__(
@@ -185,10 +177,7 @@ class BoardRunner:
     def apply(self, new: ServiceParams) -> None:
         """Take the parameters that can change while running, and log which of the others have changed.
 
-        Raises
-        ------
-        ConfigError
-            The new parameters can never work; the old ones stay.
+        A `ConfigError` says that the new parameters can never work; the old ones stay.
         """
         check_url(new.port.url)
         self._commands.configure(new.session)
@@ -335,7 +324,7 @@ class BoardRunner:
         if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
             self._described = hello
             self._next_info_s = now_s + INFO_PERIOD_S
-            self._publish_and_record(_info_event(hello, self._pipeline.layout, self._pipeline.array, now_s))
+            self._publish_and_record(self._link.info(hello, now_s))
         if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
             self._publish_and_record(recording)
         self._shared.watched(now_s)
@@ -419,24 +408,3 @@ class BoardRunner:
     @property
     def _baud(self) -> int:
         return self.params.port.baud or self._pipeline.layout.file.baud
-
-
-def _info_event(hello: Hello, layout: Layout, array: Array, now_s: float) -> InfoEvent:
-    """Make the info event from the hello of the board and the configured layout and array."""
-    return InfoEvent(
-        time_s=now_s,
-        board_serial=hello.board_serial,
-        firmware_version=hello.firmware_version,
-        protocol=layout.name,
-        protocol_version=hello.protocol_version,
-        array_id=hello.array_id,
-        channels=layout.n_channels,
-        taxels=array.n_taxels,
-        x_mm=tuple(array.x_mm.tolist()),
-        y_mm=tuple(array.y_mm.tolist()),
-        channel_names=array.channel_name,
-        rate_hz=hello.rate_hz,
-        volts_per_count=hello.volts_per_count,
-        channel_offset_s=hello.channel_offset_s or (0.0,) * layout.n_channels,
-        tactiled_version=__version__,
-    )

@@ -12,10 +12,9 @@ import logging
 import os
 import signal
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any
 
 from tactiled import compiled
 from tactiled.daemon.board.link import LoopTurns
@@ -24,10 +23,8 @@ from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text
 from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, ServedBoard, ServiceParams, SharedParts
-from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
-from tactiled.daemon.zmq.requests import CommandRequest, Requester
 from tactiled.errors import ConfigError, TactiledError
 from tactiled.limited_log import RateLimitedLog
 
@@ -69,13 +66,8 @@ class Service:
         try:
             publish = [board.params.publish for board in boards]
             for params in dict.fromkeys(publish):
-                self._networks[params] = Network(
-                    params,
-                    partial(self._asked, params),
-                    partial(self._settings, params),
-                    partial(self._serials, params),
-                    publish.count(params),
-                )
+                boards_there = partial(self._runners_at, params)
+                self._networks[params] = Network(params, boards_there, publish.count(params))
             self._runners = [self._runner(number, board.params) for number, board in enumerate(boards)]
         except BaseException:
             self._close()
@@ -206,31 +198,6 @@ class Service:
         pairs = zip(self._boards, self._runners, strict=True)
         return [runner for board, runner in pairs if board.params.publish == publish]
 
-    def _serials(self, publish: PublishParams) -> list[str]:
-        return [runner.serial for runner in self._runners_at(publish)]
-
-    def _addressed(self, publish: PublishParams, serial: str) -> BoardRunner | None:
-        """Return the runner of the board that a request names; without a name, the only one."""
-        runners = self._runners_at(publish)
-        if not serial:
-            return runners[0] if len(runners) == 1 else None
-        return next((runner for runner in runners if runner.serial == serial), None)
-
-    def _settings(self, publish: PublishParams, serial: str, now_s: float) -> Mapping[str, Any]:
-        runner = self._addressed(publish, serial)
-        return {} if runner is None else runner.settings(now_s)
-
-    def _asked(
-        self, publish: PublishParams, request: CommandRequest, requester: Requester, now_s: float, done: Done
-    ) -> None:
-        runner = self._addressed(publish, request.board)
-        if runner is not None:
-            runner.do(request, requester, now_s, done)
-            return
-        known = ", ".join(self._serials(publish)) or "none yet"
-        what = f"{request.board} is not read here" if request.board else "say which one is meant"
-        done(f"board: {what}; there are: {known}")
-
     def _close(self) -> None:
         for network in self._networks.values():
             network.close()
@@ -284,15 +251,7 @@ def run_service(
     duration_s: float | None = None,
     has_begun: Callable[[], bool] = lambda: True,
 ) -> int:
-    """Run the daemon in a new event loop; returns exit code 0 after a requested end. See `serve`.
-
-    Raises
-    ------
-    OperatorError
-        The configuration must be corrected first, for example an invalid URL.
-    UnavailableError
-        Something is not available now, for example an endpoint in use.
-    """
+    """Run the daemon in a new event loop; returns exit code 0 after a requested end, raises as `Service`."""
     gc.freeze()  # the objects of all modules; a full collection of them stops the loop for 15 to 30 ms
     asyncio.run(serve(boards, duration_s, has_begun))
     return 0

@@ -7,7 +7,7 @@ from typing import Any
 from boards import descriptors
 from patience import PATIENCE_S
 
-from tactiled.daemon.zmq.control import Do
+from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
@@ -17,20 +17,24 @@ CONTACT = ContactEvent(time_s=1.0, state="loading", previous="none", taxels=(1, 
 
 
 class NetworkAlone:
-    """A `Network`, and the commands that reached it, which are done at once unless `do` does them."""
+    """A `Network` with one board, and the commands that reached it, which `finish` answers."""
 
-    def __init__(self, do: Do | None = None, **params: Any) -> None:
+    serial = "b"
+
+    def __init__(self, finish: Callable[[Done], None] = lambda done: done(""), **params: Any) -> None:
         self._descriptors = descriptors()
+        self._finish = finish
         self.done: list[CommandRequest] = []
         self.requesters: list[Requester] = []
-        self.network = Network(PublishParams(**params), do or self._do, lambda *_: {"speed_mm_s": 0.0})
+        self.network = Network(PublishParams(**params), lambda: [self])
 
-    def _do(
-        self, command: CommandRequest, requester: Requester, _now_s: float, done: Callable[[str], None]
-    ) -> None:
-        self.done.append(command)
+    def settings(self, _: float) -> dict[str, Any]:
+        return {"speed_mm_s": 0.0}
+
+    def do(self, request: CommandRequest, requester: Requester, _: float, done: Done) -> None:
+        self.done.append(request)
         self.requesters.append(requester)
-        done("")
+        self._finish(done)
 
     def send(self, n: int = 1) -> None:
         for _ in range(n):

@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
@@ -74,6 +74,21 @@ class Rates:
     scans_hz: float = 0.0
 
 
+@dataclass(frozen=True)
+class _SimulatedBoard:
+    """Board that does nothing on each command."""
+
+    serial: str
+    commands: list[CommandRequest]
+
+    def settings(self, _: float) -> dict[str, Any]:
+        return {}
+
+    def do(self, request: CommandRequest, _requester: Requester, _now_s: float, done: Done) -> None:
+        self.commands.append(request)
+        done("")
+
+
 class SimulatedDaemon:
     """Daemon in a thread, for as long as the block lasts.
 
@@ -111,19 +126,10 @@ class SimulatedDaemon:
         """Publish no further slips; all else goes on."""
         self._rates = replace(self._rates, slips_hz=0.0)
 
-    def _do(self, command: CommandRequest, _: Requester, now_s: float, done: Done) -> None:  # noqa: ARG002  a `Do`
-        self.commands.append(command)
-        done("")
-
     async def _main(self) -> None:
         params = PublishParams(endpoints=(self.endpoint,))
-        network = Network(
-            params,
-            self._do,
-            lambda _b, _s: {},
-            lambda: self._boards,
-            len(self._boards),
-        )
+        boards = [_SimulatedBoard(serial, self.commands) for serial in self._boards]
+        network = Network(params, lambda: boards, len(boards))
         serving = asyncio.create_task(network.run())
         try:
             await self._publish(network)

@@ -23,10 +23,7 @@ _GOLDEN = (math.sqrt(5) - 1) / 2
 class Asking:
     """Track the command that awaits an answer, and the time at which it is repeated.
 
-    Parameters
-    ----------
-    token_bits : int
-        Width on the wire of the tokens by which an answer is matched to its command.
+    `token_bits` is the width on the wire of the tokens by which an answer is matched to its command.
     """
 
     def __init__(self, token_bits: int) -> None:
@@ -99,13 +96,7 @@ class Asking:
 
 
 class Pinging:
-    """Time of the next ping.
-
-    Parameters
-    ----------
-    is_possible : bool
-        The protocol has pings whose answers carry ticks.
-    """
+    """Time of the next ping; possible where the protocol has pings whose answers carry ticks."""
 
     def __init__(self, is_possible: bool) -> None:
         self._is_possible = is_possible

@@ -15,9 +15,10 @@ from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.requirements import SessionParams
 from tactiled.daemon.board.session import Session
-from tactiled.events.types import Event, ScanEvent, StatusEvent
+from tactiled.events.types import Event, InfoEvent, ScanEvent, StatusEvent
 from tactiled.pipeline import Health, Pipeline, check_hello
 from tactiled.received import Output, Received
+from tactiled.version import __version__
 from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
 
@@ -256,6 +257,27 @@ class BoardLink:
             **{name: getattr(health, name) for name in _OF_HEALTH},
         )
 
+    def info(self, hello: Hello, now_s: float) -> InfoEvent:
+        """Make the info event from the hello of the board and the configured layout and array."""
+        layout, array = self.pipeline.layout, self.pipeline.array
+        return InfoEvent(
+            time_s=now_s,
+            board_serial=hello.board_serial,
+            firmware_version=hello.firmware_version,
+            protocol=layout.name,
+            protocol_version=hello.protocol_version,
+            array_id=hello.array_id,
+            channels=layout.n_channels,
+            taxels=array.n_taxels,
+            x_mm=tuple(array.x_mm.tolist()),
+            y_mm=tuple(array.y_mm.tolist()),
+            channel_names=array.channel_name,
+            rate_hz=hello.rate_hz,
+            volts_per_count=hello.volts_per_count,
+            channel_offset_s=hello.channel_offset_s or (0.0,) * layout.n_channels,
+            tactiled_version=__version__,
+        )
+
 
 def make_link(
     pipeline: Pipeline,
@@ -264,12 +286,9 @@ def make_link(
     others: Mapping[str, Layout] = MappingProxyType({}),
     turns: LoopTurns | None = None,
 ) -> BoardLink:
-    """Make the link to the board that `pipeline` was made for; see `LineWatch` for `others`.
+    """Make the link to the board that `pipeline` was made for; raises as `Session.configure`.
 
-    Raises
-    ------
-    ConfigError
-        `params` ask for what the layout cannot do.
+    See `LineWatch` for `others`.
     """
     layout, array = pipeline.layout, pipeline.array
     line = LineWatch(layout.name, baud, others)

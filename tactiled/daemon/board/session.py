@@ -50,11 +50,6 @@ class Session:
         Returns the reason why a board does not fit layout and array, or None (`pipeline.check_hello`).
     line : LineWatch
         Names the likely cause when no frame arrives.
-
-    Raises
-    ------
-    ConfigError
-        A rate is configured, and the layout cannot set or confirm one.
     """
 
     def __init__(

@@ -68,12 +68,10 @@ class JobQueue:
 
 
 class BackgroundWorker:
-    """Compute jobs in a thread; a job that was given up is ended or never begun.
+    """Compute jobs in a thread, which ends with the block; a job that was given up is ended or never begun.
 
     Each board has a queue. The boards are served in turn, and of each the newest job comes first, so that a
     board whose skin slides all the time does not keep the others waiting for more than one fit each.
-
-    Use it as a context manager; the thread ends with the block.
     """
 
     def __enter__(self) -> Self:

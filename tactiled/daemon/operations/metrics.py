@@ -95,13 +95,7 @@ METRICS: Mapping[str, Metric] = {
 
 
 class Histogram:
-    """Counts of values by interval; made cumulative by `samples`.
-
-    Parameters
-    ----------
-    bounds : sequence of float
-        Upper bounds in ascending order; a further interval above the last is added.
-    """
+    """Counts of values by interval, between ascending bounds and above the last of them."""
 
     def __init__(self, bounds: Sequence[float]) -> None:
         self._bounds = tuple(bounds)

@@ -231,13 +231,7 @@ class Commands:
             change.done(reason)
 
     def configure(self, params: SessionParams) -> None:
-        """Apply a configuration that was read again; without a rate in it, a commanded rate stays.
-
-        Raises
-        ------
-        ConfigError
-            A rate is configured that the protocol cannot set.
-        """
+        """Apply a configuration that was read again; without a rate in it, a commanded rate stays."""
         if params.rate_hz is None:
             rate_hz = self._commanded_hz if self._rate is None else self._rate.rate_hz
             self._session.configure(params.model_copy(update={"rate_hz": rate_hz}))

@@ -8,10 +8,11 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import msgpack
 
+from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import (
     CONTROL_VERSION,
@@ -38,11 +39,6 @@ _REMEMBERED_MOTION = 200
 _MOST_WAITING = 8  # requests for one pending command that get an answer: the first, and its repetitions
 
 Respond = Callable[[bytes], None]
-Do = Callable[[CommandRequest, Requester, float, Callable[[str], None]], None]
-"""Carries out a command: (command, requester, now_s, done); `done` takes the reason for a refusal."""
-Settings = Callable[[str, float], Mapping[str, Any]]
-"""Takes the serial number of a board, or an empty string for the only one, and a time; returns a plain map of
-its settings, empty for another board."""
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
     "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
@@ -58,27 +54,30 @@ class _Asked:
     waiting: list[Respond] = field(default_factory=list)
 
 
+class CommandedBoard(Protocol):
+    """Board that takes commands."""
+
+    @property
+    def serial(self) -> str:
+        """Serial number; empty while it is unknown."""
+
+    def settings(self, now_s: float) -> dict[str, Any]:
+        """Return the present settings, by the names that requests use."""
+
+    def do(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
+        """Carry out a command, and say whether it is done or why it is refused."""
+
+
+Boards = Callable[[], Sequence[CommandedBoard]]
+
+
 class Control:
-    """Answer requests.
+    """Answer requests to the boards that share these endpoints."""
 
-    Parameters
-    ----------
-    boards : callable
-        Returns the serial numbers of the boards that take commands here; an empty one is not known yet.
-    """
-
-    def __init__(
-        self,
-        publisher: Publisher,
-        do: Do,
-        settings: Settings,
-        boards: Callable[[], Sequence[str]] = lambda: (),
-    ) -> None:
+    def __init__(self, publisher: Publisher, boards: Boards) -> None:
         self.bad = RateLimitedLog(logger, "request refused")
         self.commanded = RateLimitedLog(logger, "command")
         self._publisher = publisher
-        self._do = do
-        self._settings = settings
         self._boards = boards
         self._asked: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
         self._asked_motion: OrderedDict[tuple[str, ...], _Asked] = OrderedDict()
@@ -101,14 +100,22 @@ class Control:
             self.bad.add(f"a fault of tactiled, please report it: {error!r}", now_s)
 
     def _state(self, request: Request, now_s: float) -> bytes:
+        board = self._addressed(request)
         return self._reply(
             request.id,
             request.do,
             "",
             messages=_pack_map(self._publisher.store.latest()),
-            settings=msgpack.packb(self._settings(request.board, now_s)),
-            boards=msgpack.packb(list(self._boards())),
+            settings=msgpack.packb({} if board is None else board.settings(now_s)),
+            boards=msgpack.packb([each.serial for each in self._boards()]),
         )
+
+    def _addressed(self, request: Request) -> CommandedBoard | None:
+        """Return the board that a request names; without a name, the only one."""
+        boards = self._boards()
+        if not request.board:
+            return boards[0] if len(boards) == 1 else None
+        return next((board for board in boards if board.serial == request.board), None)
 
     def _events(self, request: Events) -> bytes:
         if request.topic not in EVENT_TYPES:
@@ -156,6 +163,14 @@ class Control:
                 if not asked.reply:
                     known.pop(name, None)
                 raise
+
+    def _do(self, command: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
+        if (board := self._addressed(command)) is not None:
+            board.do(command, requester, now_s, done)
+            return
+        known = ", ".join(each.serial for each in self._boards()) or "none yet"
+        what = f"{command.board} is not read here" if command.board else "say which one is meant"
+        done(f"board: {what}; there are: {known}")
 
     def _finish(self, asked: _Asked, requester: Requester, now_s: float, reason: str) -> None:
         # The event has the reason; one line for each outcome keeps the log short.

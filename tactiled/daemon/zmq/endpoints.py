@@ -89,10 +89,7 @@ def bind(sock: zmq.Socket[Any], endpoint: str) -> None:
 def listen(endpoint: str) -> list[socket.socket]:
     """Return sockets of the kernel, not blocking, that listen at an endpoint: one for each of its addresses.
 
-    Raises
-    ------
-    UnavailableError, OperatorError, ConfigError
-        As `bind`.
+    It raises as `bind`.
     """
     endpoint = _prepared(endpoint)
     listeners: list[socket.socket] = []

@@ -12,7 +12,7 @@ import asyncio
 import contextlib
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,7 +20,7 @@ import zmq
 import zmq.asyncio
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.control import REPLY_BYTES, Control, Do, Settings
+from tactiled.daemon.zmq.control import REPLY_BYTES, Boards, Control
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, TurnLimit
@@ -98,7 +98,7 @@ class RequestServer(PeerServer):
 
 
 class Network:
-    """Publisher and control server with their common context and authenticator.
+    """Publisher and control server of boards that share endpoints, with one authenticator.
 
     Raises
     ------
@@ -109,9 +109,7 @@ class Network:
     def __init__(
         self,
         params: PublishParams,
-        do: Do,
-        settings: Settings,
-        boards: Callable[[], Sequence[str]] = lambda: (),
+        boards: Boards,
         n_boards: int = 1,
     ) -> None:
         plain = [endpoint for endpoint in params.control if not params.is_guarded(endpoint)]
@@ -125,7 +123,7 @@ class Network:
                 opened.callback(authenticator.close)
             self.publisher = Publisher(params, authenticator, n_boards)
             opened.callback(self.publisher.close)
-            self.control = Control(self.publisher, do, settings, boards)
+            self.control = Control(self.publisher, boards)
             # With a plain endpoint on the network anyone there may command, so a limit at loopback would
             # protect nothing.
             commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))
@@ -159,13 +157,7 @@ class Network:
 
 
 class GuardedRequestServer:
-    """ROUTER socket of libzmq that passes requests of clients with keys to a `Control`.
-
-    Raises
-    ------
-    OperatorError
-        An endpoint cannot be bound; the message says what to do.
-    """
+    """ROUTER socket of libzmq that passes requests of clients with keys to a `Control`."""
 
     def __init__(self, endpoints: Sequence[str], control: Control, authenticator: CurveAuthenticator) -> None:
         self._control = control

@@ -132,13 +132,7 @@ class Peer:
                 self._dropped[oldest.counted_as] += 1
 
     def flush(self) -> None:
-        """Send what the kernel takes now.
-
-        Raises
-        ------
-        OSError
-            The connection is lost.
-        """
+        """Send what the kernel takes now; an `OSError` says that the connection is lost."""
         self.is_blocked = False
         try:
             while self._begun or self._queue:

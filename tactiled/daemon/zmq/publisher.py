@@ -178,11 +178,6 @@ class Publisher:
     """PUB endpoints, sequence number of each topic, and store of recent messages.
 
     `authenticator` is for endpoints with keys.
-
-    Raises
-    ------
-    OperatorError
-        An endpoint cannot be bound; the message says what to do.
     """
 
     def __init__(

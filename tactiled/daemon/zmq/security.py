@@ -212,13 +212,7 @@ def _write(path: Path, mode: int, **keys: bytes) -> None:
 
 
 class CurveAuthenticator:
-    """ZAP server that admits clients by their CURVE keys; make it before any socket is bound.
-
-    Raises
-    ------
-    ConfigError
-        There is no valid key pair of the daemon.
-    """
+    """ZAP server that admits clients by their CURVE keys; make it before any socket is bound."""
 
     def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
         self.context = context

@@ -6,16 +6,6 @@ from hypothesis import strategies as st
 from tactiled.daemon.board.link import HostLoad, LoopTurns
 
 
-def test_a_status_has_the_longest_turn_since_the_one_before() -> None:
-    turns = LoopTurns()
-    load = HostLoad(turns)
-    for turn_s in (0.001, 0.004, 0.002):
-        turns.add(0.05, turn_s)
-    assert load.status(0.1, 0) == 0.004
-    assert load.status(0.2, 0) == 0.0
-    assert load.warning() == ""
-
-
 def test_a_long_turn_is_a_warning_that_ends() -> None:
     turns = LoopTurns()
     load = HostLoad(turns)

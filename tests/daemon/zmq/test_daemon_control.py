@@ -25,6 +25,7 @@ from ports import free_pair
 from tactiled import resources
 from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
 from tactiled.daemon.zmq import network, zmtp
+from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
@@ -62,19 +63,22 @@ def request(do: str, id_: str = "r1", **arguments: Any) -> bytes:
 
 
 class Desk:
-    """A `Control` without sockets, and the commands that reached it."""
+    """A `Control` without sockets, and its only board with the commands that reached it."""
+
+    serial = "b"
 
     def __init__(self) -> None:
         self.publisher = Publisher(PublishParams(endpoints=()))
         self.done: list[CommandRequest] = []
         self.refuse = ""
-        self.later: list[Callable[[str], None]] | None = None
-        self.control = Control(self.publisher, self.do, lambda *_: {"speed_mm_s": 0.0})
+        self.later: list[Done] | None = None
+        self.control = Control(self.publisher, lambda: [self])
 
-    def do(
-        self, command: CommandRequest, _requester: Requester, _now_s: float, done: Callable[[str], None]
-    ) -> None:
-        self.done.append(command)
+    def settings(self, _: float) -> dict[str, Any]:
+        return {"speed_mm_s": 0.0}
+
+    def do(self, request: CommandRequest, _requester: Requester, _now_s: float, done: Done) -> None:
+        self.done.append(request)
         if self.later is None:
             done(self.refuse)
         else:
@@ -148,13 +152,14 @@ def test_a_command_that_met_a_fault_is_done_once_when_it_is_sent_again(
     is_answered: bool,
 ) -> None:
     desk = Desk()
+    do = desk.do
 
     def broken(*arguments: Any) -> None:
         if is_answered:
-            desk.do(*arguments)
+            do(*arguments)
         raise ZeroDivisionError("a bug")
 
-    with patch.object(desk.control, "_do", broken):
+    with patch.object(desk, "do", broken):
         assert len(desk.ask(request("speed", speed_mm_s=5.0))) == is_answered
     assert desk.control.bad.count == 1
     (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
@@ -542,12 +547,10 @@ def test_a_request_without_a_last_part_is_not_kept(tmp_path: Path, caplog: pytes
 
 
 def test_an_internal_error_fails_only_its_request(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    server = served(tmp_path)
-
-    def broken(*_: Any) -> None:
+    def broken(_: Done) -> None:
         raise ZeroDivisionError("a bug")
 
-    server.network.control._do = broken  # noqa: SLF001  a fault is put in
+    server = NetworkAlone(broken, endpoints=(endpoint(tmp_path),))
 
     async def story() -> None:
         async with AsyncCommander(endpoint(tmp_path)) as daemon:

@@ -3,7 +3,6 @@
 import asyncio
 import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from unittest.mock import patch
 
@@ -11,8 +10,8 @@ from networks import NetworkAlone
 from patience import PATIENCE_S
 
 from tactiled import resources
-from tactiled.daemon.zmq.commands import MotionSenders
-from tactiled.daemon.zmq.requests import CommandRequest, Motion, Requester
+from tactiled.daemon.zmq.commands import Done, MotionSenders
+from tactiled.daemon.zmq.requests import Motion
 
 SUBSCRIBER, COMMAND, MOTION = re.findall(
     r"```python\n(.*?)```", resources.shipped("protocols", "control.md").read_text(), re.DOTALL
@@ -55,13 +54,11 @@ def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> N
 
 def test_the_command_in_the_documentation_is_done_exactly_once(tmp_path: Path) -> None:
     script = COMMAND.replace("ipc:///run/tactiled/TS0001/control.ipc", f"ipc://{tmp_path}/control.ipc")
-    done: list[str] = []
 
-    def do(
-        command: CommandRequest, _requester: Requester, _now_s: float, finish: Callable[[str], None]
-    ) -> None:
-        done.append(command.id)
-        asyncio.get_running_loop().call_later(1.2, finish, "")  # it asks twice more meanwhile
+    def finish(done: Done) -> None:
+        asyncio.get_running_loop().call_later(1.2, done, "")  # it asks twice more meanwhile
+
+    server = NetworkAlone(finish, endpoints=(f"ipc://{tmp_path}/events.ipc",))
 
     async def story() -> None:
         for _ in range(2):
@@ -70,8 +67,8 @@ def test_the_command_in_the_documentation_is_done_exactly_once(tmp_path: Path) -
             )
             assert (await child.communicate())[0] == b"True \n"
 
-    NetworkAlone(do, endpoints=(f"ipc://{tmp_path}/events.ipc",)).run(story)
-    assert done == ["1", "1"]
+    server.run(story)
+    assert [command.id for command in server.done] == ["1", "1"]
 
 
 def test_the_motion_in_the_documentation_is_announced_with_its_instants(tmp_path: Path) -> None:
