@@ -122,9 +122,8 @@ class ArrayFile(Params):
     )
     description: str = ""
     unit: Unit = Field(default="V", description="unit of the readings")
-    range: tuple[float, float] | None = Field(default=None, description="lowest and highest reading, in unit")
-    full_scale_volts: float | None = Field(
-        default=None, gt=0, le=_LARGEST, description="short for range = [-X, X]; 8.0 where unit is V"
+    range: tuple[float, float] | None = Field(
+        default=None, description="lowest and highest reading, in unit; -8 to 8 where that is V"
     )
     zero: float | list[float] | str = Field(
         default=0.0,
@@ -168,9 +167,7 @@ class ArrayFile(Params):
 
     @model_validator(mode="after")
     def _readings(self) -> Self:
-        if self.range is not None and self.full_scale_volts is not None:
-            raise ValueError("full_scale_volts is short for range = [-X, X]: give one of the two")
-        if self.unit != "V" and self.range is None and self.full_scale_volts is None:
+        if self.unit != "V" and self.range is None:
             raise ValueError(
                 f"range is missing: with unit = '{self.unit}', give the lowest and highest reading, "
                 "as in range = [0, 65535]"
@@ -211,8 +208,6 @@ class ArrayFile(Params):
     @property
     def limits(self) -> tuple[float, float]:
         """Lowest and highest reading."""
-        if self.full_scale_volts is not None:
-            return (-self.full_scale_volts, self.full_scale_volts)
         return _DEFAULT_RANGE if self.range is None else self.range
 
 

@@ -144,11 +144,9 @@ def test_a_taxel_alone_is_no_line() -> None:
             {"taxel_channels": [], "channels": [{"name": "z", "kind": "normal", "taxel": 4}]},
             "channels[0].taxel is 4, but there are 4 taxels",
         ),
-        ({"full_scale_volts": 0}, "full_scale_volts: "),
         ({"unit": "count"}, "range is missing: with unit = 'count'"),
         ({"unit": "volts"}, "unit: "),
         ({"range": [5, 5]}, "range is [5, 5]; the second number must be larger"),
-        ({"range": [0, 3], "full_scale_volts": 3.0}, "full_scale_volts is short for range"),
         ({"zero": "first 3"}, "zero is 'first 3'; give a number, a list, or 'first 0.3 s'"),
         ({"zero": "first 0 s"}, "zero is 'first 0 s'"),
         ({"zero": [1.0, 2.0]}, "zero has 2 numbers, but there are 4 channels"),
@@ -176,10 +174,10 @@ def test_a_broken_array_file_is_refused_by_its_place(change: dict[str, Any], fau
     assert any(line.startswith(fault) for line in caught.value.faults), caught.value.faults
 
 
-def test_full_scale_volts_is_a_symmetric_range() -> None:
+def test_readings_are_in_range_between_its_ends() -> None:
     pad = {"x_mm": [0.0], "y_mm": [0.0]}
     channel = {"name": "z", "kind": "normal"}
-    array = array_of(grids=[pad], taxel_channels=[channel], full_scale_volts=3.3)
+    array = array_of(grids=[pad], taxel_channels=[channel], range=[-3.3, 3.3])
     assert (array.unit, array.low, array.high, array.full_scale) == ("V", -3.3, 3.3, 3.3)
     counts = array_of(grids=[pad], taxel_channels=[channel], unit="count", range=[0, 1023], zero=500)
     assert counts.full_scale == 1023

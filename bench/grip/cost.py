@@ -31,7 +31,7 @@ class ScanCost(NamedTuple):
 
 def scan_costs() -> dict[str, ScanCost]:
     """Return the cost by array."""
-    squares = {f"{n} x {n}": square_array("xyz", n, 4.0, full_scale_volts=8.0) for n in SIDES}
+    squares = {f"{n} x {n}": square_array("xyz", n, 4.0) for n in SIDES}
     arrays = {SHIPPED: load_array(SHIPPED)} | squares
     return {name: _measure(array) for name, array in arrays.items()}
 

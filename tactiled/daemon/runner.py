@@ -76,7 +76,7 @@ class ServedBoard:
     # Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled
     make_pipeline: Callable[[], Pipeline]
     # Takes every read of the port with its outputs, and all events that the daemon itself makes
-    recorder: Recorder | None = None
+    recorder: Recorder
     # Reads the configuration again (SIGHUP) and returns its parameters
     reload: Callable[[], ServiceParams] | None = None
 
@@ -112,7 +112,7 @@ class BoardRunner:
         """State of the board and its reason, as logged; empty before the first."""
         self.is_fresh = False
         """True where the newest status says that data are fresh."""
-        self._recorder = recorder = board.recorder
+        self._recorder = board.recorder
         self._shared = shared
         pipeline = self._pipeline = board.make_pipeline()
         self._encoder = Encoder(pipeline.layout)
@@ -121,8 +121,9 @@ class BoardRunner:
         session = self._session = self._link.session
         self._connection = Connection(params.port.url, self._baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
-        switch = None if recorder is None else lambda on: recorder.switch(on, pipeline.hello)
-        self._commands = Commands(pipeline, session, self._tuned, switch)
+        self._commands = Commands(
+            pipeline, session, self._tuned, lambda on: board.recorder.switch(on, pipeline.hello)
+        )
         self._handover_s: float | None = None  # of the adapter, as the pipeline knows it
         self._deadline: asyncio.TimerHandle | None = None
         self._log = RateLimitedLog(logger)
@@ -168,7 +169,7 @@ class BoardRunner:
     def abandon(self, reason: str) -> None:
         """Answer the command that waits, and end the recording, after `run` has ended with an error."""
         self._commands.give_up(reason)
-        if self._recorder is not None and self._recorder.is_on:
+        if self._recorder.is_on:
             # The next pipeline knows nothing of what is in the present file: a replay of both would differ.
             for on in (False, True):
                 if refused := self._recorder.switch(on, None):
@@ -325,7 +326,7 @@ class BoardRunner:
             self._described = hello
             self._next_info_s = now_s + INFO_PERIOD_S
             self._publish_and_record(self._link.info(hello, now_s))
-        if self._recorder is not None and (recording := self._recorder.report(now_s)) is not None:
+        if (recording := self._recorder.report(now_s)) is not None:
             self._publish_and_record(recording)
         self._shared.watched(now_s)
 
@@ -369,8 +370,7 @@ class BoardRunner:
     def _publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""
         self._publish(event)
-        if self._recorder is not None:
-            self._recorder.record_event(event, self.serial, self._shared.clock.offset_s)
+        self._recorder.record_event(event, self.serial, self._shared.clock.offset_s)
 
     def _tuned(self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float) -> None:
         """Record a command to the pipeline, and publish the events that it caused."""
@@ -379,19 +379,17 @@ class BoardRunner:
             self._publish(event)
 
     def _record_read(self, data: bytes, outputs: Sequence[Output], now_s: float) -> None:
-        if self._recorder is not None:
-            for index in self._pipeline.late_fits:  # before the read, so that a replay knows of them in time
-                self._record("late-fit", {"index": index}, (), now_s)
-            read = Read(now_s, self._shared.clock.offset_s, data)
-            self._recorder.record(read, outputs, self._pipeline.hello)
+        for index in self._pipeline.late_fits:  # before the read, so that a replay knows of them in time
+            self._record("late-fit", {"index": index}, (), now_s)
+        read = Read(now_s, self._shared.clock.offset_s, data)
+        self._recorder.record(read, outputs, self._pipeline.hello)
 
     def _record(
         self, name: str, arguments: Mapping[str, Any], outputs: Sequence[Output], now_s: float
     ) -> None:
         """Record an input of the pipeline that is no read, with its outputs."""
-        if self._recorder is not None:
-            cause = Input(now_s, self._shared.clock.offset_s, name, json.dumps(dict(arguments)))
-            self._recorder.record(cause, outputs, self._pipeline.hello)
+        cause = Input(now_s, self._shared.clock.offset_s, name, json.dumps(dict(arguments)))
+        self._recorder.record(cause, outputs, self._pipeline.hello)
 
     def _line_errors(self) -> LineErrors | None:
         port = self._connection.port

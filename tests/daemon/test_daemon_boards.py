@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import itertools
 import logging
 import os
 import socket
@@ -17,7 +18,7 @@ from typing import Any
 
 import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
-from daemons import ARRAY, Daemon, Row
+from daemons import ARRAY, Daemon, Row, no_recorder
 from patience import PATIENCE_S
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -84,6 +85,7 @@ class Boards:
                     **params,
                 ),
                 partial(self._make, serial),
+                no_recorder(),
             )
             for serial in SERIALS
         ]
@@ -133,7 +135,8 @@ class Boards:
             assert indices == list(range(indices[0], indices[0] + len(indices))), serial
             for topic in ("status", "scan", "info"):
                 numbers = [row["seq"] for row in self.rows(topic, serial)]
-                assert numbers == list(range(numbers[0], numbers[0] + len(numbers))), (serial, topic)
+                # None yet of the topic `info`, which comes once a second, where the story was short.
+                assert [b - a for a, b in itertools.pairwise(numbers)] == [1] * (len(numbers) - 1), serial
 
 
 def play(

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
+from daemons import no_recorder
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
@@ -129,7 +130,7 @@ class DaemonOnPty:
             session=SessionParams(rate_hz=RATE_HZ, board_serial=SERIAL),
             publish=PublishParams(endpoints=(self._endpoint,)),
         )
-        self._service = Service([ServedBoard(params, partial(Pipeline, LAYOUT, array))])
+        self._service = Service([ServedBoard(params, partial(Pipeline, LAYOUT, array), no_recorder())])
         self._serving = asyncio.create_task(self._service.run())
         self._listening = asyncio.create_task(self._listen())
         return self

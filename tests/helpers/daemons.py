@@ -20,9 +20,16 @@ from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.pipeline import Pipeline
+from tactiled.recording.contents import Header, load_board
+from tactiled.recording.rotation import RecordParams
 
 ARRAY = load_array("wang2019-3x3")
 Row = dict[str, Any]
+
+
+def no_recorder() -> Recorder:
+    """Return a recorder without a place to record."""
+    return Recorder(RecordParams(), Header(load_board("board-v1", "wang2019-3x3")))
 
 
 class Daemon:
@@ -41,7 +48,7 @@ class Daemon:
         self._changed = asyncio.Event()
 
     def served(self, recorder: Recorder | None = None) -> ServedBoard:
-        return ServedBoard(self.params, lambda: self.pipeline, recorder, lambda: self.params)
+        return ServedBoard(self.params, lambda: self.pipeline, recorder or no_recorder(), lambda: self.params)
 
     def rows(self, topic: str) -> list[Row]:
         return self.heard.get(topic, [])

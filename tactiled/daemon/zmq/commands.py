@@ -157,7 +157,7 @@ class Commands:
     ----------
     tuned : callable
         Takes a change of the detectors and the events caused by it: (name, arguments, events, now_s).
-    record : callable, optional
+    record : callable
         Starts (True) or stops (False) the recording; returns the reason for a refusal.
     """
 
@@ -166,7 +166,7 @@ class Commands:
         pipeline: Pipeline,
         session: Session,
         tuned: Callable[[str, dict[str, Any], Sequence[Event], float], None],
-        record: Callable[[bool], str] | None = None,
+        record: Callable[[bool], str],
     ) -> None:
         self._pipeline = pipeline
         self._session = session
@@ -181,7 +181,7 @@ class Commands:
         if isinstance(command, Mark):
             done("")
         elif isinstance(command, Record):
-            done(self._set_recording(command.on))
+            done(self._record(command.on))
         elif isinstance(command, Rate):
             self._set_rate(command.rate_hz, now_s, done)
         elif isinstance(command, Motion):
@@ -202,12 +202,10 @@ class Commands:
         change, session = self._rate, self._session
         if change is None:
             return
-        if session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz):
+        is_set = session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz)
+        if is_set or session.state == "no-device":  # the session sets it when the board is back
             self._rate, self._commanded_hz = None, change.rate_hz
             change.done("")
-        elif session.state == "no-device":
-            self._rate, self._commanded_hz = None, change.rate_hz
-            change.done("")  # the session sets it when the board is back, like every setting
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
             reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
@@ -216,12 +214,9 @@ class Commands:
             if params.rate_hz == change.rate_hz:
                 params = params.model_copy(update={"rate_hz": change.before_hz})
                 session.configure(params)
-            kept_hz = params.rate_hz
-            kept = (
-                "the board keeps the rate that it has"
-                if kept_hz is None
-                else f"{kept_hz:g} Hz is set instead"
-            )
+            kept = "the board keeps the rate that it has"
+            if params.rate_hz is not None:
+                kept = f"{params.rate_hz:g} Hz is set instead"
             change.done(f"{reason}; {kept}")
 
     def give_up(self, reason: str) -> None:
@@ -286,8 +281,3 @@ class Commands:
             return
         self._rate = _RateChange(rate_hz, before.rate_hz, now_s + RATE_S, done)
         self.poll(now_s)
-
-    def _set_recording(self, on: bool) -> str:
-        if self._record is None:
-            return "this daemon has no recorder: give record.directory in its configuration"
-        return self._record(on)

@@ -23,7 +23,7 @@ from networks import CONTACT, NetworkAlone
 from ports import free_pair
 
 from tactiled import resources
-from tactiled.client import AsyncCommander, Client, Item, Lost, Message, Recovered
+from tactiled.client import AsyncCommander
 from tactiled.daemon.zmq import network, zmtp
 from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
@@ -353,41 +353,6 @@ def rss_bytes() -> int:
 async def until(condition: Callable[[], bool]) -> None:
     while not condition():
         await asyncio.sleep(0.005)
-
-
-def test_a_client_that_lost_messages_recovers_them(tmp_path: Path) -> None:
-    server = served(tmp_path)
-    items: list[Item] = []
-
-    async def story() -> None:
-        async with Client(endpoint(tmp_path), topics=("contact",)) as client:
-
-            async def read() -> None:
-                async for item in client:
-                    items.append(item)
-
-            reading = asyncio.create_task(read())
-            while not any(isinstance(item, Message) for item in items):
-                server.send()
-                await asyncio.sleep(0.01)
-            publisher = server.network.publisher
-            with patch.object(publisher.server, "send"):  # messages are lost on purpose
-                server.send(500)
-            server.send()
-            total = publisher.sent("b").contact
-            await until(lambda: bool(seqs()) and seqs()[-1] == total - 1)
-            assert client.recovered >= 500
-            assert client.lost == 0
-            reading.cancel()
-            await asyncio.gather(reading, return_exceptions=True)
-
-    def seqs() -> list[int]:
-        messages = [item.message if isinstance(item, Recovered) else item for item in items]
-        return [message.seq for message in messages if isinstance(message, Message)]
-
-    server.run(story)
-    assert seqs() == list(range(seqs()[0], seqs()[-1] + 1))
-    assert not [item for item in items if isinstance(item, Lost)]
 
 
 def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def xyz(full_scale: float = 8.0) -> Array:
             name="xyz",
             grids=[Grid(x_mm=list(PLACES), y_mm=list(PLACES))],
             taxel_channels=channels,
-            full_scale_volts=full_scale,
+            range=(-full_scale, full_scale),
         )
     )
 

@@ -27,7 +27,6 @@ ARRAY = build(
         name="xyz",
         grids=[Grid(x_mm=PLACES, y_mm=PLACES)],
         taxel_channels=ARRAY_CHANNELS,
-        full_scale_volts=8.0,
     )
 )
 KNOWN = GripParams(friction=0.95 * MU, friction_log_sd=0.1)
@@ -146,7 +145,6 @@ def test_one_taxel_tells_incipient_slip_and_its_direction() -> None:
             name="one",
             grids=[Grid(x_mm=[0.0], y_mm=[0.0])],
             taxel_channels=ARRAY_CHANNELS,
-            full_scale_volts=8.0,
         )
     )
     volts = slide().volts.reshape(-1, 9, 3).sum(axis=1) / 2
@@ -162,7 +160,6 @@ def test_an_array_without_shear_has_contact_events_only() -> None:
             name="z",
             grids=[Grid(x_mm=PLACES, y_mm=PLACES)],
             taxel_channels=[TaxelChannel(name="z", kind="normal")],
-            full_scale_volts=8.0,
         )
     )
     events = GripDetector(array).process(regular_block(slide().volts[:, 2::3], RATE_HZ))
