@@ -83,7 +83,6 @@ def test_help_of_each_verb_has_an_example(tactiled: Tactiled, verb: str) -> None
         (["replay"], "FILES"),
         (["replay", "none.mcap"], "none.mcap: cannot be read"),
         (["replay", "bad.toml"], "bad.toml: not a recording of tactiled"),
-        (["replay", "none.mcap", "--link", "x", "--verify"], "--link plays bytes"),
         (["recover", "bad.toml"], "bad.toml: not a recording of tactiled"),
         (["export", "bad.toml"], "--csv"),
         (["export", "none.mcap", "--csv", "x.csv"], "none.mcap: cannot be read"),

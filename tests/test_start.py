@@ -83,7 +83,6 @@ MISTAKES = [
     ["record", "a.mcap", "--config", "none.toml"],
     ["replay"],
     ["replay", "none.mcap"],
-    ["replay", "none.mcap", "--link", "x", "--verify"],
     ["recover", "none.mcap"],
     ["export", "none.mcap"],
     ["export", "none.mcap", "--csv", "x.csv"],

@@ -39,7 +39,6 @@ from tactiled.pipeline import Pipeline
 from tactiled.progress import ProgressBar
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
-from tactiled.wire.frames import Hello
 
 WAYS = {"compiled": "1", "python": "0"}
 """Path of a scan, and the value of `compiled.SETTING` that selects it."""
@@ -116,9 +115,7 @@ def _record(path: Path, scene: str, part: int) -> float:
         for arrival_s, data in Simulation(loaded, _SOURCE.layout, duration_s=duration_s):
             writer.read(Read(arrival_s, 0.0, data))
             for output in pipeline.receive_data(data, arrival_s):
-                if isinstance(output, Hello):
-                    writer.board(output)
-                elif isinstance(output, Event):
+                if isinstance(output, Event):
                     writer.event(output, "TS0001", 0.0, "pipeline")
     return duration_s
 

@@ -56,42 +56,20 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
 @click.command()
 @RECORDINGS
 @click.option("-t", "--topic", "topics", multiple=True, help="slip, texture, contact, scan.")
-@click.option(
-    "--speed",
-    default=0.0,
-    type=click.FloatRange(0),
-    help="1 is real time; 0, the default, as fast as possible.",
-)
 @click.option("--verify", is_flag=True, help="Print no events; compare them with the recorded live events.")
-@click.option(
-    "--link", type=FILE, help="Play the bytes on a pseudo-terminal of this name instead, for any driver."
-)
-def replay(
-    files: tuple[Path, ...], topics: tuple[str, ...], speed: float, verify: bool, link: Path | None
-) -> None:
+def replay(files: tuple[Path, ...], topics: tuple[str, ...], verify: bool) -> None:
     """Run recordings through the pipeline and print the events, bit for bit as they were live.
 
-    Give all parts of a rotated recording. With --link the bytes appear on a
-    pseudo-terminal instead, with their own timing (or --speed), as soon as a driver opens it.
+    Give all parts of a rotated recording.
 
     Example: tactiled replay slide.mcap --topic slip
     """
-    if link is not None and (verify or topics):
-        raise click.UsageError("--link plays bytes; it prints and compares no events")
     need_readable(*files)
-    from tactiled.recording.playback import play
     from tactiled.recording.replay import replay as run_again
 
-    if link is not None:
-        source = click.get_current_context().get_parameter_source("speed")
-        is_default = source == click.core.ParameterSource.DEFAULT
-        with ProgressBar(f"replay to {link}") as progress:
-            played = play(files, link, 1.0 if is_default else speed, progress.reach)
-        click.echo(f"{played.n_bytes} bytes played, at most {played.latest_s * 1000:.0f} ms late", err=True)
-        return
     with ProgressBar("replay", writes_lines=not verify) as progress:
         write_line = (lambda _: None) if verify else click.echo
-        verdict = run_again(files, write_line, topics=topics, speed=speed, reached=progress.reach)
+        verdict = run_again(files, write_line, topics=topics, reached=progress.reach)
     if verify:
         click.echo(verdict.words(), err=True)
         sys.exit(0 if verdict.is_good else 1)

@@ -2,8 +2,7 @@
 
 ::
 
-    metadata  tactiled        layout, array, parameters and versions: the file describes itself
-    metadata  tactiled/board  the board's hello: when it changes, at most every 10 s
+    metadata  tactiled       layout, array, parameters and versions: the file describes itself
     channel   /tactile/raw    every read from the port: bytes and arrival time
     channel   /tactile/input  other pipeline inputs: a lost port, commands; and where reads are missing
     channel   /tactile/scan, /tactile/slip, ... events of the pipeline: origin "pipeline"
@@ -32,7 +31,6 @@ from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
 METADATA = "tactiled"
-BOARD_METADATA = "tactiled/board"
 _CHECK = "sha256"
 Origin = Literal["pipeline", "daemon"]
 

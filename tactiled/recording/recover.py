@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
@@ -89,7 +89,7 @@ def recover(
                     if reached is not None:
                         reached(extent.share_read)
                 lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
-                copy.finish(path.name, lost_bytes)
+                copy.finish()
             if replace_original:
                 written_ns = os.fstat(stream.fileno()).st_mtime_ns
                 os.utime(out, ns=(written_ns, written_ns))
@@ -194,17 +194,12 @@ class _Copy:
                 self._channels[record.id] = self._writer.register_channel(
                     record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
                 )
-            elif isinstance(record, Metadata) and record.name != contents.METADATA:
-                self._writer.add_metadata(record.name, record.metadata)
             elif isinstance(record, Message):
                 self._message(record)
         self._writer.flush()  # type: ignore[no-untyped-call]
 
-    def finish(self, name: str, lost_bytes: int) -> None:
+    def finish(self) -> None:
         self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
-        self._writer.add_metadata(
-            f"{contents.METADATA}/recovered", {"from": name, "lost_bytes": str(lost_bytes)}
-        )
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _mark(self, damage: Damage) -> None:

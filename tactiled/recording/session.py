@@ -21,9 +21,6 @@ from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
-# Least interval of board metadata in a recording. Every metadata record stays in memory until the file is
-# finished; a board that reboots twice a second must not exhaust the memory. The raw bytes hold every hello.
-BOARD_NOTE_S = 10.0
 RETAIN_S = 60.0  # interval of checks for old recordings; filling a part of the default size takes longer
 
 
@@ -69,9 +66,6 @@ class RecordingSession:
         self._hello: Hello | None = None
         self._hello_frame = b""
         self._measured_hz = 0.0
-        self._noted: Hello | None = None
-        self._unnoted: Hello | None = None
-        self._next_note_s = float("-inf")
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
         self._rotation: Rotation | None = None
         self._retains = False
@@ -137,14 +131,10 @@ class RecordingSession:
         for output in entry.outputs:
             if isinstance(output, Hello):
                 self._board = output.board_serial
-                self._unnoted = output if _description(output) != _description(self._noted) else None
             elif isinstance(output, Event) and cause is None:
                 writer.event(output, entry.board, offset_s, "daemon")
             elif isinstance(output, Event):
                 writer.event(output, self._board, offset_s, "pipeline")
-        if self._unnoted is not None and cause is not None and now_s >= self._next_note_s:
-            writer.board(self._unnoted)
-            self._noted, self._unnoted, self._next_note_s = self._unnoted, None, now_s + BOARD_NOTE_S
 
     def _know(self, hello: Hello | None) -> None:
         """Store the hello of the board for the header of a later file."""
@@ -187,8 +177,3 @@ class RecordingSession:
         if fault and fault != self._retain_fault:
             logger.warning("old recordings cannot be removed: %s", fault)
         self._retain_fault = fault
-
-
-def _description(hello: Hello | None) -> Hello | None:
-    """Hello without the fields that change from one hello to the next."""
-    return None if hello is None else replace(hello, streaming=False, ticks=None)

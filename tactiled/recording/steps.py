@@ -130,14 +130,9 @@ def _steps(
     for item in read_items(path, extent, reached):
         if not isinstance(item, RecordedEvent):
             if cause is not None:
-                yield cause, tuple(live), is_damage(item)
+                yield cause, tuple(live), isinstance(item, Input) and item.name == "damaged"
             cause, live = item, []
         elif item.origin == "pipeline":
             live.append(item)
     if cause is not None:
         yield cause, tuple(live), True
-
-
-def is_damage(cause: Read | Input) -> bool:
-    """Return True for the mark of an unreadable stretch, which has no monotonic time."""
-    return isinstance(cause, Input) and cause.name == "damaged"

@@ -19,7 +19,6 @@ from tactiled.recording.cdr import Schema
 from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEvent
 from tactiled.recording.standard import frame_id, standard_message
 from tactiled.version import __version__
-from tactiled.wire.frames import Hello, values_of
 
 ACTIVE = ".active"
 _CHUNK_BYTES = (
@@ -91,11 +90,6 @@ class RecordingWriter:
                 metadata = {"origin": origin, "frame_id": frame_id(board)}
                 self._ids[key] = self._writer.register_channel(kind.topic, "cdr", schema_id, metadata)
             self._add(self._ids[key], event.time_s + unix_offset_s, standard.data)
-
-    def board(self, hello: Hello) -> None:
-        """Write the hello of the board as metadata."""
-        values = {name: str(value) for name, value in values_of(hello).items()}
-        self._writer.add_metadata(contents.BOARD_METADATA, values)
 
     def sync(self) -> None:
         """Close the open chunk and sync the file to disk."""

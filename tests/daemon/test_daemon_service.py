@@ -22,19 +22,15 @@ from pathlib import Path
 import pytest
 from boards import LAYOUT, PtyBoard, SimBoard
 from daemons import Daemon, play
-from mcap.reader import make_reader
 from patience import PATIENCE_S
 
 from tactiled import limited_log
 from tactiled.daemon import service as service_module
-from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import BoardRunner, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service, serve
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.received import Received
-from tactiled.recording.contents import Header, load_board
-from tactiled.recording.rotation import RecordParams
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Frame
 
@@ -96,11 +92,10 @@ def test_a_missing_port_is_reported_and_retried(tmp_path: Path) -> None:
     play(daemon, story)
 
 
-def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
+def test_a_stalling_line_is_logged_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    daemon, file = Daemon(tmp_path), tmp_path / "a.mcap"
-    header = Header(load_board("board-v1", "wang2019-3x3"))
+    daemon = Daemon(tmp_path)
 
     async def story(_: Service) -> None:
         with PtyBoard(daemon.link) as board:
@@ -112,18 +107,12 @@ def test_a_stalling_line_is_logged_once_and_its_board_is_noted_once(
                 await daemon.until_state("running")
 
     monkeypatch.setattr(limited_log, "PERIOD_S", math.inf)  # then what repeats is counted in another line
-    with (
-        caplog.at_level(logging.INFO, "tactiled"),
-        Recorder(RecordParams(min_free_mb=0), header, file) as recorder,
-    ):
-        play(daemon, story, recorder)
+    with caplog.at_level(logging.INFO, "tactiled"):
+        play(daemon, story)
     states = [state for state, _ in itertools.groupby(row["state"] for row in daemon.rows("status"))]
     assert states.count("stalled") >= 4
     assert len([line for line in caplog.messages if "stalled" in line]) == 1
     assert len([line for line in caplog.messages if "running" in line]) == 1
-    with file.open("rb") as stream:
-        notes = [note for note in make_reader(stream).iter_metadata() if note.name == "tactiled/board"]
-    assert len(notes) == 1
 
 
 def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(

@@ -10,7 +10,6 @@ from tactiled.received import Output
 from tactiled.recording.contents import Header, Item, Read, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.writer import RecordingWriter
-from tactiled.wire.frames import Hello
 
 SOURCE = load_board("board-v1", "wang2019-3x3")
 HEADER = Header(SOURCE, sync_s=0.5)
@@ -27,9 +26,7 @@ def write_step(writer: RecordingWriter, read: Read, outputs: list[Output]) -> No
     """A read and what came of it, as the service records them."""
     writer.read(read)
     for output in outputs:
-        if isinstance(output, Hello):
-            writer.board(output)
-        elif isinstance(output, Event):
+        if isinstance(output, Event):
             writer.event(output, "TS0001", read.unix_offset_s, "pipeline")
 
 

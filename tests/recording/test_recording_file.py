@@ -89,8 +89,6 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
             assert (schema.encoding, channel.message_encoding) == ("ros2msg", "cdr")
             assert message.publish_time == message.log_time
         assert next(m.name for m in reader.iter_metadata()) == "tactiled"
-        (board,) = {m.metadata["board_serial"] for m in reader.iter_metadata() if m.name == "tactiled/board"}
-        assert board
 
 
 def test_other_files_are_refused_by_name(tmp_path: Path) -> None:

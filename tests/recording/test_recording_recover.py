@@ -5,11 +5,10 @@ import os
 from pathlib import Path
 
 import pytest
-from mcap.reader import make_reader
 from recordings import HEADER, items, record, simulated_reads
 
 from tactiled.errors import DataError
-from tactiled.recording.contents import BOARD_METADATA, Item, Read
+from tactiled.recording.contents import Item, Read
 from tactiled.recording.reader import read_header
 from tactiled.recording.recover import default_name, recover
 from tactiled.recording.writer import RecordingWriter
@@ -128,18 +127,3 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
             recover(tmp_path / name)
     with pytest.raises(DataError, match="No such file"):
         recover(tmp_path / "none")
-
-
-def test_a_recovered_file_has_the_notes_of_the_board(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    record(path, simulated_reads(1.2))
-    data = path.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
-    saved = recover(tmp_path / "cut.mcap")
-    notes = []
-    for file in (path, saved.path):
-        with file.open("rb") as stream:
-            found = [m.metadata for m in make_reader(stream).iter_metadata() if m.name == BOARD_METADATA]
-        notes.append(found)
-    assert len(notes[0]) > 0
-    assert notes[1] == notes[0]

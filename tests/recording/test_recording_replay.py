@@ -21,7 +21,6 @@ from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
 from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.playback import PlaybackPace
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
@@ -297,22 +296,6 @@ def test_nothing_is_compared_after_dropped_reads(tmp_path: Path, reads: list[Rea
     assert verdict.is_good
     assert verdict.compared < 105
     assert "compared up to the place where the recorder dropped 5 reads" in verdict.words()
-
-
-def test_speed_is_that_of_the_recording_times_a_factor() -> None:
-    now_s, slept = 50.0, []
-
-    def sleep(duration_s: float) -> None:
-        nonlocal now_s
-        slept.append(duration_s)
-        now_s += duration_s
-
-    pace = PlaybackPace(2.0, sleep, lambda: now_s)
-    for time_s in (1000.0, 1001.0, 1001.0, 1004.0):
-        pace.wait(time_s)
-    assert sum(slept) == pytest.approx(2.0)
-    PlaybackPace(0.0, sleep, lambda: now_s).wait(1.0)
-    assert sum(slept) == pytest.approx(2.0)
 
 
 def test_mcap_files_of_others_are_refused(tmp_path: Path) -> None:
