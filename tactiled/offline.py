@@ -210,7 +210,7 @@ def detect_messages(
 ) -> tuple[Log, Iterator[dict[str, Any]]]:
     """Return the log of a file, and its messages, which are computed while the file is read.
 
-    Neither readings nor events are kept, whatever the length of the file (but a bag is read as a whole).
+    Neither readings nor events are kept, whatever the length of the file; but a bag or an npz is read whole.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
     `choices.grip_hz` a second become messages, and those at which the state changes; of the force events,

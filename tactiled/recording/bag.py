@@ -6,17 +6,21 @@ import os
 import struct
 from array import array
 from collections.abc import Iterator, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
+from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from tactiled.errors import DataError, OperatorError, install_command
+from tactiled.recording.chunks import FAULTS
 from tactiled.recording.reader import is_recording
 from tactiled.recording.rows import MOST_BYTES, MOST_CHANNELS
 
@@ -39,10 +43,7 @@ _DESCRIPTIONS = (
 
 # A chunk of rosbag2 has 768 KiB, one of others 1 to 4 MiB, or one message: a large picture has 50 MB.
 MOST_CHUNK_BYTES = 1 << 27
-_HEAD = struct.Struct("<BQ")
-_CHUNK = struct.Struct("<QQQII")  # first and last time, size, checksum, length of the name of the compression
-_MOST_NAME_BYTES = 16  # "zstd" and "lz4" are the names there are
-_FRAME_HEAD_BYTES = 18  # of zstd, at most (RFC 8878)
+_HEAD = struct.Struct("<BQ")  # opcode and length of a record
 _LZ4_RATIO = 255  # an LZ4 block expands by no more
 
 
@@ -83,56 +84,28 @@ def _fault(stream: BinaryIO) -> str:
             )
         if opcode == Opcode.FOOTER:
             return ""
+        if length > MOST_CHUNK_BYTES:
+            return f"has a record of {length} bytes at byte {at}; at most {MOST_CHUNK_BYTES} are read"
         if opcode == Opcode.CHUNK:
-            n_bytes = _chunk_bytes(stream, length)
+            try:
+                n_bytes = _chunk_bytes(Chunk.read(ReadDataStream(BytesIO(stream.read(length)))))
+            except FAULTS:
+                return f"has a chunk at byte {at} that cannot be read"
             if n_bytes > MOST_CHUNK_BYTES:
                 return f"has a chunk of {n_bytes} bytes at byte {at}; at most {MOST_CHUNK_BYTES} are read"
-            if n_bytes < 0:
-                return f"has a chunk at byte {at} that cannot be read"
-        elif length > MOST_CHUNK_BYTES:
-            return f"has a record of {length} bytes at byte {at}; at most {MOST_CHUNK_BYTES} are read"
         at = end
 
 
-def _chunk_bytes(stream: BinaryIO, length: int) -> int:
-    """Size that reading a chunk would allocate; -1 where its head is wrong."""
-    if length < _CHUNK.size + 8:
-        return -1
-    fields: tuple[int, ...] = _CHUNK.unpack(stream.read(_CHUNK.size))
-    declared, name_bytes = fields[2], fields[4]
-    if name_bytes > _MOST_NAME_BYTES:
-        return -1
-    compression = stream.read(name_bytes)
-    stream.read(8)  # length of the data, which end with the record
-    n_data = length - _CHUNK.size - name_bytes - 8
-    if compression == b"zstd":
-        return max(declared, n_data, _zstd_bytes(stream.read(_FRAME_HEAD_BYTES)))
-    if compression == b"lz4" and n_data <= MOST_CHUNK_BYTES < n_data * _LZ4_RATIO:
-        return max(declared, _lz4_bytes(stream.read(n_data)))
-    return max(declared, n_data)
-
-
-def _zstd_bytes(frame_head: bytes) -> int:
-    try:
-        held: int = zstandard.get_frame_parameters(frame_head).content_size
-    except zstandard.ZstdError:
-        return 0  # rosbags says so
-    return 0 if held == zstandard.CONTENTSIZE_UNKNOWN else held
-
-
-def _lz4_bytes(data: bytes) -> int:
-    """Decompress without keeping anything, up to the limit: the frame need not say its size."""
-    decompressor = lz4.frame.LZ4FrameDecompressor()
-    n_bytes = 0
-    try:
-        while not decompressor.eof and n_bytes <= MOST_CHUNK_BYTES:
-            found = len(decompressor.decompress(data, max_length=1 << 20))
-            n_bytes += found
-            if not found and decompressor.needs_input:
-                break
-            data = b""
-    except RuntimeError:
-        return 0  # rosbags says so
+def _chunk_bytes(chunk: Chunk) -> int:
+    """Size that reading a chunk would allocate, whatever it declares; above the limit, any such number."""
+    n_bytes = max(chunk.uncompressed_size, len(chunk.data))
+    if chunk.compression == "zstd":
+        held: int = zstandard.get_frame_parameters(chunk.data).content_size
+        return n_bytes if held == zstandard.CONTENTSIZE_UNKNOWN else max(n_bytes, held)
+    if chunk.compression == "lz4" and len(chunk.data) * _LZ4_RATIO > MOST_CHUNK_BYTES:
+        # The frame need not say its size.
+        held = len(lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, MOST_CHUNK_BYTES + 1))
+        return max(n_bytes, held)
     return n_bytes
 
 

@@ -43,7 +43,11 @@ MOST_CHUNK_BYTES = 1 << 23
 _MOST_RECORD_BYTES = MOST_CHUNK_BYTES + (1 << 16)  # with the head of a chunk, and data that do not compress
 # Index of half a million chunks, six days at one each second; without its index a file can be read, too.
 _MOST_SUMMARY_BYTES = 1 << 26
-_FAULTS = (McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError)
+# What the libraries raise on damaged records; RuntimeError is that of lz4.
+FAULTS = (
+    McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError,
+    RuntimeError,
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -218,7 +222,7 @@ def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapReco
             return end, []
         else:  # tactiled writes no others: the opcode of a chunk is damaged
             return None
-    except _FAULTS:
+    except FAULTS:
         return None
     return (end, records) if body.count == length else None  # otherwise the length is damaged
 
