@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tactiled.errors import ContractError
-from tactiled.wire import cobs, lines
+from tactiled.wire import cobs
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
 from tactiled.wire.framing import make_framer
 from tactiled.wire.layout import Layout, MessageFormat, tagged_packets
@@ -58,10 +58,11 @@ class Decoder:
         In the direction to the board, an intact frame of an unknown type becomes a `Command` named by its
         type, ``"0x7f"``, because the board must refuse it with its token.
         """
-        return [item if isinstance(item, Scan) else self._decoded(item) for item in self._framer.feed(data)]
-
-    def _decoded(self, item: bytes | Corrupt) -> Frame | Corrupt:
-        return self._unknown(item) if isinstance(item, Corrupt) else self._frame(item)
+        return [
+            item if isinstance(item, Scan) else self._unknown(item) if isinstance(item, Corrupt)
+            else self._frame(item)
+            for item in self._framer.feed(data)
+        ]  # fmt: skip
 
     def _unknown(self, item: Corrupt) -> Command | Corrupt:
         width, order = self.layout.type_bytes, self.layout.byte_order
@@ -183,7 +184,8 @@ class Encoder:
         if layout.file.framing.kind == "tagged":
             return tagged_packets(layout, body)
         if layout.file.framing.kind == "lines":
-            return lines.encode(layout, body) + layout.terminator
+            values = np.frombuffer(body, layout.messages["scan"].dtype["counts"].base).tolist()
+            return layout.separator.join(f"{value:.9g}" for value in values).encode() + layout.terminator
         covered = length + body if layout.covers_length else body
         guarded = body + layout.checksum.compute(covered).to_bytes(layout.checksum.n_bytes, order)
         if layout.file.framing.kind == "cobs":

@@ -19,22 +19,25 @@ any CRC-16 accepts at the place of the frame itself (2^-16 = 1.5e-5 of the frame
 surely detects).
 """
 
-import itertools
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from tactiled.compiled import compiled_module
 from tactiled.wire import cobs
-from tactiled.wire.framer import FixedCommandFramer, Framer
+from tactiled.wire.framer import (
+    FixedCommandFramer,
+    Framer,
+    LineFramer,
+    TaggedFramer,
+    TerminatorFramer,
+    begun,
+)  # fmt: skip
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
-from tactiled.wire.lines import LineFramer
-from tactiled.wire.schema import Direction
-from tactiled.wire.tagged import TaggedFramer
-from tactiled.wire.terminated import TerminatorFramer
+from tactiled.wire.schema import UNCHECKED, Direction
 
 
 class _Checker:
@@ -142,19 +145,6 @@ class CobsFramer(Framer):
         is_plain = not (layout.covers_length or layout.carries_units or layout.channel_places is not None)
         if _READER is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
             self._scans = _GoodScans(layout, crc16_start, self._limit)
-
-    def feed(self, data: bytes) -> Iterable[bytes | Scan | Corrupt]:
-        """Return what `data` completes, in order: bodies, scans that were read already, corruptions."""
-        self.bytes_in += len(data)
-        scans: list[Scan] = []
-        if self._scans is not None and not self._buffer:
-            scans, used = self._scans.take(data)
-            self.bytes_framed += used
-            if used == len(data):  # as most reads of a live board
-                return scans
-            data = data[used:]
-        self._buffer += data
-        return itertools.chain(scans, self._search())
 
     def _search(self) -> Iterator[bytes | Scan | Corrupt]:
         buffer, limit = self._buffer, self._limit
@@ -302,17 +292,13 @@ class SyncFramer(Framer):
         """Drop bytes that cannot begin a frame; return True when the buffer begins with the sync word."""
         at = self._buffer.find(self._sync)
         if at < 0:
-            at = len(self._buffer) - self._sync_begun(self._buffer)
+            at = len(self._buffer) - begun(self._buffer, self._sync)
         self.bytes_discarded += self._drop(at)
         return self._buffer.startswith(self._sync)
 
-    def _sync_begun(self, data: bytes | bytearray) -> int:
-        """Length of the longest end of `data` that may grow into the sync word."""
-        return max(k for k in range(len(self._sync)) if data.endswith(self._sync[:k]))
-
     def _lend(self, guarded: bytes) -> None:
         """Put back the end of a good frame if it may begin the next sync word."""
-        self._lent = 1 if guarded[-1:] == self._sync else self._sync_begun(guarded)
+        self._lent = 1 if guarded[-1:] == self._sync else begun(guarded, self._sync)
         self._buffer[:0] = guarded[len(guarded) - self._lent :]
 
     def _drop(self, n: int) -> int:
@@ -333,12 +319,12 @@ class SyncFramer(Framer):
 def make_framer(layout: Layout, direction: Direction) -> Framer:
     """Make the framer of a layout for one direction."""
     kind = layout.file.framing.kind
-    if direction == "host-to-board" and layout.fixed_commands:
+    if kind in UNCHECKED and direction == "host-to-board":
         return FixedCommandFramer(layout)
     if kind == "tagged":
-        return TaggedFramer(layout, direction)
-    if kind == "cobs":
-        return CobsFramer(layout, direction)
+        return TaggedFramer(layout)
     if kind == "terminator":
-        return TerminatorFramer(layout, direction)
-    return LineFramer(layout, direction) if kind == "lines" else SyncFramer(layout, direction)
+        return TerminatorFramer(layout)
+    if kind == "lines":
+        return LineFramer(layout)
+    return CobsFramer(layout, direction) if kind == "cobs" else SyncFramer(layout, direction)

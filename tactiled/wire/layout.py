@@ -49,6 +49,7 @@ class Layout:
     length_bytes: int
     sync: bytes
     terminator: bytes
+    separator: str
     checksum: Checksum
     messages: dict[str, MessageFormat]
 
@@ -222,6 +223,7 @@ def compile_layout(file: LayoutFile) -> Layout:
         length_bytes=width(file.framing.length),
         sync=bytes.fromhex(file.framing.sync_hex or ""),
         terminator=bytes.fromhex(file.framing.terminator_hex or ""),
+        separator=file.framing.separator or ",",
         checksum=CHECKSUMS[file.checksum.algorithm] if file.checksum else NO_CHECKSUM,
         messages={
             m.name: MessageFormat(

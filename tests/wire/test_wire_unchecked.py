@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.framer import TerminatorFramer
 from tactiled.wire.frames import Corrupt, Frame, Scan
 from tactiled.wire.layout import load_layout
-from tactiled.wire.terminated import TerminatorFramer
 
 MAGNETS = load_layout("magnetometers-5")
 LINES = load_layout("lines-15")
