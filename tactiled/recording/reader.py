@@ -5,18 +5,16 @@
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, TypeVar
 
-from mcap.records import Channel, McapRecord, Message, Metadata
-from mcap.records import Schema as SchemaRecord
+from mcap.records import Metadata
 
 from tactiled.errors import DataError
-from tactiled.events.types import EVENT_TYPES
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
-from tactiled.recording.chunks import Damage, Extent, chunks
+from tactiled.recording.chunks import Damage, Entry, Extent, chunks
 from tactiled.recording.contents import Header, Input, Item, Read
 
 logger = logging.getLogger(__name__)
@@ -26,60 +24,29 @@ Reached = Callable[[float], None]
 """Called with the completed fraction of the work, 0 to 1."""
 
 
-@dataclass
-class _Channels:
-    """Schemas and channels read so far, by number."""
+@lru_cache(maxsize=64)  # 16 channels of ours; a file of others may have any number
+def _schema(topic: str, encoding: str, text: bytes) -> Schema | None:
+    """Schema of our own that the messages of a channel have; None for a channel of others."""
+    name = topic.removeprefix(contents.TOPICS)
+    ours = {contents.RAW_TOPIC: contents.RAW, contents.INPUT_TOPIC: contents.INPUT}.get(topic)
+    schema = contents.SCHEMAS.get(name) if ours is None else ours
+    if schema is not None and (encoding, text.decode(errors="replace")) != ("cdr", schema.text):
+        raise DataError(f"{topic} has the schema of another tactiled version; use that version")
+    return schema
 
-    with_events: bool = True
-    schemas: dict[int, str] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    known: dict[int, Schema | None] = field(default_factory=dict)
-    """Schema of our own that the messages of a channel have; None where they are left out."""
 
-    def item(self, record: McapRecord, path: Path) -> Item | None:
-        """Decode a message; None for other records and unknown channels."""
-        if isinstance(record, Message):
-            channel = self.channels.get(record.channel_id)
-            return None if channel is None else self._decode(channel, record.data, path)
-        if isinstance(record, SchemaRecord):
-            self.schemas[record.id] = record.data.decode(errors="replace")
-            self.known.clear()
-        elif isinstance(record, Channel):
-            self.channels[record.id] = record
-            self.known.clear()
+def _item(entry: Entry, *, with_events: bool) -> Item | None:
+    """Decode a message; None where it is left out."""
+    channel, data = entry.channel, entry.message.data
+    schema = _schema(channel.topic, channel.message_encoding, entry.schema.data)
+    if schema is contents.RAW:
+        return contents.decode_read(data)
+    if schema is contents.INPUT:
+        return Input(**schema.decode(data))
+    if schema is None or not with_events:
         return None
-
-    def _decode(self, channel: Channel, data: bytes, path: Path) -> Item | None:
-        if channel.id not in self.known:
-            self.known[channel.id] = self._schema(channel, path)
-        schema = self.known[channel.id]
-        if schema is None:
-            return None
-        try:
-            if schema is contents.RAW:
-                return contents.decode_read(data)
-            if schema is contents.INPUT:
-                return Input(**schema.decode(data))
-            topic = channel.topic.removeprefix(contents.TOPICS)
-            return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
-        except DataError as error:
-            raise DataError(f"{path}: {error}") from None
-
-    def _schema(self, channel: Channel, path: Path) -> Schema | None:
-        topic = channel.topic.removeprefix(contents.TOPICS)
-        if channel.topic == contents.RAW_TOPIC:
-            schema = contents.RAW
-        elif channel.topic == contents.INPUT_TOPIC:
-            schema = contents.INPUT
-        elif topic in EVENT_TYPES:
-            schema = contents.SCHEMAS[topic]
-        else:
-            return None
-        if channel.message_encoding != "cdr" or self.schemas.get(channel.schema_id) != schema.text:
-            raise DataError(
-                f"{path}: {channel.topic} has the schema of another tactiled version; use that version"
-            )
-        return schema if self.with_events or schema in (contents.RAW, contents.INPUT) else None
+    topic = channel.topic.removeprefix(contents.TOPICS)
+    return contents.decode_event(topic, data, channel.metadata.get("origin") or "daemon")  # type: ignore[arg-type]
 
 
 def read_header(path: Path) -> Header:
@@ -91,14 +58,11 @@ def read_header(path: Path) -> Header:
         It cannot be read, or is not a tactiled recording.
     """
     fault = ""
-    with open_recording(path) as stream:
-        for found in chunks(stream, Extent()):
-            for record in found if isinstance(found, list) else ():
-                if isinstance(record, Metadata) and record.name == contents.METADATA:
-                    try:
-                        return Header.from_metadata(record.metadata)
-                    except (KeyError, ValueError) as error:  # damaged: a finished file has a copy
-                        fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
+    for metadata in _descriptions(path):
+        try:
+            return Header.from_metadata(metadata)
+        except (KeyError, ValueError) as error:  # damaged: a finished file has a copy
+            fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
     if fault:
         raise DataError(
             f"{path}: a recording of another tactiled version, which this one cannot read ({fault})"
@@ -114,12 +78,14 @@ def is_recording(path: Path) -> bool:
     DataError
         It cannot be opened.
     """
+    return any(True for _ in _descriptions(path))
+
+
+def _descriptions(path: Path) -> Iterator[dict[str, str]]:
     with open_recording(path) as stream:
-        return any(
-            isinstance(record, Metadata) and record.name == contents.METADATA
-            for found in chunks(stream, Extent())
-            for record in (found if isinstance(found, list) else ())
-        )
+        for found in chunks(stream, Extent()):
+            if isinstance(found, Metadata) and found.name == contents.METADATA:
+                yield found.metadata
 
 
 def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
@@ -151,13 +117,12 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
     DataError
         It cannot be read.
     """
-    extent = Extent() if extent is None else extent
-    return _read(path, extent, reached, _Channels())
+    return _read(path, extent or Extent(), reached, with_events=True)
 
 
 def read_inputs(path: Path, reached: Reached | None = None) -> Iterator[Read | Input]:
     """Yield what `read_items` does, without the events, which take most of the time of reading."""
-    for item in _read(path, Extent(), reached, _Channels(with_events=False)):
+    for item in _read(path, Extent(), reached, with_events=False):
         if isinstance(item, Read | Input):
             yield item
 
@@ -189,17 +154,21 @@ def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterat
             yield [item]
 
 
-def _read(path: Path, extent: Extent, reached: Reached | None, known: _Channels) -> Iterator[Item]:
+def _read(path: Path, extent: Extent, reached: Reached | None, *, with_events: bool) -> Iterator[Item]:
     with open_recording(path) as stream:
         for found in chunks(stream, extent):
             if reached is not None:
                 reached(extent.share_read)
             if isinstance(found, Damage):
                 yield found.mark()
-                continue
-            for record in found:
-                if (item := known.item(record, path)) is not None:
-                    yield item
+            elif isinstance(found, list):
+                for entry in found:
+                    try:
+                        item = _item(entry, with_events=with_events)
+                    except DataError as error:
+                        raise DataError(f"{path}: {error}") from None
+                    if item is not None:
+                        yield item
     if not extent.is_whole:
         logger.warning("%s: %s", path, extent.words())
 

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, McapRecord, Message, Schema
+from mcap.records import Channel, Message, Metadata
+from mcap.records import Schema as SchemaRecord
 from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.chunks import Damage, Extent, chunks
+from tactiled.recording.chunks import Damage, Entry, Extent, chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
 from tactiled.recording.reader import Reached, open_recording, read_header
@@ -28,26 +29,27 @@ class RecoveryResult:
 
     path: Path  # the finished file
     messages: int
-    # first_unix_s, last_unix_s: epoch times of the saved messages; 0.0 where there are none
-    first_unix_s: float
-    last_unix_s: float
-    lost_bytes: int  # bytes of the file after its last whole chunk
-    lost_s: float  # time covered by the incomplete chunk at the end; -1.0 where unknown
-    is_complete: bool  # the end of the data was there: nothing is missing at the end
-    damaged: str  # description of what is missing before the end; empty where nothing is
+    duration_s: float  # from the first to the last saved message
+    extent: Extent  # what could be read of the original
     sync_s: float  # longest time of data that the recorder had not yet synced to disk
+
+    @property
+    def lost_bytes(self) -> int:
+        """Bytes of the original after its last whole chunk."""
+        return 0 if self.extent.is_complete else self.extent.size_bytes - self.extent.good_bytes
 
     def words(self) -> str:
         """Describe the outcome for the user."""
-        span = f"{self.messages} messages over {self.last_unix_s - self.first_unix_s:.2f} s"
-        if self.damaged:
-            span += f"; in the original {self.damaged} (replay reports where)"
-        if self.is_complete:
-            end = "the end is complete" if self.damaged else "nothing is missing"
-            return f"{self.path}: {span}; {end}"
+        span = f"{self.messages} messages over {self.duration_s:.2f} s"
+        damaged = replace(self.extent, is_complete=True).words()
+        if damaged:
+            span += f"; in the original {damaged} (replay reports where)"
+        if self.extent.is_complete:
+            return f"{self.path}: {span}; {'the end is complete' if damaged else 'nothing is missing'}"
         torn = f"an incomplete chunk of {self.lost_bytes} bytes" if self.lost_bytes else "no incomplete chunk"
-        if self.lost_s >= 0:
-            torn += f" ({self.lost_s:.2f} s)"
+        if self.extent.torn_s is not None:
+            first_s, last_s = self.extent.torn_s
+            torn += f" ({last_s - first_s:.2f} s)"
         return (
             f"{self.path}: {span}; missing: {torn}, and all later data. A recorder that was killed loses up "
             f"to {self.sync_s:g} s; of a truncated file the original length is unknown"
@@ -61,12 +63,8 @@ def recover(
 
     Parameters
     ----------
-    path : Path
-        A ``.active`` file, or a recording cut anywhere.
     out : Path, optional
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
-    reached : callable, optional
-        Called with the completed fraction, 0 to 1.
     replace_original : bool
         Remove the original once the new file is on disk, and copy its modification time to the new file.
 
@@ -88,7 +86,6 @@ def recover(
                     copy.take(found)
                     if reached is not None:
                         reached(extent.share_read)
-                lost_bytes = 0 if extent.is_complete else extent.size_bytes - extent.good_bytes
                 copy.finish()
             if replace_original:
                 written_ns = os.fstat(stream.fileno()).st_mtime_ns
@@ -96,34 +93,23 @@ def recover(
                 path.unlink()
         except OSError as error:
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    torn_s = extent.torn_s
-    return RecoveryResult(
-        path=out,
-        messages=copy.messages,
-        first_unix_s=copy.first_ns / 1e9,
-        last_unix_s=copy.last_ns / 1e9,
-        lost_bytes=lost_bytes,
-        lost_s=torn_s[1] - torn_s[0] if torn_s else -1.0,
-        is_complete=extent.is_complete,
-        damaged=replace(extent, is_complete=True).words(),
-        sync_s=header.sync_s,
-    )
+    return RecoveryResult(out, copy.messages, (copy.last_ns - copy.first_ns) / 1e9, extent, header.sync_s)
 
 
 def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tuple[bool, str]]:
     """Recover the unfinished recordings of earlier runs one by one, replacing the originals.
 
+    Files with other names than the daemon's are left alone.
+
     Parameters
     ----------
-    directory : Path
-        Record directory; files with other names than the daemon's are left alone.
     min_free_mb : float
         A file is skipped where its copy would leave less free space than this on the disk (10^6 bytes).
 
     Yields
     ------
-    words : str
-        Description of what was recovered, or why it was not.
+    is_recovered, words : bool, str
+        Of each file: what was recovered, or why it was not.
 
     Raises
     ------
@@ -171,32 +157,23 @@ def _claim(stream: BinaryIO, path: Path, *, must_lock: bool) -> None:
 
 
 class _Copy:
-    """Copy of records into a new file, chunk by chunk."""
+    """Copy of messages into a new file, chunk by chunk."""
 
     def __init__(self, stream: BinaryIO, header: Header) -> None:
         self._header = header
         self.messages = self.first_ns = self.last_ns = 0
-        self._schemas: dict[int, int] = {0: 0}
-        self._channels: dict[int, int] = {}
+        self._channels: dict[str, int] = {}  # in the new file, by topic and origin
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"tactiled {__version__} recover")
         self._writer.add_metadata(contents.METADATA, header.to_metadata())
 
-    def take(self, found: list[McapRecord] | Damage) -> None:
+    def take(self, found: list[Entry] | Metadata | Damage) -> None:
         if isinstance(found, Damage):
             self._mark(found)
-            return
-        for record in found:
-            if isinstance(record, Schema) and record.id not in self._schemas:
-                number = self._writer.register_schema(record.name, record.encoding, record.data)
-                self._schemas[record.id] = number
-            elif isinstance(record, Channel) and record.id not in self._channels:
-                self._channels[record.id] = self._writer.register_channel(
-                    record.topic, record.message_encoding, self._schemas[record.schema_id], record.metadata
-                )
-            elif isinstance(record, Message):
-                self._message(record)
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        elif isinstance(found, list):
+            for entry in found:
+                self._add(entry)
+            self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
         self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
@@ -204,23 +181,29 @@ class _Copy:
 
     def _mark(self, damage: Damage) -> None:
         """Mark in the new file where data is missing."""
-        schema = contents.INPUT
-        number = self._writer.register_schema(schema.name, "ros2msg", schema.text.encode())
-        channel = self._writer.register_channel(contents.INPUT_TOPIC, "cdr", number, {"origin": "pipeline"})
-        mark, stamp_ns = damage.mark(), int(damage.first_unix_s * 1e9)
-        self._writer.add_message(channel, stamp_ns, schema.encode(vars(mark)), stamp_ns)
+        schema = SchemaRecord(0, contents.INPUT.text.encode(), "ros2msg", contents.INPUT.name)
+        channel = Channel(0, contents.INPUT_TOPIC, "cdr", {"origin": "pipeline"}, 0)
+        stamp_ns = int(damage.first_unix_s * 1e9)
+        data = contents.INPUT.encode(vars(damage.mark()))
+        self._write(schema, channel, Message(0, stamp_ns, data, stamp_ns, 0))
 
-    def _message(self, record: Message) -> None:
-        self._writer.add_message(
-            self._channels[record.channel_id],
-            record.log_time,
-            record.data,
-            record.publish_time,
-            record.sequence,
-        )
-        self.first_ns = min(self.first_ns, record.log_time) if self.messages else record.log_time
-        self.last_ns = max(self.last_ns, record.log_time)
+    def _add(self, entry: Entry) -> None:
+        self._write(*entry)
+        log_ns = entry.message.log_time
+        self.first_ns = min(self.first_ns, log_ns) if self.messages else log_ns
+        self.last_ns = max(self.last_ns, log_ns)
         self.messages += 1
+
+    def _write(self, schema: SchemaRecord, channel: Channel, message: Message) -> None:
+        key = f"{channel.topic} {channel.metadata.get('origin')}"
+        if key not in self._channels:
+            schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
+            self._channels[key] = self._writer.register_channel(
+                channel.topic, channel.message_encoding, schema_id, channel.metadata
+            )
+        self._writer.add_message(
+            self._channels[key], message.log_time, message.data, message.publish_time, message.sequence
+        )
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -93,12 +94,13 @@ def test_the_report_names_what_is_missing(tmp_path: Path) -> None:
     saved = recover(cut)
     assert saved.path == tmp_path / "cut.recovered.mcap"
     assert saved.lost_bytes == 200
-    assert saved.lost_s == pytest.approx(0.5, abs=0.1)  # 50 reads at 100 Hz were in the torn chunk
     words = saved.words()
-    assert f"missing: an incomplete chunk of 200 bytes ({saved.lost_s:.2f} s)" in words
+    assert re.search(
+        r"missing: an incomplete chunk of 200 bytes \(0\.[45]\d s\)", words
+    )  # 50 reads at 100 Hz
     assert "up to 0.5 s;" in words
     complete = recover(path, tmp_path / "again.mcap")
-    assert complete.is_complete
+    assert complete.extent.is_complete
     assert "nothing is missing" in complete.words()
     assert items(tmp_path / "again.mcap") == items(path)
     assert read_header(tmp_path / "again.mcap") == read_header(path)
