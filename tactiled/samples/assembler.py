@@ -1,6 +1,5 @@
 """Scan frames to runs of timed scans and gaps: counting and timing."""
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,16 +9,15 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.errors import ContractError
-from tactiled.samples.block import Conversion, Gap, GapCause, ScanBlock, ScanRun, TimedScan
+from tactiled.samples.block import Conversion, Gap, GapCause, ScanRun, TimedScan
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
 from tactiled.samples.unwrap import ScanCounter
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout
 
-NO_CLOCK_SD_S = (
-    1e9  # standard deviation before the first scan: thirty years, because messages carry no infinity
-)
+# Standard deviation before the first scan: thirty years, because messages carry no infinity.
+NO_CLOCK_SD_S = 1e9
 
 
 class SampleParams(Params):
@@ -37,16 +35,14 @@ class SampleParams(Params):
     clock: ClockParams = ClockParams()
 
 
-@dataclass(frozen=True)
+@dataclass
 class SampleCounts:
     """Counts of scans by what became of them."""
 
     scans: int = 0
     missing: int = 0
-    overrun: int = 0
-    """Part of `missing`: not taken by the board, according to the flag ``overrun`` of the next scan."""
-    dropped: int = 0
-    """Part of `missing`: explained by no damaged byte, interruption or flag."""
+    overrun: int = 0  # of `missing`: not taken by the board, by the flag ``overrun`` of the next scan
+    dropped: int = 0  # of `missing`: explained by no damaged byte, interruption or flag
     duplicate: int = 0
     restarts: int = 0
 
@@ -117,8 +113,7 @@ class Assembler:
         self._hello: Hello | None = None
         self._handover_s: float | None = None
         self._index = -1
-        self._n_scans = 0
-        self._counts = Counter[str]()  # all others of `SampleCounts`
+        self.counts = SampleCounts()
         self._scans: list[TimedScan] = []  # of a run that is not closed
         self._out: list[ScanRun | Gap] = []
         self._n_corrupt = 0
@@ -140,11 +135,6 @@ class Assembler:
             self._layout.bits("scan", "ticks"),
             self._layout.tick_s,
         )
-
-    @property
-    def counts(self) -> SampleCounts:
-        """Counts of scans since the last reset."""
-        return SampleCounts(self._n_scans, **self._counts)
 
     @property
     def rate_hz(self) -> float:
@@ -175,7 +165,7 @@ class Assembler:
         restart_seen, self._restart_seen = self._restart_seen, False
         if old is not None and replace(hello, streaming=old.streaming, ticks=old.ticks) == old:
             if hello.ticks is not None and not self._counter.runs_on(hello.ticks, now_s):
-                self._count(restarts=1)
+                self.counts.restarts += 1
                 self._new_run("restart")
             return
         self._close_run()  # its scans are those of the board as it was
@@ -194,7 +184,7 @@ class Assembler:
             same_board = hello.board_serial == old.board_serial
             same_run = same_board and hello.boot_count == old.boot_count
             # A restart that scans have shown before this hello is counted already.
-            self._count(restarts=same_board and not same_run and not restart_seen)
+            self.counts.restarts += same_board and not same_run and not restart_seen
             self._new_run("rate" if same_run else "restart")
         self._fit = ClockFit(self._clock, self._frame_s + float(conversion.channel_offset_s.max()))
         self.adapter(self._handover_s)
@@ -283,7 +273,7 @@ class Assembler:
         late_after_s = self._params.late_after_s
         is_late = self._counter.waited_s > late_after_s
         if not self._is_confirmed and is_late and self._fit.is_behind(board_s, earliest_s - late_after_s):
-            self._count(restarts=1)
+            self.counts.restarts += 1
             self._new_run("restart")
             return
         self._is_confirmed = True
@@ -307,12 +297,12 @@ class Assembler:
         else:
             step = counter.follow(now_s, hello.rate_hz)
         if step.kind == "restart":
-            self._count(restarts=1)
+            self.counts.restarts += 1
             self._restart_seen = True
             self._new_run("restart")
             step = counter.step(scan.sequence, scan.ticks, now_s, hello.rate_hz)
         if step.kind == "duplicate":
-            self._count(duplicate=1)
+            self.counts.duplicate += 1
             self.other("scan")
             return False
         self._place(step.n_scans, overrun=bool(scan.flags & self._overrun_flag))
@@ -332,7 +322,7 @@ class Assembler:
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
         self._scans.append(TimedScan(scan, self._index, time_s, sd_s, self._live and not fresh))
-        self._n_scans += 1
+        self.counts.scans += 1
         return True
 
     def take(self) -> list[ScanRun | Gap]:
@@ -340,10 +330,6 @@ class Assembler:
         self._close_run()
         out, self._out = self._out, []
         return out
-
-    def flush(self) -> list[ScanBlock | Gap]:
-        """Return what `take` does, with runs as blocks."""
-        return [item if isinstance(item, Gap) else item.block() for item in self.take()]
 
     def _place(self, n_scans: int, *, overrun: bool) -> None:
         """Number the scan, and put a gap before it if scans are missing.
@@ -361,14 +347,12 @@ class Assembler:
             self._close_run()
             self._out.append(Gap(n_missing, cause, self._index + n_scans))
         self._index += n_scans
-        n_overrun = n_dropped = 0
+        self.counts.missing += n_missing
         if overrun:
             n_hidden = n_missing if self._pending_gap else self._n_corrupt
-            n_overrun = max(n_missing - n_hidden, min(n_missing, 1))
+            self.counts.overrun += max(n_missing - n_hidden, min(n_missing, 1))
         elif cause == "missing":
-            n_dropped = n_missing
-        if n_missing:
-            self._count(missing=n_missing, overrun=n_overrun, dropped=n_dropped)
+            self.counts.dropped += n_missing
         self._pending_gap = None
         self._n_corrupt = 0
 
@@ -376,6 +360,3 @@ class Assembler:
         if self._scans:
             self._out.append(ScanRun(self._scans, self._conversion))
             self._scans = []
-
-    def _count(self, **more: int) -> None:
-        self._counts.update(more)

@@ -58,7 +58,8 @@ class Bucket:
         self._slot = -1
         self._n = 0
         self._n_at_band = 0
-        self._newest_s = 0.0
+        self.newest_s = 0.0
+        """Host time of the newest arrival, seconds since the origin."""
         self._earliest = (math.inf, 0.0)  # delay_s, board_s
         self._answer: tuple[float, float] | None = None  # largest lower bound from a ping, board_s
         self._band: Band | None = None
@@ -68,11 +69,6 @@ class Bucket:
     def __len__(self) -> int:
         """Number of arrivals added."""
         return self._n
-
-    @property
-    def n_kept(self) -> int:
-        """Number of arrivals kept, at most `SLOTS`."""
-        return len(self._kept)
 
     def is_answered(self, wait_before_s: float) -> bool:
         """Return True where an answer to a ping bounds the delay as closely as the wait between two reads."""
@@ -85,15 +81,10 @@ class Bucket:
         """True where a ping was answered in this bucket."""
         return self._answer is not None
 
-    @property
-    def newest_s(self) -> float:
-        """Host time of the newest arrival, seconds since the origin."""
-        return self._newest_s
-
     def add(self, arrival: FrameArrival, latest_delay_s: float) -> None:
         """Add an arrival; `latest_delay_s` is an upper bound of its delay, at most `arrival.delay_s`."""
         self._n += 1
-        self._newest_s = arrival.board_s + arrival.delay_s
+        self.newest_s = arrival.board_s + arrival.delay_s
         if latest_delay_s < self._earliest[0]:
             self._earliest = (latest_delay_s, arrival.board_s)
         slot = int((arrival.board_s / self._width_s - self.number) * SLOTS)

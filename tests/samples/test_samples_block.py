@@ -27,6 +27,7 @@ BLOCK = regular_block(np.zeros((5, 36)), 100.0)
         {"channel_offset_s": np.zeros(0)},
         {"valid": np.ones((5, 36), dtype=np.int64)},
         {"late": np.zeros(4, dtype=np.bool_)},
+        {"index": BLOCK.index * 2},  # it straddles gaps
     ],
 )
 def test_a_block_whose_parts_do_not_fit_is_refused(change: dict[str, Any]) -> None:

@@ -56,7 +56,7 @@ def costs(rate_hz: float, bunch_s: float) -> tuple[list[int], int]:
         fit.add(Counted(board_s), Counted(arrival_s), Counted(waited_s), whole=not bunch_s)
         fit.time_of(Counted(board_s))
         found.append(Counted.n)
-        kept = max(kept, fit._bucket.n_kept)  # noqa: SLF001  the bound on memory
+        kept = max(kept, len(fit._bucket._kept))  # noqa: SLF001  the bound on memory
         last_s = arrival_s
     return found, kept
 
