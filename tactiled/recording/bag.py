@@ -117,10 +117,10 @@ def is_bag(path: Path) -> bool:
 
 
 def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tuple[FloatArray, FloatArray]:
-    """Read the times and readings of one topic of a bag.
+    """Read the times (n,) in seconds and the readings (n, channels) of one topic of a bag.
 
     Times are the stamps in the headers of the messages where these grow from message to message, otherwise
-    the times at which the messages were recorded.
+    the times at which the messages were recorded; where no times grow, `rate_hz` spaces the messages.
 
     Parameters
     ----------
@@ -130,13 +130,6 @@ def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tup
         ``/name``, or ``/name.field`` for a message with several arrays; ``.`` between fields of fields. The
         numbers of a field, those of fields within it included, are the channels. None for the only topic
         with an array of numbers.
-    rate_hz : float, optional
-        Spaces the messages where no times grow.
-
-    Returns
-    -------
-    time_s : (n,) float64
-    readings : (n, channels) float64
 
     Raises
     ------

@@ -45,18 +45,18 @@ def read_table(
     columns: Sequence[str] = (),
     time_unit: TimeUnit | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Read the times and readings of a log.
+    """Read the times (n,) in seconds and the readings (n, channels) of a log.
+
+    ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
+    semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any reading
+    a missing scan. Without a column of times, `rate_hz` spaces the rows.
+    ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
+    ``valid`` of the shape of ``volts`` is True for valid readings.
+    ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants is
+    the time whatever its name.
 
     Parameters
     ----------
-    path : Path
-        ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
-        semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any
-        reading a missing scan. Without a column of times, `rate_hz` spaces the rows.
-        ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name;
-        optional ``valid`` of the shape of ``volts`` is True for valid readings.
-        ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants
-        is the time whatever its name.
     rate_hz : float, optional
         Rate that the user gives. Without it, a log slower than 10 Hz is refused: its times may not be in
         seconds.
@@ -64,13 +64,7 @@ def read_table(
         Names of the columns of a CSV or Parquet file in channel order, ``*`` for several; all but the time if
         left out.
     time_unit : str, optional
-        Unit of the times: s, ms, us or ns; their column or array may then be called ``time``, ``t`` or
-        ``timestamp``.
-
-    Returns
-    -------
-    time_s : (n,) float64
-    volts : (n, channels) float64
+        Unit of the times; their column or array may then be called ``time``, ``t`` or ``timestamp``.
 
     Raises
     ------
@@ -114,12 +108,10 @@ class TableStream:
         self._last_s = -np.inf
         self._rest = self._scans()
         self._ahead = self._read_ahead()
-        if _n_rows(self._ahead) < 2 <= self._n_rows:  # a log without any scan stays as it is
-            self._n_rows, self._last_s = 0, -np.inf
-            self._rest = self._rows()
-            self._ahead = self._read_ahead()
         if (n := _n_rows(self._ahead)) < 2:
-            raise DataError(f"{path}: {n} scans; at least two are needed to compute the rate")
+            raise DataError(
+                f"{path}: {n} scans (rows with a reading); at least two are needed to compute the rate"
+            )
         self.n_channels = self._ahead[0][1].shape[1]
         time_s, readings = (np.concatenate(part) for part in list(zip(*self._ahead, strict=True))[:2])
         self.spacing = spacing_of(time_s, readings)
@@ -145,14 +137,10 @@ class TableStream:
         return batches
 
     def _scans(self) -> Iterator[Checked]:
-        """Yield the rows that have a reading: the others are missing scans, which detectors bridge."""
-        for time_s, volts, share in self._rows():
-            is_scan = np.isfinite(volts).any(axis=1)
-            if is_scan.any():
-                yield (time_s, volts, share) if is_scan.all() else (time_s[is_scan], volts[is_scan], share)
+        """Yield the rows that have a reading, with times in seconds and NaN for what is no number.
 
-    def _rows(self) -> Iterator[Checked]:
-        """Yield all rows, with times in seconds and NaN for what is no number."""
+        The other rows are missing scans, which detectors bridge.
+        """
         path, options = self._path, self._options
         unit_s = SECONDS[options.time_unit or "s"]
         for stamps, volts, share in rows_of(path, options):
@@ -173,7 +161,9 @@ class TableStream:
                     f"{path}: time_s does not grow at row {first + at + 1} ({before_s} to {time_s[at]})"
                 )
             self._n_rows, self._last_s = first + n, float(time_s[-1])
-            yield time_s, np.where(np.isfinite(volts), volts, np.nan), share
+            is_number = np.isfinite(volts)
+            if (is_scan := is_number.any(axis=1)).any():
+                yield time_s[is_scan], np.where(is_number, volts, np.nan)[is_scan], share
 
 
 def _n_rows(batches: Sequence[Checked]) -> int:

@@ -40,7 +40,8 @@ class ScanCounter:
     def __init__(self, sequence_bits: int, tick_bits: int | None, tick_s: float | None) -> None:
         self._modulus = 1 << sequence_bits
         self._tick_modulus = 1 << tick_bits if tick_bits else 0
-        self._tick_s = tick_s or 0.0
+        self.tick_s = tick_s or 0.0
+        """Seconds of one tick; 0 where scans carry no ticks."""
         self.reset()
 
     def reset(self) -> None:
@@ -70,11 +71,6 @@ class ScanCounter:
         slack_s = self.SLACK_S + self.SLACK_PART * (host_s + self.waited_s)
         return -slack_s <= ahead_s <= self.waited_s + slack_s
 
-    @property
-    def tick_s(self) -> float:
-        """Seconds of one tick; 0 where scans carry no ticks."""
-        return self._tick_s
-
     def board_s_at(self, ticks: int, now_s: float) -> float | None:
         """Return the board time of ticks that were read between scans; None where they fit no known run."""
         if self._ticks is None or not self.runs_on(ticks, now_s):
@@ -83,8 +79,8 @@ class ScanCounter:
 
     def _elapsed(self, ticks: int, host_s: float) -> float:
         """Board seconds since the last scan: the value of the wrapped ticks that is nearest to host time."""
-        turned = _nearest(ticks - (self._ticks or 0), host_s / self._tick_s, self._tick_modulus)
-        return turned * self._tick_s
+        turned = _nearest(ticks - (self._ticks or 0), host_s / self.tick_s, self._tick_modulus)
+        return turned * self.tick_s
 
     def step(self, sequence: int, ticks: int | None, arrival_s: float, rate_hz: float) -> CounterStep:
         """Take the next scan, and return how it follows; duplicates and restarts do not change the state."""

@@ -102,13 +102,15 @@ class _ScanReader:
     def __init__(self, layout: Layout) -> None:
         fields: Mapping[str, Any] = layout.messages["scan"].dtype.fields or {}
         sign = "<" if layout.byte_order == "little" else ">"
-        form = {name: struct.Struct(sign + field[0].base.char) for name, field in fields.items()}
-        at = {name: field[1] + layout.type_bytes for name, field in fields.items()}
-        self._sequence = (form["sequence"].unpack_from, at["sequence"]) if "sequence" in fields else None
-        self._ticks = (form["ticks"].unpack_from, at["ticks"]) if "ticks" in fields else None
-        self._flags = (form["flags"].unpack_from, at["flags"]) if "flags" in fields else None
-        counts = fields["counts"][0]
-        self._counts, self._n_counts, self._counts_at = counts.base, math.prod(counts.shape), at["counts"]
+        self._heads = [
+            (struct.Struct(sign + fields[name][0].base.char).unpack_from, fields[name][1] + layout.type_bytes)
+            if name in fields
+            else None
+            for name in ("sequence", "ticks", "flags")
+        ]
+        counts, at = fields["counts"][:2]
+        self._counts, self._n_counts = counts.base, math.prod(counts.shape)
+        self._counts_at = at + layout.type_bytes
         self._is_float = layout.carries_units
         self._places = layout.channel_places
 
@@ -117,12 +119,9 @@ class _ScanReader:
         counts = np.frombuffer(body, self._counts, self._n_counts, self._counts_at)
         if self._places is not None:
             counts = counts[self._places]
-        return Scan(
-            sequence=0 if self._sequence is None else int(self._sequence[0](body, self._sequence[1])[0]),
-            counts=counts.astype(np.float64) if self._is_float else counts.astype(np.int64),
-            ticks=None if self._ticks is None else int(self._ticks[0](body, self._ticks[1])[0]),
-            flags=0 if self._flags is None else int(self._flags[0](body, self._flags[1])[0]),
-        )
+        sequence, ticks, flags = [head and head[0](body, head[1])[0] for head in self._heads]
+        numbers = counts.astype(np.float64) if self._is_float else counts.astype(np.int64)
+        return Scan(sequence or 0, numbers, ticks, flags or 0)
 
 
 class Encoder:
@@ -194,13 +193,7 @@ class Encoder:
 
 
 def _from_wire(value: Any, per_unit: int, name: str) -> Any:
-    """Value of a field in its unit.
-
-    Raises
-    ------
-    ValueError
-        A text is not printable ASCII.
-    """
+    """Value of a field in its unit; ValueError where a text is not printable ASCII."""
     if isinstance(value, bytes):
         text = value.decode("ascii")
         if not text.isprintable():
@@ -208,9 +201,7 @@ def _from_wire(value: Any, per_unit: int, name: str) -> Any:
         return text
     if isinstance(value, np.ndarray):
         return tuple(float(v) / per_unit for v in value)
-    if name in IN_UNITS:
-        return float(value) / per_unit
-    return int(value)
+    return float(value) / per_unit if name in IN_UNITS else int(value)
 
 
 def _credible(hello: Hello) -> bool:

@@ -223,7 +223,7 @@ def compile_layout(file: LayoutFile) -> Layout:
         length_bytes=width(file.framing.length),
         sync=bytes.fromhex(file.framing.sync_hex or ""),
         terminator=bytes.fromhex(file.framing.terminator_hex or ""),
-        separator=file.framing.separator or ",",
+        separator=file.framing.separator or "",
         checksum=CHECKSUMS[file.checksum.algorithm] if file.checksum else NO_CHECKSUM,
         messages={
             m.name: MessageFormat(

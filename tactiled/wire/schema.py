@@ -34,7 +34,18 @@ _MAY: dict[str, set[str]] = {
 }  # fmt: skip
 _PER_CHANNEL = {"counts", "channel_offset_s"}
 UNCHECKED = ("terminator", "lines", "tagged")  # kinds of framing without a checksum
-_TERMINATED = ("terminator", "lines")
+# Kinds of framing that each key belongs to, and keys that these cannot do without.
+_FRAMING_KEYS = {
+    "message_type": ("cobs", "sync-length"),
+    "sync_hex": ("sync-length", "tagged"),
+    "length": ("sync-length", "tagged"),
+    "skipped": ("tagged",),
+    "tag_mask": ("tagged",),
+    "most_bytes": ("tagged",),
+    "terminator_hex": ("terminator", "lines"),
+    "separator": ("lines",),
+}
+_FRAMING_MUST = ("sync_hex", "length", "terminator_hex", "separator")
 _FIXED = ("start", "stop")  # commands that a board may obey without an answer
 # Bytes of a number in a line with its separator: sign, six digits, point. Only times on the line use it.
 _TYPICAL_NUMBER = 9
@@ -155,26 +166,18 @@ class Framing(Params):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        has_sync = (self.sync_hex is not None, self.length is not None)
-        if has_sync != ((self.kind in ("sync-length", "tagged")),) * 2:
-            raise ValueError(
-                "sync_hex and length belong to kind = 'sync-length' and kind = 'tagged', both of them"
-            )
-        for name in ("skipped", "tag_mask", "most_bytes"):
-            if self.kind != "tagged" and getattr(self, name) != type(self).model_fields[name].default:
-                raise ValueError(f"{name} belongs to kind = 'tagged'")
+        for key, kinds in _FRAMING_KEYS.items():
+            is_given = getattr(self, key) != type(self).model_fields[key].default
+            if is_given and self.kind not in kinds:
+                raise ValueError(f"{key} belongs to kind = {' or '.join(map(repr, kinds))}")
+            if not is_given and self.kind in kinds and key in _FRAMING_MUST:
+                raise ValueError(f"{key}: missing, with kind = '{self.kind}'")
         if self.kind == "tagged" and self.length == "u32":
             raise ValueError("length: u8 or u16 with kind = 'tagged'")
         if self.kind == "tagged" and self.length == "u16" and self.most_bytes is None:
             raise ValueError(
                 "most_bytes: missing, with length = 'u16'; a damaged length could stop all scans"
             )
-        if (self.terminator_hex is not None) != (self.kind in _TERMINATED):
-            raise ValueError("terminator_hex belongs to kind = 'terminator' and kind = 'lines'")
-        if (self.separator is not None) != (self.kind == "lines"):
-            raise ValueError("separator belongs to kind = 'lines'")
-        if self.kind in UNCHECKED and self.message_type is not None:
-            raise ValueError(f"kind = '{self.kind}' has no message_type: all frames are scans")
         return self
 
 

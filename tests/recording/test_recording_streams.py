@@ -255,14 +255,6 @@ def test_a_line_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.Monke
         read_table(tmp_path / "log.csv")
 
 
-def test_a_log_without_any_reading_stays_as_it_is(tmp_path: Path) -> None:
-    time_s = np.arange(20, dtype=np.float64) / 100
-    path = write(tmp_path / "log.npz", time_s, np.full((20, 3), np.nan))
-    got_s, got = read_table(path)
-    assert np.array_equal(got_s, time_s)
-    assert np.isnan(got).all()
-
-
 def test_columns_first_is_read_too(tmp_path: Path) -> None:
     time_s, volts = pressed(50)
     np.savez(tmp_path / "log.npz", time_s=time_s, volts=np.asfortranarray(volts))

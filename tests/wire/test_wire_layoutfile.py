@@ -67,7 +67,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put("protocol_version", value=256), "protocol_version: "),
     (V1, drop("framing"), "framing: missing"),
     (V1, put("framing", "kind", value="slip"), "framing.kind: "),
-    (V1, put("framing", "sync_hex", value="A55A"), "framing: sync_hex and length belong"),
+    (V1, put("framing", "sync_hex", value="A55A"), "framing: sync_hex belongs to kind = 'sync-length' or"),
     (V1, drop("framing", "message_type"), "messages[0].id: 1 does not fit framing.message_type"),
     (V1, put("checksum", "algorithm", value="crc-16"), "checksum.algorithm: no such checksum; known: crc"),
     (V1, put("checksum", "algorithm", value=16), "checksum.algorithm: no such checksum"),
@@ -106,7 +106,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put("results", "busy", value="soon"), "results.busy: "),
     (V1, put("flags", "overrun", value=16), "flags.overrun: the scan's flags have no bit 16"),
     (V1, put("flags", "overflow", value=5), "flags.overflow: no such flag; known: first_after_start"),
-    (L9, drop("framing", "sync_hex"), "framing: sync_hex and length belong"),
+    (L9, drop("framing", "sync_hex"), "framing: sync_hex: missing"),
     (L9, put("framing", "sync_hex", value="A5 5A"), "framing.sync_hex: "),
     (L9, put("framing", "length", value="u64"), "framing.length: "),
     (L9, short_length, "framing.length: messages[0] has 404 bytes"),
@@ -135,7 +135,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (TSF, put("framing", "length", value="u32"), "framing: length: u8 or u16"),
     (TSF, put("framing", value={"kind": "tagged", "sync_hex": "9A", "length": "u16"}), "framing: most_bytes"),
     (TSF, put("framing", "most_bytes", value=5000), "framing.most_bytes: "),
-    (TSF, drop("framing", "length"), "framing: sync_hex and length belong"),
+    (TSF, drop("framing", "length"), "framing: length: missing"),
     (TSF, put("framing", "tag_mask", value=0), "framing.tag_mask: "),
     (TSF, put("checksum", value={"algorithm": "crc-16/xmodem"}), "checksum: framing.kind = 'tagged' has"),
     (TSF, put("messages", 1, "hex", value="9A0"), "messages[1].hex: "),
@@ -149,7 +149,7 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (M5, put("messages", 0, "fields", 0, "left_out", value=[0, 0]), "left_out: positions must differ"),
     (M5, put("messages", 0, "fields", 0, "left_out", value=[20]), "left_out: positions must differ and lie"),
     (M5, put("framing", "separator", value=","), "framing: separator belongs to kind = 'lines'"),
-    (M5, put("framing", "sync_hex", value="9A"), "framing: sync_hex and length belong"),
+    (M5, put("framing", "sync_hex", value="9A"), "framing: sync_hex belongs to kind"),
 ]  # fmt: skip
 
 
