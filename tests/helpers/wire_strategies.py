@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tactiled import tomlfile
 from tactiled.wire.checksum import CHECKSUMS
 from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.framer import LineFramer, TerminatorFramer
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
 from tactiled.wire.layout import Layout, MessageFormat, compile_layout, load_layout
 from tactiled.wire.schema import IN_UNITS, Direction, LayoutFile
@@ -38,9 +39,15 @@ def decode(
 
 
 def longest_pending(layout: Layout, direction: Direction) -> int:
-    """Bytes that a decoder may hold back: two stuffed frames, or one frame behind its sync word."""
+    """Bytes that a decoder may hold back: two frames or packets, or one frame behind its sync word."""
     body = max((layout.body_bytes(m) for m in layout.incoming(direction).values()), default=0)
     guarded = body + layout.checksum.n_bytes
+    if layout.file.framing.kind == "tagged":
+        return 2 * (layout.longest_body + 4)
+    if layout.file.framing.kind == "terminator":
+        return (TerminatorFramer.MOST + 1) * layout.wire_bytes("scan")
+    if layout.file.framing.kind == "lines":
+        return LineFramer.LONGEST_NUMBER * layout.n_channels + len(layout.terminator)
     if layout.file.framing.kind == "cobs":
         return max(2 * (guarded + 1 + (guarded - 1) // 254), 32)
     return len(layout.sync) + layout.length_bytes + guarded

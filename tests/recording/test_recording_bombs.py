@@ -131,11 +131,6 @@ def test_a_whole_mcap_of_others_passes(tmp_path: Path) -> None:
     check_mcap(of_others(tmp_path / "b.mcap", chunk(small, 1_000_000, b"lz4")))
 
 
-def test_a_folder_that_is_no_bag_is_called_that(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"without metadata\.yaml, so no rosbag2"):
-        detect_file(tmp_path)
-
-
 def test_a_page_holds_no_more_messages_than_fit_into_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -13,7 +13,7 @@ from tactiled.errors import DataError
 from tactiled.recording.contents import Read
 from tactiled.recording.directory import Finished, finished, new_name, remove_surplus, surplus, unfinished
 from tactiled.recording.recover import recover_directory
-from tactiled.recording.writer import ACTIVE, RecordingWriter, is_being_written
+from tactiled.recording.writer import ACTIVE, RecordingWriter
 
 files_of = st.lists(
     st.builds(
@@ -41,22 +41,6 @@ def test_the_oldest_go_first_until_the_limit_holds_and_the_newest_stays(
         assert all(file.ended_unix_s >= oldest for file in some if file in kept)
     if any(file in removed for file in possible):
         assert all(file in possible for file in kept)
-
-
-def test_what_was_there_first_is_removed_first_when_the_clock_goes_back_by_years(tmp_path: Path) -> None:
-    for k in range(5):
-        place_file(tmp_path / name(k), 1_000_000, 1.7e9 + k)
-        place_file(tmp_path / name(20 + k), 1_000_000, 1.4e9 + k)
-    removed = remove_surplus(tmp_path, 7.0, 1.4e9 + 60)
-    assert [file.path.name for file in removed] == [name(0), name(1), name(2)]
-
-
-def test_recordings_with_dates_ahead_of_the_clock_do_not_displace_new_ones(tmp_path: Path) -> None:
-    for k in range(5):
-        place_file(tmp_path / name(k), 1_000_000, 2.2e9 + k)
-    place_file(tmp_path / name(9), 1_000_000, 1.7e9)
-    remove_surplus(tmp_path, 0.5, 1.7e9 + 60)
-    assert [file.path.name for file in finished(tmp_path)] == [name(9)]
 
 
 def name(second: int) -> str:
@@ -148,11 +132,3 @@ def test_a_file_that_cannot_be_locked_is_removed_and_can_be_made_again(
     with RecordingWriter(tmp_path / "a.mcap", HEADER) as writer:
         writer.read(Read(0.0, 0.0, b"x"))
     assert len(items(tmp_path / "a.mcap")) == 1
-
-
-def test_what_cannot_be_opened_is_written_by_nobody(tmp_path: Path) -> None:
-    path = tmp_path / f"a.mcap{ACTIVE}"
-    assert not is_being_written(path)
-    with RecordingWriter(tmp_path / "a.mcap", HEADER):
-        assert is_being_written(path)
-    assert not is_being_written(tmp_path / "a.mcap")

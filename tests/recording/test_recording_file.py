@@ -91,14 +91,6 @@ def test_an_independent_reader_finds_every_channel_its_schema_and_its_times(
         assert next(m.name for m in reader.iter_metadata()) == "tactiled"
 
 
-def test_other_files_are_refused_by_name(tmp_path: Path) -> None:
-    (tmp_path / "b.mcap").write_bytes(b"no such thing")
-    with pytest.raises(DataError, match=r"b\.mcap: not a recording"):
-        read_header(tmp_path / "b.mcap")
-    with pytest.raises(DataError, match="No such file"):
-        read_header(tmp_path / "c.mcap")
-
-
 def test_a_second_recorder_is_refused_and_a_dead_one_named(tmp_path: Path, reads: list[Read]) -> None:
     path = tmp_path / "a.mcap"
     with RecordingWriter(path, HEADER), pytest.raises(DataError, match="another recorder is writing it"):

@@ -21,7 +21,6 @@ from tactiled.recording import contents
 from tactiled.recording import writer as writer_module
 from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
-from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rotation import RecordParams, part_path
 from tactiled.recording.session import RecordEntry, RecordingSession
@@ -247,21 +246,6 @@ def test_verification_reports_that_a_recording_begins_in_the_middle_of_a_run(
     assert "begins in the middle of a run" in verdict.words()
 
 
-def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: list[Read]) -> None:
-    path, cut = tmp_path / "a.mcap", tmp_path / "cut.mcap"
-    record(path, reads)
-    data = path.read_bytes()
-    cut.write_bytes(data[: len(data) // 2])
-    saved = recover(cut)
-    whole: list[str] = []
-    half: list[str] = []
-    replay([path], whole.append)
-    verdict = replay([saved.path], half.append)
-    assert verdict.is_good
-    assert half == whole[: len(half)]
-    assert len(half) > len(whole) // 4
-
-
 def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
     """Written anew with one event changed in the last place: the check is not blind."""
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
@@ -326,16 +310,3 @@ def test_a_recording_that_begins_again_marks_only_its_own_dropped_reads(
     assert [first, second] == reads[3:5]
     assert isinstance(mark, Input)
     assert (mark.name, mark.values()) == ("dropped", {"reads": 5, "bytes": 99})
-
-
-def test_reads_dropped_before_the_first_of_a_recording_are_marked(tmp_path: Path, reads: list[Read]) -> None:
-    session = RecordingSession(
-        RecordParams(directory=str(tmp_path), min_free_mb=0), HEADER, tmp_path / "first.mcap", 0.0
-    )
-    session.begin(None, reads[0].arrival_s)
-    session.take(RecordEntry(reads[0], [], None, "", UNIX_OFFSET_S, (5, 99)), reads[0].arrival_s)
-    session.end(reads[0].arrival_s)
-    (path,) = tmp_path.glob("tactile-*Z.mcap")
-    mark, _ = items(path)
-    assert isinstance(mark, Input)
-    assert mark.values() == {"reads": 5, "bytes": 99}

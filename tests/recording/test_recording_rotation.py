@@ -214,9 +214,3 @@ def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> No
     assert write_all(target, [noise(10, 2.5 + RETRY_S), noise(10, 3.0 + RETRY_S)]) == [False, True]
     target.close(20.0)
     assert state(target) == "off"
-
-
-def test_a_session_that_records_nothing_has_written_nothing() -> None:
-    progress = RecordingSession(RecordParams(), HEADER, None, 0.0).progress
-    assert (progress.state, progress.reason, progress.file) == ("off", "", "")
-    assert (progress.parts, progress.bytes_written, progress.free_mb) == (0, 0, 0.0)

@@ -15,21 +15,6 @@ from tactiled.recording.table import read_table, to_blocks
 from tactiled.samples.block import Gap, ScanBlock
 
 
-def test_csv_and_npz_are_the_same_table(tmp_path: Path) -> None:
-    time_s = np.arange(20) / 35.7
-    volts = np.random.default_rng(0).normal(size=(20, 3))
-    text = "time_s,a,b,c\n" + "".join(
-        f"{t!r},{row[0]!r},{row[1]!r},{row[2]!r}\n"
-        for t, row in zip(time_s.tolist(), volts.tolist(), strict=True)
-    )
-    (tmp_path / "t.csv").write_text(text)
-    np.savez(tmp_path / "t.npz", time_s=time_s, volts=volts)
-    for name in ("t.csv", "t.npz"):
-        got_s, got = read_table(tmp_path / name)
-        assert np.array_equal(got_s, time_s)
-        assert np.array_equal(got, volts)
-
-
 @pytest.mark.parametrize("separator", [";", "\t"])
 def test_tables_with_other_separators_are_read(tmp_path: Path, separator: str) -> None:
     path = tmp_path / "log.csv"
@@ -60,17 +45,6 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
     for name, says in (("named", "lacks the array time_s;"), ("two", "lacks the array volts;")):
         with pytest.raises(DataError, match=says):
             read_table(tmp_path / f"{name}.npz", time_unit=None if name == "named" else "ms")
-
-
-def test_holes_in_a_table_become_gaps() -> None:
-    time_s = np.delete(np.arange(100) * 0.01, [30, 31, 60])
-    items = to_blocks(time_s, np.zeros((97, 2)), None, np.ones((97, 2), dtype=np.bool_))
-    assert [item.n_missing for item in items if isinstance(item, Gap)] == [2, 1]
-    assert sum(len(item) for item in items if isinstance(item, ScanBlock)) == 97
-    last = items[-1]
-    assert isinstance(last, ScanBlock)
-    assert last.index[-1] == 99
-    assert last.rate_hz == pytest.approx(100.0)
 
 
 @pytest.mark.parametrize(
@@ -162,15 +136,6 @@ def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
     np.savez(tmp_path / "w.npz", time_s=np.arange(3) / 100, volts=volts, valid=valid[:, :1].repeat(5, axis=1))
     with pytest.raises(DataError, match=r"w\.npz: valid \(3, 5\) should have the shape of volts \(3, 2\)"):
         read_table(tmp_path / "w.npz")
-
-
-def test_missing_readings_are_invalid_numbers_not_zeros(tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text("time_s,a,b\n0,1,\n0.01,nan,2\n")
-    time_s, volts = read_table(path)
-    (block,) = to_blocks(time_s, volts, None, np.isfinite(volts))
-    assert isinstance(block, ScanBlock)
-    assert block.valid.tolist() == [[True, False], [False, True]]
 
 
 def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:

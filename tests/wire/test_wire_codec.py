@@ -96,7 +96,3 @@ def test_float_fields_carry_no_nan_further() -> None:
         assert decode(layout, sealed(body[:-2].replace(struct.pack("<f", 100.0), struct.pack("<f", bad))))[
             0
         ] == [Corrupt("value", len(body) - 2)]
-
-
-def test_volts_per_count_is_the_adc_step() -> None:
-    assert HELLO.volts_per_count == pytest.approx(0.732e-3, rel=1e-3)  # 12 bits over 3.0 V

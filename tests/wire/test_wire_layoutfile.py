@@ -1,7 +1,6 @@
 """Layout files: the shipped ones say what board.md says; a broken one is refused by the place."""
 
 import copy
-import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,7 @@ import pytest
 from tactiled import resources, tomlfile
 from tactiled.errors import ConfigError
 from tactiled.wire.layout import load_layout
-from tactiled.wire.schema import Direction, LayoutFile
+from tactiled.wire.schema import LayoutFile
 
 Document = dict[str, Any]
 
@@ -45,9 +44,14 @@ def add_field(message: int, **field: Any) -> Callable[[Document], None]:
     return lambda document: document["messages"][message]["fields"].append(field)
 
 
-def short_length(document: Document) -> None:
-    document["channels"] = 200
-    document["framing"]["length"] = "u8"
+def short_length(channels: int) -> Callable[[Document], None]:
+    """Let one byte say the length of a scan with so many channels."""
+
+    def mutate(document: Document) -> None:
+        document["channels"] = channels
+        document["framing"]["length"] = "u8"
+
+    return mutate
 
 
 def twice(index: int) -> Callable[[Document], None]:
@@ -57,20 +61,12 @@ def twice(index: int) -> Callable[[Document], None]:
 V1, L9, TSF, M5 = "board-v1", "legacy-9", "tsf-85", "magnetometers-5"
 SCAN, HELLO = ("messages", 0, "fields"), ("messages", 1, "fields")
 BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
-    (V1, drop("name"), "name: missing"),
     (V1, drop("byte_order"), "byte_order: missing"),
-    (V1, put("byte_order", value="middle"), "byte_order: "),
-    (V1, put("channels", value="many"), "channels: "),
-    (V1, put("channels", value=0), "channels: "),
-    (V1, put("baud", value=-1), "baud: "),
     (V1, put("bauds", value=1), "bauds: unknown key; did you mean baud?"),
-    (V1, put("protocol_version", value=256), "protocol_version: "),
     (V1, drop("framing"), "framing: missing"),
-    (V1, put("framing", "kind", value="slip"), "framing.kind: "),
     (V1, put("framing", "sync_hex", value="A55A"), "framing: sync_hex belongs to kind = 'sync-length' or"),
     (V1, drop("framing", "message_type"), "messages[0].id: 1 does not fit framing.message_type"),
     (V1, put("checksum", "algorithm", value="crc-16"), "checksum.algorithm: no such checksum; known: crc"),
-    (V1, put("checksum", "algorithm", value=16), "checksum.algorithm: no such checksum"),
     (V1, put("checksum", "covers", value="length-and-body"), "checksum.covers"),
     (V1, put("messages", value=[]), "messages: "),
     (V1, drop("messages", 0), "there is no scan"),
@@ -79,15 +75,12 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, twice(0), "messages: scan is described twice"),
     (V1, put("messages", 1, "id", value=1), "messages: id 1 is used twice board-to-host"),
     (V1, put("messages", 0, "id", value=256), "messages[0].id: 256 does not fit"),
-    (V1, put("messages", 0, "name", value="scans"), "messages[0].name: "),
     (V1, put("messages", 0, "direction", value="host-to-board"), "messages[0]: scan cannot go host-to-board"),
-    (V1, put("messages", 0, "direction", value="up"), "messages[0].direction: "),
     (V1, drop(*SCAN, 0), "scan: lacks the field sequence"),
     (V1, drop(*SCAN, 3), "messages[0]: scan: lacks the field counts"),
     (V1, drop("messages", 5, "fields", 1), "messages[5]: set_rate: lacks the field rate_hz"),
     (V1, add_field(0, name="flags", type="u8"), "messages[0]: scan: field flags is listed twice"),
     (V1, add_field(0, name="gain", type="u8"), "messages[0]: scan: no such field as gain; known: counts"),
-    (V1, put(*SCAN, 0, "type", value="u64"), "messages[0].fields[0].type: "),
     (V1, put(*SCAN, 0, "type", value="f32"), "messages[0].fields[0]: sequence must be an int"),
     (V1, put(*SCAN, 0, "type", value="i16"), "messages[0].fields[0]: sequence must be unsig"),
     (V1, put(*SCAN, 3, "type", value="f32"), "counts must be an integer: f32"),
@@ -95,24 +88,23 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (V1, put(*SCAN, 0, "size", value=2), "messages[0].fields[0]: size belongs to type"),
     (V1, put(*SCAN, 0, "per_unit", value=10), "per_unit has no meaning for sequence"),
     (V1, put(*SCAN, 0, "count", value="channels"), "messages[0].fields[0]: count = 'channels'"),
-    (V1, put(*SCAN, 3, "count", value=36), "messages[0].fields[3].count: "),
     (V1, drop(*SCAN, 3, "count"), "messages[0].fields[3]: count = 'channels' belongs to"),
     (V1, drop(*HELLO, 1, "size"), "messages[1].fields[1]: size belongs to type = 'text'"),
-    (V1, put(*HELLO, 1, "size", value=0), "messages[1].fields[1].size: "),
     (V1, put(*HELLO, 6, "per_unit", value=1000), "ticks must have the same type and per_unit"),
     (V1, put("results", value={}), "results: 'ok' is missing"),
     (V1, put("results", "busy", value=256), "results.busy: 256 does not fit"),
     (V1, put("results", "busy", value=0), "results.busy: 0 is used twice"),
-    (V1, put("results", "busy", value="soon"), "results.busy: "),
     (V1, put("flags", "overrun", value=16), "flags.overrun: the scan's flags have no bit 16"),
     (V1, put("flags", "overflow", value=5), "flags.overflow: no such flag; known: first_after_start"),
     (L9, drop("framing", "sync_hex"), "framing: sync_hex: missing"),
     (L9, put("framing", "sync_hex", value="A5 5A"), "framing.sync_hex: "),
-    (L9, put("framing", "length", value="u64"), "framing.length: "),
-    (L9, short_length, "framing.length: messages[0] has 404 bytes"),
+    (L9, short_length(126), "framing.length: messages[0] has 256 bytes, too many for it"),
+    (L9, drop("checksum"), "checksum: missing"),
+    (L9, drop("assumed_hello", "rate_hz"), "assumed_hello.rate_hz: missing"),
+    (L9, drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
+    (TSF, drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
+    ("lines-15", put("messages", 0, "fields", 0, "type", value="f32"), "counts"),
     (L9, drop("assumed_hello"), "give either a hello message or [assumed_hello]"),
-    (L9, put("assumed_hello", "rate_hz", value=0), "assumed_hello.rate_hz: "),
-    (L9, put("assumed_hello", "rate_hz", value=float("nan")), "assumed_hello.rate_hz: "),
     (L9, drop("assumed_hello", "array_id"), "assumed_hello.array_id: missing"),
     (L9, put("assumed_hello", "channel_offset_s", value=[0.1]), "assumed_hello.channel_offset_s: 1 numbers"),
     (L9, put("flags", value={"overrun": 0}), "flags.overrun: the scan's flags have no bit 0"),
@@ -120,25 +112,18 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     (L9, put("framing", "tag_mask", value=3), "framing: tag_mask belongs to kind = 'tagged'"),
     (L9, put("records", value=[{"tag": 1, "bytes": 2}]), "records: they belong to framing.kind = 'tagged'"),
     (TSF, drop("records"), "records: they belong to framing.kind = 'tagged', which needs at least one"),
-    (TSF, put("records", value=[]), "records: they belong to framing.kind = 'tagged', which needs at"),
-    (TSF, put("channels", value=0), "channels: "),
     (TSF, put("channels", value=28), "records: those with channels = true have 112 bytes, but 28 channels"),
     (TSF, drop("records", 1), "records: those with channels = true have 56 bytes, but 56 channels"),
     (TSF, put("records", 1, "tag", value=0x10), "records[1].tag: 0x10 is used twice"),
     (TSF, put("records", 1, "tag", value=0x15), "records[1].tag: 0x15 has bits outside framing.tag_mask"),
-    (TSF, put("records", 1, "tag", value=256), "records[1].tag: "),
-    (TSF, put("records", 1, "bytes", value=0), "records[1].bytes: "),
     (TSF, put("records", 1, "bytes", value=60), "records[1].bytes: 60 and the tag exceed a packet of 60"),
     (TSF, put("records", 1, "bytes", value=55), "records[1].bytes: 55 is no whole number of u16"),
     (TSF, put("records", 1, "channel", value=True), "records[1].channel: unknown key; did you mean"),
     (TSF, put("framing", "most_bytes", value=256), "framing.most_bytes: 256 does not fit length = 'u8'"),
     (TSF, put("framing", "length", value="u32"), "framing: length: u8 or u16"),
     (TSF, put("framing", value={"kind": "tagged", "sync_hex": "9A", "length": "u16"}), "framing: most_bytes"),
-    (TSF, put("framing", "most_bytes", value=5000), "framing.most_bytes: "),
     (TSF, drop("framing", "length"), "framing: length: missing"),
-    (TSF, put("framing", "tag_mask", value=0), "framing.tag_mask: "),
     (TSF, put("checksum", value={"algorithm": "crc-16/xmodem"}), "checksum: framing.kind = 'tagged' has"),
-    (TSF, put("messages", 1, "hex", value="9A0"), "messages[1].hex: "),
     (TSF, put("messages", 1, "name", value="ping"), "messages[1]: ping cannot be fixed bytes"),
     (TSF, drop("messages", 1, "hex"), "messages[1]: start: give either fields or, for start and stop, hex"),
     (TSF, drop("messages", 1), "messages: stop has hex, so start needs hex, too"),
@@ -213,36 +198,6 @@ def test_a_layout_is_loaded_from_a_path(tmp_path: Path) -> None:
         load_layout(str(tmp_path / "lap.toml"))
 
 
-# Numbered scans, a checksum, one that covers the length, readings in units, a rate that is measured.
-PROPERTIES = {
-    "board-v1": (True, True, False, False, False),
-    "legacy-9": (True, True, True, False, False),
-    "lines-15": (False, False, False, True, True),
-    "load-cell": (False, False, False, True, True),
-    "magnetometers-5": (False, False, False, True, True),
-    "pillars-3x3": (False, False, False, True, True),
-    "tsf-85": (False, False, False, False, True),
-    "tsf-85-dynamic": (False, False, False, False, True),
-    "xyz-counts-4x4": (False, False, False, True, True),
-}
-
-
-@pytest.mark.parametrize("name", resources.shipped_names("protocols"))
-def test_what_a_layout_can_tell(name: str) -> None:
-    layout = load_layout(name)
-    found = (
-        layout.counts_scans, layout.detects_damage, layout.covers_length,
-        layout.carries_units, layout.measures_rate,
-    )  # fmt: skip
-    assert found == PROPERTIES[name]
-    assert layout.n_channels == shipped(name)["channels"]
-
-
-def test_a_board_that_says_hello_has_no_assumed_one() -> None:
-    assert load_layout("board-v1").assumed_hello() is None
-    assert load_layout("board-v1").assumed_hello(100.0) is None
-
-
 def test_an_assumed_hello_is_what_the_file_says() -> None:
     for measured_hz in (None, 33.0):  # the file states the rate
         hello = load_layout("legacy-9").assumed_hello(measured_hz)
@@ -262,55 +217,16 @@ def test_positions_that_are_no_channels_are_left_out() -> None:
     assert load_layout("board-v1").channel_places is None
 
 
-@pytest.mark.parametrize("name", resources.shipped_names("protocols"))
-def test_messages_are_found_by_direction_and_type(name: str) -> None:
-    layout = load_layout(name)
-    described = shipped(name)["messages"]
-    directions: tuple[Direction, ...] = ("board-to-host", "host-to-board")
-    for direction in directions:
-        named = {m["name"] for m in described if m["direction"] == direction}
-        incoming = layout.incoming(direction)
-        assert {layout.messages[one].id for one in named} == incoming.keys()
-        assert {id(found) for found in incoming.values()} <= {id(layout.messages[one]) for one in named}
-
-
 @pytest.mark.parametrize(
-    ("name", "mutate", "fault"),
+    ("name", "mutate"),
     [
-        ("legacy-9", drop("checksum"), "checksum: missing"),
-        ("legacy-9", put("checksum", "covers", value="body"), None),
-        ("legacy-9", put("assumed_hello", "channel_offset_s", value=[0.0] * 9), None),
-        ("legacy-9", put("assumed_hello", "channel_offset_s", value=[0.0] * 8), "8 numbers for 9 channels"),
-        ("legacy-9", drop("assumed_hello", "rate_hz"), "assumed_hello.rate_hz: missing"),
-        ("legacy-9", drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
-        ("legacy-9", drop("assumed_hello", "adc_reference_v"), "assumed_hello.adc_reference_v: missing"),
-        ("legacy-9", drop("assumed_hello"), "give either a hello message or [assumed_hello]"),
-        ("legacy-9", put("messages", 0, "id", value=255), None),
-        ("legacy-9", put("messages", 0, "id", value=256), "256 does not fit framing.message_type"),
-        ("legacy-9", put("framing", "length", value="u8"), None),  # 1 + 18 + 2 + 1 bytes
-        ("legacy-9", put("channels", value=125), None),  # at 255 bytes, one byte tells the length
-        ("tsf-85", drop("assumed_hello", "adc_bits"), "assumed_hello.adc_bits: missing"),
-        ("lines-15", put("messages", 0, "fields", 0, "type", value="f32"), "counts"),
+        (L9, put("checksum", "covers", value="body")),
+        (L9, put("assumed_hello", "channel_offset_s", value=[0.0] * 9)),
+        (L9, put("messages", 0, "id", value=255)),
+        (L9, short_length(125)),  # type, ticks and sequence take 4 bytes, each channel 2: 254 of 255
     ],
 )
-def test_each_rule_has_its_limit(name: str, mutate: Callable[[Document], None], fault: str | None) -> None:
+def test_what_just_fits_is_accepted(name: str, mutate: Callable[[Document], None]) -> None:
     document = shipped(name)
     mutate(document)
-    if fault is None:
-        tomlfile.parse(document, LayoutFile, "lab.toml")
-        return
-    with pytest.raises(ConfigError, match=re.escape(fault)):
-        tomlfile.parse(document, LayoutFile, "lab.toml")
-
-
-@pytest.mark.parametrize(("channels", "fits"), [(125, True), (126, False)])
-def test_a_message_is_no_longer_than_its_length_can_say(channels: int, *, fits: bool) -> None:
-    """Type, ticks and sequence take 4 bytes, each channel 2: 254 and 256 bytes of 255."""
-    document = shipped("legacy-9")
-    document["channels"] = channels
-    document["framing"]["length"] = "u8"
-    if fits:
-        tomlfile.parse(document, LayoutFile, "lab.toml")
-        return
-    with pytest.raises(ConfigError, match="256 bytes, too many for it"):
-        tomlfile.parse(document, LayoutFile, "lab.toml")
+    tomlfile.parse(document, LayoutFile, "lab.toml")

@@ -1,34 +1,20 @@
 """Frames without checksum and sequence: fixed length with a terminator, and lines of numbers."""
 
-import itertools
 import struct
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from wire_strategies import decode
 
-from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.framer import TerminatorFramer
+from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Corrupt, Frame, Scan
 from tactiled.wire.layout import load_layout
 
 MAGNETS = load_layout("magnetometers-5")
 LINES = load_layout("lines-15")
 CRLF = b"\r\n"
-
-
-def feed(layout_name: str, stream: bytes, cuts: list[int]) -> tuple[list[Frame | Corrupt], Decoder]:
-    """Decode the stream in parts, with the accounting of bytes checked after each."""
-    decoder = Decoder(load_layout(layout_name))
-    items: list[Frame | Corrupt] = []
-    edges = [0, *sorted(cuts), len(stream)]
-    for start, end in itertools.pairwise(edges):
-        items += decoder.feed(stream[start:end])
-        counted = decoder.bytes_framed + decoder.bytes_discarded + decoder.bytes_pending
-        assert decoder.bytes_in == end == counted
-        assert decoder.bytes_pending <= (TerminatorFramer.MOST + 1) * 82
-    return items, decoder
 
 
 def scans_of(items: list[Frame | Corrupt]) -> list[list[float]]:
@@ -52,11 +38,11 @@ def rows_of(n: int, seed: int) -> list[list[float]]:
 
 def test_the_channels_are_read_without_the_temperatures() -> None:
     rows = rows_of(6, 0)
-    items, decoder = feed("magnetometers-5", as_sent(rows), [])
+    items, decoder = decode(MAGNETS, as_sent(rows))
     assert scans_of(items) == rows[1:]  # where the first one begins is not known
     assert (decoder.bytes_framed, decoder.bytes_discarded, decoder.bytes_pending) == (5 * 82, 82, 0)
     again = b"".join(Encoder(MAGNETS).encode(Scan(0, np.array(row))) for row in rows)
-    assert scans_of(feed("magnetometers-5", again, [])[0]) == rows[1:]
+    assert scans_of(decode(MAGNETS, again)[0]) == rows[1:]
 
 
 @st.composite
@@ -75,9 +61,9 @@ def streams(draw: st.DrawFn) -> bytes:
 @settings(deadline=None, max_examples=200)
 def test_any_split_of_terminated_frames_gives_the_same(stream: bytes, data: st.DataObject) -> None:
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=8))
-    whole, _ = feed("magnetometers-5", stream, [])
-    assert feed("magnetometers-5", stream, cuts)[0] == whole
-    assert feed("magnetometers-5", stream, list(range(len(stream))))[0] == whole
+    whole, _ = decode(MAGNETS, stream)
+    assert decode(MAGNETS, stream, cuts)[0] == whole
+    assert decode(MAGNETS, stream, list(range(len(stream))))[0] == whole
 
 
 @pytest.mark.parametrize("place", [0, 7, 14])
@@ -87,7 +73,7 @@ def test_a_reading_that_holds_the_terminator_does_not_mislead(place: int, start:
     trap = struct.unpack("<f", b"\x00\r\n\x42")[0]
     for row in rows[:25]:  # it looks like a terminator in 25 frames in a row
         row[place] = trap
-    got = scans_of(feed("magnetometers-5", as_sent(rows)[start:], [])[0])
+    got = scans_of(decode(MAGNETS, as_sent(rows)[start:])[0])
     assert got == (rows[1:] if start <= 80 else rows[2:])  # a frame begins behind a terminator
 
 
@@ -96,7 +82,7 @@ def test_a_constant_rival_is_never_taken_for_the_terminator() -> None:
     trap = struct.unpack("<f", b"\x00\r\n\x42")[0]
     for row in rows:
         row[4] = trap
-    assert scans_of(feed("magnetometers-5", as_sent(rows), [])[0]) == []
+    assert scans_of(decode(MAGNETS, as_sent(rows))[0]) == []
 
 
 @given(st.integers(0, 81), st.integers(1, 81), st.booleans())
@@ -106,7 +92,7 @@ def test_lost_or_added_bytes_cost_one_frame(at: int, n: int, is_lost: bool) -> N
     parts = [as_sent([row]) for row in rows]
     sound = parts[5]
     parts[5] = sound[:at] + sound[at + n :] if is_lost else sound[:at] + b"\x01" * n + sound[at:]
-    got = scans_of(feed("magnetometers-5", b"".join(parts), [])[0])
+    got = scans_of(decode(MAGNETS, b"".join(parts))[0])
     left_over = [row for row in rows[1:5] + rows[6:] if row not in got]
     # A frame whose terminator lies in the damage takes its neighbour along, which then has no beginning.
     assert len(left_over) <= 1
@@ -118,7 +104,7 @@ def test_lines_give_numbers_and_refuse_what_is_none() -> None:
     texts = [",".join(f"{value:.1f}" for value in row).encode() + CRLF for row in rows]
     texts[3] = texts[3].replace(b"302.0", b"3o2.0")
     texts.insert(5, b"hello\n")
-    items, decoder = feed("lines-15", b"".join(texts), [])
+    items, decoder = decode(LINES, b"".join(texts))
     assert scans_of(items) == [rows[1], rows[2], rows[4], rows[5]]
     assert [item.reason for item in items if isinstance(item, Corrupt)] == ["terminator", "value", "value"]
     assert decoder.bytes_pending == 0
@@ -132,13 +118,13 @@ def test_any_split_of_lines_gives_the_same(data: st.DataObject) -> None:
     )
     stream = b"".join(data.draw(st.lists(st.one_of(line, st.binary(max_size=600)), max_size=6)))
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=8))
-    whole, _ = feed("lines-15", stream, [])
-    assert feed("lines-15", stream, cuts)[0] == whole
-    assert feed("lines-15", stream, list(range(len(stream))))[0] == whole
+    whole, _ = decode(LINES, stream)
+    assert decode(LINES, stream, cuts)[0] == whole
+    assert decode(LINES, stream, list(range(len(stream))))[0] == whole
 
 
 def test_an_encoded_line_is_read_again() -> None:
     row = [round(0.25 * k, 2) for k in range(15)]
     text = Encoder(LINES).encode(Scan(0, np.array(row)))
     assert text == b"0,0.25,0.5,0.75,1,1.25,1.5,1.75,2,2.25,2.5,2.75,3,3.25,3.5\n"
-    assert scans_of(feed("lines-15", text * 2, [])[0]) == [row]
+    assert scans_of(decode(LINES, text * 2)[0]) == [row]
