@@ -2,9 +2,9 @@
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
 that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. Damage in
-the middle costs only the chunks that it hits: reading resumes where the length field of the damaged chunk
-points or, if that is wrong too, at the next bytes that form a valid chunk. A finished file repeats its
-schemas and channels after the data, so they survive the loss of the chunk in which they first appeared.
+the middle costs only the chunks that it hits: reading resumes at the next bytes that form a valid chunk. A
+finished file repeats its schemas and channels after the data, so they survive the loss of the chunk in which
+they first appeared.
 """
 
 import json
@@ -82,8 +82,6 @@ class Extent:
     good_bytes: int = 0  # offset of the end of the last whole record that carries data
     size_bytes: int = 0
     is_complete: bool = False  # the end-of-data record was found: nothing is cut off
-    # First and last epoch time of the incomplete chunk at the end, if its header is there
-    torn_s: tuple[float, float] | None = None
     damages: list[Damage] = field(default_factory=list)  # unreadable stretches before the end
     orphans: int = 0  # number of messages whose channel description is lost
 
@@ -133,12 +131,10 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[Entry] | Metadata 
     size = extent.size_bytes = stream.seek(0, 2)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    newest_ns = n_damaged = at = 0
-    damaged_at = -1
+    newest_ns = n_damaged = at = 0  # n_damaged: bytes of a stretch that is not reported yet
     while not extent.is_complete:
         record = _record_at(stream, at, size)
         if record is None:
-            damaged_at = at if damaged_at < 0 else damaged_at
             resumed = _resume(stream, at, size, newest_ns)
             if resumed is None:
                 break
@@ -155,8 +151,8 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[Entry] | Metadata 
         instants_ns = [entry.message.log_time for entry in entries]
         if n_damaged and instants_ns:
             yield _damage(extent, n_damaged, newest_ns or min(instants_ns), min(instants_ns))
-            n_damaged, damaged_at = 0, -1
-        if damaged_at < 0:
+            n_damaged = 0
+        if not n_damaged:
             extent.good_bytes = at
         newest_ns = max([newest_ns, *instants_ns])
         yield from (record for record in records or () if isinstance(record, Metadata))
@@ -168,8 +164,6 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[Entry] | Metadata 
             summary = _summary(stream, size)
             end_ns = max(newest_ns, summary.end_ns if summary else 0)
             yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
-    elif damaged_at >= 0:
-        extent.torn_s = _span_s(stream, damaged_at)
 
 
 def _entries(
@@ -271,42 +265,31 @@ def _check_size(chunk: Chunk) -> None:
 
 
 def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
-    """Offset at which to resume after a damaged record; None where nothing whole follows.
+    """Offset at which to resume after a damaged record; None where nothing whole follows."""
+    chunk_at = _next_chunk(stream, at, newest_ns)
+    if chunk_at is None and (summary := _summary(stream, size)) is not None and summary.start > at:
+        return summary.start
+    return chunk_at
+
+
+def _next_chunk(stream: BinaryIO, at: int, newest_ns: int) -> int | None:
+    """Offset of the next whole chunk that begins after `at`.
 
     After a power cut, old disk blocks behind the end may hold chunks of other files: chunks that end before
     `newest_ns` are therefore skipped.
     """
-    end = len(MCAP0_MAGIC)
-    if at:
-        stream.seek(at)
-        head = stream.read(_HEAD.size)
-        end = at + _HEAD.size + int(_HEAD.unpack(head)[1]) if len(head) == _HEAD.size else size
-    # A damaged length may lead beyond chunks that are whole.
-    is_whole = end < size and _record_at(stream, end, size) is not None
-    chunk_at = _next_chunk(stream, at, end if is_whole else size, newest_ns)
-    if chunk_at is not None:
-        return chunk_at
-    if is_whole:
-        return end
-    summary = _summary(stream, size)
-    return summary.start if summary is not None and summary.start > at else None
-
-
-def _next_chunk(stream: BinaryIO, at: int, before: int, newest_ns: int) -> int | None:
-    """Offset of the next whole chunk that begins after `at` and before an offset."""
     size = stream.seek(0, 2)
     if not size:
         return None
     with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
-        last = before + _ANCHOR_AT + len(_ANCHOR) - 1
-        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT, last)
+        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT)
         while found >= 0:
             start = found - _ANCHOR_AT
             (end_ns,) = struct.unpack_from("<Q", view, start + _HEAD.size + 8)
             is_later = view[start] == Opcode.CHUNK and end_ns >= newest_ns
             if is_later and _record_at(stream, start, size) is not None:
                 return start
-            found = view.find(_ANCHOR, found + 1, last)
+            found = view.find(_ANCHOR, found + 1)
     return None
 
 
@@ -339,13 +322,3 @@ def _summary(stream: BinaryIO, size: int) -> _Summary | None:
         return None
     ends_ns = [record.message_end_time for record in records if isinstance(record, Statistics)]
     return _Summary(start, records, max(ends_ns, default=0))
-
-
-def _span_s(stream: BinaryIO, at: int) -> tuple[float, float] | None:
-    """First and last log time (s, epoch) from the start of a chunk's body."""
-    stream.seek(at)
-    head = stream.read(_HEAD.size + 16)
-    if len(head) < _HEAD.size + 16 or head[0] != Opcode.CHUNK:
-        return None
-    first_ns, last_ns = struct.unpack_from("<QQ", head, _HEAD.size)
-    return (first_ns / 1e9, last_ns / 1e9) if 0 < first_ns <= last_ns else None

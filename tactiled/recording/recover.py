@@ -47,9 +47,6 @@ class RecoveryResult:
         if self.extent.is_complete:
             return f"{self.path}: {span}; {'the end is complete' if damaged else 'nothing is missing'}"
         torn = f"an incomplete chunk of {self.lost_bytes} bytes" if self.lost_bytes else "no incomplete chunk"
-        if self.extent.torn_s is not None:
-            first_s, last_s = self.extent.torn_s
-            torn += f" ({last_s - first_s:.2f} s)"
         return (
             f"{self.path}: {span}; missing: {torn}, and all later data. A recorder that was killed loses up "
             f"to {self.sync_s:g} s; of a truncated file the original length is unknown"

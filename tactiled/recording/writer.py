@@ -4,8 +4,6 @@ import contextlib
 import errno
 import fcntl
 import os
-import uuid
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -47,13 +45,13 @@ class RecordingWriter:
     def __init__(self, path: Path, header: Header) -> None:
         self.path = path
         self.active = path.with_name(path.name + ACTIVE)
+        self._header = header
         self._stream = _create(self.path, self.active)
         self._size_bytes = 0
         self._ids: dict[tuple[str, Origin], int] = {}
         self._sequence: dict[int, int] = {}
         self._writer = Writer(self._stream, _CHUNK_BYTES, CompressionType.ZSTD)
         try:
-            self._header = header if header.run else replace(header, run=uuid.uuid4().hex)
             self._begin()
         except OSError as error:
             self.abandon()

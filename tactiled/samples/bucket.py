@@ -43,16 +43,12 @@ class Bucket:
 
     Parameters
     ----------
-    width_s : float
-        Length of a bucket in board time.
+    number : int
+        The bucket starts at `number * width_s` of board time.
     """
 
-    def __init__(self, width_s: float) -> None:
+    def __init__(self, width_s: float, number: int = 0) -> None:
         self._width_s = width_s
-        self.begin(0)
-
-    def begin(self, number: int) -> None:
-        """Forget all arrivals; bucket `number` starts at `number * width_s`."""
         self.number = number
         self._kept: list[FrameArrival] = []
         self._slot = -1

@@ -166,7 +166,7 @@ class ClockFit:
         if number != self._bucket.number:
             if len(self._bucket):
                 self._close_bucket()
-            self._bucket.begin(number)
+            self._bucket = Bucket(self._params.bucket_s, number)
         self._bucket.add(FrameArrival(x, delay, waited_s, whole), whole_delay)
         if self._lines is None:
             self._running = self._bucket.running_band(self.handover_s, self._wait_s, self._is_pinged)

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-import re
 from pathlib import Path
 
 import pytest
@@ -95,9 +94,7 @@ def test_the_report_names_what_is_missing(tmp_path: Path) -> None:
     assert saved.path == tmp_path / "cut.recovered.mcap"
     assert saved.lost_bytes == 200
     words = saved.words()
-    assert re.search(
-        r"missing: an incomplete chunk of 200 bytes \(0\.[45]\d s\)", words
-    )  # 50 reads at 100 Hz
+    assert "missing: an incomplete chunk of 200 bytes, and all later data" in words
     assert "up to 0.5 s;" in words
     complete = recover(path, tmp_path / "again.mcap")
     assert complete.extent.is_complete
