@@ -5,7 +5,7 @@ missing scan is a missing row.
 """
 
 import csv
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from tactiled.errors import DataError
@@ -17,14 +17,7 @@ from tactiled.recording.steps import Replay
 def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None) -> int:
     """Write a CSV table of ``time_s`` and one column of volts per channel; every number reads back exactly.
 
-    A reading that is not valid (saturated, reference fault) is an empty cell.
-
-    Parameters
-    ----------
-    paths : sequence of Path
-        One recording, or consecutive parts.
-    reached : callable, optional
-        Called with the completed fraction, 0 to 1.
+    A reading that is not valid (saturated, reference fault) is an empty cell. Returns the number of scans.
 
     Raises
     ------
@@ -39,27 +32,19 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
         with out.open("x", newline="", encoding="utf-8") as stream:
             table = csv.writer(stream, lineterminator="\n")
             table.writerow(["time_s", *replay.header.source.array.channel_name])
-            for scan in _scans(replay):
-                cells = (repr(v) if good else "" for v, good in zip(scan.volts, scan.valid, strict=True))
-                table.writerow([repr(scan.time_s), *cells])
-                n_scans += 1
+            for scan in (recorded.event for step in replay for recorded in step.now):
+                if isinstance(scan, ScanEvent):
+                    cells = (repr(v) if good else "" for v, good in zip(scan.volts, scan.valid, strict=True))
+                    table.writerow([repr(scan.time_s), *cells])
+                    n_scans += 1
     except BaseException as error:
         out.unlink(missing_ok=True)
         if isinstance(error, OSError):
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
         raise
-    return n_scans
-
-
-def _scans(replay: Replay) -> Iterator[ScanEvent]:
-    """Yield all scans; `DataError` when there are none."""
-    is_empty = True
-    for step in replay:
-        for recorded in step.now:
-            if isinstance(recorded.event, ScanEvent):
-                is_empty = False
-                yield recorded.event
-    if is_empty:
+    if not n_scans:
+        out.unlink()
         raise DataError(
             "the recording contains no scans; check that the board was started and that its hello arrived"
         )
+    return n_scans

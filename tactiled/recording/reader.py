@@ -107,11 +107,6 @@ def read_items(path: Path, extent: Extent | None = None, reached: Reached | None
     An unreadable stretch in the middle becomes an `Input` "damaged". At the end, what could not be read is
     logged.
 
-    Parameters
-    ----------
-    reached : callable, optional
-        Called with the fraction of the file that has been read, 0 to 1.
-
     Raises
     ------
     DataError
@@ -133,25 +128,22 @@ def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterat
     What was read before a `DataError` is yielded before that is raised.
     """
     batch: list[T] = []
-    while True:
-        failure: DataError | None = None
-        item: T | None = None
-        try:
-            item = next(items, None)
-        except DataError as error:
-            failure = error
-        is_joined = item is not None and joins(item)
-        if batch and not (is_joined and len(batch) < most):
+    try:
+        for item in items:
+            is_joined = joins(item)
+            if batch and not (is_joined and len(batch) < most):
+                yield batch
+                batch = []
+            if is_joined:
+                batch.append(item)
+            else:
+                yield [item]
+    except DataError:
+        if batch:
             yield batch
-            batch = []
-        if failure is not None:
-            raise failure
-        if item is None:
-            return
-        if is_joined:
-            batch.append(item)
-        else:
-            yield [item]
+        raise
+    if batch:
+        yield batch
 
 
 def _read(path: Path, extent: Extent, reached: Reached | None, *, with_events: bool) -> Iterator[Item]:

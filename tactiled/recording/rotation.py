@@ -121,14 +121,8 @@ class Rotation:
         return True
 
     def tick(self, hello: bytes, now_s: float) -> None:
-        """Do what is due at `due_s`: sync, rotate, check the free space.
-
-        Parameters
-        ----------
-        hello : bytes
-            Last hello of the board as a frame, for the header of a new part.
-        """
-        if now_s < self.due_s:
+        """Do what is due: sync, rotate, check the free space; `hello` is for the header of a new part."""
+        if now_s < self._due_s:
             return
         self._due_s = now_s + self._params.sync_s
         if self._writer is None:
@@ -140,11 +134,6 @@ class Rotation:
         """Finish the open part."""
         if self._writer is None or self._leave(now_s):
             self._state, self._reason = "off", ""
-
-    @property
-    def due_s(self) -> float:
-        """Time of the next work for `tick`."""
-        return self._due_s
 
     def _look(self, hello: bytes, now_s: float) -> None:
         """Check the size and age of the part and the free space after a sync."""

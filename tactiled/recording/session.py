@@ -14,7 +14,7 @@ from tactiled.events.types import Event
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name, remove_surplus
-from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams, Rotation
+from tactiled.recording.rotation import OFF, RecordParams, Rotation
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Hello
@@ -72,9 +72,7 @@ class RecordingSession:
         self._next_retain_s = now_s
         self._retain_fault = ""
         if path is not None or params.directory is not None:
-            self._retains = path is None
-            self._rotation = Rotation(path or self._new_path(), params, header, now_s)
-            self._look()
+            self._start(path, header, now_s)
 
     def begin(self, hello: Hello | None, now_s: float) -> None:
         """Start a new recording during a run; `hello` is what the pipeline knows of its board."""
@@ -84,15 +82,13 @@ class RecordingSession:
             self._board = hello.board_serial
         self._missing = (0, 0)
         header = replace(self._header, fresh=False, hello=self._hello_frame, measured_hz=self._measured_hz)
-        self._retains = True
-        self._rotation = Rotation(self._new_path(), self._params, header, now_s)
-        self._look()
+        self._start(None, header, now_s)
 
     def end(self, now_s: float) -> None:
         """Finish the recording."""
         if self._rotation is not None:
             self._rotation.close(now_s)
-            self._look()
+            self._look(self._rotation)
             self._rotation = None
 
     def tick(self, now_s: float) -> None:
@@ -101,7 +97,7 @@ class RecordingSession:
             self._retain(now_s)
             self._rotation.measured_hz = self._measured_hz
             self._rotation.tick(self._hello_frame, now_s)
-            self._look()
+            self._look(self._rotation)
 
     def take(self, entry: RecordEntry, now_s: float) -> None:
         """Write one entry after a mark for missing reads; count it as missing if that fails."""
@@ -145,15 +141,16 @@ class RecordingSession:
         is_measured = hello is not None and self._header.source.layout.measures_rate
         self._measured_hz = hello.rate_hz if hello is not None and is_measured else 0.0
 
-    def _look(self) -> None:
-        if self._rotation is not None:
-            self._show(self._rotation.progress)
+    def _start(self, path: Path | None, header: Header, now_s: float) -> None:
+        self._retains = path is None
+        self._rotation = Rotation(path or self._new_path(), self._params, header, now_s)
+        self._look(self._rotation)
 
-    def _show(self, progress: RecordingProgress) -> None:
-        """Publish the progress, and log the file name when it changes."""
-        before, self.progress = self.progress, progress
-        if progress.state == "recording" and progress.file != before.file:
-            logger.info("recording into %s", progress.file)
+    def _look(self, rotation: Rotation) -> None:
+        """Take over the progress, and log the file name when it changes."""
+        before, self.progress = self.progress, rotation.progress
+        if self.progress.state == "recording" and self.progress.file != before.file:
+            logger.info("recording into %s", self.progress.file)
 
     def _new_path(self) -> Path:
         """Path of a recording that begins now."""

@@ -43,8 +43,6 @@ class Replay:
     ----------
     paths : sequence of Path
         One file, or consecutive parts of one recording, in any order.
-    reached : callable, optional
-        Called with the fraction of all files that has been read, 0 to 1.
 
     Attributes
     ----------

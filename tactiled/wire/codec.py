@@ -3,13 +3,14 @@
 import math
 import struct
 from collections.abc import Mapping
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from tactiled.errors import ContractError
 from tactiled.wire import cobs
-from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan, values_of
+from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
 from tactiled.wire.framing import make_framer
 from tactiled.wire.layout import Layout, MessageFormat, tagged_packets
 from tactiled.wire.schema import IN_UNITS, Direction
@@ -145,7 +146,7 @@ class Encoder:
         message = self.layout.messages[name]
         if message.fixed:
             return message.fixed
-        values = values_of(frame)
+        values = {field.name: getattr(frame, field.name) for field in fields(frame)}
         if isinstance(frame, Acknowledge):
             if frame.result not in self.layout.file.results:
                 raise ContractError(f"layout {self.layout.name} has no result {frame.result!r}")

@@ -1,7 +1,6 @@
 """Frames of the codec, and `Corrupt` for bytes that are not a frame."""
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +83,3 @@ class Corrupt:
     reason: str
     n_bytes: int  # discarded here, including the delimiter
     body: bytes = b""  # type and fields of an intact frame that is no message of the layout; otherwise empty
-
-
-def values_of(frame: Frame) -> dict[str, Any]:
-    """Return the fields of a frame by name."""
-    return {field.name: getattr(frame, field.name) for field in fields(frame)}
