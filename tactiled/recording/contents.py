@@ -13,11 +13,12 @@ pipeline's events bit for bit. A rotated recording is a chain of such files with
 """
 
 import hashlib
-import json
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Self
+from typing import Any, Literal
+
+from pydantic import ConfigDict, TypeAdapter
 
 from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
@@ -31,7 +32,6 @@ from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
 METADATA = "tactiled"
-_CHECK = "sha256"
 Origin = Literal["pipeline", "daemon"]
 
 
@@ -65,6 +65,7 @@ def load_board(protocol: str, array: str) -> RecordedBoard:
 class Header:
     """Description of one file."""
 
+    __pydantic_config__ = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64")
     source: RecordedBoard
     # Parameters with which the events in the file were computed
     pipeline: PipelineParams = field(default_factory=PipelineParams)
@@ -81,50 +82,23 @@ class Header:
 
     def to_metadata(self) -> dict[str, str]:
         """MCAP metadata with a checksum, because MCAP has none for metadata."""
-        metadata = {
-            "version": __version__,
-            "layout": self.source.layout_file.model_dump_json(),
-            "array": self.source.array_file.model_dump_json(),
-            "array_id": self.source.array_file.name,
-            "protocol": self.source.layout_file.name,
-            "pipeline": self.pipeline.model_dump_json(),
-            "run": self.run,
-            "part": str(self.part),
-            "fresh": str(self.fresh).lower(),
-            "hello": self.hello.hex(),
-            "measured_hz": repr(self.measured_hz),
-            "sync_s": repr(self.sync_s),
-        }
-        return metadata | {_CHECK: _digest(metadata)}
+        text = _HEADER.dump_json(self).decode()
+        return {"version": __version__, "header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
 
-    @classmethod
-    def from_metadata(cls, metadata: Mapping[str, str]) -> Self:
+    @staticmethod
+    def from_metadata(metadata: Mapping[str, str]) -> "Header":
         """Parse MCAP metadata; `KeyError` or `ValueError` where it is not a valid description."""
-        if metadata.get(_CHECK, digest := _digest(metadata)) != digest:
+        text = metadata["header"]
+        if metadata["sha256"] != hashlib.sha256(text.encode()).hexdigest():
             raise ValueError("the description is damaged")
-        source = RecordedBoard(
-            LayoutFile.model_validate_json(metadata["layout"]),
-            ArrayFile.model_validate_json(metadata["array"]),
-        )
-        if source.array_file.n_channels != (
-            n := source.layout.n_channels
-        ):  # before anything of its size is made
-            raise ValueError(f"{n} channels in the frames, {source.array_file.n_channels} in the array")
-        return cls(
-            source=source,
-            pipeline=PipelineParams.model_validate_json(metadata["pipeline"]),
-            run=metadata["run"],
-            part=int(metadata["part"]),
-            fresh=metadata["fresh"] == "true",
-            hello=bytes.fromhex(metadata["hello"]),
-            measured_hz=float(metadata["measured_hz"]),
-            sync_s=float(metadata["sync_s"]),
-        )
+        header = _HEADER.validate_json(text)
+        in_frames, in_array = header.source.layout.n_channels, header.source.array_file.n_channels
+        if in_frames != in_array:  # before anything of its size is made
+            raise ValueError(f"{in_frames} channels in the frames, {in_array} in the array")
+        return header
 
 
-def _digest(metadata: Mapping[str, str]) -> str:
-    described = sorted(entry for entry in metadata.items() if entry[0] != _CHECK)
-    return hashlib.sha256(json.dumps(described).encode()).hexdigest()
+_HEADER = TypeAdapter(Header)
 
 
 @dataclass(frozen=True)
