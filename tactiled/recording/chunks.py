@@ -118,7 +118,7 @@ class Extent:
         return "; ".join(words)
 
 
-class Entry(NamedTuple):
+class ChannelMessage(NamedTuple):
     """Message with its schema and channel."""
 
     schema: Schema
@@ -126,7 +126,7 @@ class Entry(NamedTuple):
     message: Message
 
 
-def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[Entry] | Metadata | Damage]:
+def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | Metadata | Damage]:
     """Yield the messages of each whole chunk, the metadata, and the damage between them."""
     size = extent.size_bytes = stream.seek(0, 2)
     schemas: dict[int, Schema] = {}
@@ -168,16 +168,16 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[Entry] | Metadata 
 
 def _entries(
     records: Sequence[McapRecord], schemas: dict[int, Schema], channels: dict[int, Channel]
-) -> list[Entry]:
+) -> list[ChannelMessage]:
     """Take schemas and channels, and return the messages whose channel is known."""
-    entries: list[Entry] = []
+    entries: list[ChannelMessage] = []
     for record in records:
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel) and record.schema_id in schemas:
             channels[record.id] = record
         elif isinstance(record, Message) and (channel := channels.get(record.channel_id)) is not None:
-            entries.append(Entry(schemas[channel.schema_id], channel, record))
+            entries.append(ChannelMessage(schemas[channel.schema_id], channel, record))
     return entries
 
 

@@ -14,7 +14,7 @@ from mcap.records import Metadata
 from tactiled.errors import DataError
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
-from tactiled.recording.chunks import Damage, Entry, Extent, chunks
+from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks
 from tactiled.recording.contents import Header, Input, Item, Read
 
 logger = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ def _schema(topic: str, encoding: str, text: bytes) -> Schema | None:
     return schema
 
 
-def _item(entry: Entry, *, with_events: bool) -> Item | None:
+def _item(entry: ChannelMessage, *, with_events: bool) -> Item | None:
     """Decode a message; None where it is left out."""
     channel, data = entry.channel, entry.message.data
     schema = _schema(channel.topic, channel.message_encoding, entry.schema.data)

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.chunks import Damage, Entry, Extent, chunks
+from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
 from tactiled.recording.reader import Reached, open_recording, read_header
@@ -164,7 +164,7 @@ class _Copy:
         self._writer.start(profile="ros2", library=f"tactiled {__version__} recover")
         self._writer.add_metadata(contents.METADATA, header.to_metadata())
 
-    def take(self, found: list[Entry] | Metadata | Damage) -> None:
+    def take(self, found: list[ChannelMessage] | Metadata | Damage) -> None:
         if isinstance(found, Damage):
             self._mark(found)
         elif isinstance(found, list):
@@ -184,7 +184,7 @@ class _Copy:
         data = contents.INPUT.encode(vars(damage.mark()))
         self._write(schema, channel, Message(0, stamp_ns, data, stamp_ns, 0))
 
-    def _add(self, entry: Entry) -> None:
+    def _add(self, entry: ChannelMessage) -> None:
         self._write(*entry)
         log_ns = entry.message.log_time
         self.first_ns = min(self.first_ns, log_ns) if self.messages else log_ns
