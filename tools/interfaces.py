@@ -33,7 +33,6 @@ The types state what the daemon sends; they are not checked when a message is re
 and in which unit, is in protocols/events.md.
 """
 
-from dataclasses import dataclass, field
 from typing import Literal, TypedDict
 
 from tactiled.client.items import Message
@@ -104,9 +103,8 @@ def typed_python() -> str:
         own = {key: field for key, field in schema["properties"].items() if key not in _HEAD}
         parts.append(_python_class(name, "HeadData", own, f"Fields of `{topic}` messages."))
         parts.append(
-            f"@dataclass(frozen=True)\nclass {name}Message(Message):\n"
-            f'    """Message of the topic `{topic}`."""\n\n'
-            f'    topic: Literal["{topic}"]\n    data: {name}Data = field(repr=False)  {_OVERRIDE}\n'
+            f'class {name}Message(Message):\n    """Message of the topic `{topic}`."""\n\n'
+            f'    topic: Literal["{topic}"]\n    data: {name}Data  {_OVERRIDE}\n'
         )
     entries = "".join(f'    "{topic}": {topic.capitalize()}Message,\n' for topic in EVENT_TYPES)
     parts.append(

@@ -34,13 +34,53 @@ def test_a_row_has_what_the_messages_say() -> None:
     assert row.reason == "noisy line"
 
 
+def grip(state: str, age_s: float) -> dict[str, Any]:
+    return {"state": state, "utilisation": 0.7, "timestamp": NOW - age_s}
+
+
+@pytest.mark.parametrize(
+    ("status", "others", "expected"),
+    [
+        # a status older than a second by either clock is silence
+        *(({"timestamp": NOW - age_s}, {}, {"valid": True, "state": "running"}) for age_s in (0.95, -0.95)),
+        *(({"timestamp": NOW - age_s}, {}, {"valid": False, "state": "silent"}) for age_s in (1.05, -1.05)),
+        # numbers that are not known are shown as unknown
+        ({"age_s": 1e9}, {}, {"age_s": -1.0}),  # before any scan
+        ({"age_s": 0.0, "timestamp": NOW + 0.5}, {}, {"age_s": 0.0}),  # no negative age
+        ({"loss_known": False}, {}, {"loss_ppm": -1.0}),
+        ({"scans": 0, "scans_missing": 0}, {}, {"loss_ppm": -1.0}),
+        ({"scans": 3, "scans_missing": 1}, {}, {"loss_ppm": 250_000.0}),
+        ({"reason": "unplugged"}, {}, {"reason": "unplugged"}),
+        ({"valid": 1}, {}, {"valid": False}),
+        ({"valid": False, "state": "stalled"}, {}, {"valid": False, "state": "stalled"}),
+        # a text of a host is short
+        ({"warning": "x" * 10**6, "state": "y" * 10**6}, {}, {"reason": "x" * 200, "state": "y" * 200}),
+        # utilisation is that of a contact of now
+        ({}, {"grip": grip("none", 0.0)}, {"utilisation": -1.0}),
+        ({}, {"grip": grip("partial", 0.9)}, {"utilisation": 0.7}),
+        *(({}, {"grip": grip("partial", age_s)}, {"utilisation": -1.0}) for age_s in (1.1, -1.1)),
+        # disk space is that of a recording
+        ({}, {"recording": {"state": "off", "free_mb": 12_345.0}}, {"free_mb": -1.0}),
+        ({}, {"recording": {"state": "no-room", "free_mb": 12_345.0}}, {"free_mb": 12_345.0}),
+    ],
+)
+def test_fields_of_a_row(status: Any, others: Any, expected: dict[str, Any]) -> None:
+    [row] = rows_of("h", reply(status=STATUS | status, **others), NOW)
+    assert {name: getattr(row, name) for name in expected} == expected
+
+
 @pytest.mark.parametrize("off_s", [-3.0, 3.0])
 def test_clocks_that_differ_are_named(off_s: float) -> None:
-    status = STATUS | {"timestamp": NOW - off_s, "warning": ""}
-    [row] = rows_of("h", reply(status=status), NOW)
-    assert (row.state, row.valid) == ("silent", False)
+    [row] = rows_of("h", reply(status=STATUS | {"timestamp": NOW - off_s, "warning": ""}), NOW)
     assert f"{off_s} s old" in row.reason
     assert "clocks" in row.reason
+
+
+def test_what_cannot_be_read_is_silent_or_no_row() -> None:
+    [row] = rows_of("h", reply(status={"timestamp": "x"}), NOW)
+    assert (row.state, "cannot be read" in row.reason) == ("silent", True)
+    messages = {"tactile/B1": STATUS, "a/b/c/d": STATUS, "tactile/B2/status": 3, "tactile/B3/status": STATUS}
+    assert [row.board for row in rows_of("h", {"messages": messages}, NOW)] == ["B3"]
 
 
 @pytest.mark.parametrize("answer", [None, {}, {"messages": 3}])
@@ -54,12 +94,6 @@ def test_the_time_before_a_board_said_its_name_is_no_board_of_its_own() -> None:
     assert [row.board for row in rows_of("h", {"messages": unnamed}, NOW)] == ["-"]
     named = reply(status=STATUS)["messages"]
     assert [row.board for row in rows_of("h", {"messages": unnamed | named}, NOW)] == ["B1"]
-
-
-def test_messages_that_cannot_be_read_are_a_row_of_their_own() -> None:
-    [row] = rows_of("h", reply(status={"timestamp": "x"}), NOW)
-    assert row.state == "silent"
-    assert "cannot be read" in row.reason
 
 
 def test_a_robot_that_is_expected_and_never_came_is_missing() -> None:
@@ -107,6 +141,26 @@ def test_expected_robots_of_the_command_line_are_missed(monkeypatch: pytest.Monk
     assert done.exit_code == 1
 
 
+def test_the_table_has_milliseconds_ppm_and_gigabytes_and_no_control_characters(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    rows = [
+        FleetRow("h", "B1", "running", True, 0.0123, 0.5, 2.25, "f9", "recording", 12_345.0),
+        FleetRow(
+            "h", "B2", "gone", age_s=0.0, utilisation=0.0, loss_ppm=0.0, recording="no-room", free_mb=0.0
+        ),
+        FleetRow("h", "B3", "silent", reason="\x1b["),
+    ]
+    draw_table(rows, clear=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split() for line in lines[1:4]] == [
+        ["h", "B1", "running", "12", "0.50", "2.2", "f9", "12.3"],
+        ["h", "B2", "gone", "0", "0.00", "0.0", "-", "0.0", "!"],
+        ["h", "B3", "silent", "-", "-", "-", "-", "-", "\N{REPLACEMENT CHARACTER}["],
+    ]
+    assert lines[4] == "1 of 3 boards fresh"
+
+
 @pytest.mark.parametrize("n_silent", [20, 1000])
 def test_a_long_list_has_a_bounded_number_of_lines(n_silent: int, capsys: pytest.CaptureFixture[str]) -> None:
     replies: dict[str, Any] = {f"fresh{n:04}": reply(status=STATUS) for n in range(50)}
@@ -121,19 +175,6 @@ def test_a_long_list_has_a_bounded_number_of_lines(n_silent: int, capsys: pytest
         assert len(shown) == 103
         assert shown[-2] == "and 950 more: 900 silent, 50 running"
         assert shown[1].startswith("z0000")
-
-
-def test_a_text_of_a_host_is_short() -> None:
-    [row] = rows_of("h", reply(status=STATUS | {"warning": "x" * 10**6, "state": "y" * 10**6}), NOW)
-    assert (len(row.reason), len(row.state)) == (200, 200)
-
-
-def test_the_table_shows_no_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
-    draw_table(rows_of("h", reply(status=STATUS | {"warning": "\x1b[31m[red]x"}), NOW), clear=False)
-    shown = capsys.readouterr().out
-    assert "\x1b" not in shown
-    assert "1 of 1 boards fresh" in shown
-    assert "B1" in shown
 
 
 def page(port: int) -> dict[tuple[str, ...], float]:
@@ -199,67 +240,6 @@ def test_the_page_tells_that_the_router_has_gone(monkeypatch: pytest.MonkeyPatch
     assert [shown["tactiled_valid", "a", "B1"] for shown in pages] == [1.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    ("age_s", "is_silent"), [(0.0, False), (0.95, False), (1.05, True), (-0.95, False), (-1.05, True)]
-)
-def test_a_status_older_than_a_second_by_either_clock_is_silence(age_s: float, *, is_silent: bool) -> None:
-    [row] = rows_of("h", reply(status=STATUS | {"timestamp": NOW - age_s}), NOW)
-    assert (row.state == "silent") is is_silent
-    assert row.valid is not is_silent
-
-
-@pytest.mark.parametrize(
-    ("fields", "expected"),
-    [
-        ({"age_s": 1e9}, {"age_s": -1.0}),  # before any scan
-        ({"age_s": 0.0, "timestamp": NOW + 0.5}, {"age_s": 0.0}),  # no negative age
-        ({"loss_known": False}, {"loss_ppm": -1.0}),
-        ({"scans": 0, "scans_missing": 0}, {"loss_ppm": -1.0}),
-        ({"scans": 3, "scans_missing": 1}, {"loss_ppm": 250_000.0}),
-        ({"reason": "unplugged"}, {"reason": "unplugged"}),
-        ({"valid": 1}, {"valid": False}),
-        ({"valid": False, "state": "stalled"}, {"valid": False, "state": "stalled"}),
-    ],
-)
-def test_numbers_that_are_not_known_are_shown_as_unknown(fields: Any, expected: dict[str, Any]) -> None:
-    [row] = rows_of("h", reply(status=STATUS | fields), NOW)
-    assert {name: getattr(row, name) for name in expected} == expected
-
-
-@pytest.mark.parametrize(
-    ("state", "age_s", "shown"),
-    [("none", 0.0, -1.0), ("partial", 0.9, 0.7), ("partial", 1.1, -1.0), ("partial", -1.1, -1.0)],
-)
-def test_utilisation_is_that_of_a_contact_of_now(state: str, age_s: float, shown: float) -> None:
-    grip = {"state": state, "utilisation": 0.7, "timestamp": NOW - age_s}
-    [row] = rows_of("h", reply(status=STATUS, grip=grip), NOW)
-    assert row.utilisation == shown
-
-
-def test_disk_space_is_that_of_a_recording(capsys: pytest.CaptureFixture[str]) -> None:
-    for state, cell in [("off", "-"), ("recording", "12.3"), ("no-room", "12.3 !")]:
-        [row] = rows_of("h", reply(status=STATUS, recording={"state": state, "free_mb": 12_345.0}), NOW)
-        assert row.free_mb == (-1.0 if state == "off" else 12_345.0)
-        draw_table([row], clear=False)
-        assert cell in capsys.readouterr().out
-
-
-def test_the_table_has_milliseconds_and_ppm(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = [
-        FleetRow("h", "B1", "running", True, 0.0123, 0.5, 2.25, "f9"),
-        FleetRow("h", "B2", "gone", age_s=0.0, utilisation=0.0, loss_ppm=0.0),
-        FleetRow("h", "B3", "silent"),
-    ]
-    draw_table(rows, clear=False)
-    lines = capsys.readouterr().out.splitlines()
-    assert [line.split() for line in lines[1:4]] == [
-        ["h", "B1", "running", "12", "0.50", "2.2", "f9", "-"],
-        ["h", "B2", "gone", "0", "0.00", "0.0", "-", "-"],
-        ["h", "B3", "silent", "-", "-", "-", "-", "-"],
-    ]
-    assert lines[4] == "1 of 3 boards fresh"
-
-
 def test_hosts_and_boards_that_went_are_gone_until_they_return() -> None:
     boards = FleetList("zenoh://127.0.0.1:7447/*")
     two = {"messages": {f"tactile/{board}/status": STATUS for board in ("B1", "B2")}}
@@ -274,8 +254,3 @@ def test_hosts_and_boards_that_went_are_gone_until_they_return() -> None:
     assert seen({"a": reply(status=STATUS), "b": None}) == [
         ("a", "B1", "running"), ("a", "B2", "gone"), ("b", "", "silent"), ("b", "B1", "gone")
     ]  # fmt: skip
-
-
-def test_paths_that_are_none_of_a_board_make_no_row() -> None:
-    messages = {"tactile/B1": STATUS, "a/b/c/d": STATUS, "tactile/B2/status": 3, "tactile/B3/status": STATUS}
-    assert [row.board for row in rows_of("h", {"messages": messages}, NOW)] == ["B3"]

@@ -13,7 +13,6 @@ The types state what the daemon sends; they are not checked when a message is re
 and in which unit, is in protocols/events.md.
 """
 
-from dataclasses import dataclass, field
 from typing import Literal, TypedDict
 
 from tactiled.client.items import Message
@@ -61,12 +60,11 @@ class SlipData(HeadData):
     suppressed: Literal["", "inhibit", "load-change"]
 
 
-@dataclass(frozen=True)
 class SlipMessage(Message):
     """Message of the topic `slip`."""
 
     topic: Literal["slip"]
-    data: SlipData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: SlipData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class ContactData(HeadData):
@@ -78,12 +76,11 @@ class ContactData(HeadData):
     valid: bool
 
 
-@dataclass(frozen=True)
 class ContactMessage(Message):
     """Message of the topic `contact`."""
 
     topic: Literal["contact"]
-    data: ContactData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: ContactData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class GripData(HeadData):
@@ -112,12 +109,11 @@ class GripData(HeadData):
     suppressed: Literal["", "inhibit", "load-change"]
 
 
-@dataclass(frozen=True)
 class GripMessage(Message):
     """Message of the topic `grip`."""
 
     topic: Literal["grip"]
-    data: GripData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: GripData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class ForceData(HeadData):
@@ -145,12 +141,11 @@ class ForceData(HeadData):
     late: bool
 
 
-@dataclass(frozen=True)
 class ForceMessage(Message):
     """Message of the topic `force`."""
 
     topic: Literal["force"]
-    data: ForceData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: ForceData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class CandidateData(TypedDict):
@@ -199,12 +194,11 @@ class TextureData(HeadData):
     estimator: str
 
 
-@dataclass(frozen=True)
 class TextureMessage(Message):
     """Message of the topic `texture`."""
 
     topic: Literal["texture"]
-    data: TextureData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: TextureData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class ScanData(HeadData):
@@ -218,12 +212,11 @@ class ScanData(HeadData):
     late: bool
 
 
-@dataclass(frozen=True)
 class ScanMessage(Message):
     """Message of the topic `scan`."""
 
     topic: Literal["scan"]
-    data: ScanData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: ScanData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class SentData(TypedDict):
@@ -275,12 +268,11 @@ class StatusData(HeadData):
     sent: SentData
 
 
-@dataclass(frozen=True)
 class StatusMessage(Message):
     """Message of the topic `status`."""
 
     topic: Literal["status"]
-    data: StatusData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: StatusData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class InfoData(HeadData):
@@ -302,12 +294,11 @@ class InfoData(HeadData):
     tactiled_version: str
 
 
-@dataclass(frozen=True)
 class InfoMessage(Message):
     """Message of the topic `info`."""
 
     topic: Literal["info"]
-    data: InfoData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: InfoData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class RecordingData(HeadData):
@@ -323,12 +314,11 @@ class RecordingData(HeadData):
     reads_waiting: int
 
 
-@dataclass(frozen=True)
 class RecordingMessage(Message):
     """Message of the topic `recording`."""
 
     topic: Literal["recording"]
-    data: RecordingData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: RecordingData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 class CommandData(HeadData):
@@ -345,12 +335,11 @@ class CommandData(HeadData):
     scan_index: int
 
 
-@dataclass(frozen=True)
 class CommandMessage(Message):
     """Message of the topic `command`."""
 
     topic: Literal["command"]
-    data: CommandData = field(repr=False)  # type: ignore[assignment]  # a TypedDict is a dict
+    data: CommandData  # type: ignore[assignment]  # a TypedDict is a dict
 
 
 MESSAGE_TYPES: dict[str, type[Message]] = {
