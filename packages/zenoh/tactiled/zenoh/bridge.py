@@ -9,9 +9,8 @@ import logging
 import os
 import time
 from collections import deque
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -40,9 +39,6 @@ _RETRY_S = 1.0  # period of looking for a router
 _FIRST = zenoh.Priority.INTERACTIVE_HIGH  # overtakes scans that wait for a slow link
 _LAST = zenoh.Priority.DATA_LOW
 
-Put = Callable[[bytes, bytes | None], None]
-"""Publishes a payload with an attachment."""
-
 
 @dataclass(frozen=True)
 class ZenohBridgeParams:
@@ -54,6 +50,33 @@ class ZenohBridgeParams:
     scan_rate_hz: float | None = None
     allow_commands: bool = False
     keys: Path | None = None  # key file for the daemon, where its endpoint needs one
+
+
+@dataclass
+class RateLimit:
+    """Highest rate of the messages of each topic; None for every message, 0 for none."""
+
+    rate_hz: float | None
+    _due_s: dict[bytes, float] = field(default_factory=dict)
+
+    def admits(self, topic: bytes, now_s: float) -> bool:
+        """Return True for a message that is to be forwarded."""
+        if self.rate_hz is None:
+            return True
+        if self.rate_hz == 0 or now_s < self._due_s.get(topic, 0.0):
+            return False
+        # Counted from the last due time, so that the mean rate is what was asked for.
+        period_s = 1 / self.rate_hz
+        self._due_s[topic] = max(self._due_s.get(topic, now_s), now_s - period_s) + period_s
+        return True
+
+
+def key_of(host: str, topic: bytes) -> str | None:
+    """Return the key of a topic ``tactile/BOARD/TOPIC``; None for what is no topic."""
+    parts = topic.decode(errors="replace").split("/")
+    if len(parts) != 3 or not all(parts):
+        return None
+    return "/".join(("tactile", host, *map(zenoh_chunk, parts[1:])))
 
 
 def wait_for_session(config: "zenoh.Config") -> "zenoh.Session":
@@ -83,10 +106,10 @@ class ZenohBridge:
         _refuse_second(session, params.host)
         self._params = params
         self._session = session
-        self._thinned = () if params.scan_rate_hz is None else PER_SCAN
-        self._attachment = ",".join(self._thinned).encode() or None
-        self._puts: dict[bytes, Put | None] = {}
-        self._due_s: dict[bytes, float] = {}
+        self._limit = RateLimit(params.scan_rate_hz)
+        # Names of the topics of which a part is forwarded, for the subscribers.
+        self._thinned = None if params.scan_rate_hz is None else ",".join(PER_SCAN).encode()
+        self._publishers: dict[bytes, Any] = {}
         self._boards = _LivelyBoards(session, params.host)
         # There while no board is: lists show the host as silent, and another bridge cannot take its name.
         self._token = session.liveliness().declare_token(f"tactile/{params.host}/control")
@@ -140,33 +163,18 @@ class ZenohBridge:
         self._wakeup.close()
 
     def _forward(self, topic: bytes, payload: bytes, now_s: float) -> None:
-        put = self._puts.get(topic)
-        if put is None and (topic in self._puts or (put := self._new(topic)) is None):
-            return
         name = topic.rsplit(b"/", 1)[-1].decode(errors="replace")
+        if name in PER_SCAN and not self._limit.admits(topic, now_s):
+            return
+        if topic not in self._publishers:
+            key = key_of(self._params.host, topic)
+            self._publishers[topic] = None if key is None else _publisher(self._session, key, name)
+        if (publisher := self._publishers[topic]) is None:
+            return
         if name == "status":
             self._boards.heard(topic, now_s)
-            put(payload, self._attachment)
-        elif name in self._thinned:
-            if now_s < self._due_s.get(topic, 0.0):
-                return
-            rate_hz = self._params.scan_rate_hz or 1.0
-            # Counted from the last due time, so that the mean rate is what was asked for.
-            self._due_s[topic] = max(self._due_s.get(topic, now_s), now_s - 1 / rate_hz) + 1 / rate_hz
-            put(payload, self._attachment)
-        else:
-            put(payload, None)
-
-    def _new(self, topic: bytes) -> Put | None:
-        """Declare the publisher of a topic; None for one that is not forwarded."""
-        self._puts[topic] = None
-        parts = topic.decode(errors="replace").split("/")
-        if len(parts) == 3 and all(parts):
-            _, board, name = parts
-            if name not in self._thinned or self._params.scan_rate_hz:
-                key = f"tactile/{self._params.host}/{zenoh_chunk(board)}/{zenoh_chunk(name)}"
-                self._puts[topic] = _publisher(self._session, key, name)
-        return self._puts[topic]
+        is_told = name in ("status", *PER_SCAN)
+        publisher.put(payload, attachment=self._thinned if is_told else None)
 
     def _asked(self, query: "zenoh.Query") -> None:
         """Take a request, in a thread of zenoh."""
@@ -235,7 +243,7 @@ def host_name() -> str:
     return zenoh_chunk(os.uname().nodename.split(".")[0]) or "host"
 
 
-def _publisher(session: "zenoh.Session", key: str, topic: str) -> Put:
+def _publisher(session: "zenoh.Session", key: str, topic: str) -> Any:
     """Declare a publisher; zenoh's advanced subscribers can ask that of a rare topic for what they missed."""
     options: dict[str, Any] = {
         "encoding": "application/msgpack",
@@ -243,18 +251,10 @@ def _publisher(session: "zenoh.Session", key: str, topic: str) -> Put:
         "congestion_control": zenoh.CongestionControl.DROP,
         "express": topic not in PER_SCAN,
     }
-    publisher: Any
-    if topic in _RARE:
-        publisher = zenoh.ext.declare_advanced_publisher(
-            session,
-            key,
-            cache=zenoh.ext.CacheConfig(_CACHED),
-            sample_miss_detection=zenoh.ext.MissDetectionConfig(
-                heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S
-            ),
-            publisher_detection=True,
-            **options,
-        )
-    else:
-        publisher = session.declare_publisher(key, **options)
-    return lambda payload, attachment: publisher.put(payload, attachment=attachment)
+    if topic not in _RARE:
+        return session.declare_publisher(key, **options)
+    cache = zenoh.ext.CacheConfig(_CACHED)
+    misses = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
+    return zenoh.ext.declare_advanced_publisher(
+        session, key, cache=cache, sample_miss_detection=misses, publisher_detection=True, **options
+    )
