@@ -21,9 +21,9 @@ from tactiled.client.parse import message_of
 from tactiled.commands.ros2 import ros2
 from tactiled.errors import OperatorError
 from tactiled.events import codec
-from tactiled.events.types import EVENT_TYPES, Event, ForceEvent, GripEvent, ScanEvent
+from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.ros2 import bridge as module
-from tactiled.ros2.bridge import Bridge, BridgeParams
+from tactiled.ros2.bridge import BoardServices, Bridge, BridgeParams
 from tactiled.ros2.participant import ServiceRequest
 
 ENDPOINT = "ipc:///tmp/events.ipc"
@@ -139,7 +139,6 @@ def test_the_message_package_is_written(tmp_path: Path) -> None:
 
 
 LEFT, RIGHT = "ipc:///tmp/left.ipc", "ipc:///tmp/right.ipc"
-PER_SCAN = {"scan", "force", "grip", "wrench", "taxels"}
 
 
 class ServingNode(FakeNode):
@@ -149,12 +148,7 @@ class ServingNode(FakeNode):
         super().__init__()
         self.waiting = list(requests)
         self.served: dict[str, str] = {}
-        self.deliveries: dict[str, str] = {}
         self.replies: list[tuple[int, bool, str]] = []
-
-    def writer(self, topic: str, kind: str, delivery: str) -> Any:
-        self.deliveries[topic] = delivery
-        return super().writer(topic, kind, delivery)
 
     def serve(self, service: str, kind: str) -> None:
         self.served[service] = kind
@@ -201,8 +195,9 @@ def commanders(monkeypatch: pytest.MonkeyPatch) -> list[FakeCommander]:
 
 
 def bridge_of(node: FakeNode, *, allow_commands: bool = True) -> Bridge:
-    params = BridgeParams((LEFT, RIGHT), allow_commands=allow_commands, frames={"A": "palm"})
-    bridge = Bridge(node, params, lambda _: None)  # type: ignore[arg-type]
+    params = BridgeParams((LEFT, RIGHT), frames={"A": "palm"})
+    services = BoardServices(node, None) if allow_commands else None  # type: ignore[arg-type]
+    bridge = Bridge(node, params, lambda _: None, services)  # type: ignore[arg-type]
     bridge.take(LEFT, now(STATUS, "A"))
     bridge.take(RIGHT, now(STATUS, "B"))
     return bridge
@@ -286,18 +281,6 @@ def test_services_are_offered_only_where_commands_are_allowed() -> None:
     assert len(closed.waiting) == 1  # nobody looked
 
 
-def test_topics_keep_what_late_subscribers_need() -> None:
-    node = ServingNode()
-    bridge_of(node)
-    for topic, delivery in node.deliveries.items():
-        name = topic.rsplit("/", 1)[-1]
-        wanted = {"contact": "latched", "info": "repeated"}.get(
-            name, "sensor" if name in PER_SCAN else "event"
-        )
-        assert delivery == wanted, topic
-    assert {topic.split("/")[2] for topic in node.deliveries if topic.count("/") > 1} == {"A", "B"}
-
-
 def test_messages_have_the_frame_of_their_board() -> None:
     node = ServingNode()
     bridge_of(node)
@@ -313,37 +296,6 @@ def test_each_board_is_reported_once() -> None:
     ((report),) = heard
     assert (report["what"], report["board"]) == ("board", "A")
     assert {"/tactile/A/slip", "/tactile/A/wrench", "/tactile/A/taxels"} <= set(report["topics"])
-
-
-def test_a_board_without_a_status_publishes_nothing() -> None:
-    node = ServingNode()
-    bridge = Bridge(node, BridgeParams((LEFT,)), lambda _: None)  # type: ignore[arg-type]
-    events = [
-        GripEvent(time_s=0.0, valid=True),
-        ForceEvent(time_s=0.0, valid=True, calibration="mine"),
-        ScanEvent(time_s=0.0, index=0, volts=(1.0,), valid=(True,), time_sd_s=0.0, age_s=0.0, late=False),
-    ]
-    for repeat in range(2):
-        for event in events:
-            bridge.take(LEFT, now(event, "A"))
-        sent = {topic for topic, _ in node.written}
-        own = {f"/tactile/A/{event.topic}" for event in events}
-        assert (own <= sent) is bool(repeat), sent
-        assert ("/tactile/A/wrench" in sent) is bool(repeat)
-        bridge.take(LEFT, now(STATUS, "A"))
-
-
-def test_a_contact_ends_on_ros_when_its_daemon_falls_silent() -> None:
-    node = ServingNode()
-    bridge = Bridge(node, BridgeParams((LEFT,)), lambda _: None)  # type: ignore[arg-type]
-    bridge.take(LEFT, now(STATUS, "A"))
-
-    def contacts() -> list[tuple[str, bool]]:
-        return [(one["state"], one["valid"]) for topic, one in node.written if topic == "/tactile/A/contact"]
-
-    assert contacts() == [(STATUS.contact, True)]
-    run(bridge, lambda: len(contacts()) > 1)  # nothing more comes
-    assert contacts()[1] == ("unknown", False)
 
 
 def test_a_board_whose_name_is_taken_is_reported_while_it_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -122,36 +122,86 @@ class BoardTopics:
         self._own["contact"].write(convert.own_message(contact, self._frame))
 
 
-class Bridge:
-    """Publish what daemons send, until stopped; `report` is called with each new board as a map."""
+class BoardServices:
+    """Services of boards: what a caller in ROS asks goes to the daemon of the board, and its reply back."""
 
-    def __init__(self, node: AnyNode, params: BridgeParams, report: Report) -> None:
-        self._node, self._params, self._report = node, params, report
-        self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
-        self._boards: dict[tuple[str, str], BoardTopics] = {}
-        self._refused: dict[tuple[str, str], tuple[str, float]] = {}  # words, when it was last heard
-        self._unnamed = {endpoint: BoardFreshness() for endpoint in params.endpoints}
-        self._services: dict[str, tuple[str, str, str]] = {}  # endpoint, board, command
+    def __init__(self, node: Node, keys: Path | None) -> None:
+        self._node, self._keys = node, keys
+        self._boards: dict[str, tuple[str, str, str]] = {}  # endpoint, board, command by name of the service
         self._commanders: dict[str, tuple[AsyncCommander, asyncio.Lock]] = {}
         self._answers: set[asyncio.Task[None]] = set()
-        self._malformed = 0
+
+    def offer(self, name: str, endpoint: str, board: str) -> None:
+        """Offer the services below a name for a board; those that are there already serve it from now on."""
+        for command, (kind, _) in _SERVICES.items():
+            service = f"{name}/{command}"
+            if service not in self._boards:
+                self._node.serve(service, kind)
+            self._boards[service] = endpoint, board, command
 
     async def run(self) -> None:
-        """Run until cancelled."""
+        """Answer requests until cancelled."""
         try:
-            async with asyncio.TaskGroup() as group:
-                for endpoint in self._params.endpoints:
-                    group.create_task(self._listen(endpoint))
-                group.create_task(self._diagnose())
-                group.create_task(self._watch())
-                if self._params.allow_commands:
-                    group.create_task(self._serve())
+            while True:
+                await asyncio.sleep(_REQUESTS_S)
+                for request in self._node.requests():
+                    if len(self._answers) >= _MOST_REQUESTS:
+                        self._reply(request, "too many requests: ask again later")
+                        continue
+                    task = asyncio.create_task(self._answer(request))
+                    self._answers.add(task)
+                    task.add_done_callback(self._answers.discard)
         finally:
             for task in self._answers:
                 task.cancel()
             await asyncio.gather(*self._answers, return_exceptions=True)
             for commander, _ in self._commanders.values():
                 commander.close()
+
+    async def _answer(self, request: ServiceRequest) -> None:
+        endpoint, board, command = self._boards[request.service]
+        arguments = {name: request.values[name] for name in _SERVICES[command][1]}
+        if len(arguments.get("text", "")) > _LONGEST_TEXT:
+            self._reply(request, f"text: at most {_LONGEST_TEXT} characters")
+            return
+        try:
+            if endpoint not in self._commanders:
+                made = AsyncCommander(endpoint, "ros2", keys=self._keys)
+                self._commanders[endpoint] = (made, asyncio.Lock())
+            commander, lock = self._commanders[endpoint]
+            async with lock:
+                reply = await commander.send(command, timeout_s=_COMMAND_S, board=board, **arguments)
+        except TactiledError as error:
+            self._reply(request, str(error))
+        else:
+            self._reply(request, reply.reason, success=reply.ok)
+
+    def _reply(self, request: ServiceRequest, message: str, *, success: bool = False) -> None:
+        self._node.reply(request, success=success, message=message)
+
+
+class Bridge:
+    """Publish what daemons send, until stopped; `report` is called with each new board as a map."""
+
+    def __init__(
+        self, node: AnyNode, params: BridgeParams, report: Report, services: BoardServices | None = None
+    ) -> None:
+        self._node, self._params, self._report, self._services = node, params, report, services
+        self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
+        self._boards: dict[tuple[str, str], BoardTopics] = {}
+        self._refused: dict[tuple[str, str], tuple[str, float]] = {}  # words, when it was last heard
+        self._unnamed = {endpoint: BoardFreshness() for endpoint in params.endpoints}
+        self._malformed = 0
+
+    async def run(self) -> None:
+        """Run until cancelled."""
+        async with asyncio.TaskGroup() as group:
+            for endpoint in self._params.endpoints:
+                group.create_task(self._listen(endpoint))
+            group.create_task(self._diagnose())
+            group.create_task(self._watch())
+            if self._services is not None:
+                group.create_task(self._services.run())
 
     async def _listen(self, endpoint: str) -> None:
         async with Client(endpoint, keys=self._params.keys) as client:
@@ -196,11 +246,8 @@ class Bridge:
             topics.set_board(board, self._params)
         self._refused.pop(key, None)
         self._boards[key] = topics
-        if self._params.allow_commands:
-            for command, (kind, _) in _SERVICES.items():
-                if before is None:
-                    self._node.serve(f"{name}/{command}", kind)
-                self._services[f"{name}/{command}"] = (endpoint, board, command)
+        if self._services is not None:
+            self._services.offer(name, endpoint, board)
         self._report({"what": "board", "board": board, "topics": topics.topics})
         return True
 
@@ -248,35 +295,6 @@ class Bridge:
         }
         return name, board, level, text, values | counts
 
-    async def _serve(self) -> None:
-        while True:
-            await asyncio.sleep(_REQUESTS_S)
-            for request in self._node.requests():
-                if len(self._answers) >= _MOST_REQUESTS:
-                    self._node.reply(request, success=False, message="too many requests: ask again later")
-                    continue
-                task = asyncio.create_task(self._answer(request))
-                self._answers.add(task)
-                task.add_done_callback(self._answers.discard)
-
-    async def _answer(self, request: ServiceRequest) -> None:
-        endpoint, board, command = self._services[request.service]
-        arguments = {name: request.values[name] for name in _SERVICES[command][1]}
-        if len(arguments.get("text", "")) > _LONGEST_TEXT:
-            self._node.reply(request, success=False, message=f"text: at most {_LONGEST_TEXT} characters")
-            return
-        try:
-            if endpoint not in self._commanders:
-                made = AsyncCommander(endpoint, "ros2", keys=self._params.keys)
-                self._commanders[endpoint] = (made, asyncio.Lock())
-            commander, lock = self._commanders[endpoint]
-            async with lock:
-                reply = await commander.send(command, timeout_s=_COMMAND_S, board=board, **arguments)
-        except TactiledError as error:
-            self._node.reply(request, success=False, message=str(error))
-        else:
-            self._node.reply(request, success=reply.ok, message=reply.reason)
-
 
 def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: Report) -> None:
     """Run a bridge until SIGINT or SIGTERM."""
@@ -284,7 +302,10 @@ def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: R
     async def main() -> None:
         node = make_node()
         try:
-            task = asyncio.ensure_future(Bridge(node, params, report).run())
+            services = None
+            if params.allow_commands and isinstance(node, Node):
+                services = BoardServices(node, params.keys)
+            task = asyncio.ensure_future(Bridge(node, params, report, services).run())
             for each in (signal.SIGINT, signal.SIGTERM):
                 asyncio.get_running_loop().add_signal_handler(each, task.cancel)
             report({"what": "node", "name": f"/{params.namespace}/{node.name}", "domain": node.domain_id})

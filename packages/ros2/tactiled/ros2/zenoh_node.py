@@ -14,12 +14,11 @@ from typing import Any
 
 import zenoh
 
-from tactiled.errors import ContractError
 from tactiled.ros2 import names
 from tactiled.ros2.cdr import encode
 from tactiled.ros2.definitions import STANDARD, parse_types, rihs01
 from tactiled.ros2.own_types import own_definitions
-from tactiled.ros2.participant import Delivery, ServiceRequest
+from tactiled.ros2.participant import Delivery
 
 _ENCLAVE = "%"
 _NODE_ID = 0
@@ -77,7 +76,10 @@ class ZenohTopicWriter:
 
 
 class ZenohNode:
-    """One node of ROS 2; its session has timestamps (`add_timestamps`), and is closed by its owner."""
+    """One node of ROS 2; its session has timestamps (`add_timestamps`), and is closed by its owner.
+
+    It has no services: commands come over ``tactile/HOST/command``, where routers can tell who may give them.
+    """
 
     def __init__(self, session: "zenoh.Session", domain_id: int, name: str, namespace: str) -> None:
         self.name, self.domain_id = name, domain_id
@@ -96,18 +98,6 @@ class ZenohNode:
         )
         make = partial(encode, kind, self.types)
         return ZenohTopicWriter(self._session, f"{self.domain_id}{topic}/{on_wire}", make, delivery)
-
-    def serve(self, service: str, kind: str) -> None:
-        """Refuse: commands come over ``tactile/HOST/command``, where routers can tell who may give them."""
-        raise ContractError(f"{service} ({kind}): there are no services over zenoh")
-
-    def requests(self) -> list[ServiceRequest]:
-        """Return none."""
-        return []
-
-    def reply(self, request: ServiceRequest, *, success: bool, message: str) -> None:
-        """Refuse, as `serve`."""
-        raise ContractError(f"{request.service}: no request came over zenoh ({success}, {message})")
 
     def close(self) -> None:
         """Take back all tokens."""
