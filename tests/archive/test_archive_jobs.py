@@ -7,8 +7,16 @@ from typing import Any
 
 import pytest
 
-from tactiled.archive.columns import FILE_TOPIC, event_rows, file_row, schema
-from tactiled.archive.detect import FileJob, Outcome, detect_files, matching
+from tactiled.archive.detect import (
+    FILE_TOPIC,
+    FileJob,
+    Outcome,
+    detect_files,
+    event_rows,
+    file_row,
+    matching,
+    schema,
+)
 from tactiled.errors import DataError, OperatorError
 from tactiled.offline import Choices
 

@@ -1,6 +1,7 @@
 """``tactiled detect 'runs/**/*.mcap' --to events.parquet``: many files, on many workers, resumable."""
 
 import contextlib
+import dataclasses
 import fcntl
 import glob
 import hashlib
@@ -8,21 +9,23 @@ import io
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any, get_args, get_origin
 
 import pyarrow
 import pyarrow.parquet
 
 from tactiled import resources, tomltext
-from tactiled.archive.columns import event_rows, file_row, schema
 from tactiled.errors import DataError, OperatorError
+from tactiled.events.codec import message_key
+from tactiled.events.types import EVENT_TYPES
 from tactiled.jobs import executor
-from tactiled.offline import Choices, array_of_config, detect_messages
+from tactiled.offline import OFFLINE_TOPICS, Choices, array_of_config, detect_messages
 from tactiled.progress import ProgressBar
 from tactiled.version import __version__
 
@@ -32,6 +35,18 @@ _PART = ".part"
 _MOST_ON_DASK = 10_000
 # Events that are rows of Python before they are compressed: some 20 MB, 17 minutes of grip at 10 Hz.
 _GROUP_EVENTS = 10_000
+# Value of `topic` in the row that stands for a whole file.
+FILE_TOPIC = "file"
+_PLAIN = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
+_FILE_COLUMNS = [
+    pyarrow.field("file", pyarrow.string(), nullable=False),
+    pyarrow.field("topic", pyarrow.string(), nullable=False),
+    pyarrow.field("board", pyarrow.string()),
+    pyarrow.field("error", pyarrow.string()),
+    pyarrow.field("summary", pyarrow.string()),
+    pyarrow.field("seq", pyarrow.int64()),
+    pyarrow.field("timestamp", pyarrow.float64()),
+]
 
 
 @dataclass(frozen=True)
@@ -67,7 +82,7 @@ class FileJob:
             with contextlib.suppress(OSError):  # it may be gone: then the row says so
                 status = path.stat()
                 parts += [str(path), status.st_size, status.st_mtime_ns]
-        parts += [getattr(choices, field.name) for field in fields(choices)]
+        parts += [getattr(choices, field.name) for field in dataclasses.fields(choices)]
         array = self.array or array_of_config(choices.config)
         named = (
             (array, "config/arrays"),
@@ -289,6 +304,52 @@ def _merge(parts: Sequence[tuple[str, Path]], to: Path) -> tuple[int, tuple[tupl
                 n_events += rows.metadata.num_rows - 1
     unfinished.replace(to)
     return n_events, tuple(failed)
+
+
+def schema() -> pyarrow.Schema:
+    """Make the columns: those of every row, then the fields of all detected events.
+
+    A field that two kinds of event have is one column. A column is null in rows of events without the field.
+    """
+    columns = {column.name: column for column in _FILE_COLUMNS}
+    for topic in OFFLINE_TOPICS:
+        kind = EVENT_TYPES[topic]
+        for field in dataclasses.fields(kind):
+            key = message_key(field.name)
+            columns.setdefault(key, pyarrow.field(key, _arrow_type(field.type)))
+    return pyarrow.schema(list(columns.values()))
+
+
+def _arrow_type(kind: Any) -> pyarrow.DataType:
+    if dataclasses.is_dataclass(kind):
+        return pyarrow.struct([(part.name, _arrow_type(part.type)) for part in dataclasses.fields(kind)])
+    if get_origin(kind) is tuple:
+        return pyarrow.list_(_arrow_type(get_args(kind)[0]))
+    return _PLAIN.get(kind, pyarrow.string())  # else a Literal of strings
+
+
+def file_row(file: str, summary: str, error: str = "") -> pyarrow.Table:
+    """Make the row of a file itself, with lines for people, and why it could not be analysed (else empty)."""
+    return _to_table([{"file": file, "topic": FILE_TOPIC, "error": error, "summary": summary}])
+
+
+def event_rows(file: str, messages: Iterable[Mapping[str, Any]]) -> pyarrow.Table:
+    """Make a row for each message with `topic`, as `detect` prints it."""
+    return _to_table([{**message, "file": file} for message in messages])
+
+
+def _to_table(rows: Iterable[Mapping[str, Any]]) -> pyarrow.Table:
+    known = schema()
+    return pyarrow.Table.from_pylist(
+        [{name: _as_unicode(row.get(name)) for name in known.names} for row in rows], known
+    )
+
+
+def _as_unicode(value: Any) -> Any:
+    """Write bytes of a file name that are not UTF-8 as escapes; leave all else as it is."""
+    if not isinstance(value, str):
+        return value
+    return value.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def _failed(file: str, error: str) -> bytes:

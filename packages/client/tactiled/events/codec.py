@@ -18,14 +18,14 @@ MESSAGE_VERSION = 1
 # Instants become epoch seconds, under names without the unit.
 _RENAMED = {"time_s": "timestamp", "onset_s": "onset", "detected_s": "detected", "answered_s": "answered"}
 
-# Instant at which the evidence of a message was complete (`Event.evidence_s`), where it is not `timestamp`:
-# a slip is reported some time after it began, a texture after its window.
-_EVIDENCE = {"slip": "detected", "texture": "answered"}
-
 
 def evidence_key(topic: str) -> str:
-    """Return the field of a message that has the instant at which its evidence was complete."""
-    return _EVIDENCE.get(topic, "timestamp")
+    """Return the field of a message that has the instant at which its evidence was complete.
+
+    A slip is reported some time after it began, a texture after its window.
+    """
+    kind = EVENT_TYPES.get(topic, Event)  # a topic of a later version
+    return message_key(kind.evidence)
 
 
 def message_key(name: str) -> str:

@@ -17,12 +17,13 @@ class Event:
     """Base of all events; `time_s` is the physical instant of the event."""
 
     topic: ClassVar[str]
+    evidence: ClassVar[str] = "time_s"  # field with the instant of the scan that completed the evidence
     time_s: float
 
     @property
     def evidence_s(self) -> float:
         """Instant of the scan that completed the evidence; events are published in this order."""
-        return self.time_s
+        return float(getattr(self, self.evidence))
 
 
 E = TypeVar("E", bound=Event)
@@ -47,6 +48,7 @@ class SlipEvent(Event):
     """Onset of incipient or gross slip, or end of a slip."""
 
     topic: ClassVar[str] = "slip"
+    evidence: ClassVar[str] = "detected_s"
     state: Literal["onset", "end"]
     kind: Literal["incipient", "gross"]
     onset_s: float
@@ -62,11 +64,6 @@ class SlipEvent(Event):
     detected_s: float
     """Instant of the scan that completed the evidence; `detected_s - onset_s` is the detector's delay."""
     suppressed: Suppressed = ""  # announcement that covers this slip; `valid` is then false. Empty for none
-
-    @property
-    def evidence_s(self) -> float:
-        """Instant of the scan that completed the evidence."""
-        return self.detected_s
 
 
 # "unknown": in contact, but the beginning of the contact was not observed (start or long gap in mid-contact),
@@ -193,6 +190,7 @@ class TextureEvent(Event):
     """
 
     topic: ClassVar[str] = "texture"
+    evidence: ClassVar[str] = "answered_s"
     status: TextureStatus
     answered_s: float
     """Instant of the scan at which this was reported; `time_s` is the end of the window that was used."""
@@ -213,11 +211,6 @@ class TextureEvent(Event):
     """Root-mean-square difference of channels' phases from the wave; 0.0 where there is no wave."""
     candidates: tuple[Candidate, ...] = ()
     estimator: str = ""
-
-    @property
-    def evidence_s(self) -> float:
-        """Instant of the scan at which this was reported."""
-        return self.answered_s
 
 
 @dataclass(frozen=True, kw_only=True)
