@@ -57,26 +57,26 @@ def test_a_request_is_not_repeated_for_ever() -> None:
     assert kept == [[payload]] * 32
 
 
-def test_another_request_with_the_same_id_is_refused() -> None:
-    daemon = Daemon()
-    daemon.request(id="a", do="state")
-    [refusal] = daemon.request(id="a", do="state", board="B")
-    assert "another request" in msgpack.unpackb(refusal)["reason"]
-
-
 @pytest.mark.parametrize(
-    ("allow", "may_command", "session", "reason"),
+    ("allow", "may_command", "fields", "reason"),
     [
-        (False, True, "s", "--allow-commands"),
-        (True, False, "s", "tactile/HOST/command"),
-        (True, True, "", "session"),
+        (False, True, {"do": "tare", "session": "s"}, "--allow-commands"),
+        (True, False, {"do": "tare", "session": "s"}, "tactile/HOST/command"),
+        (True, True, {"do": "tare", "session": ""}, "session"),
+        # for a longer one the daemon would cut the connection
+        (True, True, {"do": "mark", "session": "s", "text": "x" * 16_384}, "longer than"),
+        (True, True, {"do": "state", "id": "waits", "board": "B"}, "another request"),
+        (True, True, {"do": 5}, "id or do is missing"),
     ],
 )
-def test_commands_are_refused(allow: bool, may_command: bool, session: str, reason: str) -> None:
+def test_requests_are_refused_with_the_reason(
+    allow: bool, may_command: bool, fields: dict[str, Any], reason: str
+) -> None:
     daemon = Daemon(allow_commands=allow)
-    [refusal] = daemon.request(may_command=may_command, id="a", do="tare", session=session)
+    daemon.request(id="waits", do="state")
+    [refusal] = daemon.request(may_command=may_command, **{"id": "a"} | fields)
     assert reason in msgpack.unpackb(refusal)["reason"]
-    assert daemon.asked == []
+    assert len(daemon.asked) == 1
 
 
 def test_a_command_says_that_it_came_through_zenoh() -> None:
@@ -97,13 +97,6 @@ def test_what_is_never_answered_is_forgotten() -> None:
     later = daemon.request(now_s=10.0, id="y", do="state")
     assert all(heard == [b""] for heard in lost)
     assert later == []
-
-
-def test_a_request_for_which_the_daemon_would_cut_the_connection_is_refused() -> None:
-    daemon = Daemon()
-    [refusal] = daemon.request(id="a", do="mark", session="s", text="x" * 16_384)
-    assert "longer than" in msgpack.unpackb(refusal)["reason"]
-    assert daemon.asked == []
 
 
 @given(st.binary(max_size=60))
