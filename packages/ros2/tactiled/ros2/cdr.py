@@ -43,7 +43,7 @@ def decode(name: str, types: Mapping[str, RosType], data: bytes) -> dict[str, An
     if data[:2] != HEAD[:2]:
         raise ValueError(f"{name}: not little-endian CDR")
     try:
-        return _Reader(data[4:], types).message(types[name])
+        return _MessageReader(data[4:], types).message(types[name])
     except (struct.error, UnicodeDecodeError) as error:
         raise ValueError(f"{name}: {len(data)} bytes are no such message ({error})") from None
 
@@ -73,7 +73,7 @@ def _write_numbers(out: bytearray, code: str, numbers: Sequence[Any]) -> None:
     out += bytes(-len(out) % struct.calcsize(code)) + struct.pack(f"<{len(numbers)}{code}", *numbers)
 
 
-class _Reader:
+class _MessageReader:
     def __init__(self, data: bytes, types: Mapping[str, RosType]) -> None:
         self._data, self._types, self._at = data, types, 0
 
