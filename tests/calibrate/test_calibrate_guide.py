@@ -1,59 +1,103 @@
-"""The guide asks for what is lacking, and is content with a person's presses."""
+"""The guide asks for what is lacking and is content with presses; what is recorded can be fitted."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tactiled.array import Array, load_array
-from tactiled.calibrate.guide import GOOD, Guide
+from tactiled.array import load_array
+from tactiled.calibrate import guide
+from tactiled.calibrate.files import read_log
+from tactiled.calibrate.guide import GOOD, Guide, GuidedLog
+from tactiled.client.items import Message
 from tactiled.emulator.rig.motion import Motion
 from tactiled.emulator.rig.session import draw_rig
+from tactiled.errors import ConfigError, DataError
 
 ARRAY = load_array("wang2019-3x3")
-MOTIONS: tuple[Motion, ...] = ("walk", "tip")
 
 
-def guided(motion: Motion, seconds: float, array: Array = ARRAY) -> Guide:
+def runs(*motions: Motion, seconds: float = 60.0) -> np.ndarray:
+    """Readings of a person who presses a rig."""
     rig, rng = draw_rig(ARRAY, 2)
-    readings = rig.run(motion, seconds, rng).readings
-    guide = Guide(array)
+    return np.concatenate([rig.run(motion, seconds, rng).readings for motion in motions])
+
+
+def guided(readings: np.ndarray) -> Guide:
+    made = Guide(ARRAY)
     for start in range(0, len(readings), 100):
-        guide.add(readings[start : start + 100])
-    return guide
-
-
-def test_nothing_touched_asks_for_a_press() -> None:
-    guide = Guide(ARRAY)
-    guide.add(1e-3 * np.random.default_rng(0).standard_normal((100, 36)))
-    assert "press" in guide.advice().motion
-    assert guide.advice().worst > GOOD
+        made.add(readings[start : start + 100])
+    return made
 
 
 def test_flat_presses_ask_for_shear_or_single_taxels() -> None:
-    advice = guided("flat", 60.0).advice()
+    advice = guided(runs("flat")).advice()
     assert "sideways" in advice.motion or "finger tip" in advice.motion
     assert min(advice.sd["shear x"], advice.sd["shear y"]) > GOOD
 
 
-def test_presses_everywhere_and_on_single_taxels_are_enough() -> None:
-    early, late = guided("walk", 20.0).advice(), with_tips(lost=None).advice()
-    assert late.motion == ""
-    assert early.motion
-    assert late.worst < early.worst
-
-
 @pytest.mark.parametrize("taxel", [0, 8])
 def test_a_taxel_that_was_left_out_is_named(taxel: int) -> None:
-    assert f"taxel {taxel} at" in with_tips(lost=taxel).advice().motion
+    readings = runs("walk", "tip")
+    readings[:, 4 * taxel : 4 * taxel + 4] = 0.0
+    assert f"taxel {taxel} at" in guided(readings).advice().motion
 
 
-def with_tips(lost: int | None) -> Guide:
-    """Guide after presses that wander, and presses on single taxels."""
-    rig, rng = draw_rig(ARRAY, 2)
-    guide = Guide(ARRAY)
-    for motion in MOTIONS:
-        readings = rig.run(motion, 60.0, rng).readings.copy()
-        if lost is not None:
-            readings[:, 4 * lost : 4 * lost + 4] = 0.0
-        for start in range(0, len(readings), 100):
-            guide.add(readings[start : start + 100])
-    return guide
+class PlayedSubscription:
+    """Subscription to a daemon whose board plays readings; a second of scans at each look."""
+
+    def __init__(self, readings: np.ndarray) -> None:
+        self._items = self._played(readings)
+
+    def __enter__(self) -> "PlayedSubscription":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def next_item(self, _until_s: float) -> Message | None:
+        return next(self._items, None)
+
+    def _played(self, readings: np.ndarray) -> Iterator[Message | None]:
+        yield message("info", {"array_id": ARRAY.name, "channels": ARRAY.n_channels})
+        for k, row in enumerate(readings):
+            if k % 100 == 0 and k:
+                yield None
+            yield message("scan", {"timestamp": 1e9 + k / 100, "volts": row.tolist(), "valid": [True] * 36})
+
+
+def message(topic: str, data: dict[str, Any]) -> Message:
+    return Message(topic, "b", 0, 0.0, data, 0.0, 0.0, 0.0)
+
+
+def record(log: Path, monkeypatch: pytest.MonkeyPatch, readings: np.ndarray) -> tuple[GuidedLog, list[str]]:
+    monkeypatch.setattr(guide, "Subscription", lambda *_, **__: PlayedSubscription(readings))
+    monkeypatch.setattr(guide, "_LEAST_S", 0.0)
+    said: list[str] = []
+    return guide.record_guided(log, "ipc:///none", None, None, 1.0, said.append), said
+
+
+def test_prompts_until_nothing_is_lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found, said = record(tmp_path / "log.npz", monkeypatch, runs("walk", "tip"))
+    assert found.lacking == ""
+    assert any("finger tip" in line for line in said)
+    log = read_log(tmp_path / "log.npz")
+    assert log.readings.shape == (found.scans, 36)
+    assert found.scans > 1000
+    assert log.time_s[-1] - log.time_s[0] == pytest.approx(found.duration_s)
+
+
+def test_says_what_is_still_lacking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    quiet = 1e-3 * np.random.default_rng(0).standard_normal((300, 36))
+    found, said = record(tmp_path / "log.npz", monkeypatch, quiet)
+    assert found.lacking in said[-1]
+    assert "still lacking: press" in said[-1]
+
+
+def test_no_scans_and_no_folder_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(DataError, match="no scans"):
+        record(tmp_path / "log.npz", monkeypatch, np.zeros((0, 36)))
+    with pytest.raises(ConfigError, match="name an"):
+        record(tmp_path / "log.csv", monkeypatch, np.zeros((0, 36)))

@@ -1,6 +1,5 @@
 """Calibration on the emulated rig: right forces with honest intervals, or a refusal that says what to do."""
 
-import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from tactiled.array import ArrayFile, TaxelChannel, build, load_array
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
+from tactiled.emulator.rig.motion import Loads
 from tactiled.emulator.rig.reference import ReferenceSensor
 from tactiled.emulator.rig.session import Rig, RigRun, draw_rig
 from tactiled.errors import DataError
@@ -39,7 +39,7 @@ def table(run: RigRun, columns: str = "fx fy fz tx ty tz") -> ReferenceTable:
 
 def study(run: RigRun, reference: ReferenceTable, readings: np.ndarray | None = None) -> CalibrationStudy:
     volts = run.readings if readings is None else readings
-    return calibrate(ARRAY, run.loads.time_s, volts, reference, Identity("mine"), models=("pairs",))
+    return calibrate(ARRAY, run.loads.time_s, volts, reference, Identity("mine"))
 
 
 @cache
@@ -211,30 +211,18 @@ def test_too_short_a_log_is_refused() -> None:
 
 def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
     rig, _, _ = rig_run()
-    loads, readings, taxels = _probed(rig)
-    seen = rig.reference.seen(loads)
-    reference = ReferenceTable(np.arange(len(seen)) / 100.0, seen, taxels)
-    found = calibrate(
-        ARRAY, np.arange(len(seen)) / 100.0, readings, reference, Identity("probe"), models=("pairs",)
-    )
-    assert not any("hardly separated" in words for words in found.file.verdict)
-    assert fitted().file.array == found.file.array
-
-
-def _probed(rig: Rig) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     n = 4500
-    taxels = np.repeat(np.arange(9), n // 9)
-    time_s = np.arange(n) / 100.0
+    rows, taxels, time_s = np.arange(n), np.repeat(np.arange(9), n // 9), np.arange(n) / 100.0
     press = 3.0 * np.sin(np.pi * ((time_s % 2.5) / 2.5)) ** 2
-    loads = np.zeros((n, 9, 3))
-    rows = np.arange(n)
-    loads[rows, taxels, 2] = press
-    loads[rows, taxels, 0] = 0.4 * press * np.sin(2 * np.pi * time_s / 1.7)
-    loads[rows, taxels, 1] = 0.4 * press * np.cos(2 * np.pi * time_s / 2.3)
-    fx, fy, fz = np.moveaxis(loads, 2, 0)
-    x, y = ARRAY.x_mm, ARRAY.y_mm
-    wrench = np.stack([part.sum(axis=1) for part in (fx, fy, fz, y * fz, -x * fz, x * fy - y * fx)], axis=1)
-    return wrench, rig.sensor.readings(loads, 100.0, np.random.default_rng(4)), taxels
+    taxels_n = np.zeros((n, 9, 3))
+    taxels_n[rows, taxels, 2] = press
+    taxels_n[rows, taxels, 0] = 0.4 * press * np.sin(2 * np.pi * time_s / 1.7)
+    taxels_n[rows, taxels, 1] = 0.4 * press * np.cos(2 * np.pi * time_s / 2.3)
+    seen = rig.reference.seen(Loads(time_s, taxels_n).wrench(ARRAY))
+    readings = rig.sensor.readings(taxels_n, 100.0, np.random.default_rng(4))
+    reference = ReferenceTable(time_s, seen, taxels)
+    found = calibrate(ARRAY, reference.time_s, readings, reference, Identity("probe"))
+    assert not any("hardly separated" in words for words in found.file.verdict)
 
 
 def test_loads_beyond_the_calibrated_range_are_flagged_and_uncertain() -> None:
@@ -256,21 +244,6 @@ def test_the_drawn_reference_turns_forces_and_moments_alike() -> None:
     assert sensor.seen(np.array([[1.0, 0, 0, 0, 2.0, 0]])) == pytest.approx(
         np.array([[0, 1.0, 0, -2.0, 0, 0]]), abs=1e-12
     )
-
-
-@pytest.mark.parametrize("cuts", [(1, 2, 3), (500, 777), tuple(range(100, 1000, 7))])
-def test_a_fitted_file_gives_identical_events_for_any_chunking(cuts: tuple[int, ...]) -> None:
-    _, _, test = rig_run()
-    file = fitted().file
-    block = regular_block(test.readings[:1000], 100.0)
-    whole = ForceEstimator(ARRAY, file)
-    expected = whole.process(block)
-    estimator = ForceEstimator(ARRAY, file)
-    edges = (0, *cuts, 1000)
-    parts = [event for a, b in itertools.pairwise(edges) for event in estimator.process(block[a:b])]
-    assert parts == expected
-    whole.reset()
-    assert whole.process(block) == expected
 
 
 @pytest.mark.parametrize(("stride", "unit_offset"), [(7, 0.0), (1, 38_000.0)])

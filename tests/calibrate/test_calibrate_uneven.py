@@ -12,6 +12,7 @@ from tactiled.array import Array, load_array
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log, pose_log, start_zero
 from tactiled.calibrate.folds import segments
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
+from tactiled.calibrate.uncertainty import axis_uncertainty
 from tactiled.errors import DataError
 from tactiled.force.estimator import ForceEstimator
 from tactiled.force.model import low_passed
@@ -208,3 +209,15 @@ def test_a_walk_of_the_error_is_found_and_none_is_made_up() -> None:
     assert np.sqrt(squares[2]) == pytest.approx(0.02, rel=0.3)
     assert np.sqrt(squares[0]) < 0.005
     assert force_walk(np.ones((30, 6)), np.arange(30.0), np.arange(30) // 10) == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("n_features", [5, 60, 200])
+def test_nine_of_ten_differences_are_inside_whatever_the_number_of_features(n_features: int) -> None:
+    rng = np.random.default_rng(n_features)
+    features = rng.standard_normal((2000, n_features))
+    covariance = np.eye(n_features) / n_features  # most of the error is that of the weights
+    left_out = rng.standard_normal(2000)
+    force = rng.uniform(0, 5, 2000)
+    found = axis_uncertainty("fz", features, covariance, left_out, force, force, 0.0, 200)
+    inside = np.abs(left_out) < 1.645 * np.sqrt(found.variance(features, force, force))
+    assert 0.88 < inside.mean() < 0.96

@@ -1,7 +1,8 @@
 """Offset between the clock of a log and that of a force sensor, from the records themselves."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +36,7 @@ def pressure(log: BinnedLog, array: Array) -> FloatArray:
     return np.asarray(np.sqrt(((log.readings / scale) ** 2).sum(axis=1)))
 
 
-@dataclass(frozen=True)
-class Alignment:
+class Alignment(NamedTuple):
     """Offset of the clocks of a log and its reference."""
 
     late_s: float  # as `AlignedReference.means` takes it
@@ -44,6 +44,10 @@ class Alignment:
     # Of pressure and normal force: negative where the force falls when the array is pressed. Without a normal
     # force, 1
     correlation: float
+
+
+Match = Callable[[float], tuple[float, FloatArray]]
+"""Correlation of the records at an offset (NaN where too little is covered), and residuals (n, columns)."""
 
 
 def align(
@@ -73,10 +77,10 @@ def align(
     lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))
     always = reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0)
     if always.sum() > _LEAST_ALWAYS * len(log):
-        alike: _Explained | _SameSize = _Explained(log, reference, always)
+        match = _explained(log, reference, always)
     else:
-        alike = _SameSize(log, reference, array)
-    values = np.array([alike.at(lag_s) for lag_s in lags_s.tolist()])
+        match = _of_same_size(log, reference, array)
+    values = np.array([match(lag_s)[0] for lag_s in lags_s.tolist()])
     if not np.isfinite(values).any():
         raise DataError(
             f"the reference does not overlap the log within {WITHIN_S:g} s: its first sample is at "
@@ -88,8 +92,10 @@ def align(
             f"log and reference do not resemble each other (largest correlation {values[best]:.2f} within "
             f"{WITHIN_S:g} s): are they of the same presses? Press, and let go, at least three times"
         )
-    late_s = float(lags_s[best])
-    sd_s = 0.0 if is_same_clock else _sd_s(lags_s, values, alike.n_independent(late_s))
+    late_s, sd_s = float(lags_s[best]), 0.0
+    if not is_same_clock:
+        rest = match(late_s)[1]
+        sd_s = _sd_s(lags_s, values, len(rest) / max(correlation_bins(column) for column in rest.T))
     if 2 not in reference.outputs:
         return Alignment(late_s, sd_s, 1.0)
     inside = reference.inside(late_s, 0.0)
@@ -112,66 +118,49 @@ def _sd_s(lags_s: FloatArray, correlations: FloatArray, n_independent: float) ->
     return math.sqrt(variance + float(lags_s[1] - lags_s[0]) ** 2 / 12)
 
 
-class _Explained:
+def _explained(log: BinnedLog, reference: AlignedReference, rows: NDArray[np.bool_]) -> Match:
     """Part of the forces that regression on the features of the smooth model explains.
 
-    It is over bins that every offset covers.
+    `rows` are bins that every offset covers.
     """
+    forces = [k for k in reference.outputs if k < len(AXES)]
+    # Creep and a curve look like a delay: without them the offset would take them for one.
+    curved = [bent(log.readings, curve, log.zero) for curve in log.curves]
+    delayed = [low_passed(one, log.steps_s, time_s) for one in curved for time_s in CREEP_S]
+    parts = [one[rows] / max(float(one.std()), 1e-300) for one in (*curved, log.readings**2, *delayed)]
+    readings = np.concatenate(parts, axis=1)
+    u, sizes, _ = np.linalg.svd(readings - readings.mean(axis=0), full_matrices=False)
+    # One direction for ten bins, so that chance explains a tenth.
+    most = max(len(readings) // 10, 1)
+    basis = u[:, :most][:, sizes[:most] > 1e-9 * max(float(sizes[0]), 1e-300)]
 
-    def __init__(self, log: BinnedLog, reference: AlignedReference, rows: NDArray[np.bool_]) -> None:
-        self._reference, self._rows = reference, rows
-        self._forces = [k for k in reference.outputs if k < len(AXES)]
-        # Creep and a curve look like a delay: without them the offset would take them for one.
-        curved = [bent(log.readings, curve, log.zero) for curve in log.curves]
-        delayed = [low_passed(one, log.steps_s, time_s) for one in curved for time_s in CREEP_S]
-        parts = [one[rows] / max(float(one.std()), 1e-300) for one in (*curved, log.readings**2, *delayed)]
-        readings = np.concatenate(parts, axis=1)
-        u, sizes, _ = np.linalg.svd(readings - readings.mean(axis=0), full_matrices=False)
-        # One direction for ten bins, so that chance explains a tenth.
-        most = max(len(readings) // 10, 1)
-        self._basis = u[:, :most][:, sizes[:most] > 1e-9 * max(float(sizes[0]), 1e-300)]
-
-    def at(self, late_s: float) -> float:
-        """Return the multiple correlation at an offset."""
-        shown = self._reference.means(late_s, 0.0)[self._rows][:, self._forces]
+    def match(late_s: float) -> tuple[float, FloatArray]:
+        shown = reference.means(late_s, 0.0)[rows][:, forces]
         shown = shown - shown.mean(axis=0)
         total = (shown**2).sum(axis=0)
+        along = basis.T @ shown
         if not total.any():
-            return float("nan")
-        part = ((self._basis.T @ shown) ** 2).sum(axis=0)[total > 0] / total[total > 0]
-        return float(np.sqrt(part.mean()))
+            return math.nan, shown
+        part = (along**2).sum(axis=0)[total > 0] / total[total > 0]
+        return float(np.sqrt(part.mean())), shown - basis @ along
 
-    def n_independent(self, late_s: float) -> float:
-        """Return the number of independent residuals at an offset."""
-        shown = self._reference.means(late_s, 0.0)[self._rows][:, self._forces]
-        shown = shown - shown.mean(axis=0)
-        rest = shown - self._basis @ (self._basis.T @ shown)
-        return len(rest) / max(correlation_bins(column) for column in rest.T)
+    return match
 
 
-class _SameSize:
+def _of_same_size(log: BinnedLog, reference: AlignedReference, array: Array) -> Match:
     """Correlation of pressure and normal force, for records of which some offsets cover little."""
+    pressed = pressure(log, array)
+    least = min(0.5 * len(log), _LEAST_COVERED_S / log.step_s)
 
-    def __init__(self, log: BinnedLog, reference: AlignedReference, array: Array) -> None:
-        self._reference = reference
-        self._felt = pressure(log, array)
-        self._least = min(0.5 * len(log), _LEAST_COVERED_S / log.step_s)
+    def match(late_s: float) -> tuple[float, FloatArray]:
+        inside = reference.inside(late_s, 0.0)
+        if inside.sum() < least:
+            return math.nan, np.empty((0, 1))
+        shown, felt = _size(reference, reference.means(late_s, 0.0))[inside], pressed[inside]
+        rest = shown - np.polyval(np.polyfit(felt, shown, 1), felt)
+        return abs(correlation_of(felt, shown)), rest[:, np.newaxis]
 
-    def at(self, late_s: float) -> float:
-        """Return the size of the correlation at an offset; NaN where too little is covered."""
-        inside = self._reference.inside(late_s, 0.0)
-        if inside.sum() < self._least:
-            return float("nan")
-        shown = _size(self._reference, self._reference.means(late_s, 0.0))
-        return abs(correlation_of(self._felt[inside], shown[inside]))
-
-    def n_independent(self, late_s: float) -> float:
-        """Return the number of independent residuals at an offset."""
-        inside = self._reference.inside(late_s, 0.0)
-        shown = _size(self._reference, self._reference.means(late_s, 0.0))[inside]
-        felt = self._felt[inside]
-        slope = np.polyfit(felt, shown, 1)
-        return len(felt) / correlation_bins(shown - np.polyval(slope, felt))
+    return match
 
 
 def _size(reference: AlignedReference, outputs: FloatArray) -> FloatArray:

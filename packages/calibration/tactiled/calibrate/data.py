@@ -5,14 +5,16 @@ drift, so that a fit can move it by parts of a sample.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.errors import DataError
-from tactiled.force.calibration import OUTPUTS, Curve
+from tactiled.force.calibration import OUTPUTS, Curve, PairsModelParams, SmoothModelParams
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
 NO_TAXEL = -1
@@ -85,6 +87,20 @@ class BinnedLog:
     def step_s(self) -> float:
         """Median of the steps."""
         return float(np.median(self.steps_s))
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """Fitted model of either kind, with its errors in the folds; n bins were used."""
+
+    name: Literal["pairs", "smooth"]
+    weights: FloatArray  # (3, features): of fx, fy, fz
+    covariance: list[FloatArray]  # of the weights of fx, fy and fz; correlated bins count as one
+    features: FloatArray  # (n, features)
+    left_out: FloatArray  # (n, 6): reference minus model where the bin was left out of the fit
+    moved: Callable[[FloatArray], FloatArray]  # features (n, features) where the zeros err by (channels,)
+    table: PairsModelParams | SmoothModelParams  # entry of the file
+    feature_units: FloatArray  # (features,): one of a feature here, in that of the file
 
 
 def _noise_of_lowest(readings: FloatArray) -> FloatArray:
@@ -223,12 +239,9 @@ class AlignedReference:
         self.sample_s = float(np.median(spacing_s))
         self.noise = table.noise()
 
-    def times(self, late_s: float, drift: float) -> tuple[FloatArray, FloatArray]:
-        """Return the ends of the bins in the reference's clock, from its first sample."""
-        return (
-            self._log.start_s * (1 + drift) + late_s,
-            self._log.end_s * (1 + drift) + late_s,
-        )
+    def _ends_s(self, late_s: float, drift: float) -> tuple[FloatArray, FloatArray]:
+        """Beginning and end of each bin in the reference's clock, from its first sample."""
+        return self._log.start_s * (1 + drift) + late_s, self._log.end_s * (1 + drift) + late_s
 
     def means(self, late_s: float, drift: float) -> FloatArray:
         """Return the mean of the reference in each bin (n, 6); at its ends the nearest values hold on.
@@ -240,18 +253,18 @@ class AlignedReference:
         drift : float
             Relative excess of the reference's clock rate.
         """
-        start, end = self.times(late_s, drift)
+        start, end = self._ends_s(late_s, drift)
         width = np.maximum(end - start, 1e-9)[:, np.newaxis]
         return (self._at(end) - self._at(start)) / width
 
     def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:
         """Return True (n,) for bins that the reference covers."""
-        start, end = self.times(late_s, drift)
+        start, end = self._ends_s(late_s, drift)
         return np.asarray((start >= 0.0) & (end <= self._time_s[-1]))
 
     def taxels(self, late_s: float, drift: float) -> NDArray[np.int64]:
         """Return the taxel (n,) that is pressed in each bin, `NO_TAXEL` where that is not known."""
-        start, end = self.times(late_s, drift)
+        start, end = self._ends_s(late_s, drift)
         first = np.clip(np.searchsorted(self._time_s, start), 0, len(self._time_s) - 1)
         last = np.clip(np.searchsorted(self._time_s, end) - 1, 0, len(self._time_s) - 1)
         one, other = self._table.taxel[first], self._table.taxel[last]
@@ -262,8 +275,7 @@ class AlignedReference:
         integral = np.stack(columns, axis=1)
         # Beyond the ends the integral goes on with the first and the last value.
         before, after = np.minimum(time_s, 0.0), np.maximum(time_s - self._time_s[-1], 0.0)
-        first, last = self._table.values[0], self._table.values[-1]
-        first, last = np.nan_to_num(first), np.nan_to_num(last)
+        first, last = np.nan_to_num(self._table.values[[0, -1]])
         return np.asarray(integral + before[:, np.newaxis] * first + after[:, np.newaxis] * last)
 
 
@@ -272,18 +284,12 @@ class PoseReference(AlignedReference):
 
     def __init__(self, table: ReferenceTable, log: BinnedLog) -> None:
         super().__init__(table, log)
-        self._values = np.nan_to_num(table.values)
-        self._of_taxel = table.taxel
         self.noise = np.where(np.isnan(self.noise), np.nan, 0.0)
 
-    def means(self, late_s: float, drift: float) -> FloatArray:  # noqa: ARG002
+    def means(self, late_s: float, drift: float) -> FloatArray:  # noqa: ARG002  poses have no clock
         """Return the forces and moments (n, 6) of the poses."""
-        return self._values.copy()
+        return np.nan_to_num(self._table.values)
 
     def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:  # noqa: ARG002
         """Return True for every pose."""
-        return np.ones(len(self._values), dtype=np.bool_)
-
-    def taxels(self, late_s: float, drift: float) -> NDArray[np.int64]:  # noqa: ARG002
-        """Return the taxel (n,) that is pressed in each pose."""
-        return self._of_taxel
+        return np.ones(len(self._table.values), dtype=np.bool_)

@@ -1,16 +1,22 @@
-"""Motions that a calibration still lacks, from the readings alone.
+"""``tactiled calibrate --guide``: record scans of a running daemon, and say which way to press next.
 
 How well a fit will know a sensitivity depends on which loads occurred, not on what the force sensor reads.
 The guide keeps the information of a linear map of the readings, and asks for the motion whose sensitivity
 would be known least.
 """
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from tactiled.array import Array, FloatArray
-from tactiled.errors import DataError
+from tactiled.array import Array, FloatArray, load_array
+from tactiled.client.items import Message, Recovered, Stale
+from tactiled.client.subscriber import Subscription, first_info
+from tactiled.errors import ConfigError, DataError
 
 GOOD, TAXEL_GOOD = 0.05, 0.15
 """Relative standard deviations of a sensitivity, and of one taxel's, at which no more is asked for."""
@@ -18,6 +24,8 @@ _PRIOR = 0.5  # relative standard deviation of a sensitivity before any press
 _ERROR = 0.003  # of the largest response: what a fit leaves over a second (`./run bench force`)
 _LEAST_NOISES = 20.0  # a response below so many standard deviations of the noise is none
 _QUIET_SCANS = 20  # of the beginning, whose spread is the noise
+_LOOK_S = 1.0  # between two looks at what is lacking
+_LEAST_S = 15.0  # even if all is well before: creep takes seconds to show
 
 
 @dataclass(frozen=True)
@@ -54,21 +62,18 @@ class Guide:
         self._array = array
         normal, (shear_x, shear_y) = array.normal_weights(), array.shear_weights()
         patterns = {
-            "normal": normal.sum(axis=0),
-            "shear x": shear_x.sum(axis=0),
-            "shear y": shear_y.sum(axis=0),
+            name: rows.sum(axis=0)
+            for name, rows in (("normal", normal), ("shear x", shear_x), ("shear y", shear_y))
         }
         if array.n_taxels > 1:
             patterns |= {f"taxel {taxel}": row for taxel, row in enumerate(normal)}
-        self._patterns = {
-            name: row / np.linalg.norm(row) for name, row in patterns.items() if np.linalg.norm(row) > 0
-        }
-        if not self._patterns:
+        patterns = {name: row / np.linalg.norm(row) for name, row in patterns.items() if row.any()}
+        if not patterns:
             raise DataError(f"array {array.name} has no channels of a known kind: nothing can be asked for")
-        n = array.n_channels
-        self._information = np.zeros((n, n))
-        self._largest = np.full(len(self._patterns), 0.0)
-        self._smallest = np.full(len(self._patterns), 0.0)
+        self._names, self._patterns = list(patterns), np.array(list(patterns.values()))
+        self._information = np.zeros((array.n_channels, array.n_channels))
+        self._largest = np.zeros(len(patterns))
+        self._smallest = np.zeros(len(patterns))
         self._zero: FloatArray | None = None
         self._noise = 0.0
 
@@ -83,8 +88,7 @@ class Guide:
         relative = known - self._zero
         # Neighbouring scans are nearly the same: a second counts as one look at each of its directions.
         self._information += relative.T @ relative / max(len(relative), 1)
-        patterns = np.array(list(self._patterns.values()))
-        responses = relative @ patterns.T
+        responses = relative @ self._patterns.T
         self._largest = np.maximum(self._largest, responses.max(axis=0))
         self._smallest = np.minimum(self._smallest, responses.min(axis=0))
 
@@ -93,33 +97,119 @@ class Guide:
         span = np.maximum(self._largest, -self._smallest)
         least = _LEAST_NOISES * max(self._noise, 1e-6 * (self._array.high - self._array.low))
         error = max(_ERROR * float(span.max()), least / _LEAST_NOISES)
-        names = list(self._patterns)
         covariance = np.linalg.inv(self._information / error**2 + np.eye(len(self._information)) / _PRIOR**2)
-        sd = {name: float(np.sqrt(max(row @ covariance @ row, 0.0))) for name, row in self._patterns.items()}
-        for name, size in zip(names, span.tolist(), strict=True):
-            if size < least:
-                sd[name] = _PRIOR
-        over = {name: sd[name] / (TAXEL_GOOD if name.startswith("taxel") else GOOD) for name in names}
-        lacking = [name for name in names if over[name] > 1.0]
-        if not lacking:
+        variances = np.einsum("pi,ij,pj->p", self._patterns, covariance, self._patterns)
+        sds = np.where(span < least, _PRIOR, np.sqrt(np.maximum(variances, 0.0)))
+        is_taxel = np.array([name.startswith("taxel") for name in self._names])
+        over = sds / np.where(is_taxel, TAXEL_GOOD, GOOD)
+        sd = dict(zip(self._names, sds.tolist(), strict=True))
+        lacking = over > 1.0
+        if not lacking.any():
             return Advice("", sd)
         # A taxel that was left out makes every sum uncertain, so it comes before sums that did occur.
-        never = [name for name in lacking if not name.startswith("taxel") and span[names.index(name)] < least]
-        taxels = [name for name in lacking if name.startswith("taxel")]
-        return Advice(self._motion(max(never or taxels or lacking, key=lambda name: over[name])), sd)
+        never, taxels = lacking & ~is_taxel & (span < least), lacking & is_taxel
+        asked = next(some for some in (never, taxels, lacking) if some.any())
+        return Advice(self._motion(int(np.argmax(np.where(asked, over, 0.0)))), sd)
 
-    def _motion(self, name: str) -> str:
+    def _motion(self, pattern: int) -> str:
         """Words for the person who presses."""
-        at = list(self._patterns).index(name)
+        name = self._names[pattern]
         if name == "normal":
             return "press hard, and let go, at several places"
         if name.startswith("shear"):
-            axis = name[-1]
             # The response is to motion of the skin, which is opposite to the force.
-            sign = "-" if -self._smallest[at] > self._largest[at] else "+"
-            return f"press, and push sideways along {sign}{axis} and back"
+            sign = "-" if -self._smallest[pattern] > self._largest[pattern] else "+"
+            return f"press, and push sideways along {sign}{name[-1]} and back"
         taxel = int(name.split()[1])
         place = ""
         if self._array.has_places:
             place = f" at x = {self._array.x_mm[taxel]:g} mm, y = {self._array.y_mm[taxel]:g} mm"
         return f"press with a finger tip on taxel {taxel}{place}"
+
+
+class GuidedLog(NamedTuple):
+    """What was recorded."""
+
+    scans: int
+    duration_s: float
+    lacking: str  # motion that is still lacking; empty where every sensitivity can be known
+
+
+def record_guided(
+    log: Path,
+    endpoint: str,
+    array: str | None,
+    keys: Path | None,
+    most_s: float,
+    report: Callable[[str], None],
+    board: str = "",
+) -> GuidedLog:
+    """Record until every sensitivity can be known, and write the scans.
+
+    Parameters
+    ----------
+    log : Path
+        npz file to write, for `tactiled calibrate LOG --reference ...`; times are epoch seconds.
+    endpoint : str
+        Endpoint where the daemon publishes.
+    array : str, optional
+        TOML file of the board's array, if it is not a shipped one.
+    most_s : float
+        Longest duration.
+    report : callable
+        Called with a line for the person who presses.
+    board : str
+        Serial number of the board; empty for the first of the daemon.
+
+    Raises
+    ------
+    DataError
+        No daemon, no board, or no scans.
+    ConfigError
+        The array is not known here.
+    """
+    if log.suffix != ".npz" or not log.parent.is_dir():
+        raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])
+    with Subscription(endpoint, ("scan", "info"), board=board or None, keys=keys) as subscription:
+        described = first_info(subscription, endpoint)
+        info, serial = described.data, described.board
+        known = load_array(array or str(info["array_id"]))
+        if known.n_channels != info["channels"]:
+            fault = f"{known.name} has {known.n_channels} channels, the board {info['channels']}"
+            raise ConfigError("--array", [fault])
+        guide = Guide(known)
+        report("Start the record of the force sensor now. Let nothing touch the array for the first second.")
+        time_s: list[float] = []
+        volts: list[list[float]] = []
+        valid: list[list[bool]] = []
+        said, is_good, seen = "", False, 0
+        began_s = time.monotonic()
+        while not is_good and time.monotonic() - began_s < most_s:
+            until_s = time.monotonic() + _LOOK_S
+            while (item := subscription.next_item(until_s)) is not None:
+                message = item.message if isinstance(item, Recovered) else item
+                if isinstance(message, Message) and (message.topic, message.board) == ("scan", serial):
+                    if not time_s or message.data["timestamp"] > time_s[-1]:
+                        time_s.append(message.data["timestamp"])
+                        volts.append(message.data["volts"])
+                        valid.append(message.data["valid"])
+                elif isinstance(item, Stale):
+                    report(f"stale: {item.reason}")
+                if time.monotonic() >= until_s:
+                    break
+            if len(volts) > seen:
+                guide.add(np.where(valid[seen:], volts[seen:], np.nan))
+                seen = len(volts)
+            advice = guide.advice()
+            elapsed_s = time.monotonic() - began_s
+            is_good = not advice.motion and elapsed_s >= _LEAST_S
+            motion = advice.motion or "go on pressing"
+            if motion != said and not is_good:
+                report(f"{elapsed_s:4.0f} s  {motion} (now {100 * advice.worst:.0f} %)")
+                said = motion
+    if len(time_s) < 2:
+        raise DataError(f"no scans from {endpoint}; see the state with `tactiled listen -t status`")
+    np.savez_compressed(log, time_s=time_s, volts=volts, valid=valid)
+    lacking = "" if is_good else f"; still lacking: {advice.motion}"
+    report(f"{log}: {len(time_s)} scans{lacking}. Stop the record of the force sensor.")
+    return GuidedLog(len(time_s), time_s[-1] - time_s[0], "" if is_good else advice.motion)

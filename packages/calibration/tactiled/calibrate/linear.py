@@ -7,6 +7,8 @@ free, they have no prior and are eliminated by centring.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +30,23 @@ class LinearFit:
     """Posterior of the weights."""
 
     weights: FloatArray  # (3, features): for fx, fy, fz
-    covariance: tuple[FloatArray, FloatArray, FloatArray]  # of the weights of fx, fy and fz
     offset: FloatArray  # (6,): of the reference
     prior_loss: FloatArray  # (rows,): whitened differences of the weights from their prior
+    factors: tuple[Any, Any]  # of the precisions of fx with fy, and of fz, as `cho_factor` gives them
+
+    @cached_property
+    def covariance(self) -> list[FloatArray]:
+        """Covariances of the weights of fx, fy and fz."""
+        n = self.weights.shape[1]
+        shear, normal = (
+            linalg.cho_solve(factor, np.eye(size), check_finite=False)
+            for factor, size in zip(self.factors, (2 * n, n), strict=True)
+        )
+        return [shear[:n, :n], shear[n:, n:], normal]
 
 
 class Regression:
-    """Sums of products of features and reference over rows.
+    """Regression of a reference on features.
 
     Parameters
     ----------
@@ -45,7 +57,7 @@ class Regression:
         Outputs that are known.
     x_mm, y_mm : (features,) float64
         Place of the taxel that a feature belongs to.
-    priors : three of Prior
+    priors : list of Prior
         For fx, fy, fz.
     offset : (6,) float64, optional
         Outputs of the reference without a load, where they are known. A fitted offset would be a force that
@@ -59,7 +71,7 @@ class Regression:
         used: list[int],
         x_mm: FloatArray,
         y_mm: FloatArray,
-        priors: tuple[Prior, Prior, Prior],
+        priors: list[Prior],
         offset: FloatArray | None = None,
     ) -> None:
         self._features, self._outputs, self._used = features, outputs, used
@@ -67,27 +79,23 @@ class Regression:
         self._priors, self._offset = priors, offset
         self._roots = [linalg.cholesky(prior.precision) for prior in priors]
 
-    def solve(
-        self, sd: FloatArray, rows: NDArray[np.bool_] | None = None, *, with_covariance: bool = False
-    ) -> LinearFit:
+    def solve(self, sd: FloatArray, rows: NDArray[np.bool_] | slice = slice(None)) -> LinearFit:
         """Return the posterior for standard deviations `sd` (6,) of the outputs, from some of the rows."""
-        f = self._features if rows is None else self._features[rows]
-        y = self._outputs if rows is None else self._outputs[rows]
-        n = max(len(f), 1)
+        f, y = self._features[rows], self._outputs[rows]
         if self._offset is None:
             mean, level = f.mean(axis=0), y.mean(axis=0)
         else:
             mean, level = np.zeros(f.shape[1]), self._offset
             y = y - level
-        gram = f.T @ f - n * np.outer(mean, mean)
-        cross = f.T @ y - n * np.outer(mean, level)
+        gram = f.T @ f - len(f) * np.outer(mean, mean)
+        cross = f.T @ y - len(f) * np.outer(mean, level)
         w = np.zeros(6)
         w[self._used] = 1.0 / sd[self._used] ** 2
         x, yy = self._x, self._y
         size = len(x)
         normal = w[2] * gram + w[3] * _outer(yy, gram, yy) + w[4] * _outer(x, gram, x)
         right = w[2] * cross[:, 2] + w[3] * yy * cross[:, 3] - w[4] * x * cross[:, 4]
-        fz, fz_cov = _posterior(normal, right, self._priors[2], with_covariance)
+        fz, of_fz = _posterior(normal, right, self._priors[2])
         both = np.zeros((2 * size, 2 * size))
         both[:size, :size] = w[0] * gram + w[5] * _outer(yy, gram, yy)
         both[size:, size:] = w[1] * gram + w[5] * _outer(x, gram, x)
@@ -100,25 +108,24 @@ class Regression:
             np.concatenate([self._priors[0].mean, self._priors[1].mean]),
             linalg.block_diag(self._priors[0].precision, self._priors[1].precision),
         )
-        shear, shear_cov = _posterior(both, shear_right, prior, with_covariance)
+        shear, of_shear = _posterior(both, shear_right, prior)
         weights = np.stack([shear[:size], shear[size:], fz])
         losses = [
             root @ (row - prior.mean)
             for root, row, prior in zip(self._roots, weights, self._priors, strict=True)
         ]
-        offset = level - self.outputs_of(weights, mean[np.newaxis])[0]
-        covariance = (shear_cov[:size, :size], shear_cov[size:, size:], fz_cov)
-        return LinearFit(weights, covariance, offset, np.concatenate(losses))
+        offset = level - self._outputs_of(weights, mean[np.newaxis])[0]
+        return LinearFit(weights, offset, np.concatenate(losses), (of_shear, of_fz))
 
-    def outputs_of(self, weights: FloatArray, features: FloatArray) -> FloatArray:
-        """Return fx, fy, fz, tx, ty, tz (n, 6) of features (n, features), without offset."""
+    def _outputs_of(self, weights: FloatArray, features: FloatArray) -> FloatArray:
+        """Fx, fy, fz, tx, ty, tz (n, 6) of features (n, features), without offset."""
         fx, fy, fz = weights
         x, y = self._x, self._y
         return np.asarray(features @ np.stack([fx, fy, fz, y * fz, -x * fz, x * fy - y * fx], axis=1))
 
     def residuals(self, fit: LinearFit) -> FloatArray:
         """Return reference minus model (n, 6), 0 for outputs that are not known."""
-        difference = self._outputs - self.outputs_of(fit.weights, self._features) - fit.offset
+        difference = self._outputs - self._outputs_of(fit.weights, self._features) - fit.offset
         out = np.zeros_like(difference)
         out[:, self._used] = difference[:, self._used]
         return out
@@ -128,12 +135,8 @@ def _outer(left: FloatArray, matrix: FloatArray, right: FloatArray) -> FloatArra
     return np.asarray(left[:, np.newaxis] * matrix * right)
 
 
-def _posterior(
-    normal: FloatArray, right: FloatArray, prior: Prior, with_covariance: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance (zeros unless asked for)."""
+def _posterior(normal: FloatArray, right: FloatArray, prior: Prior) -> tuple[FloatArray, Any]:
+    """Mean (features,), and the factor of its precision."""
     factor = linalg.cho_factor(normal + prior.precision, check_finite=False)
     mean = linalg.cho_solve(factor, right + prior.precision @ prior.mean, check_finite=False)
-    if not with_covariance:
-        return mean, np.zeros_like(normal)
-    return mean, linalg.cho_solve(factor, np.eye(len(mean)), check_finite=False)
+    return mean, factor

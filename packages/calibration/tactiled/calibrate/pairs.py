@@ -8,7 +8,7 @@ of each taxel's own.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,9 @@ from scipy.optimize import least_squares
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import free_level, quiet_bins
-from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog
-from tactiled.calibrate.linear import LinearFit, Prior, Regression
+from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog, FittedModel
+from tactiled.calibrate.folds import correlation_bins, folds, segments
+from tactiled.calibrate.linear import Prior, Regression
 from tactiled.force.calibration import CreepState, LoadCurve, PairsModelParams
 from tactiled.force.model import N_KINDS, low_passed, taxel_means, uncoupling
 
@@ -41,6 +42,7 @@ PHYSICS: dict[str, tuple[float, float]] = {
     "origin_y_mm": (0.0, 0.5),
 }
 _NAMES = tuple(PHYSICS)
+_OF_MOMENTS = ("turn", "origin_x_mm", "origin_y_mm")
 _MEAN = np.array([mean for mean, _ in PHYSICS.values()])
 _SD = np.array([sd for _, sd in PHYSICS.values()])
 # Limits where formulas lose their meaning.
@@ -55,16 +57,13 @@ _SHIFT = 100.0  # of the search variables, away from 0, so that relative steps o
 _KNOTS = 200  # of the tabulated curve: its error is below 1e-4 of the load
 
 
-@dataclass(frozen=True, eq=False)
-class PairsFit:
-    """Fitted model."""
-
-    physics: dict[str, float]
-    linear: LinearFit
-    regression: Regression  # of all rows, at these parameters
-    features: FloatArray  # (n, features)
-    sd: FloatArray  # (6,): standard deviations of the residuals
-    rows: NDArray[np.bool_]  # (n,): bins that were used
+def has_pairs(array: Array) -> bool:
+    """Return True for arrays whose taxels all have three side electrodes or more, and nothing else."""
+    return (
+        set(array.channel_kind) == {"side"}
+        and int(np.bincount(array.channel_taxel, minlength=array.n_taxels).min()) >= 3
+        and array.has_places
+    )
 
 
 class PairsFitter:
@@ -76,8 +75,6 @@ class PairsFitter:
         Offset of the clocks from their correlation.
     rows : (n,) bool
         Bins to be used.
-    like : PairsFitter, optional
-        Whose units are taken, to apply its parameters to another log.
     """
 
     def __init__(
@@ -87,32 +84,26 @@ class PairsFitter:
         reference: AlignedReference,
         late_s: float,
         rows: NDArray[np.bool_],
-        like: "PairsFitter | None" = None,
     ) -> None:
         self._array, self._log, self._reference = array, log, reference
         self._late_s, self._rows = late_s, rows
         self._mean = taxel_means(array)
         self._quiet = quiet_bins(log) & rows
-        self.used = reference.outputs
-        self.unit: float = float(np.quantile(log.readings.max(axis=1), 0.95)) if like is None else like.unit
-        noise = float(np.median(log.noise))
-        self.step: float = max(_STEP_NOISES * noise, 0.003 * self.unit) if like is None else like.step
+        self._used = reference.outputs
+        self._unit = float(np.quantile(log.readings.max(axis=1), 0.95))
+        self._step = max(_STEP_NOISES * float(np.median(log.noise)), 0.003 * self._unit)
         masks = reference.taxels(late_s, 0.0)
         self._mask: FloatArray | None = None
         if (masks != NO_TAXEL).any():
             own = np.equal.outer(masks, array.channel_taxel) | (masks == NO_TAXEL)[:, np.newaxis]
             self._mask = np.tile(own.astype(np.float64), N_KINDS)
 
-    def features(self, physics: dict[str, float], moved: FloatArray | float = 0.0) -> FloatArray:
-        """Return the features (n, 3 channels) of all bins: load, reading over unit, load times mean load.
-
-        `moved` (channels,) is added to the readings.
-        """
-        readings = self._log.readings + moved
+    def _features(self, physics: dict[str, float], readings: FloatArray) -> FloatArray:
+        """Features (n, 3 channels) of all bins: load, reading over unit, load times mean load."""
         if physics["taxel_crosstalk"] or physics["neighbour_crosstalk"]:
             matrix = uncoupling(self._array, physics["taxel_crosstalk"], physics["neighbour_crosstalk"])
             readings = readings @ matrix.T
-        load = self.curve(readings, physics)
+        load = self._curve(readings, physics)
         own = load @ self._mean.T
         if physics["unloading"]:
             peak = _peaks(own)
@@ -128,37 +119,36 @@ class PairsFitter:
                     factor += gain * _delayed(own, steps_s, float(time_s))
                 load = bare / factor
                 own = load @ self._mean.T
-        return np.concatenate([load, readings / self.unit, load * own], axis=1)
+        return np.concatenate([load, readings / self._unit, load * own], axis=1)
 
-    def curve(self, readings: FloatArray, physics: dict[str, float]) -> FloatArray:
-        """Return the load of electrodes, 1 at the reading `unit`, from divider, rubber and dead zone."""
-        part = np.maximum(readings, 0.0) / self.unit
+    def _curve(self, readings: FloatArray, physics: dict[str, float]) -> FloatArray:
+        """Load of electrodes, 1 at the reading `unit`, from divider, rubber and dead zone."""
+        part = np.maximum(readings, 0.0) / self._unit
         s, q = physics["saturation"], physics["exponent"]
         part = np.minimum(part, 0.95 / max(s, 0.1))
         ratio = part * (1 - s) / (1 - s * part)
-        return np.asarray(ratio**q + physics["dead"] * np.tanh(np.maximum(readings, 0.0) / self.step))
+        return np.asarray(ratio**q + physics["dead"] * np.tanh(np.maximum(readings, 0.0) / self._step))
 
-    def regression(self, physics: dict[str, float]) -> tuple[Regression, FloatArray]:
-        """Return the linear problem of the used bins, and the features of all bins."""
-        features = self.features(physics)
+    def _regression(self, physics: dict[str, float]) -> Regression:
+        """Make the linear problem of the used bins."""
+        features = self._features(physics, self._log.readings)
         shown = features if self._mask is None else features * self._mask
         outputs = self._reference.means(self._late_s + physics["late_s"], physics["drift"])
         taxel = np.tile(self._array.channel_taxel, N_KINDS)
         x = self._array.x_mm[taxel] - physics["origin_x_mm"]
         y = self._array.y_mm[taxel] - physics["origin_y_mm"]
         turn = physics["turn"]
-        problem = Regression(
+        return Regression(
             shown[self._rows],
             outputs[self._rows],
-            self.used,
+            self._used,
             x + turn * y,
             y - turn * x,
             self._priors(features, outputs),
             free_level(outputs, self._quiet),
         )
-        return problem, features
 
-    def _priors(self, features: FloatArray, outputs: FloatArray) -> tuple[Prior, Prior, Prior]:
+    def _priors(self, features: FloatArray, outputs: FloatArray) -> list[Prior]:
         """Priors of the weights of fx, fy and fz."""
         array, n = self._array, self._array.n_channels
         total = features[self._rows, :n].sum(axis=1)
@@ -181,11 +171,11 @@ class PairsFitter:
                     at = kind * n + members
                     precision[np.ix_(at, at)] = np.linalg.inv(covariance)
             priors.append(Prior(np.concatenate([mean, np.zeros(2 * n)]), precision))
-        return priors[0], priors[1], priors[2]
+        return priors
 
     def _scale(self, total: FloatArray, outputs: FloatArray) -> float:
         """Newtons for a load of 1 on one electrode, from the normal force if it is known."""
-        if 2 not in self.used:
+        if 2 not in self._used:
             shear = np.hypot(outputs[self._rows, 0], outputs[self._rows, 1])
             return max(float(np.quantile(shear, 0.95)) / max(float(np.quantile(total, 0.95)), 1e-9), 1e-9)
         fz = outputs[self._rows, 2]
@@ -193,39 +183,24 @@ class PairsFitter:
         slope = float(centred @ (fz - fz.mean())) / max(float(centred @ centred), 1e-12)
         return max(abs(slope), 1e-9)
 
-    def fit(self, reached: Callable[[str], None] = lambda _: None) -> PairsFit:
-        """Fit everything; the standard deviations of the outputs follow the residuals."""
-        theta = _MEAN.copy()
-        floor = self._floor()
-        sd = floor.copy()
-        names = [
-            name
-            for name in _NAMES
-            if not (name in ("turn", "origin_x_mm", "origin_y_mm") and not {3, 4} & set(self.used))
-        ]
+    def fit(self, reached: Callable[[str], None]) -> tuple[FittedModel, dict[str, float]]:
+        """Fit everything; return the model with its errors in the folds, and its physical parameters.
+
+        The standard deviations of the outputs follow the residuals.
+        """
+        theta, sd = _MEAN.copy(), self._floor()
+        names = [name for name in _NAMES if name not in _OF_MOMENTS or {3, 4} & set(self._used)]
         free = np.array([_NAMES.index(name) for name in names])
-        low = np.array([_LIMITS.get(name, (-np.inf, np.inf))[0] for name in names])
-        high = np.array([_LIMITS.get(name, (-np.inf, np.inf))[1] for name in names])
+        low, high = (
+            np.array([_LIMITS.get(name, (-np.inf, np.inf))[end] for name in names]) / _SD[free]
+            for end in (0, 1)
+        )
         for stage in range(3):
-            problem, _ = self.regression(_named(theta))
-            linear = problem.solve(sd)
-            n = max(int(self._rows.sum()) - 1, 1)
-            spread = np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n)
-            sd = np.maximum(spread, floor)
-
-            def loss(z: FloatArray, sd: FloatArray = sd, theta: FloatArray = theta) -> FloatArray:
-                full = theta.copy()
-                full[free] = (z - _SHIFT) * _SD[free]
-                problem, _ = self.regression(_named(full))
-                linear = problem.solve(sd)
-                residuals = problem.residuals(linear)[:, self.used] / sd[self.used]
-                prior = z - _SHIFT - _MEAN[free] / _SD[free]
-                return np.concatenate([residuals.ravel(), linear.prior_loss, prior])
-
+            sd = self._spread(theta, sd)
             found = least_squares(
-                loss,
-                _SHIFT + np.clip(theta[free] / _SD[free], low / _SD[free] + 1e-6, high / _SD[free] - 1e-6),
-                bounds=(_SHIFT + low / _SD[free], _SHIFT + high / _SD[free]),
+                partial(self._loss, theta=theta, free=free, sd=sd),
+                _SHIFT + np.clip(theta[free] / _SD[free], low + 1e-6, high - 1e-6),
+                bounds=(_SHIFT + low, _SHIFT + high),
                 diff_step=[1e-3 / _SHIFT] * len(free),
                 max_nfev=8,
                 xtol=1e-3,
@@ -233,52 +208,73 @@ class PairsFitter:
             )
             theta[free] = (found.x - _SHIFT) * _SD[free]
             reached(f"fit {stage + 1} of 3")
-        problem, features = self.regression(_named(theta))
+        return self._model(theta, self._spread(theta, sd)), _named(theta)
+
+    def _loss(self, z: FloatArray, theta: FloatArray, free: NDArray[np.int64], sd: FloatArray) -> FloatArray:
+        """Whitened residuals and differences from the priors, at free parameters over the sd of theirs."""
+        full = theta.copy()
+        full[free] = (z - _SHIFT) * _SD[free]
+        problem = self._regression(_named(full))
         linear = problem.solve(sd)
+        residuals = problem.residuals(linear)[:, self._used] / sd[self._used]
+        prior = z - _SHIFT - _MEAN[free] / _SD[free]
+        return np.concatenate([residuals.ravel(), linear.prior_loss, prior])
+
+    def _spread(self, theta: FloatArray, sd: FloatArray) -> FloatArray:
+        """Standard deviations (6,) of the residuals of a fit with those before, at least the floor."""
+        problem = self._regression(_named(theta))
         n = max(int(self._rows.sum()) - 1, 1)
-        sd = np.maximum(np.sqrt((problem.residuals(linear) ** 2).sum(axis=0) / n), floor)
-        linear = problem.solve(sd, with_covariance=True)
-        return PairsFit(_named(theta), linear, problem, features, sd, self._rows)
+        squares = (problem.residuals(problem.solve(sd)) ** 2).sum(axis=0)
+        return np.asarray(np.maximum(np.sqrt(squares / n), self._floor()))
 
     def _floor(self) -> FloatArray:
         """Smallest standard deviations (6,) of the outputs: the noise of the reference in a bin."""
         samples = max(self._log.step_s / self._reference.sample_s, 1.0)
         noise = self._reference.noise / np.sqrt(samples)
-        spread = np.nanstd(
-            np.where(self._rows[:, np.newaxis], self._reference.means(self._late_s, 0.0), np.nan), axis=0
-        )
+        spread = self._reference.means(self._late_s, 0.0)[self._rows].std(axis=0)
         return np.asarray(np.maximum(np.nan_to_num(noise, nan=1.0), 1e-4 * spread + 1e-9))
 
-    def params(self, fit: PairsFit, weights: FloatArray) -> PairsModelParams:
-        """Return the model as it goes into a file; `weights` (3, features) of fx, fy and fz."""
-        n = self._array.n_channels
-        top = 0.95 / max(fit.physics["saturation"], 0.1) * self.unit
-        most = min(top, 3.0 * self.unit)
-        reading = np.unique(
-            np.concatenate([np.linspace(0, 3 * self.step, _KNOTS // 4), np.linspace(0, most, _KNOTS)])
-        )
-        load = np.maximum.accumulate(self.curve(reading, fit.physics))
-        scaled = weights.reshape(3, N_KINDS, n).copy()
-        scaled[:, 1] /= self.unit  # readings stay in the unit of the array
-        creep = [
-            CreepState(time_s=float(np.exp(fit.physics[f"log_{name}_s"])), gain=fit.physics[f"{name}_creep"])
-            for name in ("fast", "slow")
-        ]
-        return PairsModelParams(
-            taxel_crosstalk=fit.physics["taxel_crosstalk"],
-            neighbour_crosstalk=fit.physics["neighbour_crosstalk"],
-            curve=LoadCurve(reading=reading.tolist(), load=load.tolist()),
-            creep=creep,
-            unloading=fit.physics["unloading"],
-            weights=scaled.transpose(2, 1, 0).reshape(n, 3 * N_KINDS).tolist(),
+    def _model(self, theta: FloatArray, sd: FloatArray) -> FittedModel:
+        """Errors in the folds, and a covariance that counts correlated bins as one."""
+        physics, rows, used = _named(theta), self._rows, self._used
+        problem = self._regression(physics)
+        outputs = self._reference.means(self._late_s + physics["late_s"], physics["drift"])[rows]
+        left = np.zeros_like(outputs)
+        for left_out in folds(segments(outputs, used, self._log.step_s)):
+            left[left_out] = problem.residuals(problem.solve(sd, ~left_out))[left_out]
+        correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])
+        weights = problem.solve(sd).weights
+        units = np.repeat([1.0, self._unit, 1.0], self._array.n_channels)  # a file has readings as they are
+        return FittedModel(
+            name="pairs",
+            weights=weights,
+            covariance=problem.solve(sd * np.sqrt(correlated)).covariance,
+            features=self._features(physics, self._log.readings)[rows],
+            left_out=left,
+            moved=lambda change: self._features(physics, self._log.readings + change)[rows],
+            table=self._params(physics, weights / units),
+            feature_units=units,
         )
 
-    def file_factor(self, factor: FloatArray) -> FloatArray:
-        """Scale a factor (rank, features) of the covariance as the features of a running model are."""
+    def _params(self, physics: dict[str, float], weights: FloatArray) -> PairsModelParams:
+        """Model as it goes into a file; `weights` (3, features) of fx, fy and fz in the unit of the array."""
+        most = min(0.95 / max(physics["saturation"], 0.1) * self._unit, 3.0 * self._unit)
+        reading = np.unique(
+            np.concatenate([np.linspace(0, 3 * self._step, _KNOTS // 4), np.linspace(0, most, _KNOTS)])
+        )
+        load = np.maximum.accumulate(self._curve(reading, physics))
         n = self._array.n_channels
-        out = factor.copy()
-        out[:, n : 2 * n] /= self.unit
-        return out
+        return PairsModelParams(
+            taxel_crosstalk=physics["taxel_crosstalk"],
+            neighbour_crosstalk=physics["neighbour_crosstalk"],
+            curve=LoadCurve(reading=reading.tolist(), load=load.tolist()),
+            creep=[
+                CreepState(time_s=float(np.exp(physics[f"log_{name}_s"])), gain=physics[f"{name}_creep"])
+                for name in ("fast", "slow")
+            ],
+            unloading=physics["unloading"],
+            weights=weights.reshape(3, N_KINDS, n).transpose(2, 1, 0).reshape(n, 3 * N_KINDS).tolist(),
+        )
 
 
 def _named(theta: FloatArray) -> dict[str, float]:

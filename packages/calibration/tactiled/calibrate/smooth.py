@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import CREEP_S
-from tactiled.calibrate.data import BinnedLog
-from tactiled.calibrate.folds import folds, segments
+from tactiled.calibrate.data import BinnedLog, FittedModel
+from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.force.calibration import Curve, SmoothFeatures, SmoothModelParams
 from tactiled.force.model import FeatureMaker, bent, product_pairs
 
@@ -54,30 +54,46 @@ CHOICES = (FeatureTerms(squares=False), PLAIN, FeatureTerms(creep=True), Feature
 class SmoothFit:
     """Fitted regression."""
 
-    terms: FeatureTerms
-    kinds: SmoothFeatures  # the terms, scaled to the readings
+    kinds: SmoothFeatures  # scaled to the readings
     weights: FloatArray  # (6, features): 0 in rows that the reference does not have
-    covariance: tuple[FloatArray, FloatArray, FloatArray]  # of the weights of fx, fy, fz, for residuals of 1
+    covariance: list[FloatArray]  # of the weights of fx, fy, fz, for residuals of 1
     features: FloatArray  # (n, features): of all bins
     of_zero: FloatArray  # (6,): mean squares of the errors that an error of the zero causes
     left_out: FloatArray  # (n, 6): differences from the reference in the folds; 0 in bins that were not used
 
-    def params(self, array: Array, used: list[int]) -> SmoothModelParams:
-        """Return the model as it goes into a file; unknown moments follow from forces and places."""
-        weights = self.weights.copy()
-        if not {3, 4, 5} <= set(used) and array.has_places:
-            taxel = FeatureMaker(array, self.kinds).taxel
-            fx, fy, fz = weights[:3]
-            x, y = array.x_mm[taxel], array.y_mm[taxel]
-            own = np.stack([y * fz, -x * fz, x * fy - y * fx])
-            for row in range(3):
-                if 3 + row not in used:
-                    weights[3 + row] = own[row]
-        return SmoothModelParams(**self.kinds.model_dump(), weights=weights.tolist())
-
     def at(self, array: Array, log: BinnedLog) -> FloatArray:
         """Return the features (n, features) of other readings."""
         return _features(array, self.kinds, log)
+
+    def model(self, array: Array, log: BinnedLog, used: list[int], rows: NDArray[np.bool_]) -> FittedModel:
+        """Return the fit with a covariance that counts correlated bins as one."""
+        left = self.left_out[rows]
+        variances = [
+            float((errors**2).mean()) * (correlation_bins(errors) if axis in used else 1.0)
+            for axis, errors in enumerate(left[:, :3].T)
+        ]
+        return FittedModel(
+            name="smooth",
+            weights=self.weights[:3],
+            covariance=[c * variance for c, variance in zip(self.covariance, variances, strict=True)],
+            features=self.features[rows],
+            left_out=left,
+            moved=lambda change: self.at(array, replace(log, readings=log.readings + change))[rows],
+            table=self._params(array, used),
+            feature_units=np.ones(self.weights.shape[1]),
+        )
+
+    def _params(self, array: Array, used: list[int]) -> SmoothModelParams:
+        """Model as it goes into a file; unknown moments follow from forces and places."""
+        weights = self.weights.copy()
+        if array.has_places:
+            taxel = FeatureMaker(array, self.kinds).taxel
+            fx, fy, fz = weights[:3]
+            x, y = array.x_mm[taxel], array.y_mm[taxel]
+            for row, own in enumerate((y * fz, -x * fz, x * fy - y * fx), 3):
+                if row not in used:
+                    weights[row] = own
+        return SmoothModelParams(**self.kinds.model_dump(), weights=weights.tolist())
 
 
 def _features(array: Array, kinds: SmoothFeatures, log: BinnedLog) -> FloatArray:
@@ -120,15 +136,13 @@ def fit_smooth(
         weights[output] = whole[best[output]][:, output]
         left[at, output] = errors[best[output], :, output]
     gram = f.T @ f
-    covariance = [np.linalg.inv(gram + strengths[best[axis]] * np.eye(len(gram))) for axis in range(3)]
     return SmoothFit(
-        terms,
-        kinds,
-        weights,
-        (covariance[0], covariance[1], covariance[2]),
-        features,
-        of_zero[best, np.arange(6)],
-        left,
+        kinds=kinds,
+        weights=weights,
+        covariance=[np.linalg.inv(gram + strengths[best[axis]] * np.eye(len(gram))) for axis in range(3)],
+        features=features,
+        of_zero=of_zero[best, np.arange(6)],
+        left_out=left,
     )
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,30 +14,27 @@ from tactiled.calibrate.clock import align, free_level, quiet_bins
 from tactiled.calibrate.data import (
     AlignedReference,
     BinnedLog,
+    FittedModel,
     PoseReference,
     ReferenceTable,
     bin_log,
     pose_log,
     same_poses,
 )
-from tactiled.calibrate.folds import correlation_bins, folds, segments
-from tactiled.calibrate.pairs import PairsFit, PairsFitter
-from tactiled.calibrate.smooth import PLAIN, SmoothFit, choose_smooth, fit_smooth
+from tactiled.calibrate.folds import segments
+from tactiled.calibrate.pairs import PairsFitter, has_pairs
+from tactiled.calibrate.smooth import PLAIN, choose_smooth, fit_smooth
 from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
 from tactiled.calibrate.verdict import verdict
-from tactiled.force.calibration import (
-    AXES,
-    CalibrationFile,
-    ForceRange,
-    Residuals,
-    Uncertainty,
-)
+from tactiled.force.calibration import AXES, CalibrationFile, ForceRange, Residuals, Uncertainty
 
 N_STAGES = 6
 # A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
 _PREFERENCE = 2.0
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
+_PROBED = 0.002  # of the largest reading: size of these patterns
+_LEAST_READING = 0.3  # of the largest reading of all channels: least for the largest one of a channel
 
 
 @dataclass(frozen=True)
@@ -48,18 +45,6 @@ class Identity:
     board: str = ""
     date: str = ""
     temperature_c: float | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class FittedModel:
-    """One fitted model with its errors in the folds."""
-
-    model: PairsFit | SmoothFit
-    weights: FloatArray
-    """(3, features), of fx, fy, fz."""
-    covariance: tuple[FloatArray, FloatArray, FloatArray]
-    features: FloatArray
-    left_out: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +62,12 @@ class CalibrationStudy:
     left_out: FloatArray
     sd: FloatArray  # (n, 3): stated standard deviations
     baseline: FloatArray  # (6,): rms differences of ridge regression with squares in the folds
-    used: list[int]
-    pairs: tuple[PairsFitter, PairsFit] | None
-    """Fit of the model of pairs, where the array allows it."""
+    used: list[int]  # columns of the reference that have numbers
 
     @property
     def rms(self) -> FloatArray:
         """Rms differences (6,) in the folds."""
-        return np.asarray(np.sqrt((self.left_out**2).mean(axis=0)))
+        return _rms(self.left_out)
 
 
 def calibrate(
@@ -95,7 +78,6 @@ def calibrate(
     identity: Identity,
     reached: Callable[[str], None] = lambda _: None,
     *,
-    models: tuple[str, ...] = ("pairs", "smooth"),
     is_same_clock: bool = False,
     are_poses: bool = False,
 ) -> CalibrationStudy:
@@ -107,9 +89,7 @@ def calibrate(
     readings : (n, channels) float64
         As the sensor gave them, NaN where missing.
     reached : callable
-        Called with a few words after each stage.
-    models : tuple of str
-        Models that are tried, where the array allows them.
+        Called with a few words after each of `N_STAGES` stages.
     is_same_clock : bool
         The times of log and reference are of one clock: no offset is searched.
     are_poses : bool
@@ -121,117 +101,95 @@ def calibrate(
         The data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
+    between_s = 0.0
     if are_poses:
         own, table = same_poses(time_s, table)
-        time_s, readings = time_s[own], readings[own]
-    log = pose_log(readings, array) if are_poses else bin_log(time_s, readings, array)
+        log = pose_log(readings[own], array)
+        reference: AlignedReference = PoseReference(table, log)
+    else:
+        log = bin_log(time_s, readings, array)
+        reference = AlignedReference(table, log)
+        # Clocks of different origin: both records began together, within seconds.
+        longest_s = max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s)))
+        between_s = float(time_s[0] - table.time_s[0])
+        between_s = between_s if is_same_clock or abs(between_s) <= longest_s else 0.0
     check_log(log, array)
     check_unit(log, table, array)
-    reference = PoseReference(table, log) if are_poses else AlignedReference(table, log)
-    is_same_clock = is_same_clock or are_poses
-    between_s = 0.0 if are_poses else float(time_s[0] - table.time_s[0])
-    if not is_same_clock and abs(between_s) > max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s))):
-        between_s = 0.0  # clocks of different origin: both records began together, within seconds
-    clocks = align(log, reference, array, between_s, is_same_clock=is_same_clock)
-    late_s = clocks.late_s
+    clocks = align(log, reference, array, between_s, is_same_clock=is_same_clock or are_poses)
+    late_s, drift = clocks.late_s, 0.0
     reached("clocks")
     rows = reference.inside(late_s, 0.0)
-    check_signs(log, reference.means(late_s, 0.0), reference.outputs, rows, array, clocks.correlation)
     used = reference.outputs
-    candidates: dict[str, FittedModel] = {}
-    drift = 0.0
-    pairs: tuple[PairsFitter, PairsFit] | None = None
-    if has_pairs(array) and "pairs" in models and not are_poses:
-        fitter = PairsFitter(array, log, reference, late_s, rows)
-        fit = fitter.fit(reached)
-        pairs = (fitter, fit)
-        late_s, drift = late_s + fit.physics["late_s"], fit.physics["drift"]
-        candidates["pairs"] = _pairs_candidate(fit, reference.means(late_s, drift), log, used)
+    check_signs(log, reference.means(late_s, 0.0), used, rows, array, clocks.correlation)
+    candidates: list[FittedModel] = []
+    if has_pairs(array) and not are_poses:
+        pairs, physics = PairsFitter(array, log, reference, late_s, rows).fit(reached)
+        candidates.append(pairs)
+        late_s, drift = late_s + physics["late_s"], physics["drift"]
     outputs = reference.means(late_s, drift)
     level = free_level(outputs, quiet_bins(log) & rows)
     if level is not None:
         outputs = outputs - level
     outputs[:, [k for k in range(6) if k not in used]] = 0.0
-    plain = fit_smooth(array, log, outputs, used, rows, PLAIN)
+    baseline = _rms(fit_smooth(array, log, outputs, used, rows, PLAIN).left_out[rows])
     reached("baseline")
-    if "smooth" in models or not candidates:
-        chosen = choose_smooth(array, log, outputs, used, rows)
-        candidates["smooth"] = _smooth_candidate(chosen, rows, used)
-    reached("choice of the model")
-    name = _chosen(candidates, outputs[rows], used)
-    best = candidates[name]
-    check_fit(best.left_out, outputs[rows], used)
-    forces = best.features @ best.weights.T
-    n_segments = int(segments(outputs[rows], used, log.step_s).max()) + 1
-    axes = _uncertainties(best, forces, reference, log, used, n_segments)
+    candidates.append(choose_smooth(array, log, outputs, used, rows).model(array, log, used, rows))
     shown = outputs[rows]
+    best = _chosen(candidates, shown, used)
+    reached("choice of the model")
+    check_fit(best.left_out, shown, used)
+    forces = best.features @ best.weights.T
+    segment = segments(shown, used, log.step_s)
+    axes = _uncertainties(best, forces, reference, log, used, int(segment.max()) + 1)
     sd = np.zeros((len(shown), 3))
     for axis in range(3):
         if axis in used:
             sd[:, axis] = np.sqrt(axes[axis].variance(best.features, forces[:, axis], forces[:, 2]))
-    chosen_fitter = pairs[0] if pairs is not None and name == "pairs" else None
-    file = _file(array, identity, log, rows, best, axes, used, shown, plain, chosen_fitter)
-    words = verdict(
-        array, file, best.features, best.weights, [axis.covariance for axis in axes], used, shown, name
+    ranges = [(float(column.min()), float(column.max())) for column in shown[:, :3].T]
+    rms = [float(value) if k in used else None for k, value in enumerate(_rms(best.left_out)[:3])]
+    size = np.abs(log.readings)
+    file = CalibrationFile(
+        name=identity.name,
+        array=array.name,
+        channels=array.n_channels,
+        board=identity.board,
+        date=identity.date,
+        temperature_c=identity.temperature_c,
+        axes=[axis for k, axis in enumerate(AXES) if k in used],
+        verdict=verdict(array, best, [axis.covariance for axis in axes], used, shown),
+        range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
+        residuals=Residuals(
+            fx_n=rms[0], fy_n=rms[1], fz_n=rms[2], baseline_fz_n=float(baseline[2]) if 2 in used else None
+        ),
+        largest_reading=np.maximum(size[rows].max(axis=0), _LEAST_READING * _largest(log)).tolist(),
+        **{best.name: best.table},
+        uncertainty=_stated(best, axes, log, force_walk(best.left_out, log.middle_s[rows], segment)),
     )
     return CalibrationStudy(
-        file=file.model_copy(update={"verdict": words}),
+        file=file,
         late_s=late_s - between_s,
         late_sd_s=clocks.sd_s,
         drift_ppm=1e6 * drift,
-        model=name,
+        model=best.name,
         time_s=log.middle_s[rows],
         reference=shown,
         left_out=best.left_out,
         sd=sd,
-        baseline=np.sqrt((plain.left_out[rows] ** 2).mean(axis=0)),
+        baseline=baseline,
         used=used,
-        pairs=pairs,
     )
 
 
-def has_pairs(array: Array) -> bool:
-    """Return True for arrays whose taxels all have three side electrodes or more, and nothing else."""
-    return (
-        set(array.channel_kind) == {"side"}
-        and int(np.bincount(array.channel_taxel, minlength=array.n_taxels).min()) >= 3
-        and array.has_places
-    )
+def _rms(left_out: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt((left_out**2).mean(axis=0)))
 
 
-def _pairs_candidate(fit: PairsFit, outputs: FloatArray, log: BinnedLog, used: list[int]) -> FittedModel:
-    """Errors in the folds, and a covariance that counts correlated bins as one."""
-    problem, n = fit.regression, int(fit.rows.sum())
-    left = np.zeros((n, 6))
-    for left_out in folds(segments(outputs[fit.rows], used, log.step_s)):
-        found = problem.solve(fit.sd, ~left_out)
-        left[left_out] = problem.residuals(found)[left_out]
-    correlated = np.array([correlation_bins(left[:, k]) if k in used else 1.0 for k in range(6)])
-    linear = problem.solve(fit.sd * np.sqrt(correlated), with_covariance=True)
-    return FittedModel(fit, fit.linear.weights, linear.covariance, fit.features[fit.rows], left)
-
-
-def _smooth_candidate(fit: SmoothFit, rows: NDArray[np.bool_], used: list[int]) -> FittedModel:
-    left = fit.left_out[rows]
-    covariance = []
-    for axis in range(3):
-        bins = correlation_bins(left[:, axis]) if axis in used else 1.0
-        variance = float((left[:, axis] ** 2).mean()) * bins
-        covariance.append(fit.covariance[axis] * variance)
-    return FittedModel(
-        fit, fit.weights[:3], (covariance[0], covariance[1], covariance[2]), fit.features[rows], left
-    )
-
-
-def _chosen(candidates: dict[str, FittedModel], outputs: FloatArray, used: list[int]) -> str:
+def _chosen(candidates: list[FittedModel], outputs: FloatArray, used: list[int]) -> FittedModel:
+    """Model of pairs, if there is one and no other has much smaller errors in the folds."""
     spread = np.maximum(outputs[:, used].std(axis=0), 1e-12)
-    errors = {
-        name: float(np.sqrt(((one.left_out[:, used] / spread) ** 2).mean()))
-        for name, one in candidates.items()
-    }
-    if "pairs" in errors and errors["pairs"] <= _PREFERENCE * errors.get("smooth", np.inf):
-        return "pairs"
-    return min(errors, key=lambda name: errors[name])
+    first, *others = candidates
+    errors = [float(np.sqrt(((one.left_out[:, used] / spread) ** 2).mean())) for one in candidates]
+    return others[0] if others and errors[0] > _PREFERENCE * errors[1] else first
 
 
 def _uncertainties(
@@ -242,79 +200,40 @@ def _uncertainties(
     used: list[int],
     n_segments: int,
 ) -> list[AxisUncertainty]:
+    """Uncertainties of fx, fy and fz."""
     samples = max(log.step_s / reference.sample_s, 1.0)
-    out = []
-    for axis in range(3):
-        noise = float(np.nan_to_num(reference.noise[axis])) / np.sqrt(samples)
-        left = best.left_out[:, axis] if axis in used else np.zeros(len(forces))
-        out.append(
-            axis_uncertainty(
-                AXES[axis],
-                best.features,
-                best.covariance[axis],
-                left,
-                forces[:, axis],
-                forces[:, 2],
-                noise,
-                n_segments,
-            )
+    return [
+        axis_uncertainty(
+            AXES[axis],
+            best.features,
+            best.covariance[axis],
+            best.left_out[:, axis] if axis in used else np.zeros(len(forces)),
+            forces[:, axis],
+            forces[:, 2],
+            float(np.nan_to_num(reference.noise[axis])) / np.sqrt(samples),
+            n_segments,
         )
-    return out
+        for axis in range(3)
+    ]
 
 
-def _file(
-    array: Array,
-    identity: Identity,
-    log: BinnedLog,
-    rows: NDArray[np.bool_],
-    best: FittedModel,
-    axes: list[AxisUncertainty],
-    used: list[int],
-    outputs: FloatArray,
-    plain: SmoothFit,
-    fitter: PairsFitter | None,
-) -> CalibrationFile:
-    """Put the result into the form of a file."""
-    rms = np.sqrt((best.left_out**2).mean(axis=0))
-    baseline = np.sqrt((plain.left_out[rows] ** 2).mean(axis=0))
-    factors = [axis.factor for axis in axes]
-    if fitter is not None:
-        factors = [fitter.file_factor(factor) for factor in factors]
-    sensitivity = _sensitivity(best, log, rows, array, fitter)
+def _stated(
+    best: FittedModel, axes: list[AxisUncertainty], log: BinnedLog, walk_n: list[float]
+) -> Uncertainty:
+    """Uncertainty as it goes into a file."""
+    noise = float(np.median(log.noise))
+    n_per_unit = _sensitivity(best, log)
     # A bin averages the noise of its scans; a live scan has all of it.
-    live = sensitivity * float(np.median(log.noise)) * np.sqrt(max(1 - 1 / log.bin_scans, 0.0))
-    ranges = [(float(column.min()), float(column.max())) for column in outputs[:, :3].T]
-    known = [k in used for k in range(3)]
-    return CalibrationFile(
-        name=identity.name,
-        array=array.name,
-        channels=array.n_channels,
-        board=identity.board,
-        date=identity.date,
-        temperature_c=identity.temperature_c,
-        axes=[axis for axis, is_known in zip(AXES, known, strict=True) if is_known],
-        range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
-        residuals=Residuals(
-            fx_n=float(rms[0]) if known[0] else None,
-            fy_n=float(rms[1]) if known[1] else None,
-            fz_n=float(rms[2]) if known[2] else None,
-            baseline_fz_n=float(baseline[2]) if known[2] else None,
-        ),
-        largest_reading=np.maximum(np.abs(log.readings[rows]).max(axis=0), 0.3 * _largest(log)).tolist(),
-        pairs=fitter.params(best.model, best.weights)
-        if fitter and isinstance(best.model, PairsFit)
-        else None,
-        smooth=best.model.params(array, used) if isinstance(best.model, SmoothFit) else None,
-        uncertainty=Uncertainty(
-            factor=[factor.tolist() for factor in factors],
-            floor_n=[float(np.hypot(axis.floor_n, live[k])) for k, axis in enumerate(axes)],
-            own=[axis.own for axis in axes],
-            of_normal=[axis.of_normal for axis in axes],
-            noise=float(np.median(log.noise)),
-            zero_sd=log.zero_sd,
-            walk_n=force_walk(best.left_out, log.middle_s[rows], segments(outputs, used, log.step_s)),
-            n_per_unit=sensitivity.tolist(),
-        ),
+    live_n = n_per_unit * noise * np.sqrt(max(1 - 1 / log.bin_scans, 0.0))
+    return Uncertainty(
+        factor=[(axis.factor / best.feature_units).tolist() for axis in axes],
+        floor_n=[float(np.hypot(axis.floor_n, live_n[k])) for k, axis in enumerate(axes)],
+        own=[axis.own for axis in axes],
+        of_normal=[axis.of_normal for axis in axes],
+        noise=noise,
+        zero_sd=log.zero_sd,
+        walk_n=walk_n,
+        n_per_unit=n_per_unit.tolist(),
     )
 
 
@@ -348,21 +267,12 @@ def _largest(log: BinnedLog) -> float:
     return max(float(np.abs(log.readings).max()), 1e-9)
 
 
-def _sensitivity(
-    best: FittedModel, log: BinnedLog, rows: NDArray[np.bool_], array: Array, fitter: PairsFitter | None
-) -> FloatArray:
+def _sensitivity(best: FittedModel, log: BinnedLog) -> FloatArray:
     """Rms change (3,) of fx, fy, fz for independent errors of 1 of the zeros of all channels."""
     rng = np.random.default_rng(0)
-    size = 0.002 * _largest(log)
+    size = _PROBED * _largest(log)
     total = np.zeros(3)
     for _ in range(_PROBES):
-        pattern = size * rng.standard_normal(log.readings.shape[1])
-        if fitter is not None and isinstance(best.model, PairsFit):
-            other = fitter.features(best.model.physics, pattern)[rows]
-        else:
-            assert isinstance(best.model, SmoothFit)  # the only other model
-            moved = replace(log, readings=log.readings + pattern)
-            other = best.model.at(array, moved)[rows]
-        change = (other - best.features) @ best.weights.T
-        total += (change**2).mean(axis=0)
+        moved = best.moved(np.asarray(size * rng.standard_normal(log.readings.shape[1])))
+        total += (((moved - best.features) @ best.weights.T) ** 2).mean(axis=0)
     return np.asarray(np.sqrt(total / _PROBES) / size)

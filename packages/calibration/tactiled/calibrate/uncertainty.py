@@ -12,7 +12,7 @@ from scipy import special
 from scipy.optimize import nnls
 
 from tactiled.array import FloatArray
-from tactiled.force.calibration import AXES, Axis
+from tactiled.force.calibration import Axis
 
 _RANK = 24  # independent errors of each component that a file keeps
 _Z90 = 1.6449  # standard deviations of a normal distribution within which 90 % lie
@@ -54,9 +54,7 @@ def axis_uncertainty(
     ----------
     features : (n, features) float64
     covariance : (features, features) float64
-        Of the weights.
     left_out : (n,) float64
-        Reference minus model where the bin was left out.
     force, normal : (n,) float64
         The component, and the normal force.
     reference_sd : float
@@ -87,8 +85,3 @@ def _factor(covariance: FloatArray, features: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(covariance * size[:, np.newaxis] * size)
     order = np.argsort(values)[::-1][:_RANK]
     return np.asarray((vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))).T / size)
-
-
-def unknown_axes(used: list[int]) -> list[str]:
-    """Names of the force components that the reference does not have."""
-    return [name for k, name in enumerate(AXES) if k not in used]

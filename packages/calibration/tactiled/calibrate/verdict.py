@@ -4,106 +4,79 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.uncertainty import unknown_axes
-from tactiled.force.calibration import CalibrationFile
+from tactiled.calibrate.data import FittedModel
+from tactiled.force.calibration import AXES
 from tactiled.force.model import N_KINDS
 
-POOR = 0.15  # relative standard deviation of a sensitivity above which a motion is asked for
-_LITTLE_SHEAR, _LITTLE_SD = (
-    0.1,
-    0.05,
-)  # of the largest normal force; relative sd at which that little is enough
-_WORDS = {"fx": "shear x", "fy": "shear y", "fz": "normal force"}
-_MOTION = {"fx": "push sideways along x, both ways", "fy": "push sideways along y, both ways", "fz": "press"}
+_POOR = 0.15  # relative standard deviation of a sensitivity above which a motion is asked for
+_LITTLE_SHEAR = 0.1  # of the largest normal force
+_LITTLE_SD = 0.05  # relative standard deviation at which so little shear is enough
+_WORDS = ("shear x", "shear y", "normal force")
+_MOTION = ("push sideways along x, both ways", "push sideways along y, both ways", "press")
 
 
-def sensitivity_sd(
-    array: Array,
-    features: FloatArray,
-    weights: FloatArray,
-    covariance: list[FloatArray],
-    taxels: NDArray[np.bool_] | None = None,
+def _sensitivity_sd(
+    array: Array, best: FittedModel, covariance: list[FloatArray], taxels: NDArray[np.bool_]
 ) -> FloatArray:
-    """Relative standard deviations (3,) of the sensitivities to fx, fy, fz, of some taxels or all.
+    """Relative standard deviations (3,) of the sensitivities of some taxels to fx, fy, fz.
 
     The sensitivity is that to the pattern of loads that a pure force makes on the electrodes.
     """
     # Loads, readings and products rise together: a pure change of one of them is no change of force.
     n = array.n_channels
-    loaded = features[features[:, :n].sum(axis=1) > np.median(features[:, :n].sum(axis=1))]
-    level = loaded.mean(axis=0).reshape(N_KINDS, n).mean(axis=1)
+    load = best.features[:, :n].sum(axis=1)
+    level = best.features[load > np.median(load)].mean(axis=0).reshape(N_KINDS, n).mean(axis=1)
     ratios = level / max(float(level[0]), 1e-12)
-    chosen = np.ones(array.n_taxels, dtype=np.bool_) if taxels is None else taxels
-    mine = chosen[array.channel_taxel]
+    mine = taxels[array.channel_taxel]
     azimuth = np.deg2rad(array.azimuth_deg)
-    patterns = (np.cos(azimuth) * mine, np.sin(azimuth) * mine, 1.0 * mine)
     out = np.zeros(3)
-    for axis, pattern in enumerate(patterns):
+    for axis, pattern in enumerate((np.cos(azimuth) * mine, np.sin(azimuth) * mine, 1.0 * mine)):
         direction = np.concatenate([pattern * ratio for ratio in ratios])
         sd = float(np.sqrt(max(direction @ covariance[axis] @ direction, 0.0)))
-        out[axis] = sd / max(abs(float(weights[axis] @ direction)), 1e-12)
+        out[axis] = sd / max(abs(float(best.weights[axis] @ direction)), 1e-12)
     return out
 
 
 def verdict(
-    array: Array,
-    file: CalibrationFile,
-    features: FloatArray,
-    weights: FloatArray,
-    covariance: list[FloatArray],
-    used: list[int],
-    outputs: FloatArray,
-    model: str,
+    array: Array, best: FittedModel, covariance: list[FloatArray], used: list[int], outputs: FloatArray
 ) -> list[str]:
-    """Return sentences."""
-    words: list[str] = []
+    """Return sentences.
+
+    Parameters
+    ----------
+    covariance : list of (features, features) float64
+        Of the weights of fx, fy and fz, as the file states it.
+    outputs : (n, 6) float64
+        Reference without its offset.
+    """
+    words = [f"{_WORDS[k]} is not known: the reference has no {AXES[k]}_n" for k in range(3) if k not in used]
     largest = np.abs(outputs[:, :3]).max(axis=0)
-    for name in unknown_axes(used):
-        words.append(f"{_WORDS[name]} is not known: the reference has no {name}_n")
-    relative = sensitivity_sd(array, features, weights, covariance) if model == "pairs" else np.zeros(3)
-    for axis, name in enumerate(("fx", "fy", "fz")):
-        if axis not in used:
-            continue
-        little = name != "fz" and largest[axis] < _LITTLE_SHEAR * max(largest[2], 1e-9)
-        if relative[axis] > POOR or (little and (model != "pairs" or relative[axis] > _LITTLE_SD)):
-            words.append(
-                f"no {'shear' if name != 'fz' else 'normal force'} beyond {largest[axis]:.2g} N"
-                f"{'' if name == 'fz' else ' along ' + name[1]}: {_WORDS[name]} "
-                f"{_how_well(relative[axis], model)}; {_MOTION[name]}"
+    is_pairs = best.name == "pairs"
+    every = np.ones(array.n_taxels, dtype=np.bool_)
+    relative = _sensitivity_sd(array, best, covariance, every) if is_pairs else np.zeros(3)
+    known = [k for k in range(3) if k in used]
+    for k in known:
+        is_little = k < 2 and largest[k] < _LITTLE_SHEAR * max(largest[2], 1e-9)
+        if relative[k] > _POOR or (is_little and (not is_pairs or relative[k] > _LITTLE_SD)):
+            what = (
+                f"no shear beyond {largest[k]:.2g} N along {'xy'[k]}"
+                if k < 2
+                else (f"no normal force beyond {largest[k]:.2g} N")
             )
-        elif model == "pairs":
-            words.append(
-                f"{_WORDS[name]} to {largest[axis]:.3g} N: sensitivity to {100 * relative[axis]:.1f} %"
-            )
+            how_well = "is poorly known"
+            if is_pairs:
+                how_well = f"has {100 * relative[k]:.0f} % sd" if relative[k] < 1 else "is not known"
+            words.append(f"{what}: {_WORDS[k]} {how_well}; {_MOTION[k]}")
         else:
-            words.append(f"{_WORDS[name]} to {largest[axis]:.3g} N")
-    if model == "pairs" and 2 in used:
-        poor = []
-        for taxel in range(array.n_taxels):
-            one = np.arange(array.n_taxels) == taxel
-            own = sensitivity_sd(array, features, weights, covariance, one)
-            if own[2] > POOR:
-                poor.append(f"{taxel} ({100 * own[2]:.0f} %)")
-        if poor:
+            sensitivity = f": sensitivity to {100 * relative[k]:.1f} %" if is_pairs else ""
+            words.append(f"{_WORDS[k]} to {largest[k]:.3g} N{sensitivity}")
+    if is_pairs and 2 in used:
+        sds = [_sensitivity_sd(array, best, covariance, one)[2] for one in np.eye(array.n_taxels, dtype=bool)]
+        if poor := [f"{taxel} ({100 * sd:.0f} %)" for taxel, sd in enumerate(sds) if sd > _POOR]:
             words.append(
                 f"taxels that were hardly separated, with sd of their normal force: {', '.join(poor)}; press "
                 "with a finger tip on each of them"
             )
-    known = [
-        r
-        for k, r in enumerate(file.residuals.model_dump(include={"fx_n", "fy_n", "fz_n"}).values())
-        if k in used and r is not None
-    ]
-    rms = ", ".join(
-        f"{name} {value:.3g} N"
-        for name, value in zip([n for k, n in enumerate(("fx", "fy", "fz")) if k in used], known, strict=True)
-    )
-    words.append(f"rms error in segments that were left out: {rms}")
-    return words
-
-
-def _how_well(relative: float, model: str) -> str:
-    """Words for a relative standard deviation."""
-    if model != "pairs":
-        return "is poorly known"
-    return f"has {100 * relative:.0f} % sd" if relative < 1 else "is not known"
+    rms = np.sqrt((best.left_out**2).mean(axis=0))
+    errors = ", ".join(f"{AXES[k]} {rms[k]:.3g} N" for k in known)
+    return [*words, f"rms error in segments that were left out: {errors}"]

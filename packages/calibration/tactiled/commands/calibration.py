@@ -75,7 +75,7 @@ def calibrate(
     """
     need_named(array, "config/arrays")
     if guide is not None:
-        from tactiled.calibrate.live import record_guided
+        from tactiled.calibrate.guide import record_guided
 
         found = record_guided(log, guide, array, keys, guide_s, tell, about["board"])
         if about["as_json"]:
