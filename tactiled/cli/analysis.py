@@ -7,7 +7,19 @@ from typing import Any
 import click
 
 from tactiled.cli import packages
-from tactiled.cli.options import FILE, JSON, SPEED, need_extra, need_named, need_readable, need_toml
+from tactiled.cli.options import (
+    COLUMNS,
+    FILE,
+    JSON,
+    SPEED,
+    TIME_UNIT,
+    TOPIC,
+    Names,
+    need_extra,
+    need_named,
+    need_readable,
+    need_toml,
+)
 from tactiled.progress import ProgressBar, tell
 
 _TOPICS = ("slip", "contact", "grip", "texture", "force")
@@ -37,24 +49,6 @@ class Interval(click.ParamType[tuple[float, float]]):
         if not low < high:
             self.fail(f"{value!r}: the second number must be larger than the first", param, ctx)
         return low, high
-
-
-class Topics(click.ParamType[tuple[str, ...]]):
-    """Topics of the detectors, with commas between."""
-
-    name = "TOPICS"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """Return the topics; fail on an unknown one."""
-        if isinstance(value, tuple):
-            return value
-        names = tuple(name.strip() for name in str(value).split(","))
-        for name in names:
-            if name not in _TOPICS:
-                self.fail(f"no topic {name!r}; there are: {', '.join(_TOPICS)}", param, ctx)
-        return names
 
 
 @click.command()
@@ -124,17 +118,13 @@ class Topics(click.ParamType[tuple[str, ...]]):
 @click.option(
     "--only",
     "topics",
-    type=Topics(),
+    type=Names("topic", _TOPICS),
     metavar="TOPICS",
     help="slip, contact, grip, texture, force: the topics to compute and print, with commas between.",
 )
-@click.option(
-    "--columns",
-    metavar="NAMES",
-    help="Columns of a CSV or Parquet file in channel order: names with commas between, or 'tax*'.",
-)
-@click.option("--topic", help="Topic of a bag, or TOPIC.FIELD, whose numbers are the channels.")
-@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
+@COLUMNS
+@TOPIC
+@TIME_UNIT
 @click.option("--plot", type=FILE, help="Write a picture of the log and the events.")
 @click.option(
     "--to",
@@ -151,7 +141,6 @@ def detect(
     files: tuple[str, ...],
     array: str | None,
     rate_hz: float | None,
-    columns: str | None,
     sliding: tuple[float, float] | None,
     topics: tuple[str, ...] | None,
     plot: Path | None,
@@ -195,7 +184,6 @@ def detect(
     asked = Choices(
         sliding=None if sliding is None else KnownSliding(*sliding),
         topics=topics or _TOPICS,
-        columns=tuple(name.strip() for name in columns.split(",")) if columns else (),
         **choices,
     )
     if to is not None:

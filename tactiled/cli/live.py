@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_named, need_toml
+from tactiled.cli.options import BOARD, CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_named, need_toml
 
 
 @click.command()
@@ -60,7 +60,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         for name in ("board", "samples", "detect"):
             if getattr(new, name) != getattr(old.config, name):
                 logger.warning("%s: [%s] changed: takes effect at the next start", file, name)
-        return new
+        return new.service
 
     if not files:
         setups = [default_config(port or "")]
@@ -70,7 +70,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         worker = stack.enter_context(BackgroundWorker())
         boards = [
             ServedBoard(
-                setup.config,
+                setup.config.service,
                 partial(setup.make_pipeline, worker.queue()),
                 stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
                 partial(reload, files[number], setup) if files else None,
@@ -127,7 +127,7 @@ def listen(
 @click.option(
     "--endpoint", help="Endpoint where the daemon publishes. [default: ipc of the only daemon on this host]"
 )
-@click.option("--board", default="", help="Serial number of the board, where the daemon reads several.")
+@BOARD
 @click.option(
     "--who", default="command line", show_default=True, help="Name of the requester, for log and recording."
 )

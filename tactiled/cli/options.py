@@ -3,11 +3,10 @@
 The checks find usage errors before the command imports numpy, which takes most of a second.
 """
 
-import errno
 import importlib.util
-import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -18,6 +17,29 @@ from tactiled.outside import need_regular
 CONFIG_ENV = "TACTILED_CONFIG"
 FILE = click.Path(path_type=Path, dir_okay=False)
 FILES = click.Path(path_type=Path)  # a directory too, which stands for the files in it
+
+
+class Names(click.ParamType[tuple[str, ...]]):
+    """Names with commas between, of those that are `known` where these are given."""
+
+    name = "NAMES"
+
+    def __init__(self, what: str = "", known: tuple[str, ...] = ()) -> None:
+        self._what, self._known = what, known
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Return the names; fail on an unknown one."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(name.strip() for name in str(value).split(","))
+        for name in names:
+            if self._known and name not in self._known:
+                self.fail(f"no {self._what} {name!r}; there are: {', '.join(self._known)}", param, ctx)
+        return names
+
+
 SPEED = click.FloatRange(0, 1000)  # mm/s, as in the configuration; never negative: directions are found
 
 CONFIG = click.option("-c", "--config", type=FILE, envvar=CONFIG_ENV, help="tactiled.toml of this board.")
@@ -31,6 +53,20 @@ CONFIGS = click.option(
     help="Configuration of a board, or a directory with one for each board; may be repeated.",
 )
 PORT = click.option("-p", "--port", help="Serial port or pyserial URL; overrides port.url.")
+COLUMNS = click.option(
+    "--columns",
+    type=Names(),
+    default=(),
+    metavar="NAMES",
+    help="Columns of a table in channel order: names with commas between, or 'tax*'.",
+)
+TIME_UNIT = click.option(
+    "--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table."
+)
+TOPIC = click.option("--topic", help="Topic of a bag, or TOPIC.FIELD, whose numbers are the channels.")
+BOARD = click.option(
+    "--board", default="", help="Serial number of the board, where the daemon reads several."
+)
 KEYS = click.option("--keys", type=FILE, help="Key file of this client, from `tactiled keys make`.")
 
 
@@ -60,23 +96,14 @@ def need_toml(*paths: Path | None) -> None:
             tomltext.read(path)
 
 
-def need_readable(*paths: Path | None) -> None:
+def need_readable(*paths: Path) -> None:
     """Refuse a data file that cannot be read."""
     for path in paths:
-        if path is None:
-            continue
-        if fault := _fault_of(path):
-            raise DataError(f"{path}: cannot be read: {os.strerror(fault)}")
-        need_regular(path)
-
-
-def _fault_of(path: Path) -> int:
-    """Error number that opening a file would give; 0 for none."""
-    if not path.exists():
-        return errno.ENOENT
-    if path.is_dir():
-        return errno.EISDIR
-    return 0 if os.access(path, os.R_OK) else errno.EACCES
+        try:
+            need_regular(path)
+            path.open("rb").close()
+        except OSError as error:
+            raise DataError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def need_picture(path: Path) -> None:

@@ -9,6 +9,7 @@ import click
 
 from tactiled import tomltext
 from tactiled.cli.options import (
+    COLUMNS,
     CONFIG,
     CONFIG_ENV,
     FILE,
@@ -16,6 +17,7 @@ from tactiled.cli.options import (
     JSON,
     PORT,
     SPEED,
+    TIME_UNIT,
     need_board,
     need_extra,
     need_named,
@@ -48,8 +50,8 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
     "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for the same; 0: unknown."
 )  # fmt: skip
 @click.option("--log", type=FILE, help="Table of the array (.csv, .npz, .parquet): say how the file fits it.")
-@click.option("--columns", metavar="NAMES", help="Columns of the log that are channels, as of detect.")
-@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in the log.")
+@COLUMNS
+@TIME_UNIT
 @JSON
 def check_config(
     files: tuple[Path, ...],
@@ -58,7 +60,7 @@ def check_config(
     rate_hz: float | None,
     speed_mm_s: float,
     log: Path | None,
-    columns: str | None,
+    columns: tuple[str, ...],
     time_unit: "TimeUnit | None",
     as_json: bool,
 ) -> None:
@@ -89,18 +91,22 @@ def check_config(
 
     paths = config_files(files)
     kinds = [kind_of(tomltext.read(path)) for path in paths]
-    if len(paths) > 1 and (
-        others := [str(p) for p, kind in zip(paths, kinds, strict=True) if kind != "configuration"]
-    ):
+    others = [str(path) for path, kind in zip(paths, kinds, strict=True) if kind != "configuration"]
+    if len(paths) > 1 and others:
         raise click.UsageError(f"check arrays and layouts one by one: {', '.join(others)}")
     file, kind = paths[0], kinds[0]
-    if plot is not None and kind != "array":
-        raise click.UsageError(f"--plot draws an array, and {file} is a {kind}")
-    if log is not None and kind != "array":
-        raise click.UsageError(f"--log is compared with an array, and {file} is a {kind}")
+    for option, value in (("--plot draws", plot), ("--log is compared with", log)):
+        if value is not None and kind != "array":
+            raise click.UsageError(f"{option} an array, and {file} is a {kind}")
     if plot is not None:
         need_extra("matplotlib", "plot", "check-config --plot")
         need_picture(plot)
+
+    def show_valid(source: Path | str, words: str, values: dict[str, Any]) -> None:
+        if as_json:
+            click.echo(json.dumps(values))
+        tell(f"{source}: valid ({words})")
+
     if kind == "layout":
         from tactiled.wire.layout import load_layout
 
@@ -110,57 +116,45 @@ def check_config(
         words = (
             f"{layout.n_channels} channels, {layout.file.baud} baud, a scan has {octets.get('scan', 0)} bytes"
         )
-        _show_valid(file, f"layout {layout.name}: {words}", summary, as_json)
-        return
-    if kind == "array":
+        show_valid(file, f"layout {layout.name}: {words}", summary)
+    elif kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
+        from tactiled.recording.rows import TableOptions
 
         array = build(tomlfile.load(file, ArrayFile))
-        _show_valid(file, array.in_words(), array.summary(), as_json)
+        show_valid(file, array.in_words(), array.summary())
         if log is not None:
-            from tactiled.recording.rows import TableOptions
-
-            found_hz = _echo_log_fit(array, log, TableOptions(rate_hz, _names(columns), time_unit))
+            found_hz = _tell_log_fit(array, log, TableOptions(rate_hz, columns, time_unit))
             rate_hz = rate_hz or found_hz
-        _echo_abilities(array, rate_hz or _RATE_HZ, speed_mm_s, plot)
-        return
-    if kind == "calibration":
+        _tell_abilities(array, rate_hz or _RATE_HZ, speed_mm_s, plot)
+    elif kind == "calibration":
         from tactiled.force.calibration import load_calibration
 
         calibration = load_calibration(str(file.absolute()))
-        shown = {"name", "array", "board", "date", "axes", "verdict"}
-        words = f"calibration {calibration.name} of {calibration.array}"
-        _show_valid(file, words, calibration.model_dump(include=shown), as_json)
+        shown = calibration.model_dump(include={"name", "array", "board", "date", "axes", "verdict"})
+        show_valid(file, f"calibration {calibration.name} of {calibration.array}", shown)
         tell("\n".join(calibration.verdict))
-        return
-    from tactiled import compiled
-    from tactiled.doctor.unplugged import check_files, resolved_in_words, settings_in_words
+    else:
+        from tactiled import compiled
+        from tactiled.doctor.unplugged import check_files, resolved_in_words, settings_in_words
 
-    for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
-        warnings = check_files(setup, setup.source)
-        words = f"{setup.array.name}, {setup.layout.name}"
-        _show_valid(setup.source, words, setup.config.model_dump(mode="json"), as_json)
-        for warning in warnings:
-            tell(f"warning: {warning}")
-        for line in (*settings_in_words(setup), *resolved_in_words(setup)):
-            tell(line)
-    tell(f"path of a scan: {compiled.path_words()}")
-
-
-def _show_valid(file: Path | str, words: str, values: dict[str, Any], as_json: bool) -> None:
-    """Print that a file is valid, and what it contains as JSON where asked."""
-    if as_json:
-        click.echo(json.dumps(values))
-    tell(f"{file}: valid ({words})")
+        for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
+            warnings = check_files(setup, setup.source)
+            show_valid(
+                setup.source, f"{setup.array.name}, {setup.layout.name}", setup.config.model_dump(mode="json")
+            )
+            for line in (
+                *(f"warning: {warning}" for warning in warnings),
+                *settings_in_words(setup),
+                *resolved_in_words(setup),
+            ):
+                tell(line)
+        tell(f"path of a scan: {compiled.path_words()}")
 
 
-def _names(columns: str | None) -> tuple[str, ...]:
-    return tuple(name.strip() for name in columns.split(",")) if columns else ()
-
-
-def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
-    """Print how an array fits a log, and return the rate of the log (Hz)."""
+def _tell_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
+    """Say how an array fits a log, and return the rate of the log (Hz)."""
     from tactiled.doctor.log_fit import log_fit
     from tactiled.recording.table import read_table
 
@@ -171,22 +165,17 @@ def _echo_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
             f"({array.n_taxels} taxels); choose columns with --columns"
         )
     found = log_fit(array, time_s, readings)
-    for each in found:
-        tell(f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else ""))
+    tell("\n".join(each.line for each in found))
     return float(found[0].values["rate_hz"])
 
 
-def _echo_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:
-    """Print what an array can measure, and draw it where asked."""
+def _tell_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Path | None) -> None:
+    """Say what an array can measure, and draw it where asked."""
     from tactiled.detect.grooves.params import JointParams
     from tactiled.doctor.abilities import abilities
 
-    findings = abilities(array, JointParams(), rate_hz, speed_mm_s)
-    lines = [
-        f"{each.check}: {each.words}" + (f" -> {each.remedy}" if each.remedy else "") for each in findings
-    ]
-    for line in lines:
-        tell(line)
+    lines = [each.line for each in abilities(array, JointParams(), rate_hz, speed_mm_s)]
+    tell("\n".join(lines))
     if plot is not None:
         from tactiled.plots.array_map import draw_array
 
@@ -211,11 +200,12 @@ def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines:
     Example: tactiled doctor --config /etc/tactiled/left.toml
     """
     need_board(config, port, "check")
-    from tactiled.doctor.examine import run_doctor
+    from tactiled.doctor.examine import examine
+    from tactiled.doctor.finding import as_json, as_text
 
-    report, code = run_doctor(config, port, json_lines=json_lines, speed_mm_s=speed_mm_s)
-    click.echo(report)
-    sys.exit(code)
+    findings = examine(config, port, speed_mm_s)
+    click.echo(as_json(findings) if json_lines else as_text(findings))
+    sys.exit(int(any(finding.verdict == "fail" for finding in findings)))
 
 
 @click.group(cls=OpenGroup, prefix="keys.")

@@ -1,7 +1,7 @@
 """Findings on an array alone: contact, slip, direction and grooves that it can measure."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import groupby
 
 from tactiled.array import Array
@@ -17,15 +17,12 @@ _FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike 
 
 def abilities(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
     """Describe what an array can measure at a scan rate; a speed of 0 means unknown."""
-    grooves, speeds = check_waves(array, params, rate_hz, speed_mm_s)
-    if grooves.verdict == "warn" and not grooves.values:  # no angle
-        how = (
-            f"the period across the motion is {speed_mm_s:g} mm/s over the frequency of the ripple"
-            if speed_mm_s > 0
-            else "frequency of the ripple; with a known speed, the period across the motion"
-        )
-        grooves = Finding("grooves", "warn", f"no angle (period-only): {how}", grooves.remedy)
-    return [_contact(array), _slip(array), _direction(array), grooves, speeds]
+    return [
+        _contact(array),
+        _slip(array),
+        _direction(array),
+        *check_waves(array, params, rate_hz, speed_mm_s),
+    ]
 
 
 def _contact(array: Array) -> Finding:
@@ -39,18 +36,16 @@ def _contact(array: Array) -> Finding:
 
 
 def _slip(array: Array) -> Finding:
-    has_pressure = bool(array.normal_weights().any())
     if array.measures_ratio:
         return Finding("slip", "ok", "from shear, beside the pressure")
     if array.has_shear:
         what = "field" if array.is_field else "shear"
-        return Finding(
-            "slip", "warn", f"from {what} that grows beyond its own hold; without a load to compare"
-        )
-    if not has_pressure or array.n_channels < _FEW_CHANNELS:
+        words = f"from {what} that grows beyond its own hold; without a load to compare"
+    elif array.normal_weights().any() and array.n_channels >= _FEW_CHANNELS:
+        words = "slip, from load that moves, roughness and ripple; no shear channels"
+    else:
         words = f"not reported: no shear, and fewer than {_FEW_CHANNELS} pressure channels"
-        return Finding("slip", "warn", words)
-    return Finding("slip", "warn", "slip, from load that moves, roughness and ripple; no shear channels")
+    return Finding("slip", "warn", words)
 
 
 def _direction(array: Array) -> Finding:
@@ -73,23 +68,22 @@ def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: flo
     direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
     if not has_baseline(channel_layout(array), motion):
-        known = "" if speed_mm_s > 0 else " at unknown speed"
-        words = (
-            f"{array.name} cannot measure groove angle{known}: that needs two taxels along the motion and "
-            "two across"
+        how = (
+            f"the period across the motion is {speed_mm_s:g} mm/s over the frequency of the ripple"
+            if speed_mm_s > 0
+            else "frequency of the ripple; with a known speed, the period across the motion"
         )
         remedy = "use an array with taxels in rows and columns"
         # A known speed does not help taxels that all lie in one row along the motion.
         if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
             remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
-        return Finding(name, "warn", words, remedy)
+        return Finding(name, "warn", f"no angle (period-only): {how}", remedy)
     found = ranges(array, params, rate_hz, speed_mm_s)
-    values = {"speed_mm_s": speed_mm_s, "rate_hz": rate_hz, "ranges": [asdict(one) for one in found]}
     known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "at unknown speed"
     words = f"{array.name}, {known}, resolves {_in_words(found)}"
     pairs = [one.alike for one in found if one.alike]
     if not pairs:
-        return Finding(name, "ok", words, values=values)
+        return Finding(name, "ok", words)
     (period_mm, angle_deg), (like_mm, like_deg) = pairs[0]
     words += (
         f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg gives the same phases as {like_mm:.3g} mm "
@@ -107,7 +101,7 @@ def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: flo
             f"max_tilt_deg = {tilt_deg:g}: all within these limits are unambiguous"
         )
     remedies.append("use an array with unequal gaps (wang2019-3x3)")
-    return Finding(name, "warn", words, "; or ".join(remedies), values)
+    return Finding(name, "warn", words, "; or ".join(remedies))
 
 
 def _in_words(found: Sequence[Range]) -> str:
@@ -142,12 +136,11 @@ def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
     window_s, low_mm, high_mm = params.criteria.max_window_s, params.min_period_mm, params.max_period_mm
     fastest_mm_s = ALIASED * rate_hz * low_mm
     slowest_mm_s = high_mm * params.min_periods / window_s
-    values = {"most_mm_s": fastest_mm_s, "least_mm_s": slowest_mm_s, "most_tilt_deg": params.max_tilt_deg}
     blind = f"motion within {90 - params.max_tilt_deg:g} deg of the grooves' own direction gives no ripples"
     fast = f"{fastest_mm_s:.3g} mm/s or slower for {low_mm:g} mm"
     slow = f"{slowest_mm_s:.2g} mm/s or faster for {high_mm:g} mm"
     if speed_mm_s <= 0:
-        return Finding(name, "ok", f"slide across grooves at {fast}, {slow}; {blind}", values=values)
+        return Finding(name, "ok", f"slide across grooves at {fast}, {slow}; {blind}")
     words = []
     if speed_mm_s > fastest_mm_s:
         finest_mm = speed_mm_s / (ALIASED * rate_hz)
@@ -159,5 +152,5 @@ def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
         words.append(f"above {coarsest_mm:.3g} mm a window of {window_s:g} s holds too few ripples: {slow}")
     text = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
     if speed_mm_s <= fastest_mm_s:
-        return Finding(name, "ok", text, values=values)
-    return Finding(name, "warn", text, f"slide at {fast}, or scan faster (session.rate_hz)", values)
+        return Finding(name, "ok", text)
+    return Finding(name, "warn", text, f"slide at {fast}, or scan faster (session.rate_hz)")

@@ -7,7 +7,7 @@ that sends frames is waited for.
 import asyncio
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from tactiled.config import Setup
@@ -36,20 +36,17 @@ _SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms witho
 _NOISY_PART = 0.01
 
 
-@dataclass
+@dataclass(frozen=True)
 class BoardObservation:
     """Data of a board that was received for `listened_s`."""
 
     status: StatusEvent
     health: Health
     hello: Hello | None
-    scans_s: list[float] = field(default_factory=list)
-    """Instants of the scans, host monotonic seconds."""
-    tail: bytes = b""
-    """Last bytes that were received."""
-    first_scans: list[tuple[float, ...]] = field(default_factory=list)
-    """Readings of the first few scans, one for each channel."""
-    listened_s: float = LISTEN_S
+    scans_s: list[float]  # instants of the scans, host monotonic seconds
+    tail: bytes  # last bytes that were received
+    first_scans: list[tuple[float, ...]]  # readings of the first few scans, one for each channel
+    listened_s: float
 
 
 def check_board(setup: Setup) -> tuple[list[Finding], float]:
@@ -131,20 +128,18 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
 def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     health, status, hello = observed.health, observed.status, observed.hello
     findings = [_bytes(health, status, observed.listened_s)]
+    identity: dict[str, Any] = {}
+    if hello is not None:
+        identity = {name: getattr(hello, name) for name in ("board_serial", "array_id", "rate_hz")}
+        identity["first_scans"] = observed.first_scans
     if status.state == "fault" or (status.state != "running" and health.frames):
-        findings.append(replace(split("board", status.reason, "fail"), values=_identity(observed)))
+        findings.append(replace(split("board", status.reason, "fail"), values=identity))
     elif hello is not None and health.frames:
-        identity = (
-            f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, array {hello.array_id}"
+        words = (
+            f"{hello.board_serial}, firmware {hello.firmware_version or 'unknown'}, array {hello.array_id}, "
+            f"protocol {layout.name} {hello.protocol_version}"
         )
-        findings.append(
-            Finding(
-                "board",
-                "ok",
-                f"{identity}, protocol {layout.name} {hello.protocol_version}",
-                values=_identity(observed),
-            )
-        )
+        findings.append(Finding("board", "ok", words, values=identity))
     if len(observed.scans_s) > 1 and hello is not None:
         findings += [_rate(observed.scans_s, hello.rate_hz), _clock(health)]
     if status.warning:
@@ -152,91 +147,62 @@ def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     return findings
 
 
-def _identity(observed: BoardObservation) -> dict[str, Any]:
-    """Return what the board says of itself, and its first scans."""
-    hello = observed.hello
-    if hello is None:
-        return {}
-    return {
-        "board_serial": hello.board_serial,
-        "array_id": hello.array_id,
-        "rate_hz": hello.rate_hz,
-        "first_scans": observed.first_scans,
-    }
+def _judged(check: str, words: str, remedy: str, *, is_good: bool) -> Finding:
+    return Finding(check, "ok", words) if is_good else Finding(check, "warn", words, remedy)
 
 
 def _bytes(health: Health, status: StatusEvent, listened_s: float) -> Finding:
-    per_s = health.bytes_in / listened_s
     if not health.frames:
-        words = status.reason if status.reason else "no valid frame"
-        return split("line", words, "fail")
-    part = health.bytes_discarded / health.bytes_in
+        return split("line", status.reason or "no valid frame", "fail")
+    per_s, part = health.bytes_in / listened_s, health.bytes_discarded / health.bytes_in
     words = f"{per_s:.0f} bytes a second, {health.frames} good frames, {100 * part:.1f} % of bytes damaged"
-    if part < _NOISY_PART:
-        return Finding("line", "ok", words)
-    return Finding("line", "warn", words, "noise: check cable, ground and connectors")
+    remedy = "noise: check cable, ground and connectors"
+    return _judged("line", words, remedy, is_good=part < _NOISY_PART)
 
 
 def _rate(scans_s: list[float], nominal_hz: float) -> Finding:
     measured_hz = (len(scans_s) - 1) / (scans_s[-1] - scans_s[0])
     words = f"{measured_hz:.1f} scans a second arrive, the board states {nominal_hz:g}"
-    if abs(measured_hz / nominal_hz - 1) < _SAME_RATE:
-        return Finding("rate", "ok", words)
-    return Finding(
-        "rate", "warn", words, "scans are lost on the line, or the firmware does not reach its rate"
-    )
+    remedy = "scans are lost on the line, or the firmware does not reach its rate"
+    return _judged("rate", words, remedy, is_good=abs(measured_hz / nominal_hz - 1) < _SAME_RATE)
 
 
 def _clock(health: Health) -> Finding:
     words = f"scan times have a standard deviation of {1e3 * health.clock_sd_s:.2f} ms after {LISTEN_S:g} s"
-    if health.clock_sd_s < _SURE_SD_S:
-        return Finding("clock", "ok", words)
-    return Finding(
-        "clock",
-        "warn",
-        words,
-        "bytes arrive in bunches: check the latency timer of the adapter and the load on the host",
-    )
+    remedy = "bytes arrive in bunches: check the latency timer of the adapter and the load on the host"
+    return _judged("clock", words, remedy, is_good=health.clock_sd_s < _SURE_SD_S)
 
 
 async def _search(setup: Setup, url: str, baud: int, received: bytes) -> list[Finding]:
     """Look for frames of other layouts in the received bytes, then at other baud rates."""
-    layout = setup.layout
-    layouts = {setup.config.board.protocol: layout} | other_layouts(layout)
+    layouts = {setup.config.board.protocol: setup.layout} | other_layouts(setup.layout)
     if (name := frames_of(received, layouts)) is not None:
-        return [
-            Finding(
-                "search",
-                "fail",
-                f"the board sends frames of {name}",
-                f'set board.protocol = "{name}"',
-                {"protocol": name, "baud": 0},
-            )
-        ]
+        values = {"protocol": name, "baud": 0}
+        words = f"the board sends frames of {name}"
+        return [Finding("search", "fail", words, f'set board.protocol = "{name}"', values)]
     for other in (baud, *(rate for rate in _BAUDS if rate != baud)):
-        data = bytearray()
-        with suppress(PortError):  # a rate that the driver does not support
-            port = await open_port_in_thread(url, other)
-            try:
-                port.attach(data.extend, lambda _: None)
-                if layout.has("identify"):
-                    port.write(Encoder(layout).encode(Command("identify", 1)))
-                await asyncio.sleep(_TRY_S)
-            finally:
-                port.detach()
-                await asyncio.to_thread(port.close)
-        if (name := frames_of(bytes(data), layouts)) is not None:
-            found = f"the board sends frames of {name} at {other} baud"
-            return [
-                Finding(
-                    "search",
-                    "fail",
-                    found,
-                    f'set port.baud = {other} and board.protocol = "{name}"',
-                    {"protocol": name, "baud": other},
-                )
-            ]
+        data = await _heard(setup.layout, url, other)
+        if (name := frames_of(data, layouts)) is not None:
+            words = f"the board sends frames of {name} at {other} baud"
+            remedy = f'set port.baud = {other} and board.protocol = "{name}"'
+            return [Finding("search", "fail", words, remedy, {"protocol": name, "baud": other})]
     return [Finding("search", "fail", f"no frame of {', '.join(layouts)} at any usual baud rate")]
+
+
+async def _heard(layout: Layout, url: str, baud: int) -> bytes:
+    """Receive what the board sends at a baud rate; nothing where the driver does not support the rate."""
+    data = bytearray()
+    with suppress(PortError):
+        port = await open_port_in_thread(url, baud)
+        try:
+            port.attach(data.extend, lambda _: None)
+            if layout.has("identify"):
+                port.write(Encoder(layout).encode(Command("identify", 1)))
+            await asyncio.sleep(_TRY_S)
+        finally:
+            port.detach()
+            await asyncio.to_thread(port.close)
+    return bytes(data)
 
 
 def _framing(port: SerialPort) -> int | None:

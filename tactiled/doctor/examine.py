@@ -6,27 +6,18 @@ from tactiled import tomlfile
 from tactiled.config import Setup, default_config, load_config
 from tactiled.doctor.abilities import abilities
 from tactiled.doctor.board import check_board
-from tactiled.doctor.finding import Finding, as_json, as_text
+from tactiled.doctor.finding import Finding
 from tactiled.doctor.host import (
     check_compiled_path,
     check_daemon,
     check_disk,
     check_endpoints,
     check_installation,
-    check_keys,
     running_daemon,
 )
 from tactiled.doctor.port import check_port
+from tactiled.doctor.unplugged import check_keys
 from tactiled.errors import ConfigError
-
-
-def run_doctor(
-    config: Path | None, port: str | None, *, json_lines: bool, speed_mm_s: float = 0.0
-) -> tuple[str, int]:
-    """Run all checks; return the report and the exit code: 1 when something fails."""
-    findings = examine(config, port, speed_mm_s)
-    report = as_json(findings) if json_lines else as_text(findings)
-    return report, int(any(finding.verdict == "fail" for finding in findings))
 
 
 def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> list[Finding]:

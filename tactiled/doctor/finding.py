@@ -10,27 +10,18 @@ Severity = Literal["ok", "warn", "fail"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One line of the report.
-
-    Attributes
-    ----------
-    check : str
-        Name of the check.
-    verdict : {"ok", "warn", "fail"}
-        "warn": it works, and could be better; "fail": it does not work.
-    words : str
-        Description of the result.
-    remedy : str
-        Remedy; empty where none is needed.
-    values : dict
-        Numbers in `words`, for programs; JSON-compatible.
-    """
+    """One line of the report."""
 
     check: str
-    verdict: Severity
+    verdict: Severity  # "warn": it works, and could be better; "fail": it does not work
     words: str
-    remedy: str = ""
-    values: dict[str, Any] = field(default_factory=dict)
+    remedy: str = ""  # empty where none is needed
+    values: dict[str, Any] = field(default_factory=dict)  # numbers in `words`, for programs; JSON-compatible
+
+    @property
+    def line(self) -> str:
+        """The finding in one line."""
+        return f"{self.check}: {self.words}" + (f" -> {self.remedy}" if self.remedy else "")
 
 
 def as_text(findings: Sequence[Finding]) -> str:
@@ -41,8 +32,7 @@ def as_text(findings: Sequence[Finding]) -> str:
         lines.append(f"{finding.verdict:4}  {finding.check:{width}}  {finding.words}")
         if finding.remedy:
             lines.append(f"{'':4}  {'':{width}}  -> {finding.remedy}")
-    n_fail = sum(finding.verdict == "fail" for finding in findings)
-    n_warn = sum(finding.verdict == "warn" for finding in findings)
+    n_fail, n_warn = (sum(f.verdict == verdict for f in findings) for verdict in ("fail", "warn"))
     return "\n".join([*lines, f"{len(findings)} checks: {n_fail} fail, {n_warn} warn"])
 
 

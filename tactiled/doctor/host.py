@@ -1,10 +1,10 @@
-"""Checks of the host: running daemon, endpoints, keys, disk, systemd."""
+"""Checks of the host: running daemon, endpoints, disk, systemd."""
 
 import contextlib
 import os
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +15,27 @@ from tactiled.client import Message, Subscription
 from tactiled.daemon.serial import device
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
 from tactiled.daemon.zmq.params import PublishParams
-from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.finding import Finding, Severity, split
-from tactiled.errors import ConfigError, TactiledError
+from tactiled.errors import TactiledError
 from tactiled.recording.rotation import RecordParams
 
 _STATUS_S = 0.5  # a running daemon sends five in that time
 _SYSTEMD = "run/systemd/system"  # sd_booted(3)
-_UNITS = ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system")
-_USERS = ("etc/sysusers.d", "usr/lib/sysusers.d", "lib/sysusers.d")
-_RULES = ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
+# Name of the check, folders, files there, file of ours, and how to install it.
+_INSTALLED = (
+    ("systemd unit", ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system"),
+     "tactiled*.service", "tactiled@.service",
+     "for a daemon that starts with its board: sudo install -m 644 {file} /etc/systemd/system/ "
+     "&& sudo systemctl daemon-reload"),
+    ("systemd user", ("etc/sysusers.d", "usr/lib/sysusers.d", "lib/sysusers.d"),
+     "*tactiled*.conf", "tactiled.sysusers",
+     "for the unit's user and group: sudo install -D -m 644 {file} /etc/sysusers.d/tactiled.conf "
+     "&& sudo systemd-sysusers"),
+    ("udev rule", ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"),
+     "*tactiled*.rules", "99-tactiled.rules",
+     "for permissions, stable names and 1 ms latency: sudo install -m 644 {file} /etc/udev/rules.d/ "
+     "&& sudo udevadm control --reload && sudo udevadm trigger --action=add"),
+)  # fmt: skip
 
 
 def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
@@ -56,24 +67,6 @@ def check_daemon(status: Mapping[str, Any], url: str, *, is_configured: bool = T
     return Finding("daemon", verdict if status["valid"] else "fail", f"runs here: {words}", said), True
 
 
-def check_keys(publish: PublishParams) -> list[Finding]:
-    """Check the keys and list the clients that may connect; no finding without keys."""
-    if publish.keys is None:
-        return []
-    folder = KeyFolder(Path(publish.keys))
-    try:
-        folder.pair()
-    except ConfigError as error:
-        words, _, remedy = error.faults[0].partition(": ")
-        remedy = remedy or f"tactiled keys make NAME --folder {publish.keys}"
-        return [Finding("keys", "fail", f"{error.source}: {words}", remedy)]
-    names = sorted(folder.clients().values())
-    if not names:
-        make = f"tactiled keys make NAME --folder {publish.keys}"
-        return [Finding("keys", "warn", f"{publish.keys}: no client may connect from another host", make)]
-    return [Finding("keys", "ok", f"{publish.keys}: may connect from other hosts: {', '.join(names)}")]
-
-
 def check_endpoints(
     publish: PublishParams, daemon_runs: bool, *, is_configured: bool = True
 ) -> list[Finding]:
@@ -102,19 +95,25 @@ def check_disk(record: RecordParams) -> list[Finding]:
     if record.directory is None:
         return [Finding("disk", "ok", "not checked: record.directory is not set, nothing is recorded")]
     directory = Path(record.directory)
+    verdict: Severity = "fail"
     if not directory.is_dir():
+        words = "no such directory"
         remedy = f"sudo install -d -o USER {directory} (the unit makes its own), or change record.directory"
-        return [Finding("disk", "fail", f"{directory}: no such directory", remedy)]
-    if not os.access(directory, os.W_OK | os.X_OK):
-        remedy = f"make it writable for the daemon's user: ls -ld {directory}"
-        return [Finding("disk", "fail", f"{directory}: this user may not write there", remedy)]
-    free_mb = shutil.disk_usage(directory).free / 1e6
-    words = f"{directory}: {free_mb:.0f} MB free, recording stops below {record.min_free_mb:g} MB"
-    if free_mb < record.min_free_mb:
-        return [Finding("disk", "fail", words, "make room, or lower record.min_free_mb")]
-    if free_mb < 2 * record.min_free_mb:
-        return [Finding("disk", "warn", words, "make room soon")]
-    return [Finding("disk", "ok", words)]
+    elif not os.access(directory, os.W_OK | os.X_OK):
+        words, remedy = (
+            "this user may not write there",
+            f"make it writable for the daemon's user: ls -ld {directory}",
+        )
+    else:
+        free_mb, least_mb = shutil.disk_usage(directory).free / 1e6, record.min_free_mb
+        words, remedy = f"{free_mb:.0f} MB free, recording stops below {least_mb:g} MB", ""
+        if free_mb < least_mb:
+            remedy = "make room, or lower record.min_free_mb"
+        elif free_mb < 2 * least_mb:
+            verdict, remedy = "warn", "make room soon"
+        else:
+            verdict = "ok"
+    return [Finding("disk", verdict, f"{directory}: {words}", remedy)]
 
 
 def check_compiled_path() -> Finding:
@@ -129,8 +128,6 @@ def check_compiled_path() -> Finding:
 
 def check_installation(root: Path = Path("/")) -> list[Finding]:
     """Check that unit, user and udev rule are installed."""
-    names = ("tactiled@.service", "tactiled.sysusers", "99-tactiled.rules")
-    unit, users, rule = (resources.shipped("systemd", name) for name in names)
     if not (root / _SYSTEMD).is_dir():
         words = (
             "systemd does not run here, so the daemon is not started and the port is not set up automatically"
@@ -138,30 +135,15 @@ def check_installation(root: Path = Path("/")) -> list[Finding]:
         return [
             Finding("systemd", "warn", words, "start `tactiled run` with the service manager of this host")
         ]
-    return [
-        _installed(
-            "systemd unit", root, _UNITS, "tactiled*.service",
-            f"for a daemon that starts with its board: sudo install -m 644 {unit} /etc/systemd/system/ "
-            "&& sudo systemctl daemon-reload",
-        ),
-        _installed(
-            "systemd user", root, _USERS, "*tactiled*.conf",
-            f"for the unit's user and group: sudo install -D -m 644 {users} /etc/sysusers.d/tactiled.conf "
-            "&& sudo systemd-sysusers",
-        ),
-        _installed(
-            "udev rule", root, _RULES, "*tactiled*.rules",
-            f"for permissions, stable names and 1 ms latency: sudo install -m 644 {rule} /etc/udev/rules.d/ "
-            "&& sudo udevadm control --reload && sudo udevadm trigger --action=add",
-        ),
-    ]  # fmt: skip
-
-
-def _installed(check: str, root: Path, places: Sequence[str], pattern: str, remedy: str) -> Finding:
-    found = [path for place in places for path in sorted((root / place).glob(pattern))]
-    if found:
-        return Finding(check, "ok", f"{found[0]} is installed")
-    return Finding(check, "warn", "not installed", remedy)
+    findings = []
+    for check, places, pattern, name, why in _INSTALLED:
+        found = [path for place in places for path in sorted((root / place).glob(pattern))]
+        if found:
+            findings.append(Finding(check, "ok", f"{found[0]} is installed"))
+        else:
+            remedy = why.format(file=resources.shipped("systemd", name))
+            findings.append(Finding(check, "warn", "not installed", remedy))
+    return findings
 
 
 def _filled(endpoint: str) -> str:

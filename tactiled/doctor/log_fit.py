@@ -21,14 +21,9 @@ _MOST_NAMES = 12
 
 
 def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Finding]:
-    """Compare an array with a log.
+    """Compare an array with a log: times (n,), two at least; readings (n, channels), NaN where missing.
 
-    Parameters
-    ----------
-    time_s : (n,) float64
-        Increasing, two at least.
-    readings : (n, channels) float64
-        NaN where missing.
+    The first finding has the rate as ``rate_hz``.
 
     Raises
     ------
@@ -68,29 +63,23 @@ def _rate(time_s: FloatArray, readings: FloatArray) -> Finding:
         words += f", rows repeat: one scan in {rows}"
     if n_pauses:
         words += f", {n_pauses} pauses, the longest of {steps_s.max():.3g} s"
-    return Finding("log: rate", "ok", words, values={"rate_hz": 1 / period_s, "pauses": n_pauses})
+    return Finding("log: rate", "ok", words, values={"rate_hz": 1 / period_s})
 
 
 def _range(array: Array, readings: FloatArray) -> Finding:
     low, high = float(np.nanmin(readings)), float(np.nanmax(readings))
     words = f"readings from {low:.6g} to {high:.6g} {array.unit}"
-    values = {"low": low, "high": high}
     if low < array.low or high > array.high:
         beyond = f"{words}, beyond {array.low:g} to {array.high:g}"
         wider = f"range = [{min(low, array.low):.6g}, {max(high, array.high):.6g}], or more"
-        return Finding("log: range", "fail", beyond, wider, values)
+        return Finding("log: range", "fail", beyond, wider)
     at_limit = ~np.isnan(readings) & ~array.in_range(readings)
     saturated = np.flatnonzero(at_limit.mean(axis=0) > _MOST_SATURATED)
     if saturated.size:
-        return Finding(
-            "log: range",
-            "warn",
-            f"{words}; saturated at times: {_names(array, saturated)}",
-            "press less, or set range to what the converter gives",
-            values,
-        )
+        words += f"; saturated at times: {_names(array, saturated)}"
+        return Finding("log: range", "warn", words, "press less, or set range to what the converter gives")
     part = (high - low) / (array.high - array.low)
-    return Finding("log: range", "ok", f"{words}, {percent(part)} of the range", values=values)
+    return Finding("log: range", "ok", f"{words}, {percent(part)} of the range")
 
 
 def _dead(array: Array, readings: FloatArray) -> Finding:
@@ -99,10 +88,10 @@ def _dead(array: Array, readings: FloatArray) -> Finding:
     )
     dead = np.flatnonzero(changes == 0)
     if not dead.size:
-        return Finding("log: channels", "ok", "every channel changes", values={"dead": []})
+        return Finding("log: channels", "ok", "every channel changes")
     words = f"never change: {_names(array, dead)}"
     remedy = "look at the wiring and at --columns; detectors leave such channels out"
-    return Finding("log: channels", "warn", words, remedy, {"dead": dead.tolist()})
+    return Finding("log: channels", "warn", words, remedy)
 
 
 def _zero(array: Array, time_s: FloatArray, readings: FloatArray, rest: FloatArray) -> Finding:
@@ -113,13 +102,13 @@ def _zero(array: Array, time_s: FloatArray, readings: FloatArray, rest: FloatArr
             return Finding("log: zero", "ok", words)
         words = f"no valid reading in the first {array.zero_first_s:g} s: {_names(array, late)}"
         remedy = "write numbers as zero; detectors leave such channels out"
-        return Finding("log: zero", "warn", words, remedy, {"late": late.tolist()})
+        return Finding("log: zero", "warn", words, remedy)
     far = np.flatnonzero(np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low))
     if not far.size:
         return Finding("log: zero", "ok", "that of the array, within 2 % of the range")
     words = f"the log begins {np.abs(rest - array.zero).max():.4g} {array.unit} from it: {_names(array, far)}"
     remedy = "if nothing touches the array at the beginning, zero = 'first 0.3 s'; else it begins in contact"
-    return Finding("log: zero", "warn", words, remedy, {"far": far.tolist()})
+    return Finding("log: zero", "warn", words, remedy)
 
 
 def _signs(array: Array, change: FloatArray) -> Finding:
@@ -133,12 +122,11 @@ def _signs(array: Array, change: FloatArray) -> Finding:
     noise = np.array([_noise(one) for one in change.T])
     if float(np.abs(goes[loads]).max()) < _LEAST_NOISES * max(float(np.median(noise[loads])), 1e-12):
         words = "nothing presses the array in this log: signs cannot be told"
-        return Finding("log: signs", "warn", words, "record a firm press", {"falls": []})
+        return Finding("log: signs", "warn", words, "record a firm press")
     tells = loads & (np.abs(goes) > _LEAST_PART * float(np.abs(goes[loads]).max()))
     falls: NDArray[np.int64] = np.flatnonzero(tells & (goes < 0))
-    values = {"falls": falls.tolist()}
     if not falls.size:
-        return Finding("log: signs", "ok", "load channels rise where the log changes most", values=values)
+        return Finding("log: signs", "ok", "load channels rise where the log changes most")
     words = f"fall where the log changes most: {_names(array, falls)}"
     other = {int(-sign) for sign in array.sign[falls]}
     if len(falls) == int(tells.sum()) and len(other) == 1:
@@ -147,7 +135,7 @@ def _signs(array: Array, change: FloatArray) -> Finding:
         remedy = "if that is a press, list each channel in [[channels]], these with the other sign"
     if array.zero_first_s:
         remedy += "; if the log begins under load, give zero as numbers instead"
-    return Finding("log: signs", "warn", words, remedy, values)
+    return Finding("log: signs", "warn", words, remedy)
 
 
 def _noise(change: FloatArray) -> float:

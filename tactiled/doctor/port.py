@@ -18,26 +18,15 @@ def check_port(url: str) -> list[Finding]:
     if device.is_url(url):
         return [Finding("port", "ok", f"{url}: reached over a network or a bridge")]
     path = Path(url)
+    others = device.available().replace("; ", " (", 1) + ")"
     if not path.exists():
-        return [
-            Finding(
-                "port", "fail", f"{url}: no such port", f"plug the board in, or correct port.url{_others()}"
-            )
-        ]
+        remedy = f"plug the board in, or correct port.url{others}"
+        return [Finding("port", "fail", f"{url}: no such port", remedy)]
     if not path.is_char_device():
-        return [Finding("port", "fail", f"{url}: not a serial port", f"correct port.url{_others()}")]
+        return [Finding("port", "fail", f"{url}: not a serial port", f"correct port.url{others}")]
     node = path.resolve()
-    return [
-        Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there"),
-        _permission(url),
-        _holders(url),
-        _name(url),
-        _latency(url),
-    ]
-
-
-def _others() -> str:
-    return device.available().replace("; ", " (", 1) + ")"
+    there = Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there")
+    return [there, _permission(url), _holders(url), _name(url), _latency(url)]
 
 
 def _permission(url: str) -> Finding:
@@ -48,21 +37,18 @@ def _permission(url: str) -> Finding:
 
 def _holders(url: str) -> Finding:
     who = device.holders(url)
-    if who and not all(name.startswith("tactiled ") for name in who):
-        return Finding(
-            "in use", "warn", f"open in {', '.join(who)}", "stop that program unless it is tactiled"
-        )
     words = f"open in {', '.join(who)}" if who else "no visible process has it open"
-    return Finding("in use", "ok", words)
+    if all(name.startswith("tactiled ") for name in who):
+        return Finding("in use", "ok", words)
+    return Finding("in use", "warn", words, "stop that program unless it is tactiled")
 
 
 def _name(url: str) -> Finding:
     stable = device.stable_name(url)
     if stable is None or str(stable) == url or Path(url).is_symlink():
         return Finding("name", "ok", f"{url} is a stable name, or has none in /dev/serial/by-id")
-    return Finding(
-        "name", "warn", f"{url} can change when devices are plugged in", f'set port.url = "{stable}"'
-    )
+    words = f"{url} can change when devices are plugged in"
+    return Finding("name", "warn", words, f'set port.url = "{stable}"')
 
 
 def _latency(url: str) -> Finding:
@@ -70,5 +56,4 @@ def _latency(url: str) -> Finding:
     if line := device.latency_warning(url, timer_ms):
         words, _, remedy = line.partition(": ")
         return Finding("latency timer", "warn", words, remedy)
-    words = "the adapter has none" if timer_ms is None else f"{timer_ms} ms"
-    return Finding("latency timer", "ok", words)
+    return Finding("latency timer", "ok", "the adapter has none" if timer_ms is None else f"{timer_ms} ms")

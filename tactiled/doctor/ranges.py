@@ -7,8 +7,7 @@ limits has nearly the same phases (`rivals`). Beyond `max_tilt_deg` the skin sli
 then give no ripples.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.model import ALIASED
 from tactiled.detect.grooves.params import JointParams
 
-Limit = Literal["set", "aliased", "ambiguous", "too-few-periods"]
 # Phases of the channels of a real skin deviate from a plane wave by 0.05 rad or more. Two waves whose phases
 # differ by d (rms over N channels) then have a log-likelihood ratio of N d^2 / (2 0.05^2); 7 gives one wrong
 # decision in a thousand.
@@ -32,23 +30,9 @@ _RESULTANT = 0.9  # mean length of the phase vectors on that grid above which a 
 _SAME_PER_MM = 1e-6  # radians per millimetre: a smaller dk is zero
 
 
-@dataclass(frozen=True, eq=False)
-class Rivals:
-    """Differences of wave vectors that hardly change the phases; each stands for its negative too.
-
-    Attributes
-    ----------
-    per_mm : (n, 2) float64
-        Differences dk in radians per millimetre, shortest first.
-    apart_rad : (n,) float64
-        Phase difference, rms over taxels.
-    """
-
-    per_mm: FloatArray
-    apart_rad: FloatArray
-
-
-def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float | None = None) -> Rivals:
+def rivals(
+    array: Array, finest_mm: float, alike_rad: float, across_deg: float | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Find all dk between allowed waves whose phases differ by at most `alike_rad`, from the geometry alone.
 
     Two plane waves cannot be distinguished where their phase difference is the same at every taxel, up to
@@ -65,6 +49,13 @@ def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float |
         Largest phase difference, rms over taxels.
     across_deg : float, optional
         Direction across a known motion; left out, the motion is unknown.
+
+    Returns
+    -------
+    per_mm : (n, 2) float64
+        Differences dk in radians per millimetre, shortest first; each stands for its negative, too.
+    apart_rad : (n,) float64
+        Phase difference, rms over taxels.
     """
     places = np.stack([array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()], axis=1)
     reach = 4 * np.pi / finest_mm
@@ -89,29 +80,17 @@ def rivals(array: Array, finest_mm: float, alike_rad: float, across_deg: float |
     size = np.hypot(per_mm[:, 0], per_mm[:, 1])
     kept = np.flatnonzero((apart <= alike_rad) & (size <= reach) & (size > _SAME_PER_MM))
     kept = kept[np.argsort(size[kept], kind="stable")]
-    return Rivals(per_mm[kept], apart[kept])
+    return per_mm[kept], apart[kept]
 
 
 @dataclass(frozen=True)
 class Range:
-    """Periods that are resolved at a tilt; none where `to_mm` is not above `from_mm`.
+    """Periods that are resolved at a tilt; none where `to_mm` is not above `from_mm`."""
 
-    Attributes
-    ----------
-    tilt_deg : float
-        Between groove normal and motion, either way.
-    below, above : str
-        Reason why finer and coarser grooves are not resolved; "set": they lie outside `min_period_mm` and
-        `max_period_mm`.
-    alike : tuple of (period_mm, angle_deg) pairs
-        Two gratings that cannot be distinguished, the first at this tilt; empty where there are none.
-    """
-
-    tilt_deg: float
+    tilt_deg: float  # between groove normal and motion, either way
     from_mm: float
     to_mm: float
-    below: Limit
-    above: Limit
+    # Period and angle of two gratings that cannot be distinguished, the first at this tilt; empty without any
     alike: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -123,21 +102,14 @@ class Range:
 def ranges(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Range]:
     """Compute the resolved periods at each of `TILTS_DEG`; a speed of 0 means unknown and bounds nothing."""
     motion = _KnownMotion(array, params, speed_mm_s)
-    low_mm, high_mm = params.min_period_mm, params.max_period_mm
     found = []
     for tilt_deg in (tilt for tilt in TILTS_DEG if tilt <= params.max_tilt_deg):
-        below: Limit = "set"
-        above: Limit = "set"
-        first_mm, last_mm = low_mm, high_mm
+        first_mm, last_mm = params.min_period_mm, params.max_period_mm
         if speed_mm_s > 0:
             across_mm_s = speed_mm_s * float(np.cos(np.radians(tilt_deg)))
-            finest_mm = across_mm_s / (ALIASED * rate_hz)
-            coarsest_mm = across_mm_s * params.criteria.max_window_s / params.min_periods
-            if finest_mm > first_mm:
-                first_mm, below = finest_mm, "aliased"
-            if coarsest_mm < last_mm:
-                last_mm, above = coarsest_mm, "too-few-periods"
-        found.append(motion.longest_resolved(Range(tilt_deg, first_mm, last_mm, below, above)))
+            first_mm = max(first_mm, across_mm_s / (ALIASED * rate_hz))
+            last_mm = min(last_mm, across_mm_s * params.criteria.max_window_s / params.min_periods)
+        found.append(motion.longest_resolved(Range(tilt_deg, first_mm, last_mm)))
     return found
 
 
@@ -150,8 +122,7 @@ class _KnownMotion:
     """An array and the known part of its motion: direction and speed, each with its uncertainty."""
 
     def __init__(self, array: Array, params: JointParams, speed_mm_s: float) -> None:
-        direction_deg = params.direction_deg or 0.0
-        self.direction_deg = direction_deg
+        self.direction_deg = direction_deg = params.direction_deg or 0.0
         self.params = params
         self.has_direction = has_direction(array, params)
         self.heading = np.array([np.cos(np.radians(direction_deg)), np.sin(np.radians(direction_deg))])
@@ -164,8 +135,8 @@ class _KnownMotion:
             lists.append(rivals(array, params.min_period_mm, alike_rad, direction_deg + 90.0))
         if not self.is_tied or self.direction_sd or self.speed_sd:
             lists.append(rivals(array, params.min_period_mm, alike_rad))
-        both = [np.concatenate([found.per_mm, -found.per_mm]) for found in lists]
-        self.rivals = Rivals(np.concatenate(both), np.concatenate([np.tile(r.apart_rad, 2) for r in lists]))
+        self.per_mm = np.concatenate([sign * per_mm for per_mm, _ in lists for sign in (1, -1)])
+        self.apart_rad = np.concatenate([np.tile(apart_rad, 2) for _, apart_rad in lists])
 
     def longest_resolved(self, limits: Range) -> Range:
         """Return the longest run of unambiguous periods within limits."""
@@ -183,20 +154,14 @@ class _KnownMotion:
         first, end = max(edges.reshape(-1, 2).tolist(), key=lambda run: run[1] - run[0], default=(0, 0))
         example = next(pair for pair in reversed(alike[: first or None]) if pair) if first else ()
         example = example or next(pair for pair in alike[end:] if pair)
-        return Range(
-            limits.tilt_deg,
-            float(periods_mm[first]),
-            float(periods_mm[max(end - 1, first)]),
-            "ambiguous" if first or not end else limits.below,
-            "ambiguous" if end < _N_PERIODS else limits.above,
-            example,
-        )
+        last = max(end - 1, first)
+        return replace(limits, from_mm=float(periods_mm[first]), to_mm=float(periods_mm[last]), alike=example)
 
     def _alike(self, period_mm: float, tilt_deg: float) -> tuple[tuple[float, float], ...]:
         """Find the allowed grating that is hardest to tell from this one: (this, other), or () if none."""
         angle = np.radians(self.direction_deg + tilt_deg)
         k = 2 * np.pi / period_mm * np.array([np.cos(angle), np.sin(angle)])
-        others = k + self.rivals.per_mm
+        others = k + self.per_mm
         size = np.hypot(others[:, 0], others[:, 1])
         params = self.params
         allowed = (size >= 2 * np.pi / params.max_period_mm) & (size <= 2 * np.pi / params.min_period_mm)
@@ -204,12 +169,12 @@ class _KnownMotion:
         if self.has_direction:
             allowed &= along >= size * np.cos(np.radians(params.max_tilt_deg))
         if self.is_tied:
-            off = np.abs(self.rivals.per_mm @ self.heading)
+            off = np.abs(self.per_mm @ self.heading)
             slack = np.hypot(along * self.speed_sd, size * self.direction_sd)
             allowed &= off <= _MOST_SIGMAS * slack + 1e-6 * size
         if not allowed.any():
             return ()
-        other = others[int(np.argmin(np.where(allowed, self.rivals.apart_rad, np.inf)))]
+        other = others[int(np.argmin(np.where(allowed, self.apart_rad, np.inf)))]
         return (period_mm, _within_90(self.direction_deg + tilt_deg)), _reading(other)
 
 

@@ -1,4 +1,4 @@
-"""Checks of a configuration that need no board, for `check-config`."""
+"""Checks of a configuration that need no board."""
 
 import os
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from tactiled.daemon.zmq.endpoints import RUNTIME
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.abilities import check_waves
-from tactiled.doctor.finding import Finding
+from tactiled.doctor.finding import Finding, Severity
 from tactiled.doctor.host import check_disk
 from tactiled.errors import ConfigError
 
@@ -32,26 +32,28 @@ def check_files(setup: Setup, source: str) -> list[str]:
         The daemon does not start with such keys or sockets.
     """
     publish, record = setup.config.publish, setup.config.record
-    of_keys = _check_keys(publish) if publish.keys is not None else ([], [])
-    of_sockets = _check_sockets((*publish.endpoints, *publish.control))
-    faults, warnings = (
-        [f"publish.keys: {words}" for words in keys] + [f"publish.endpoints: {words}" for words in sockets]
-        for keys, sockets in zip(of_keys, of_sockets, strict=True)
-    )
-    if faults:
-        raise ConfigError(source, faults)
-    if record.directory is not None:
-        for finding in check_disk(record):
-            if finding.verdict == "fail":
-                warnings.append(f"record.directory: {finding.words}; {_STARTS}; {finding.remedy}")
-    return warnings
+    found = check_keys(publish) + _check_sockets((*publish.endpoints, *publish.control))
+    lines: dict[str, dict[str, None]] = {"fail": {}, "warn": {}, "ok": {}}  # each line once
+    for one in found:
+        remedy = f"; {one.remedy}" if one.remedy else ""
+        lines[one.verdict][f"publish.{one.check}: {one.words}{remedy}"] = None
+    if lines["fail"]:
+        raise ConfigError(source, list(lines["fail"]))
+    return list(lines["warn"]) + [
+        f"record.directory: {one.words}; {_STARTS}; {one.remedy}"
+        for one in (check_disk(record) if record.directory is not None else [])
+        if one.verdict == "fail"
+    ]
 
 
-def _check_sockets(endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return faults of the places of ipc sockets, with which the daemon does not start, and warnings."""
-    faults: list[str] = []
-    warnings: list[str] = []
-    remedy = f"name another, or use ipc://{RUNTIME}/events.ipc"
+def _check_sockets(endpoints: Sequence[str]) -> list[Finding]:
+    """Find faults of the places of ipc sockets, with which the daemon does not start, and warnings."""
+    found: list[Finding] = []
+
+    def find(verdict: Severity, words: str, remedy: str = "") -> None:
+        found.append(Finding("endpoints", verdict, words, remedy))
+
+    ours = f"use ipc://{RUNTIME}/events.ipc"
     for endpoint in endpoints:
         if not endpoint.startswith("ipc://") or RUNTIME in endpoint:
             continue
@@ -59,45 +61,53 @@ def _check_sockets(endpoints: Sequence[str]) -> tuple[list[str], list[str]]:
         folder = path.absolute().parent
         try:
             if path.exists() and not path.is_socket():
-                faults.append(f"{path}: something stands there that is no socket; {remedy}")
+                find("fail", f"{path}: something stands there that is no socket", f"name another, or {ours}")
             elif folder == Path("/"):
-                faults.append(f"{path}: only root may make a socket in the root folder; {remedy}")
+                words = f"{path}: only root may make a socket in the root folder"
+                find("fail", words, f"name another, or {ours}")
             elif folder.is_dir():
                 if not os.access(folder, os.W_OK | os.X_OK):
-                    warnings.append(f"{folder}: this user may not make a socket there")
+                    find("warn", f"{folder}: this user may not make a socket there")
             elif folder.is_relative_to(_VOLATILE):  # the unit, or another one, may make it at its start
                 words = "no such folder: the daemon ends with status 1, and systemd starts it again"
-                warnings.append(f"{folder}: {words}; make it, or use ipc://{RUNTIME}/events.ipc")
+                find("warn", f"{folder}: {words}", f"make it, or {ours}")
             else:
-                faults.append(f"{folder}: no such folder; make it, or use ipc://{RUNTIME}/events.ipc")
+                find("fail", f"{folder}: no such folder", f"make it, or {ours}")
         except OSError as error:
-            warnings.append(f"{folder}: not checked: {error.strerror}")
-    return list(dict.fromkeys(faults)), list(dict.fromkeys(warnings))
+            find("warn", f"{folder}: not checked: {error.strerror}")
+    return found
 
 
-def _check_keys(publish: PublishParams) -> tuple[list[str], list[str]]:
-    """Return faults with which the daemon does not start, and warnings."""
-    folder = Path(publish.keys or "")
-    if not any(publish.is_guarded(endpoint) for endpoint in (*publish.endpoints, *publish.control)):
-        words = f"{folder}: not used, because no endpoint can be reached from other hosts"
-        return [], [words if folder.is_dir() else f"{words}; no such folder"]
+def check_keys(publish: PublishParams) -> list[Finding]:
+    """Check the keys of the daemon, and list the clients that may connect; no finding without keys."""
+    if publish.keys is None:
+        return []
+    folder = Path(publish.keys)
     make = f"make one: tactiled keys make NAME --folder {folder}"
     pair = folder / "daemon.toml"
+
+    def found(verdict: Severity, words: str, remedy: str = "") -> list[Finding]:
+        return [Finding("keys", verdict, f"{folder}: {words}", remedy)]
+
     try:
+        if not any(publish.is_guarded(endpoint) for endpoint in (*publish.endpoints, *publish.control)):
+            missing = "" if folder.is_dir() else "; no such folder"
+            return found("warn", f"not used, because no endpoint can be reached from other hosts{missing}")
         if folder.exists() and not folder.is_dir():
-            return [f"{folder}: this is a file: name a folder in publish.keys, and {make}"], []
+            return found("fail", "this is a file: name a folder in publish.keys", make)
         if not folder.is_dir():
-            return [f"{folder}: no such folder; {make}"], []
+            return found("fail", "no such folder", make)
         if pair.exists() and not pair.stat().st_mode & 0o077 and not os.access(pair, os.R_OK):
-            return [], [f"{pair}: not checked: this user may not read it"]
+            return [Finding("keys", "warn", f"{pair}: not checked: this user may not read it")]
         KeyFolder(folder).pair({})
+        names = sorted(KeyFolder(folder).clients().values())
     except OSError as error:
-        return [], [f"{folder}: not checked: {error.strerror}"]
+        return found("warn", f"not checked: {error.strerror}")
     except ConfigError as error:
-        return [f"{error.source}: {fault}" for fault in error.faults], []
-    if not KeyFolder(folder).clients():
-        return [], [f"{folder}: no client may connect from another host; {make}"]
-    return [], []
+        return [Finding("keys", "fail", f"{error.source}: {fault}") for fault in error.faults]
+    if not names:
+        return found("warn", "no client may connect from another host", make)
+    return found("ok", f"may connect from other hosts: {', '.join(names)}")
 
 
 def settings_in_words(setup: Setup) -> list[str]:
@@ -117,9 +127,4 @@ def resolved_in_words(setup: Setup) -> list[str]:
     if detect.setting == "wang2019":
         return []
     texture = detect.texture
-    return [_line(finding) for finding in check_waves(setup.array, texture, rate_hz, texture.speed_mm_s)]
-
-
-def _line(finding: Finding) -> str:
-    remedy = f" -> {finding.remedy}" if finding.remedy else ""
-    return f"{finding.check}: {finding.words}{remedy}"
+    return [finding.line for finding in check_waves(setup.array, texture, rate_hz, texture.speed_mm_s)]

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.stats import poisson
 
 from bench.slip.scenes import play, read_sd_v
 from tactiled.array import Array, load_array
@@ -19,13 +22,13 @@ from tactiled.emulator.simulate import Simulation
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.pipeline import Pipeline
-from tactiled.recording.contents import Header, Read, load_board
+from tactiled.recording.contents import Header, Input, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 from tactiled.samples.block import Gap, regular_block
 from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
-from tactiled.tune.run import tune_files
-from tactiled.tune.study import Friction, ReportCount, Study, study
+from tactiled.tune.run import judge, read_pair
+from tactiled.tune.study import Friction, ReportCount, Study, rate_interval, study
 from tactiled.tune.words import as_toml, in_words
 from tactiled.wire.layout import load_layout
 
@@ -209,18 +212,21 @@ def test_lost_and_late_scans_are_counted() -> None:
     assert found.seconds == pytest.approx(0.2)
 
 
-def test_a_recording_of_ours_gives_the_scans_that_were_live(tmp_path: Path) -> None:
+def test_a_recording_that_was_ended_regularly_gives_the_scans_that_were_live(tmp_path: Path) -> None:
     live = Pipeline(load_layout("board-v1"), ARRAY)
     scans: list[ScanEvent] = []
     with RecordingWriter(tmp_path / "demo.mcap", Header(load_board("board-v1", ARRAY.name))) as writer:
         for now_s, data in Simulation(load_scene("flat-simulation"), live.layout, duration_s=1.0):
             writer.read(Read(now_s, 1.7e9, data))
             scans += [out for out in live.receive_data(data, now_s) if isinstance(out, ScanEvent)]
+        hello = live.hello
+        writer.input(Input(now_s, 1.7e9, "disconnected"))
     (block,) = read_recording(tmp_path / "demo.mcap").blocks
     assert block.volts.tolist() == [list(scan.volts) for scan in scans]
     assert block.time_s.tolist() == [scan.time_s for scan in scans]
-    assert live.hello is not None
-    assert block.channel_offset_s.tolist() == list(live.hello.channel_offset_s)
+    assert hello is not None
+    assert block.rate_hz == hello.rate_hz
+    assert block.channel_offset_s.tolist() == list(hello.channel_offset_s)
 
 
 def first_seconds(seed: int) -> Scene:
@@ -237,7 +243,7 @@ def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     for name, family in scenes.items():
         block = play(family, 2).read(noise_v, 0)
         np.savez(tmp_path / f"{name}.npz", time_s=block.time_s, volts=block.volts)
-    tune_files(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz", None, 60.0)
+    judge(*read_pair(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz"), 60.0)
     out, err = capsys.readouterr()
     found = json.loads(out)
     sd_v = np.array(list(found["noise_sd_v"].values()))
@@ -250,3 +256,17 @@ def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixtur
         assert some["per_hour"]["low"] <= some["per_hour"]["value"] <= some["per_hour"]["high"]
     assert found["proposed"]["setting"] in SETTINGS
     assert f'setting = "{found["proposed"]["setting"]}"' in err
+
+
+@given(st.floats(1e-3, 1e3))
+def test_no_report_proves_three_over_the_time(hours: float) -> None:
+    low, high = rate_interval(0, hours)
+    assert low == 0
+    assert high == pytest.approx(3 / hours, rel=0.002)
+
+
+@given(st.integers(1, 500), st.floats(1e-3, 1e3))
+def test_limits_of_a_rate_are_those_at_which_the_count_is_a_rare_one(count: int, hours: float) -> None:
+    low, high = rate_interval(count, hours)
+    assert poisson.sf(count - 1, low * hours) == pytest.approx(0.025)
+    assert poisson.cdf(count, high * hours) == pytest.approx(0.025)

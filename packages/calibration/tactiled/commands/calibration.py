@@ -7,7 +7,17 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, JSON, KEYS, need_extra, need_named, need_readable
+from tactiled.cli.options import (
+    COLUMNS,
+    FILE,
+    JSON,
+    KEYS,
+    TIME_UNIT,
+    TOPIC,
+    need_extra,
+    need_named,
+    need_readable,
+)
 from tactiled.progress import tell
 
 
@@ -21,8 +31,8 @@ from tactiled.progress import tell
 @click.option("--array", help="Array of a table: shipped name or TOML file. A recording contains its array.")
 @click.option("--board", default="", help="Serial number of the board, for the file and for --guide.")
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
-@click.option("--columns", metavar="NAMES", help="Columns of a CSV in channel order, as for `detect`.")
-@click.option("--time-unit", type=click.Choice(["s", "ms", "us", "ns"]), help="Unit of the times in a table.")
+@COLUMNS
+@TIME_UNIT
 @click.option(
     "--rate",
     "rate_hz",
@@ -38,7 +48,7 @@ from tactiled.progress import tell
     is_flag=True,
     help="LOG and reference are static poses in any order; time_s is the number of the pose in both.",
 )
-@click.option("--topic", help="Topic of a bag, as for `detect`.")
+@TOPIC
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
 @click.option(
     "--guide",
@@ -57,7 +67,6 @@ def calibrate(
     reference: Path | None,
     out: Path | None,
     array: str | None,
-    columns: str | None,
     plot: Path | None,
     guide: str | None,
     guide_s: float,
@@ -88,5 +97,4 @@ def calibrate(
         need_extra("matplotlib", "plot", "calibrate --plot")
     from tactiled.calibrate.run import calibrate_files
 
-    names = tuple(name.strip() for name in columns.split(",")) if columns else ()
-    calibrate_files(log, reference, out, array, columns=names, plot=plot, **about)
+    calibrate_files(log, reference, out, array, plot=plot, **about)

@@ -4,7 +4,16 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import FILE, JSON, KEYS, need_named, need_readable
+from tactiled.cli.options import (
+    BOARD,
+    FILE,
+    JSON,
+    KEYS,
+    TOPIC,
+    need_named,
+    need_readable,
+)
+from tactiled.progress import tell
 
 
 @click.command()
@@ -32,8 +41,8 @@ from tactiled.cli.options import FILE, JSON, KEYS, need_named, need_readable
 @click.option(
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
-@click.option("--board", help="Serial number of the board, where the daemon reads several.")
-@click.option("--topic", help="Topic of a bag, as for `detect`.")
+@BOARD
+@TOPIC
 @JSON
 @KEYS
 def tune(
@@ -44,7 +53,7 @@ def tune(
     quiet_s: float,
     motion_s: float,
     array: str | None,
-    board: str | None,
+    board: str,
     topic: str | None,
     as_json: bool,
     keys: Path | None,
@@ -60,12 +69,11 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
-    from tactiled.progress import tell
     from tactiled.tune.live import record_live
-    from tactiled.tune.run import judge, tune_files
+    from tactiled.tune.run import judge, read_pair
 
     if quiet is not None and motion is not None:
-        tune_files(quiet, motion, array, per_hour, topic, as_json=as_json)
+        recordings = read_pair(quiet, motion, array, topic)
     else:
         recordings = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
-        judge(*recordings, per_hour, as_json=as_json)
+    judge(*recordings, per_hour, as_json=as_json)

@@ -1,7 +1,7 @@
 """Recordings of a held object: lost scans, times of contact, noise of each channel."""
 
 from array import array as buffer
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,29 +113,29 @@ def quiet_part(recording: Recording) -> Recording:
     DataError
         There is no contact, or it is too short.
     """
-    best = slice(0, 0)
-    longest: ScanBlock | None = None
+    best, held_s = None, 0.0
     for block in recording.blocks:
-        for run in _runs(touching(block, recording.array)):
-            held = slice(run.start + round(LOADING_S * block.rate_hz), run.stop)
-            if held.stop - held.start > best.stop - best.start:
-                best, longest = held, block
-    held_s = 0.0 if longest is None else (best.stop - best.start) / longest.rate_hz
-    if longest is None or held_s < LEAST_S:
+        touches = np.concatenate([[False], touching(block, recording.array), [False]])
+        for start, stop in np.flatnonzero(np.diff(touches.astype(np.int8))).reshape(-1, 2).tolist():
+            held = block[start + round(LOADING_S * block.rate_hz) : stop]
+            if len(held) / block.rate_hz > held_s:
+                best, held_s = held, len(held) / block.rate_hz
+    if best is None or held_s < LEAST_S:
         raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
-    return Recording(recording.name, recording.array, (longest[best],))
+    return Recording(recording.name, recording.array, (best,))
 
 
-def check_motion(recording: Recording) -> None:
-    """Raise `DataError` where the motion has too little contact."""
+def check_motion(recording: Recording) -> float:
+    """Return the time in contact (s); raise `DataError` where it is too little."""
     held_s = recording.touching_s()
     if held_s < LEAST_S:
         raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
+    return held_s
 
 
 def _too_short(recording: Recording, held_s: float) -> str:
     least_v = PUBLISHED_CONTACT.contact_volts
-    if held_s == 0 and not recording.touching_s():
+    if not recording.touching_s():
         return (
             f"no contact in {recording.seconds:.1f} s (no taxel above {least_v:g} V): grip an object and "
             "hold it for the whole recording"
@@ -167,9 +167,3 @@ def noise_sd_v(quiet: Recording) -> FloatArray:
     floor = np.full(quiet.array.n_channels, np.nan)
     floor[known] = np.nanmedian(table[:, known], axis=0)
     return floor
-
-
-def _runs(flags: NDArray[np.bool_]) -> Iterable[slice]:
-    """Yield the slices of consecutive True values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return (slice(int(a), int(b)) for a, b in edges.reshape(-1, 2))

@@ -28,7 +28,7 @@ def record_live(
     quiet_s: float,
     motion_s: float,
     array: str | None,
-    board: str | None,
+    board: str,
     keys: Path | None,
     report: Report,
 ) -> tuple[Recording, Recording]:
@@ -38,8 +38,8 @@ def record_live(
     ----------
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
-    board : str, optional
-        Serial number of the board; without it, the first one that is heard.
+    board : str
+        Serial number of the board; empty for the first one that is heard.
     report : callable
         Called with prompts for the user.
 
@@ -50,48 +50,31 @@ def record_live(
     ConfigError
         The endpoint is invalid, or the array does not match the board.
     """
-    with Subscription(endpoint, ("scan", "info"), board, keys=keys) as subscription:
-        feed = _Feed(subscription, report)
-        info = feed.board(endpoint)
+    with Subscription(endpoint, ("scan", "info"), board or None, keys=keys) as subscription:
+        feed = _Feed(subscription, endpoint, array, report)
         if warning := _warning_of_tare(endpoint, feed.serial, keys):
             report(warning)
-        known_array = _array_of(info, array)
-
-        def record(name: str, seconds: float) -> Recording:
-            scans = feed.collect(known_array, seconds)
-            if not scans:
-                raise DataError(
-                    f"{name}: no scans from {endpoint}; see the state with `tactiled listen -t status`"
-                )
-            return scans.recording(name, info["rate_hz"], info["channel_offset_s"])
-
         report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
-        feed.until_touch(known_array)
-        quiet = record("quiet hold", LOADING_S + quiet_s)
+        feed.until_touch()
+        quiet = feed.record("quiet hold", LOADING_S + quiet_s)
         report(
             f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
             f"starts in {_READY_S:g} s."
         )
         feed.listen(_READY_S)
-        motion = record("motion", motion_s)
+        motion = feed.record("motion", motion_s)
         report("Done; you may release the object.")
     return quiet, motion
 
 
 class _Feed:
-    """Scans and description of the first board found on a subscription."""
+    """Scans of the first board found on a subscription."""
 
-    def __init__(self, subscription: Subscription, report: Report) -> None:
-        self._subscription = subscription
-        self._report = report
-        self.serial = ""
-        """Serial number of the board; empty before it is found."""
-
-    def board(self, endpoint: str) -> dict[str, Any]:
-        """Wait for the daemon's description of its board."""
-        info = first_info(self._subscription, endpoint)
-        self.serial = info.board
-        return info.data
+    def __init__(self, subscription: Subscription, endpoint: str, array: str | None, report: Report) -> None:
+        self._subscription, self._endpoint, self._report = subscription, endpoint, report
+        described = first_info(subscription, endpoint)
+        self.serial, self._info = described.board, described.data
+        self._array = _array_of(self._info, array)
 
     def listen(self, seconds: float) -> list[ScanEvent]:
         """Return the scans of the next `seconds`."""
@@ -111,21 +94,25 @@ class _Feed:
                 break
         return scans
 
-    def collect(self, array: Array, seconds: float) -> Collector:
-        """Collect the scans of the next `seconds`, with a countdown."""
+    def record(self, name: str, seconds: float) -> Recording:
+        """Record the scans of the next `seconds`, with a countdown."""
         until_s = time.monotonic() + seconds
-        scans = Collector(array)
+        scans = Collector(self._array)
         while (left_s := until_s - time.monotonic()) > 0:
             self._report(f"  {left_s:.0f} s")
             for scan in self.listen(min(_PROGRESS_S, left_s)):
                 scans.add(scan)
-        return scans
+        if not scans:
+            raise DataError(
+                f"{name}: no scans from {self._endpoint}; see the state with `tactiled listen -t status`"
+            )
+        return scans.recording(name, self._info["rate_hz"], self._info["channel_offset_s"])
 
-    def until_touch(self, array: Array) -> None:
+    def until_touch(self) -> None:
         """Wait until an object is in contact."""
         until_s = time.monotonic() + _GRIP_S
         least_v = PUBLISHED_CONTACT.contact_volts
-        weights = array.normal_weights()
+        weights = self._array.normal_weights()
         while time.monotonic() < until_s:
             scans = self.listen(0.1)
             if scans and (weights @ np.nan_to_num(np.array(scans[-1].volts))).max() > least_v:
@@ -142,11 +129,8 @@ def _warning_of_tare(endpoint: str, board: str, keys: Path | None) -> str:
             is_tared = daemon.send("state", board=board).data["settings"]["tared"]
     except OperatorError:
         return "the daemon does not answer requests: if it was tared, the proposed values do not apply"
-    return (
-        "the daemon was tared: the proposed values apply to an untared daemon; restart it first"
-        if is_tared
-        else ""
-    )
+    words = "the daemon was tared: the proposed values apply to an untared daemon; restart it first"
+    return words if is_tared else ""
 
 
 def _array_of(info: dict[str, Any], array: str | None) -> Array:

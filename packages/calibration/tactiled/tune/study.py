@@ -9,6 +9,7 @@ both kinds than the user accepts.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import special
@@ -23,14 +24,11 @@ from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
 N_STAGES = 3  # progress steps: hold, motion, the end of the motion
 # Log friction of one object differs from contact to contact by 15 % (dry rubber on one surface): a prior.
 _CONTACT_SD = 0.15
-_KNOWN = (
-    0.95  # of the spread before any contact: what is known no better is not worth a line of configuration
-)
+_KNOWN = 0.95  # of the spread before any contact: friction that is known no better is not proposed
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
 Report = Callable[[str], None]
-
-LEVEL = 0.95
+_LEVEL = 0.95  # of the intervals of a rate, as in trials of reliability
 
 
 def rate_interval(count: int, hours: float) -> tuple[float, float]:
@@ -42,14 +40,13 @@ def rate_interval(count: int, hours: float) -> tuple[float, float]:
     Garwood's exact limits (Biometrika 28, 1936); with no report the whole 5 % lies above: 3 / hours.
     """
     if count == 0:
-        return 0.0, float(-np.log(1 - LEVEL) / hours)
-    side = (1 - LEVEL) / 2
+        return 0.0, float(-np.log(1 - _LEVEL) / hours)
+    side = (1 - _LEVEL) / 2
     low, high = special.gammaincinv(count, side), special.chdtri(2 * count + 2, side) / 2
     return float(low / hours), float(high / hours)
 
 
-@dataclass(frozen=True)
-class ReportCount:
+class ReportCount(NamedTuple):
     """Slips that a setting reports in a recording; one that becomes gross counts as gross."""
 
     incipient: int
@@ -61,16 +58,14 @@ class ReportCount:
         return self.incipient + self.gross
 
 
-@dataclass(frozen=True)
-class Friction:
+class Friction(NamedTuple):
     """Friction before a contact, as ``[detect.grip]`` takes it: median, and sd of its logarithm."""
 
     median: float
     log_sd: float
 
 
-@dataclass(frozen=True)
-class SettingReports:
+class SettingReports(NamedTuple):
     """Reports of one setting in the hold and in the motion."""
 
     quiet: ReportCount
@@ -100,24 +95,14 @@ class Study:
 
 
 def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report: Report) -> Study:
-    """Evaluate two recordings in which nothing slips as a whole.
-
-    Parameters
-    ----------
-    quiet, motion : Recording
-        Recordings of the same array.
-    accepted_per_hour : float
-        Acceptable rate of slip reports.
-    report : callable
-        Called with progress messages.
+    """Evaluate two recordings of one array in which nothing slips as a whole.
 
     Raises
     ------
     DataError
         There is too little contact in one of them.
     """
-    hold, motion_s = quiet_part(quiet), motion.touching_s()
-    check_motion(motion)
+    hold, motion_s = quiet_part(quiet), check_motion(motion)
     reports = _Reports(quiet.array)
     report("counting reports in the hold")
     in_hold = reports.of(quiet)

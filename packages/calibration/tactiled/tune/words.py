@@ -34,13 +34,16 @@ def as_map(found: Study) -> dict[str, Any]:
         "toml": as_toml(found),
         "quiet": _recording_map(found.quiet, found.hold_s),
         "motion": _recording_map(found.motion, found.motion_s),
-        "noise_sd_v": dict(zip(names, _numbers(found.noise_sd_v.tolist()), strict=True)),
+        "noise_sd_v": {
+            name: sd_v if np.isfinite(sd_v) else None
+            for name, sd_v in zip(names, found.noise_sd_v.tolist(), strict=True)
+        },
         "settings": {
             name: {
                 "incipient_p": SETTINGS[name].incipient,
                 "gross_p": SETTINGS[name].gross,
-                "quiet": vars(reports.quiet),
-                "motion": vars(reports.motion),
+                "quiet": reports.quiet._asdict(),
+                "motion": reports.motion._asdict(),
                 "per_hour": _interval_map(found, reports.motion.total),
                 "gross_per_hour": _interval_map(found, reports.motion.gross),
             }
@@ -92,17 +95,12 @@ def _settings(found: Study) -> str:
         between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))
         counts = [_reports(reports.quiet), _reports(reports.motion)]
         rows.append([name, f"{at.incipient:g}", f"{at.gross:g}", *counts, between])
-    return (
-        f"{_table(rows)}\n"
-        "Nothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join(table) + (
+        "\nNothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
         "since a tenth of the contact area may slip in an object that stays in the hand."
     )
-
-
-def _table(rows: list[list[str]]) -> str:
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = ("  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
-    return "\n".join(lines)
 
 
 def _proposal(found: Study) -> str:
@@ -154,7 +152,3 @@ def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
 def _interval_map(found: Study, count: int) -> dict[str, float]:
     low, high = found.interval(count)
     return {"value": count / (found.motion_s / 3600), "low": low, "high": high}
-
-
-def _numbers(values: list[float]) -> list[float | None]:
-    return [value if np.isfinite(value) else None for value in values]
