@@ -191,11 +191,9 @@ def detect_file(
     if plot is not None and held is not None:
         from tactiled.plots.log import draw_log
 
-        params = choices.params()
+        time_s, volts = np.array(held.time_s), np.array(held.volts)
         try:
-            draw_log(
-                plot, log.array, np.array(held.time_s), np.array(held.volts), held.events, params, path.name
-            )
+            draw_log(plot, log.array, time_s, volts, held.events, path.name)
         except OSError as error:
             raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
     return log

@@ -21,13 +21,7 @@ _MARGIN = 0.85  # around the taxels, in their distance
 
 
 def draw_array(path: Path, array: Array, lines: Sequence[str]) -> None:
-    """Write a picture of an array, with lines of text below the map.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        What the array can measure, as in `tactiled check-config`.
-    """
+    """Write a picture of an array, with lines of text below the map: what the array can measure."""
     x_mm, y_mm = _places(array)
     pitch_mm = _pitch_mm(x_mm, y_mm)
     shape = (np.ptp(y_mm) + 2 * _MARGIN * pitch_mm) / (np.ptp(x_mm) + 2 * _MARGIN * pitch_mm)
@@ -89,14 +83,13 @@ def _draw_taxel(
 ) -> None:
     channels = np.flatnonzero(array.channel_taxel == taxel)
     axis.add_patch(Circle(place, radius_mm, fc="white", ec=NEUTRAL, lw=0.8, zorder=2))
-    is_numbered = array.n_taxels <= _MOST_NUMBERED
     for channel in channels.tolist():
         color = _color(array, channel)
         kind, sign = array.channel_kind[channel], array.sign[channel]
         azimuth_deg = float(array.azimuth_deg[channel])
         if kind == "normal":
             axis.add_patch(Circle(place, 0.45 * radius_mm, fc=color, alpha=0.35, lw=0, zorder=3))
-            label_at, label = (place[0], place[1] - 0.72 * radius_mm), "" if sign > 0 else "\N{MINUS SIGN}"
+            label_at = (place[0], place[1] - 0.72 * radius_mm)
         elif kind == "side":
             axis.add_patch(
                 Wedge(
@@ -104,10 +97,7 @@ def _draw_taxel(
                     fc=color, alpha=0.6, lw=0, zorder=3,
                 )
             )  # fmt: skip
-            label_at, label = (
-                _beside(place, azimuth_deg, 0.8 * radius_mm),
-                "" if sign > 0 else "\N{MINUS SIGN}",
-            )
+            label_at = _beside(place, azimuth_deg, 0.8 * radius_mm)
         else:
             way_deg = azimuth_deg if sign > 0 else azimuth_deg + 180.0
             axis.annotate(
@@ -115,9 +105,10 @@ def _draw_taxel(
                 zorder=4,
                 arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.3, "shrinkA": 0, "shrinkB": 0},
             )  # fmt: skip
-            label_at, label = _beside(place, way_deg + 22, 0.95 * radius_mm), ""
-        if is_numbered:
-            axis.text(*label_at, f"{label}{channel}", fontsize=letters_pt, ha="center", va="center", zorder=5)
+            label_at = _beside(place, way_deg + 22, 0.95 * radius_mm)
+        if array.n_taxels <= _MOST_NUMBERED:
+            falls = "\N{MINUS SIGN}" if sign < 0 and kind in ("normal", "side") else ""
+            axis.text(*label_at, f"{falls}{channel}", fontsize=letters_pt, ha="center", va="center", zorder=5)
     axis.text(
         *place, str(taxel), fontsize=letters_pt + 1.5, weight="bold", ha="center", va="center", zorder=6
     )

@@ -1,16 +1,14 @@
-"""Pictures of groove estimates: events over time, folded ripples, map of the array, text."""
+"""Pictures of groove estimates: events over time, map of the array, text."""
 
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from matplotlib.figure import Figure
 
-from bench.texture.signal import Wave, sensed_by, wave_volts
 from bench.texture.trials import slip_at
 from tactiled.array import load_array
 from tactiled.events.types import Candidate, TextureEvent
-from tactiled.plots.grooves import answer_in_words, draw_answers, draw_map, folded_ripples
+from tactiled.plots.grooves import answer_in_words, draw_answers, draw_map
 
 ARRAY = load_array("wang2019-3x3")
 
@@ -33,46 +31,15 @@ def test_a_log_shows_answers_and_refusals() -> None:
     assert "1.2100 ± 0.0004" in axes[0].get_title()
 
 
-def a_ripple(angle_deg: float, direction_deg: float) -> tuple[np.ndarray, np.ndarray, TextureEvent]:
-    """Two seconds over grooves of 1.2 mm at 2 mm/s: instants, volts, and the right answer."""
-    sensed = sensed_by(ARRAY, np.random.default_rng(0), 30.0)
-    wave, time_s = Wave(1.2, angle_deg, 2.0, direction_deg), np.arange(200) / 100
-    hz = abs(wave.frequency_hz)
-    event = TextureEvent(
-        time_s=1.99,
-        answered_s=1.99,
-        status="ok",
-        period_mm=1.2,
-        angle_deg=angle_deg,
-        frequency_hz=hz,
-        window_s=2.0,
-    )
-    return time_s, 1.0 + wave_volts(wave, sensed, time_s), event
-
-
-@pytest.mark.parametrize(("angle_deg", "direction_deg"), [(30.0, 0.0), (30.0, 180.0), (-60.0, -20.0)])
-def test_ripples_fold_to_one_where_the_grooves_are_right(angle_deg: float, direction_deg: float) -> None:
-    time_s, volts, event = a_ripple(angle_deg, direction_deg)
-    offset_s, slip = 1e-4 * np.arange(36, dtype=np.float64), slip_at(0.0, direction_deg)
-    spreads = []
-    for shown in (event, replace(event, angle_deg=angle_deg + 10)):
-        _, phase, ripple = folded_ripples(ARRAY, time_s, volts, offset_s, shown, [slip])
-        phases = np.linspace(0.05, 0.95, 30)
-        known = np.isfinite(ripple)
-        curves = [1e3 * np.interp(phases, phase[k], row[k]) for row, k in zip(ripple, known, strict=True)]
-        assert len(curves) == 9
-        spreads.append(float(np.std(curves, axis=0).mean()))
-    assert spreads[0] < 2.0  # mV of 20: a cubic takes a little, and bins are as wide as a scan
-    assert spreads[1] > 4.0
+ANSWER = TextureEvent(time_s=1.99, answered_s=1.99, status="ok", period_mm=1.2, angle_deg=30.0, window_s=2.0)
 
 
 def test_map_has_grooves_taxels_and_motion() -> None:
-    _, _, event = a_ripple(30.0, 0.0)
     axis = Figure().subplots()
     second = tuple(
         Candidate(period_mm=mm, angle_deg=deg, weight=0.5) for mm, deg in ((1.2, 30.0), (2.0, -20.0))
     )
-    draw_map(axis, ARRAY, replace(event, candidates=second), [slip_at(0.0, 10.0)])
+    draw_map(axis, ARRAY, replace(ANSWER, candidates=second), [slip_at(0.0, 10.0)])
     assert len(axis.patches) == 9
     groove = np.asarray(axis.lines[0].get_xydata())
     along = groove[1] - groove[0]
@@ -86,13 +53,12 @@ def test_map_has_grooves_taxels_and_motion() -> None:
 
 
 def test_the_answer_in_words() -> None:
-    _, _, event = a_ripple(30.0, 0.0)
     refused = TextureEvent(time_s=1.0, answered_s=1.0, status="ambiguous")
     assert answer_in_words([], []) == ""
     assert answer_in_words([refused, refused], []) == "grooves: no answer (ambiguous 2)"
     period_only = replace(refused, status="period-only", period_mm=1.2, period_sd_mm=0.01, estimator="lines")
     assert answer_in_words([refused, period_only], []) == "grooves of 1.200 ± 0.010 mm, angle unknown (lines)"
-    told = replace(event, period_sd_mm=0.001, angle_sd_deg=0.1, estimator="joint")
+    told = replace(ANSWER, period_sd_mm=0.001, angle_sd_deg=0.1, estimator="joint")
     both = tuple(Candidate(period_mm=mm, angle_deg=30.0, weight=0.5) for mm in (1.2, 2.5))
     assert "; another of 2.5 mm at 30.0°" in answer_in_words([replace(told, candidates=both)], [])
     assert answer_in_words([refused, told], [slip_at(0.5, 0.0)]) == (

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import math
 import os
 import socket
 import subprocess
@@ -11,7 +10,7 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, Queue
 from typing import IO, Any
@@ -22,7 +21,6 @@ import numpy as np
 from tactiled import child
 from tactiled.array import load_array
 from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_releases, true_slides
-from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
@@ -32,7 +30,7 @@ from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, Textur
 from tactiled.events.words import event_words
 from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
-from tactiled.plots.log import KnownMargin, KnownTruth, draw_log
+from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 
 SPEED_MM_S = 1.0  # of the slides in config/scenes/demo.toml; on a robot, the gripper knows it
@@ -69,7 +67,6 @@ class DemoRecord:
     time_s: list[float] = field(default_factory=list)
     volts: list[list[float]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
-    channel_offset_s: list[float] | None = None
     host: Host = field(default_factory=Host)
     next_index: int | None = None
     """Index of the next expected scan."""
@@ -184,8 +181,6 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
     if topic == "force":
         _print_force(message, time_s, seen)
         return
-    if topic == "info":
-        seen.channel_offset_s = message["channel_offset_s"]
     event = _event(topic, message, unix_offset_s)
     if event is not None:
         seen.events.append(event)
@@ -225,35 +220,20 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
 
 def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float) -> None:
     shear_s = [phase.start_s for phase in truth.phases if phase.kind == "slide"]
+    instant_s = np.array(seen.time_s) - t0_s
+    played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)
     shown = KnownTruth(
         onsets_s=tuple(t0_s + slide.onset_s for slide in slides),
         spans_s=tuple(
             (t0_s + max(s for s in shear_s if s <= slide.onset_s), t0_s + (slide.gross_s or slide.end_s))
             for slide in slides
         ),
+        time_s=t0_s + instant_s[played],
+        utilisation=truth.utilisation(instant_s[played]),
     )
-    instant_s = np.array(seen.time_s) - t0_s
-    played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)
-    shown = replace(shown, margin=KnownMargin(t0_s + instant_s[played], truth.utilisation(instant_s[played])))
-    for slide in slides:
-        if isinstance(grooves := slide.surface, GroovedPlate):
-            turn = math.radians(grooves.angle_deg - (slide.direction_deg or 0.0))
-            shown = replace(
-                shown,
-                frequency_hz=SPEED_MM_S * abs(math.cos(turn)) / grooves.period_mm,
-                label=f"truth: D = {grooves.period_mm:.3f} mm, angle {grooves.angle_deg:.1f}°",
-            )
-    draw_log(
-        picture,
-        load_array("wang2019-3x3"),
-        np.array(seen.time_s),
-        np.array(seen.volts),
-        seen.events,
-        DetectParams(),
-        "tactiled demo",
-        channel_offset_s=None if seen.channel_offset_s is None else np.array(seen.channel_offset_s),
-        truth=shown,
-    )
+    array = load_array("wang2019-3x3")
+    time_s, volts = np.array(seen.time_s), np.array(seen.volts)
+    draw_log(picture, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
 
 
 @contextlib.contextmanager
