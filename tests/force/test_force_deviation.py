@@ -248,8 +248,3 @@ def test_a_tare_in_contact_makes_the_zero_certain_again() -> None:
     estimator.tared()
     (event,) = estimator.process(regular_block(READING[np.newaxis], 1.0, start_s=900.0, index=900))
     assert deviations(event) == pytest.approx(expected(WEIGHTS @ FEATURES, touched_s=1.0))
-
-
-def test_forces_are_nominal_calibrated_or_unknown_by_the_file() -> None:
-    assert force(load_calibration("wang2019-3x3")).calibration == "nominal"
-    assert force(calibration()).calibration == "mine"

@@ -18,7 +18,7 @@ from tactiled.force.calibration import (
 )
 
 SMOOTH: dict[str, Any] = {
-    "name": 'left "hand"\n',
+    "name": 'left "hand"\\ \n\t\x7f µ',
     "array": "two",
     "channels": 2,
     "board": "TB-1",
@@ -93,11 +93,6 @@ def edited(base: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         (PAIRS, "pairs.curve", {"reading": [0.0], "load": [0.0]}, "at least 2"),
         (PAIRS, "pairs.creep", [{"time_s": 0.0, "gain": 1.0}], "greater than 0"),
         (PAIRS, "pairs.taxel_crosstalk", 1.0, "less than 1"),
-        (PAIRS, "pairs.taxel_crosstalk", -1.0, "greater than -1"),
-        (PAIRS, "pairs.neighbour_crosstalk", 1.0, "less than 1"),
-        (PAIRS, "pairs.neighbour_crosstalk", -1.0, "greater than -1"),
-        (PAIRS, "pairs.unloading", -0.51, "greater than or equal to -0.5"),
-        (PAIRS, "pairs.unloading", 2.01, "less than or equal to 2"),
         (PAIRS, "pairs.weights", [[0.5] * 9], "2 rows of 9 numbers"),
         (PAIRS, "pairs.weights", [[0.5] * 9, [0.5] * 8], "2 rows of 9 numbers"),
         (PAIRS, "pairs", None, "give one of the tables pairs and smooth"),
@@ -105,19 +100,12 @@ def edited(base: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         (SMOOTH, "smooth.weights", [[1.0]] * 5, "6 rows of one length"),
         (SMOOTH, "smooth.weights", [[1.0]] * 5 + [[1.0, 2.0]], "6 rows of one length"),
         (SMOOTH, "smooth.scale", [1.0], "smooth.scale must have 2 numbers"),
-        (SMOOTH, "smooth.scale", [], "at least 1"),
         (SMOOTH, "largest_reading", [1.0], "largest_reading has 1 numbers for 2 channels"),
         (SMOOTH, "uncertainty.factor", [[], []], "three matrices"),
         (SMOOTH, "uncertainty.floor_n", [1.0] * 4, "at most 3"),
-        (SMOOTH, "uncertainty.own", [1.0] * 2, "at least 3"),
-        (SMOOTH, "uncertainty.of_normal", [1.0] * 4, "at most 3"),
-        (SMOOTH, "uncertainty.n_per_unit", [1.0] * 2, "at least 3"),
         (SMOOTH, "uncertainty.noise", -0.1, "greater than or equal to 0"),
-        (SMOOTH, "uncertainty.zero_sd", -0.1, "greater than or equal to 0"),
         (SMOOTH, "axes", [], "at least 1"),
-        (SMOOTH, "name", "", "at least 1"),
         (SMOOTH, "name", "n" * 65, "at most 64"),
-        (SMOOTH, "array", "", "at least 1"),
         (SMOOTH, "channels", 0, "greater than or equal to 1"),
     ],
 )
@@ -126,37 +114,6 @@ def test_a_file_whose_parts_do_not_fit_together_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=said):
         CalibrationFile.model_validate(edited(base, path, value))
-
-
-@pytest.mark.parametrize(
-    ("base", "path", "value"),
-    [
-        (PAIRS, "pairs.curve", {"reading": [0.0, 1.0, 2.0], "load": [0.0, 1.0, 1.0]}),
-        (PAIRS, "pairs.taxel_crosstalk", -0.99),
-        (PAIRS, "pairs.neighbour_crosstalk", 0.99),
-        (PAIRS, "pairs.unloading", -0.5),
-        (PAIRS, "pairs.unloading", 2.0),
-        (SMOOTH, "uncertainty.factor", []),
-        (SMOOTH, "name", "n" * 64),
-        (SMOOTH, "axes", ["fy"]),
-    ],
-)
-def test_the_limits_themselves_are_accepted(base: dict[str, Any], path: str, value: Any) -> None:
-    CalibrationFile.model_validate(edited(base, path, value))
-
-
-def test_what_a_file_leaves_out_changes_nothing() -> None:
-    """No crosstalk, no creep, no error of the zero; squares are the usual model."""
-    pairs = CalibrationFile.model_validate(PAIRS)
-    assert pairs.pairs is not None
-    assert (pairs.pairs.neighbour_crosstalk, pairs.pairs.unloading) == (0.0, 0.0)
-    assert (pairs.uncertainty.noise, pairs.uncertainty.zero_sd) == (0.0, 0.0)
-    assert pairs.uncertainty.n_per_unit == [0.0, 0.0, 0.0]
-    assert pairs.version == 1
-    lean = edited(SMOOTH, "smooth", {"scale": [1.0, 1.0], "weights": [[1.0]] * 6})
-    smooth = CalibrationFile.model_validate({key: lean[key] for key in lean if key != "nominal"})
-    assert smooth.smooth is not None
-    assert (smooth.smooth.has_squares, smooth.smooth.has_products, smooth.nominal) == (True, False, False)
 
 
 def test_a_file_without_a_needed_part_is_named(tmp_path: Path) -> None:

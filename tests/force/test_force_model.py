@@ -9,18 +9,14 @@ from numpy.testing import assert_allclose
 
 from tactiled.array import load_array
 from tactiled.force.calibration import (
-    CalibrationFile,
     CreepState,
-    ForceRange,
     LoadCurve,
     PairsModelParams,
     SmoothModelParams,
-    Uncertainty,
 )
 from tactiled.force.model import (
     PairsModel,
     SmoothModel,
-    build_model,
     neighbour_means,
     output_weights,
     product_pairs,
@@ -42,12 +38,6 @@ def pairs_model(**changes: object) -> PairsModel:
 
 def same_taxel(channel: int) -> list[int]:
     return [other for other in range(N) if ARRAY.channel_taxel[other] == ARRAY.channel_taxel[channel]]
-
-
-def test_each_channel_has_the_mean_of_its_taxel() -> None:
-    readings = RNG.normal(size=N)
-    wanted = [np.mean(readings[same_taxel(c)]) for c in range(N)]
-    assert_allclose(taxel_means(ARRAY) @ readings, wanted)
 
 
 def test_neighbours_are_the_taxels_around_one_on_the_same_pad() -> None:
@@ -184,21 +174,3 @@ def test_features_of_the_smooth_model(*, has_squares: bool, has_products: bool, 
     for taxel in range(9):
         others = ARRAY.channel_taxel != taxel
         assert not taxels[:, taxel, :N][:, others].any()
-
-
-def test_a_file_with_either_model_makes_it() -> None:
-    file = CalibrationFile(
-        name="a",
-        array=ARRAY.name,
-        channels=N,
-        axes=["fz"],
-        range=ForceRange(fx_n=(0, 0), fy_n=(0, 0), fz_n=(0, 9)),
-        largest_reading=[1.0] * N,
-        pairs=PairsModelParams(curve=CURVE, weights=WEIGHTS.tolist()),
-        uncertainty=Uncertainty(floor_n=[1, 1, 1], own=[0, 0, 0], of_normal=[0, 0, 0]),
-    )
-    assert isinstance(build_model(ARRAY, file), PairsModel)
-    smooth = SmoothModelParams(scale=[1.0] * N, has_squares=False, weights=np.zeros((6, N)).tolist())
-    assert isinstance(
-        build_model(ARRAY, file.model_copy(update={"pairs": None, "smooth": smooth})), SmoothModel
-    )

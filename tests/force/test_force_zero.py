@@ -122,21 +122,3 @@ def test_the_margin_that_drift_gave_is_withdrawn_as_the_zero_follows() -> None:
     assert abs(source.offset[0] - 0.05) < 0.01
     steps(source, source.offset[0] + 0.051, 1)
     assert source.touching
-
-
-def test_variance_is_that_of_the_tare_and_of_a_walk_in_contact() -> None:
-    source = zero()
-    assert source.variance(0.0) == pytest.approx(0.003**2)
-    hour = source.variance(3600.0) - source.variance(0.0)
-    assert np.sqrt(hour) == pytest.approx(1e-3 * LARGEST, rel=0.03)  # 0.1 % in an hour
-    assert source.variance(7200.0) - source.variance(0.0) == pytest.approx(2 * hour)
-
-
-def test_a_reset_forgets_drift_and_contact() -> None:
-    source, new = zero(), zero()
-    steps(source, 0.04, 500)
-    steps(source, 1.0, 500)
-    source.reset()
-    for reading in (0.01, 0.04, 1.0, 0.06, 0.02):
-        assert_allclose(steps(source, reading, 30), steps(new, reading, 30))
-        assert (source.touching, source.touched_s) == (new.touching, new.touched_s)
