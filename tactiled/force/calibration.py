@@ -179,13 +179,11 @@ class CalibrationFile(Params):
     def check_array(self, array: Array) -> None:
         """Raise `ConfigError` where the file is of another array."""
         if self.array != array.name or self.channels != array.n_channels:
-            raise ConfigError(
-                self.name,
-                [
-                    f"this calibration is of array {self.array} with {self.channels} channels, but the array "
-                    f"is {array.name} with {array.n_channels}: calibrate this array, or name another file"
-                ],
+            fault = (
+                f"this calibration is of array {self.array} with {self.channels} channels, but the array "
+                f"is {array.name} with {array.n_channels}: calibrate this array, or name another file"
             )
+            raise ConfigError(self.name, [fault])
 
 
 def load_calibration(name_or_path: str) -> CalibrationFile:

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import deque
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,8 @@ from tactiled.samples.block import Gap, ScanBlock
 # an hour: 3 % at 0.3 % a kelvin. It cannot be observed in contact, so the standard deviation grows by it.
 _WARMING, _WARMING_S = 0.03, 1800.0
 _MISSING_PART = 0.5  # of what a channel without a reading would add to the force is uncertain
-_AT_LIMIT = (
-    0.9  # of the largest calibrated reading: an invalid reading above is saturated, one below is a fault
-)
+# Of the largest calibrated reading: an invalid reading above is saturated, one below is a fault.
+_AT_LIMIT = 0.9
 _TOLERATED_MISSING = 0.25  # part of the channels beyond which a force means nothing
 _BEYOND = 1.1  # times the largest calibrated reading or force: above, the model is extrapolated
 # Relative standard deviation for each e-fold beyond. The curve of the model of pairs is physics; squares bend
@@ -57,15 +56,6 @@ class DriftZero:
         Largest reading of each channel in the calibration; the scale of drift.
     noise, sd : float
         Standard deviations of a reading, and of the zero after a tare, in the unit of the array.
-
-    Attributes
-    ----------
-    offset : (channels,) float64
-        To be subtracted from readings that are relative to the zero that was set.
-    touching : bool
-        True while contact cannot be excluded.
-    touched_s : float
-        Time since the zero was last followed.
     """
 
     def __init__(self, array: Array, largest: FloatArray, noise: float, sd: float) -> None:
@@ -77,9 +67,9 @@ class DriftZero:
 
     def reset(self) -> None:
         """Forget all drift, as after a tare."""
-        self.offset = np.zeros(self._n)
-        self.touching = False
-        self.touched_s = 0.0
+        self.offset = np.zeros(self._n)  # of readings that are relative to the zero that was set
+        self.touching = False  # True while contact cannot be excluded
+        self.touched_s = 0.0  # time since the zero was last followed
         self._snapshots = deque([self.offset.copy()], maxlen=_SNAPSHOTS)
         self._since_s = 0.0
         self._margin = 0.0
@@ -120,22 +110,6 @@ class DriftZero:
         """Return the variance of the zero at a value of `touched_s`, in the unit of the array squared."""
         walk = _WALK_PER_ROOT_S * self._scale
         return self._sd**2 + walk * walk * touched_s
-
-
-class ForceSource(Protocol):
-    """Maker of force events from scans."""
-
-    def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
-        """Return an event for each scan."""
-        ...
-
-    def reset(self) -> None:
-        """Forget zero, creep and contact; keep the calibration."""
-        ...
-
-    def tared(self) -> None:
-        """Take the present zero of the readings as exact: a tare has just set it."""
-        ...
 
 
 class UncalibratedForce:
@@ -272,7 +246,7 @@ class ForceEstimator:
         # Stamps of a clock that was corrected can go back by less than a period.
         return [max(b - a, 0.0) for a, b in itertools.pairwise([before_s, *times_s])]
 
-    def _event(self, time_s: float, estimate: "_Estimate", *, saturated: bool, is_late: bool) -> ForceEvent:
+    def _event(self, time_s: float, estimate: _Estimate, *, saturated: bool, is_late: bool) -> ForceEvent:
         """Make the event of a scan."""
         outputs: list[float] = estimate.values[: self._n_outputs].tolist()
         fx, fy, fz, tx, ty, tz = outputs[:6]
@@ -310,7 +284,7 @@ class ForceEstimator:
             late=is_late,
         )
 
-    def _sd(self, estimate: "_Estimate", outputs: list[float], excess: float, zero2: float) -> list[float]:
+    def _sd(self, estimate: _Estimate, outputs: list[float], excess: float, zero2: float) -> list[float]:
         """Return the standard deviations of fx, fy and fz."""
         gain2 = _WARMING**2 * min(estimate.touched_s / _WARMING_S, 1.0)
         if excess > 1.0:
@@ -363,3 +337,7 @@ class ForceEstimator:
         parts = self._model.weights[:3, : len(absent)] * (features[: len(absent)] * absent)
         own = parts.reshape(3, kinds, len(valid)).sum(axis=1)
         return [float(v) for v in ((_MISSING_PART * own) ** 2).sum(axis=1)]
+
+
+ForceSource = ForceEstimator | UncalibratedForce
+"""Maker of a force event from each scan."""

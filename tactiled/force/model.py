@@ -8,7 +8,6 @@ were chunked. A product of a matrix with several scans would be rounded otherwis
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,29 +26,6 @@ _NEIGHBOUR_PITCHES = 1.5  # taxels nearer than this, in units of the smallest di
 _LEAST_PART = 0.01  # of the reading without a load: the least for a curve
 _STRETCH = 20.0  # time constants that are summed at once: exp(20) of the oldest weight leaves it 7 digits
 _RELEASED = 0.02  # of the largest load since touch, below which a contact has ended
-
-
-class ForceModel(Protocol):
-    """Features of a scan with the state of creep."""
-
-    weights: FloatArray
-    """(6 + 3 taxels, features): fx, fy, fz, tx, ty, tz, then fx, fy, fz of all taxels."""
-
-    def reset(self) -> None:
-        """Forget the state of creep."""
-        ...
-
-    def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
-        """Return the features (n, features) of the next scans.
-
-        Parameters
-        ----------
-        readings : (n, channels) float64
-            Relative to zero, finite.
-        steps_s : sequence of float
-            Time of each scan since the one before.
-        """
-        ...
 
 
 def times_each(matrix: FloatArray, scans: FloatArray) -> FloatArray:
@@ -107,7 +83,13 @@ def output_weights(array: Array, taxel_weights: FloatArray) -> FloatArray:
 
 
 class PairsModel:
-    """Taxels with side electrodes: crosstalk, load curve, creep, and a map that depends on load."""
+    """Taxels with side electrodes: crosstalk, load curve, creep, and a map that depends on load.
+
+    Attributes
+    ----------
+    weights : (6 + 3 taxels, features) float64
+        fx, fy, fz, tx, ty, tz, then fx, fy, fz of all taxels.
+    """
 
     def __init__(self, array: Array, params: PairsModelParams) -> None:
         n = array.n_channels
@@ -131,7 +113,11 @@ class PairsModel:
         self._peak = np.zeros(n)
 
     def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
-        """Return load, reading and load times mean load of the taxel, for each channel."""
+        """Return features (n, 3 channels) of the next scans: load, reading, load times the taxel's mean load.
+
+        Readings (n, channels) are finite and relative to zero; `steps_s` is the time of each scan since the
+        one before.
+        """
         reading = readings if self._uncouple is None else times_each(self._uncouple, readings)
         load = np.interp(reading, self._reading, self._load)
         if self._unloading:
@@ -185,7 +171,7 @@ class FeatureMaker:
         self._relaxed[:] = 0.0
 
     def features(self, readings: FloatArray, steps_s: Sequence[float]) -> FloatArray:
-        """Return the features (n, features) of the next scans; see `ForceModel`."""
+        """Return the features (n, features) of the next scans; see `PairsModel`."""
         scaled = bent(readings, self._curve, self._zero) / self._scale
         parts = [scaled]
         if self._squares:
@@ -225,16 +211,10 @@ def bent(readings: FloatArray, curve: Curve, zero: FloatArray) -> FloatArray:
 
 
 def low_passed(values: FloatArray, steps_s: FloatArray, time_s: float) -> FloatArray:
-    """Exponential average (n, channels) of values that are not evenly spaced.
+    """Exponential average (n, channels) of values (n, channels) that are `steps_s` (n,) apart.
 
     ``y[k] = y[k-1] + (1 - exp(-steps_s[k] / time_s)) (values[k] - y[k-1])``, which is what `FeatureMaker`
     keeps scan by scan. The sum is taken over stretches of time constants, beyond which weights overflow.
-
-    Parameters
-    ----------
-    values : (n, channels) float64
-    steps_s : (n,) float64
-        Time of each value since the one before.
     """
     steps = steps_s / time_s
     stretch = (np.cumsum(steps) // _STRETCH).astype(np.int64)
@@ -254,6 +234,9 @@ def product_pairs(array: Array) -> NDArray[np.int64]:
     first, second = np.triu_indices(array.n_channels, 1)
     same = array.channel_taxel[first] == array.channel_taxel[second]
     return np.stack([first[same], second[same]], axis=1)
+
+
+ForceModel = PairsModel | SmoothModel
 
 
 def build_model(array: Array, file: CalibrationFile) -> ForceModel:
