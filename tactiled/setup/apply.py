@@ -5,12 +5,12 @@ import hashlib
 import json
 import re
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from tactiled.errors import DataError, OperatorError
 from tactiled.outside import json_of, name_of, read_text
-from tactiled.setup.plan import PlannedFile, SetupPlan
+from tactiled.setup.plan import SetupPlan
 
 Say = Callable[[str], None]
 # Where a plan has files: nothing else is removed, whatever a list of written files says.
@@ -29,10 +29,11 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
     others = _written_for_others(root, plan.name)
     for file in plan.files:
         path = _under(root, file.path)
-        if (packaged := _packaged(root, file)) is not None and not path.exists():
+        there = _text_of(path)
+        packaged = file.path.replace("/etc/", "/usr/lib/", 1)
+        if file.shared and not path.exists() and _text_of(_under(root, packaged)) == file.text:
             say(f"unchanged  {packaged}, of the Debian package")
             continue  # a copy in /etc would hide what the next version of the package brings
-        there = _text_of(path) if path.exists() else None
         if there == file.text:
             say(f"unchanged  {file.path}")
             if file.path not in written and file.path not in others:
@@ -95,22 +96,15 @@ def run_commands(commands: Sequence[tuple[str, ...]], say: Say) -> None:
         say(f"ran        {' '.join(command)}{words}")
 
 
-def _packaged(root: Path, file: PlannedFile) -> str | None:
-    """Return the path of the same file in /usr/lib, where packages have their units, users and rules."""
-    packaged = file.path.replace("/etc/", "/usr/lib/", 1)
-    path = _under(root, packaged)
-    return packaged if file.shared and path.exists() and _text_of(path) == file.text else None
-
-
 def _under(root: Path, path: str) -> Path:
     return root / path.lstrip("/")
 
 
 def _text_of(path: Path) -> str | None:
-    """Text of a file that exists; None where it is none of ours: a folder, a device, other bytes."""
+    """Text of a file; None where there is none, or none of ours: a folder, a device, other bytes."""
     try:
         return read_text(path)
-    except DataError:
+    except (DataError, FileNotFoundError, NotADirectoryError):
         return None
     except OSError as error:
         raise OperatorError(f"{path}: cannot be read: {error.strerror}; run this with sudo") from None
@@ -156,15 +150,19 @@ def _write_manifest(root: Path, plan: SetupPlan, written: dict[str, str]) -> Non
 
 
 def _write(path: Path, text: str) -> None:
-    try:
+    with _needs_root(path, "written"):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise OperatorError(f"{path}: cannot be written: {error.strerror}; run this with sudo") from None
 
 
 def _unlink(path: Path) -> None:
-    try:
+    with _needs_root(path, "removed"):
         path.unlink()
+
+
+@contextlib.contextmanager
+def _needs_root(path: Path, what: str) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
-        raise OperatorError(f"{path}: cannot be removed: {error.strerror}; run this with sudo") from None
+        raise OperatorError(f"{path}: cannot be {what}: {error.strerror}; run this with sudo") from None

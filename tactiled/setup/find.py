@@ -40,7 +40,6 @@ class FoundBoard:
     array: str = ""
     baud: int = 0
     board_serial: str = ""
-    rate_hz: float = 0.0
     first_scans: tuple[tuple[float, ...], ...] = ()
     findings: tuple[Finding, ...] = field(default=(), repr=False)
 
@@ -72,13 +71,7 @@ def port_at(url: str) -> FoundPort:
 
 
 def examine(port: FoundPort, array: str | None = None) -> FoundBoard:
-    """Open a port, and recognise layout and array of the board behind it.
-
-    Parameters
-    ----------
-    array : str, optional
-        Array of the board, where it does not ship with tactiled: a file.
-    """
+    """Open a port, and recognise layout and array of the board behind it; `array` is a file of the user."""
     findings = check_port(port.url)
     if any(finding.verdict == "fail" for finding in findings):
         return FoundBoard(port, findings=tuple(findings))
@@ -101,23 +94,15 @@ def examine(port: FoundPort, array: str | None = None) -> FoundBoard:
         if searched and (searched["protocol"], searched["baud"]) != (protocol, baud):
             protocol, baud = str(searched["protocol"]), int(searched["baud"])
             chosen = array or _array_of(protocol)
-        elif (
-            array is None and named and named != chosen and named in resources.shipped_names("config/arrays")
-        ):
+        elif array is None and named != chosen and named in resources.shipped_names("config/arrays"):
             chosen = named
         else:
             break
-    good = not any(finding.verdict == "fail" for finding in line)
-    return FoundBoard(
-        port,
-        protocol if good else "",
-        chosen,
-        baud,
-        str(identity.get("board_serial", "")) if good else "",
-        float(identity.get("rate_hz", 0.0)) if good else 0.0,
-        tuple(map(tuple, identity.get("first_scans", ()))) if good else (),
-        (*findings, *line),
-    )
+    found = (*findings, *line)
+    if any(finding.verdict == "fail" for finding in line):
+        return FoundBoard(port, findings=found)
+    serial, scans = str(identity.get("board_serial", "")), identity.get("first_scans", ())
+    return FoundBoard(port, protocol, chosen, baud, serial, tuple(map(tuple, scans)), found)
 
 
 def _values(findings: list[Finding], check: str) -> dict[str, Any]:

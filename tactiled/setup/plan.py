@@ -148,12 +148,11 @@ def make_plan(
         # Files that do not fit together would stop the daemon of all boards.
         check = f"{shlex.quote(program)} check-config /etc/tactiled >/dev/null"
         commands.append(("sh", "-c", f"{check} && systemctl restart {_ALL}"))
-    else:
-        commands.append(("systemctl", "enable", "--now", f"tactiled@{name}.service"))
-    if for_all:
         notes.append(
             f"{_ALL} is enabled: it reads this board with the others, and tactiled@{name} is not used"
         )
+    else:
+        commands.append(("systemctl", "enable", "--now", f"tactiled@{name}.service"))
     if program != _INSTALLED and Path(program).resolve().is_relative_to("/home"):
         notes.append(
             f"{program} is in /home, which the unit may not see: install tactiled into /opt/tactiled"

@@ -71,9 +71,8 @@ class BoardView:
         if silent_s > _SILENT_S:
             return Lamp("STALE", age_s, f"no status for {silent_s:.1f} s: is tactiled running?")
         if silent_s < -1.0:
-            return Lamp(
-                "STALE", None, "messages carry instants in the future: compare the clocks of the hosts"
-            )
+            words = "messages carry instants in the future: compare the clocks of the hosts"
+            return Lamp("STALE", None, words)
         if status["state"] == "no-device":
             return Lamp("NO BOARD", age_s, status["reason"])
         if not status["valid"]:
@@ -112,13 +111,7 @@ class BoardView:
 
 
 class BoardViews:
-    """All boards of one daemon.
-
-    Parameters
-    ----------
-    array : Array, optional
-        Array that does not ship with tactiled.
-    """
+    """All boards of one daemon; `array` is one that does not ship with tactiled."""
 
     def __init__(self, array: Array | None = None) -> None:
         self._array = array
@@ -130,12 +123,8 @@ class BoardViews:
     @property
     def notice(self) -> str:
         """Number of unreadable messages, and the fault of the newest; empty where there is none."""
-        if not self.unreadable:
-            return ""
-        return printable(
-            f"{self.unreadable} messages are not as protocols/events.md says; the newest: "
-            f"{self._unreadable_reason}"
-        )
+        words = f"{self.unreadable} messages are not as protocols/events.md says; the newest: "
+        return printable(words + self._unreadable_reason) if self.unreadable else ""
 
     def take(self, item: Item) -> None:
         """Take an item of the subscription; a message that cannot be read is counted."""
@@ -154,9 +143,9 @@ class BoardViews:
         elif isinstance(item, Malformed):
             self._refuse(item.reason)
         elif isinstance(item, Lost | Restarted):
-            words = (
-                f"{item.count} {item.topic} messages lost" if isinstance(item, Lost) else "daemon restarted"
-            )
+            words = "daemon restarted"
+            if isinstance(item, Lost):
+                words = f"{item.count} {item.topic} messages lost"
             board = self._board(item.board)
             at_s = float(board.newest.get("status", {}).get("timestamp", 0.0))
             board.events.appendleft(ListedEvent(at_s, "notice", words))
@@ -197,13 +186,9 @@ class BoardViews:
     @staticmethod
     def _list(board: BoardView, message: Message) -> None:
         if message.topic in ("slip", "contact", "texture", "command"):
-            board.events.appendleft(
-                ListedEvent(
-                    float(message.data[evidence_key(message.topic)]),
-                    message.topic,
-                    event_words(message.topic, message.data),
-                )
-            )
+            at_s = float(message.data[evidence_key(message.topic)])
+            words = event_words(message.topic, message.data)
+            board.events.appendleft(ListedEvent(at_s, message.topic, words))
 
 
 def _weighted(pairs: list[list[list[float]]], readings: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -76,27 +76,21 @@ def age_in_words(age_s: float | None) -> str:
     """Return an age in ms, s, min or h."""
     if age_s is None:
         return "-"
-    if age_s < 1.0:
-        return f"{1000 * max(0.0, age_s):.0f} ms"
-    return (
-        f"{age_s:.1f} s"
-        if age_s < 100.0
-        else f"{age_s / 60:.0f} min"
-        if age_s < 6000
-        else f"{age_s / 3600:.1f} h"
-    )
+    for most_s, unit_s, form in (
+        (1.0, 1e-3, "{:.0f} ms"),
+        (100.0, 1.0, "{:.1f} s"),
+        (6000.0, 60.0, "{:.0f} min"),
+    ):
+        if age_s < most_s:
+            return form.format(max(0.0, age_s) / unit_s)
+    return f"{age_s / 3600:.1f} h"
 
 
 def _lamp_line(board: BoardView, lamp: Lamp, width: int) -> Text:
     shape, style = _LAMPS[lamp.state]
-    info = board.newest.get("info", {})
-    line = Text(
-        f" {shape} {lamp.state}  {age_in_words(lamp.age_s):>7}   {board.name or 'no board yet'}  ", style
-    )
-    line.append(str(info.get("array_id", "")), style)
-    line.pad_right(max(0, width - line.cell_len))
-    line.stylize(style)
-    return line
+    array = board.newest.get("info", {}).get("array_id", "")
+    words = f" {shape} {lamp.state}  {age_in_words(lamp.age_s):>7}   {board.name or 'no board yet'}  {array}"
+    return Text(words.ljust(width), style)
 
 
 def _event_line(at_s: float, topic: str, words: str) -> Text:
@@ -106,57 +100,43 @@ def _event_line(at_s: float, topic: str, words: str) -> Text:
 
 def _facts(board: BoardView, live: bool) -> list[Text]:
     """Return lines of a name and a value."""
-    status, felt, geometry = board.newest.get("status"), board.felt(), board.geometry
+    status, felt, geometry = board.newest.get("status", {}), board.felt(), board.geometry
+    unit = "" if geometry is None else geometry["unit"]
     rows: list[tuple[str, str, str]] = []
-    contact = board.newest.get("contact", status or {}).get(
-        "state" if "contact" in board.newest else "contact", "-"
-    )
-    if contact == "none" and (below := (status or {}).get("hidden_below", 0.0)):
-        contact = f"none, told from {below:.3g} {'' if geometry is None else geometry['unit']}"
-    rows.append(("contact", str(contact) if live else "unknown", "bold"))
+
+    def add(name: str, words: str, style: str = "") -> None:
+        rows.append((name, words, style))
+
+    contact = board.newest["contact"]["state"] if "contact" in board.newest else status.get("contact", "-")
+    if contact == "none" and (below := status.get("hidden_below", 0.0)):
+        contact = f"none, told from {below:.3g} {unit}"
+    add("contact", str(contact) if live else "unknown", "bold")
     if board.slip is not None and live:
-        rows.append(
-            ("slip", f"{board.slip['kind'].upper()} {_arrow(board.slip['direction_deg'])}", f"bold {_SLIP}")
-        )
+        add("slip", f"{board.slip['kind'].upper()} {_arrow(board.slip['direction_deg'])}", f"bold {_SLIP}")
     else:
-        rows.append(("slip", "no slip" if live else "unknown", ""))
+        add("slip", "no slip" if live else "unknown")
     if felt is not None and geometry is not None:
         shear_x, shear_y = float(felt.shear_x.sum()), float(felt.shear_y.sum())
-        rows.append(("load", f"{felt.load.sum():.2f} {geometry['unit']}" if live else "-", ""))
+        add("load", f"{felt.load.sum():.2f} {unit}" if live else "-")
         if geometry["has_shear"]:
             angle = math.degrees(math.atan2(shear_y, shear_x))
-            words = f"{math.hypot(shear_x, shear_y):.2f} {geometry['unit']} {_arrow(angle)}"
-            rows.append(("shear", words if live else "-", ""))
-    grip, texture, recording = (
-        board.current("grip"),
-        board.newest.get("texture"),
-        board.newest.get("recording"),
-    )
-    force = board.current("force")
+            add("shear", f"{math.hypot(shear_x, shear_y):.2f} {unit} {_arrow(angle)}" if live else "-")
+    force, grip, texture = board.current("force"), board.current("grip"), board.newest.get("texture")
     if force is not None and live:
-        rows.append(("force", force_words(force), ""))
+        add("force", force_words(force))
     if grip is not None and grip["state"] != "none" and live:
         used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
-        use = f"{used:.0f} % ({low:.0f} to {high:.0f})"
-        rows.append(("friction used", use, ""))
+        add("friction used", f"{used:.0f} % ({low:.0f} to {high:.0f})")
     if texture is not None and live:
-        words = texture_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
-        rows.append(("grooves", words, ""))
-    if status is not None:
-        rows.append(("rate", f"{status['rate_hz']:.1f} Hz, {lost_words(status)}", ""))
+        add("grooves", texture_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: "))
+    if status:
+        add("rate", f"{status['rate_hz']:.1f} Hz, {lost_words(status)}")
         sd_ms = 1000 * status["clock_sd_s"]
-        rows.append(
-            (
-                "clock",
-                f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm" if sd_ms < 1e6 else "not known",
-                "",
-            )
-        )
-        rows.append(
-            ("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path", "")
-        )
-    if recording is not None:
-        rows.append(("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB", ""))
+        known = f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm"
+        add("clock", known if sd_ms < 1e6 else "not known")
+        add("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path")
+    if (recording := board.newest.get("recording")) is not None:
+        add("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB")
     return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]
 
 
@@ -178,8 +158,7 @@ def _array(board: BoardView, live: bool, width: int) -> list[Text]:
         first, second = Text(), Text()
         for taxel in row:
             if taxel is None:
-                first.append(" " * (cell + 1))
-                second.append(" " * (cell + 1))
+                first, second = (line.append(" " * (cell + 1)) for line in (first, second))
                 continue
             style = _style(load[taxel] / scale, live, taxel in slipping)
             number = f"{load[taxel]:.2f}" if felt is not None and live else "-"
@@ -189,9 +168,8 @@ def _array(board: BoardView, live: bool, width: int) -> list[Text]:
                 first.append(f"{number:^{cell}}", style).append(" ")
                 second.append(f"{mark + ' ' + arrow:^{cell}}", style).append(" ")
             else:
-                first.append(f"{(arrow + mark if cell < 4 else ' ' + arrow + mark):^{cell}}", style).append(
-                    " "
-                )
+                marks = arrow + mark if cell < 4 else f" {arrow}{mark}"
+                first.append(f"{marks:^{cell}}", style).append(" ")
         lines += [first, second, Text()] if wide else [first]
     return lines
 

@@ -79,9 +79,7 @@ def snapshot(board: BoardView, now_unix_s: float) -> dict[str, Any]:
         "unit": "" if board.geometry is None else board.geometry["unit"],
         **sums,
         "slip": board.slip,
-        "newest": {
-            topic: data for topic, data in board.newest.items() if topic not in ("info", "scan", "slip")
-        },
+        "newest": {k: data for k, data in board.newest.items() if k not in ("info", "scan", "slip")},
         "events": [{"at": event.at_s, "topic": event.topic, "words": event.words} for event in board.events],
     }
 

@@ -234,10 +234,6 @@ def test_names_of_a_foreign_publisher_do_not_fill_the_memory() -> None:
     assert list(views.boards) == [f"B{k}" for k in range(1000, 2000)]
 
 
-def test_a_snapshot_is_json() -> None:
-    assert json.loads(json.dumps(snapshot(views_of().boards["TS1"], NOW_S)))["state"] == "FRESH"
-
-
 def test_once_without_a_daemon_fails_in_one_line(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tactiled", "top", f"ipc://{tmp_path}/none.ipc", "--once"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
