@@ -4,13 +4,12 @@ import asyncio
 import contextlib
 import json
 import socket
-from pathlib import Path
 from typing import Any
 
 import aiohttp
 import pytest
 from frames import unpack
-from pages import Robot, robot
+from pages import Robot
 from patience import PATIENCE_S
 
 from tactiled.client import Commander
@@ -69,16 +68,8 @@ async def send_marks(live: Robot) -> None:
     await asyncio.to_thread(send)
 
 
-@pytest.fixture
-def url_and_robot(tmp_path: Path) -> Any:
-    with robot(tmp_path) as made:
-        made.run()
-        made.plug()
-        yield made.serve(), made
-
-
-def test_fifty_browsers_get_every_event_though_one_never_reads(url_and_robot: tuple[str, Robot]) -> None:
-    url, live = url_and_robot
+def test_fifty_browsers_get_every_event_though_one_never_reads(live: Robot) -> None:
+    url = live.serve()
 
     async def main() -> None:
         visitors = [Visitor() for _ in range(BROWSERS)]
@@ -101,8 +92,8 @@ def test_fifty_browsers_get_every_event_though_one_never_reads(url_and_robot: tu
     assert "Traceback" not in live.words("web")
 
 
-def test_reloads_in_a_storm_cost_the_others_nothing(url_and_robot: tuple[str, Robot]) -> None:
-    url, live = url_and_robot
+def test_reloads_in_a_storm_cost_the_others_nothing(live: Robot) -> None:
+    url = live.serve()
 
     async def main() -> None:
         visitor = Visitor()

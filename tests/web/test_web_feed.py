@@ -81,10 +81,17 @@ def test_losses_and_restarts_are_notices() -> None:
 
 def test_what_no_message_can_hold_costs_only_itself() -> None:
     feed = Feed()
-    for item in (message("scan", 0, volts=[math.nan]), message("scan", 1, volts=[b"x"]), message("scan", 2)):
+    for item in (
+        message("scan", 0, volts=[math.nan]),
+        message("scan", 1, volts=[b"x"]),
+        *(message("info", 0, channels=channels) for channels in ("x", [1], math.inf)),
+        message("scan", 2),
+    ):
         feed.take(0, item)
-    assert [row[2]["seq"] for row in rows(feed.frames(NOW_S, 0.0).live)] == [2]
-    assert feed.unreadable == 2
+    frames = feed.frames(NOW_S, 0.0)
+    assert frames.kept is None
+    assert [row[2]["seq"] for row in rows(frames.live)] == [2]
+    assert feed.unreadable == 5
 
 
 def test_the_history_has_the_newest_state_once_and_scans_thinned() -> None:
@@ -200,12 +207,3 @@ def test_a_changed_board_gets_a_new_geometry_once() -> None:
     for seq in range(3):
         feed.take(0, message("info", seq, **info("mine", 1, ["t0.a"], 1)))
     assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)].count("geometry") == 1
-
-
-def test_fields_of_other_kinds_cost_only_their_message() -> None:
-    feed = Feed()
-    for channels in ("x", [1], math.inf):
-        feed.take(0, message("info", 0, **{**info("mine", 1, ["t0.a"], 1), "channels": channels}))
-    feed.take(0, message("slip", 0))
-    assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)] == ["slip"]
-    assert feed.unreadable == 3

@@ -1,5 +1,7 @@
 """Which requests the page server accepts."""
 
+import json
+
 import pytest
 
 from tactiled.web.commands import check_request
@@ -67,11 +69,12 @@ def test_the_token_admits_and_without_one_nothing_does() -> None:
 )
 def test_what_is_no_command_is_refused_with_the_reason(document: object, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        check_request(document, 1)
+        check_request(json.dumps(document).encode(), 1)
 
 
 def test_a_number_is_sent_as_a_float() -> None:
-    assert check_request({"do": "speed", "fields": {"speed_mm_s": 2}}, 1) == (0, "speed", {"speed_mm_s": 2.0})
+    body = b'{"do": "speed", "fields": {"speed_mm_s": 2}}'
+    assert check_request(body, 1) == (0, "speed", {"speed_mm_s": 2.0})
 
 
 def test_loopback_addresses() -> None:

@@ -181,18 +181,15 @@ def test_browsers_are_bounded_and_leave_nothing(tmp_path: Path) -> None:
     serve(tmp_path, act)
 
 
-def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
+def test_an_address_that_cannot_be_had_is_one_line(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
         params = Listening([], port=int(url.rstrip("/").rsplit(":", 1)[1]))
         with pytest.raises(UnavailableError, match="cannot be served"):
             await PageServer(params).run(lambda _: None, asyncio.Event())
 
     serve(tmp_path, act)
-
-
-def test_an_address_of_another_host_is_refused() -> None:
     with pytest.raises(UnavailableError, match="cannot be served"):
-        run_web(Listening([], host="192.0.2.1", port=0), lambda _: None)
+        run_web(Listening([], host="192.0.2.1", port=0), lambda _: None)  # an address of another host
 
 
 @contextlib.asynccontextmanager

@@ -1,12 +1,11 @@
 """What a person sees of a page: it is still, in view and legible; from events that are computed before."""
 
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from access import faults
-from pages import robot, staged
+from pages import robot
 from playwright.sync_api import Browser, Page, expect
 from recordings import record, simulated_reads
 from stage import stage
@@ -74,18 +73,6 @@ def test_two_boards_are_in_view_and_one_can_be_chosen(page: Page, tmp_path: Path
         expect(page.locator(".board:visible .who .name")).to_have_text("TS0001")
 
 
-@pytest.mark.parametrize("forces", [False, True])
-def test_newtons_are_those_of_a_calibration(page: Page, tmp_path: Path, forces: bool) -> None:
-    play = ("TS0001", "demo", 5.0)  # it is held then
-    with robot(tmp_path) as made, staged(page, made, play, forces=forces, then="hold"):
-        expect(page.locator(".lamp[data-level=good]")).to_be_visible()
-        card = page.locator(".card.contact")
-        expect(card).to_contain_text(re.compile(r"[0-9] N" if forces else "Not calibrated"))
-        words = card.inner_text()
-    assert ("Not calibrated" in words) is not forces
-    assert bool(re.search("[0-9] N", words)) is forces
-
-
 LUMINANCE = """([ink, ground]) => {
   const probe = document.createElement("canvas").getContext("2d", { willReadFrequently: true });
   const style = getComputedStyle(document.documentElement);
@@ -150,20 +137,4 @@ def test_the_page_is_accessible_in_every_state(browser: Browser, tmp_path: Path,
             made.stop(process)
             expect(lamp).to_have_attribute("data-state", state)
             assert faults(page) == []
-    page.context.close()
-
-
-@pytest.mark.parametrize("device", VIEWS)
-def test_the_page_of_a_recording_is_accessible(browser: Browser, tmp_path: Path, device: str) -> None:
-    page = browser.new_context(**VIEWS[device]).new_page()
-    record(tmp_path / "demo.mcap", simulated_reads(12.0, "demo"))
-    with robot(tmp_path) as made:
-        page.goto(made.serve("--file", str(tmp_path / "demo.mcap"), events=False))
-        expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
-        page.locator(".events .list").focus()
-        page.keyboard.press("End")  # scrolls the list, and leaves the recording where it is
-        expect(page.locator("#clock")).to_contain_text("0.00 /")
-        assert faults(page) == []
-        if device == "phone":
-            assert page.evaluate(LOW_CONTROLS, MIN_CONTROL_PX) == []
     page.context.close()

@@ -185,19 +185,8 @@ def test_a_page_of_another_origin_cannot_command_or_read_even_with_the_token(
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recorded slide of the scene `prescribed`."""
-    folder = tmp_path_factory.mktemp("recording")
-    path = folder / "slide.mcap"
-    with robot(folder) as made:
-        made.start("daemon", "run", "--config", str(made.config), "--record", str(path))
-        with Subscription(made.endpoint, topics=("slip",)) as subscription:
-            made.plug("prescribed")
-            until_s = time.monotonic() + PATIENCE_S
-            while not isinstance(item := subscription.next_item(until_s), Message):
-                assert item is not None
-            time.sleep(2.0)
-        made.stop("board")
-        made.stop("daemon")
+    path = tmp_path_factory.mktemp("recording") / "demo.mcap"
+    record(path, simulated_reads(12.0, "demo"))
     return path
 
 
@@ -222,6 +211,9 @@ def test_a_recording_plays_seeks_and_has_links_to_instants(
         assert page.url.endswith("#at=1.000")
         page.goto(f"{url}#at=2.5")
         expect(page.locator("#clock")).to_contain_text("2.50 /")
+        page.locator(".events .list").focus()
+        page.keyboard.press("End")  # scrolls the list, and leaves the recording where it is
+        expect(page.locator("#clock")).to_contain_text("2.50 /")
         assert page.evaluate("fetch('/api/replay?from=0&to=1e9').then(r => r.status)") == 400
 
 
@@ -232,11 +224,12 @@ window.fetch = async (url, ...options) => {
 };"""
 
 
-def test_playback_waits_for_what_a_slow_server_has_not_sent(page: Page, tmp_path: Path) -> None:
-    record(tmp_path / "demo.mcap", simulated_reads(12.0, "demo"))
+def test_playback_waits_for_what_a_slow_server_has_not_sent(
+    recording: Path, page: Page, tmp_path: Path
+) -> None:
     page.add_init_script(DELAYED)
     with robot(tmp_path) as made:
-        page.goto(made.serve("--file", str(tmp_path / "demo.mcap"), events=False))
+        page.goto(made.serve("--file", str(recording), events=False))
         expect(page.locator(".lamp")).to_have_attribute("data-state", "replay")
         page.locator("#speed").select_option("10")
         page.locator("#play").click()

@@ -22,13 +22,7 @@ _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must n
 
 
 class Browser:
-    """Frames that wait for one browser.
-
-    Parameters
-    ----------
-    socket : web.WebSocketResponse
-        Prepared WebSocket.
-    """
+    """Frames that wait for one browser."""
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
         self._socket = socket

@@ -32,15 +32,7 @@ _ASK_S = 0.5  # for a question: a daemon answers within milliseconds, and a comm
 
 
 class DaemonCommands:
-    """Connection to the daemon behind one endpoint, opened with the first command.
-
-    Parameters
-    ----------
-    endpoint : str
-        Endpoint of its events.
-    keys : path, optional
-        Key file of this client.
-    """
+    """Connection to the daemon behind one endpoint of events, opened with the first command."""
 
     def __init__(self, endpoint: str, keys: Path | None = None) -> None:
         self._endpoint = endpoint
@@ -79,23 +71,7 @@ class DaemonCommands:
             self._commander.close()
 
 
-def parse_request(body: bytes) -> object:
-    """Return the JSON document of a request.
-
-    Raises
-    ------
-    ValueError
-        It is none that can be handed on.
-    """
-    try:
-        document: object = json.loads(body)
-        json.dumps(document, ensure_ascii=False).encode()  # lone surrogates are JSON, but no text
-    except RecursionError:
-        raise ValueError("the request is nested too deeply") from None
-    return document
-
-
-def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str, Any]]:
+def check_request(body: bytes, n_sources: int) -> tuple[int, str, dict[str, Any]]:
     """Return source, command and fields of a request of the page.
 
     Raises
@@ -103,6 +79,11 @@ def check_request(document: object, n_sources: int) -> tuple[int, str, dict[str,
     ValueError
         It is none; the message says what is wrong.
     """
+    try:
+        document: object = json.loads(body)
+        json.dumps(document, ensure_ascii=False).encode()  # lone surrogates are JSON, but no text
+    except RecursionError:
+        raise ValueError("the request is nested too deeply") from None
     if not isinstance(document, dict):
         raise ValueError("the request is not a JSON object")  # noqa: TRY004  one kind of error for the caller
     source, do, fields = document.get("source", 0), document.get("do"), document.get("fields", {})

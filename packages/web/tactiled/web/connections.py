@@ -22,12 +22,7 @@ class Connections:
 
     Where `MOST_CONNECTIONS` are open, a new one takes the place of the one whose last request is longest ago,
     so that connections that are held open shut nobody out. It is refused where every connection has a request
-    under way.
-
-    Parameters
-    ----------
-    refused : callable
-        Called with the address of a client whose connection was closed or refused for want of room.
+    under way. `refused` is called with the address of the client that lost.
     """
 
     def __init__(self, refused: Callable[[str], None]) -> None:
@@ -35,16 +30,13 @@ class Connections:
         self._idle: dict[asyncio.BaseTransport, None] = {}  # in order of their last request
         self._busy: set[asyncio.BaseTransport] = set()
 
-    def __len__(self) -> int:
-        return len(self._idle) + len(self._busy)
-
     def protocols(self, make: Callable[[], asyncio.Protocol]) -> Callable[[], asyncio.Protocol]:
         """Return a factory of protocols, for `loop.create_server`, whose connections are counted here."""
         return lambda: _Counted(make(), self)
 
     def open(self, transport: asyncio.Transport) -> bool:
         """Count a new connection; False where there is no room for it."""
-        while len(self) >= MOST_CONNECTIONS:
+        while len(self._idle) + len(self._busy) >= MOST_CONNECTIONS:
             oldest = cast("asyncio.Transport | None", next(iter(self._idle), None))
             self._refused(_peer(oldest or transport))
             if oldest is None:

@@ -56,13 +56,7 @@ class Frames(NamedTuple):
 
 
 class Feed:
-    """Messages that wait for the next frame, and the history.
-
-    Parameters
-    ----------
-    arrays : sequence of Array
-        Arrays of the user, chosen by their name.
-    """
+    """Messages that wait for the next frame, and the history; arrays of the user are chosen by name."""
 
     def __init__(self, arrays: Sequence[Array] = ()) -> None:
         self._arrays = {array.name: array for array in arrays}
@@ -90,11 +84,9 @@ class Feed:
                 self._message(source, message, recovered=message is not item)
         elif isinstance(item, Lost):
             lost = "message was" if item.count == 1 else "messages were"
-            words = f"{item.count} {item.topic} {lost} lost on the way"
-            self._notice(source, item.board, "lost", words)
+            self._notice(source, item.board, "lost", f"{item.count} {item.topic} {lost} lost on the way")
         elif isinstance(item, Restarted):
-            words = "the daemon was restarted"
-            self._notice(source, item.board, "restart", words)
+            self._notice(source, item.board, "restart", "the daemon was restarted")
         elif isinstance(item, Malformed):
             self.unreadable += 1
 
@@ -121,10 +113,7 @@ class Feed:
     def frames(self, now_unix_s: float, now_s: float, *, with_live: bool = True) -> Frames:
         """Return what has come and was not returned yet, as two frames; of live topics but scans, the newest.
 
-        Parameters
-        ----------
-        with_live : bool
-            Return live messages, too; else they wait for the next call.
+        Without `with_live`, live messages wait for the next call.
         """
         self._forget(now_unix_s)
         if with_live:

@@ -17,14 +17,9 @@ from urllib.parse import urlsplit
 
 
 class Guard:
-    """Checks of requests to one server.
+    """Checks of requests to one server, which may be called by further host names.
 
-    Parameters
-    ----------
-    token : str
-        Token that a command must carry; empty where commands are not allowed at all.
-    host_names : iterable of str
-        Further names by which this server may be called.
+    `token` is what a command must carry; empty where commands are not allowed at all.
     """
 
     def __init__(self, token: str = "", host_names: Iterable[str] = ()) -> None:
@@ -43,7 +38,7 @@ class Guard:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
             name = ""
-        if name.lower() in self._names or _is_address(name):
+        if name.lower() in self._names or _address_of(name) is not None:
             return ""
         return f"this server is not {name!r}: start it with --host-name {name} if it is"
 
@@ -68,17 +63,13 @@ class Guard:
         return ""
 
 
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
+def _address_of(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(name)
+    return None
 
 
 def is_loopback(host: str) -> bool:
     """Return True for an address or name to which only this host can connect."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+    address = _address_of(host)
+    return host == "localhost" if address is None else address.is_loopback

@@ -24,9 +24,8 @@ _ENDED_S = 2.5  # within which a run that was cancelled has ended
 _LARGEST_REFERENCE_BYTES = 64 * 2**20  # an hour of a force sensor of 100 Hz has half of that
 _UPLOAD_S = 60.0
 _BUSY = "somebody is being guided on a page of this server: wait, or cancel it there"
-_NAME = re.compile(
-    r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}"
-)  # of a calibration, which is that of its file, and of an array
+# Of a calibration, which is that of its file, and of an array.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 
 Lines = AsyncGenerator[dict[str, Any], None]
 
@@ -42,14 +41,7 @@ class _Log(NamedTuple):
 class GuidedVerbs:
     """Runs of guided verbs, one at a time: a person follows the prompts of one.
 
-    Parameters
-    ----------
-    endpoints : sequence of str
-        Endpoints of events.
-    array_files : mapping of str to str
-        Files of arrays that do not ship with tactiled, by the names of the arrays.
-    keys : Path, optional
-        Key file of this client.
+    `array_files` are those of arrays that do not ship with tactiled, by the names of the arrays.
     """
 
     def __init__(
@@ -84,7 +76,9 @@ class GuidedVerbs:
         if not await self._has_turn():
             return answer(409, _BUSY)
         try:
-            lines = self._tune(source, fields) if do == "tune" else self._record(source, fields)
+            lines = self._record(source, fields)
+            if do == "tune":
+                lines = _run(["tune", self._endpoints[source], *self._options(fields)])
             return await _send(request, headers, lines)
         finally:
             self._one_at_a_time.release()
@@ -116,10 +110,6 @@ class GuidedVerbs:
         except TimeoutError:
             return False
 
-    def _tune(self, source: int, fields: Mapping[str, Any]) -> Lines:
-        """Return the lines of `tactiled tune`."""
-        return _run(["tune", self._endpoints[source], *self._options(fields)])
-
     async def _record(self, source: int, fields: Mapping[str, Any]) -> Lines:
         """Yield the lines of `tactiled calibrate --guide`; the numbers have the number of the log."""
         array = fields.get("array", "")
@@ -143,9 +133,8 @@ class GuidedVerbs:
         log, file = reference.with_name("log.npz"), reference.with_name(f"{name}.toml")
         array = self._array_files.get(self._log.array, self._log.array)
         about = f"--array={array}", f"--board={self._log.board}"
-        async with aclosing(
-            _run(["calibrate", f"{log}", f"--reference={reference}", f"--out={file}", *about])
-        ) as lines:
+        arguments = ["calibrate", f"{log}", f"--reference={reference}", f"--out={file}", *about]
+        async with aclosing(_run(arguments)) as lines:
             async for line in lines:
                 if "found" in line:
                     text = file.read_text(encoding="utf-8")
@@ -199,17 +188,10 @@ async def _send(request: web.Request, headers: Mapping[str, str], run: Lines) ->
 
 async def _run(arguments: Sequence[str]) -> Lines:
     """Yield what a verb says, then its result; the process ends with the iteration."""
-    pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",  # modules of the folder in which the server was started are not those of tactiled
-        "-m",
-        "tactiled",
-        *arguments,
-        stdin=asyncio.subprocess.DEVNULL,
-        stdout=pipe,
-        stderr=pipe,
-    )
+    # -P: modules of the folder in which the server was started are not those of tactiled.
+    command = [sys.executable, "-P", "-m", "tactiled", *arguments]
+    none, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(*command, stdin=none, stdout=pipe, stderr=pipe)
     assert process.stdout is not None  # as asked for
     assert process.stderr is not None
     result = asyncio.create_task(process.stdout.read())  # a full pipe would stop the verb

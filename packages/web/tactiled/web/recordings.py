@@ -5,6 +5,7 @@ a path, so that no name leads out of it. Links are not followed.
 """
 
 import asyncio
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,14 +32,7 @@ class _Opened(NamedTuple):
 
 
 class RecordingFolder:
-    """Recordings in a directory; the one that was opened last stays in memory.
-
-    Parameters
-    ----------
-    directory : Path
-    arrays : sequence of Array
-        Arrays that do not ship with tactiled.
-    """
+    """Recordings in a directory; the one that was opened last stays in memory."""
 
     def __init__(self, directory: Path, arrays: Sequence[Array] = ()) -> None:
         self._directory = directory
@@ -46,30 +40,30 @@ class RecordingFolder:
         self._opened: _Opened | None = None
         self._one_at_a_time = asyncio.Lock()
 
-    def files(self) -> dict[str, Path]:
+    def files(self) -> dict[str, tuple[Path, os.stat_result]]:
         """Return the finished recordings by name, the newest first; none where it cannot be read."""
         try:
             found = [
-                path
+                (path, path.stat())
                 for path in self._directory.iterdir()
                 if path.suffix == _SUFFIX and path.is_file() and not path.is_symlink()
             ]
-            found.sort(key=lambda path: path.stat().st_mtime, reverse=True)
         except OSError:  # gone, not allowed, or a file was removed meanwhile
             return {}
-        return {path.name: path for path in found[:_LISTED]}
+        found.sort(key=lambda file: file[1].st_mtime, reverse=True)
+        return {path.name: (path, status) for path, status in found[:_LISTED]}
 
     def listed(self) -> list[dict[str, Any]]:
         """Return name, size in bytes and time of the last write of each recording, the newest first."""
-        rows = []
-        for name, path in self.files().items():
-            try:
-                status = path.stat()
-            except FileNotFoundError:
-                continue
-            opens = status.st_size <= _LARGEST_BYTES
-            rows.append({"name": name, "bytes": status.st_size, "ended": status.st_mtime, "opens": opens})
-        return rows
+        return [
+            {
+                "name": name,
+                "bytes": status.st_size,
+                "ended": status.st_mtime,
+                "opens": status.st_size <= _LARGEST_BYTES,
+            }
+            for name, (_, status) in self.files().items()
+        ]
 
     async def open(self, name: str) -> ReplayFile:
         """Read a recording into memory, in a thread.
@@ -80,13 +74,9 @@ class RecordingFolder:
             There is none of that name, it is too large, or it is no recording.
         """
         async with self._one_at_a_time:
-            path = self.files().get(name)
-            if path is None:
+            if name not in (files := self.files()):
                 raise DataError(f"there is no recording {name!r}")
-            try:
-                status = path.stat()
-            except OSError as error:
-                raise DataError(f"{name}: {error.strerror}") from None
+            path, status = files[name]
             if self._opened is not None and self._opened[:2] == (name, status.st_mtime_ns):
                 return self._opened.replay
             if status.st_size > _LARGEST_BYTES:
@@ -101,15 +91,7 @@ class RecordingFolder:
 
 
 class RecordingRoutes:
-    """Requests for recordings: of the directory, and of the one that the page was started with.
-
-    Parameters
-    ----------
-    folder : RecordingFolder, optional
-        None where no directory is served.
-    started_with : ReplayFile, optional
-        Recording that is shown instead of live boards.
-    """
+    """Requests for recordings: of the directory, if any, and of the one that the page began with."""
 
     def __init__(self, folder: RecordingFolder | None, started_with: ReplayFile | None) -> None:
         self._folder = folder
@@ -120,11 +102,6 @@ class RecordingRoutes:
         app.router.add_get("/api/replay", self._stretch)
         app.router.add_get("/api/recordings", self._list)
         app.router.add_get("/api/recordings/{name}", self._download)
-
-    @property
-    def are_listed(self) -> bool:
-        """True where there is a directory."""
-        return self._folder is not None
 
     async def chosen(self, request: web.Request) -> ReplayFile | None:
         """Return the recording of ``?recording=NAME``, or that of the start; None for live boards.
@@ -167,11 +144,12 @@ class RecordingRoutes:
 
     async def _download(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
-        path = None if self._folder is None else self._folder.files().get(name)
-        if path is None:
+        files = {} if self._folder is None else self._folder.files()
+        if name not in files:
             return answer(404, f"there is no recording {name!r}")
-        disposition = {"Content-Disposition": "attachment"}  # the browser takes the name of the address
-        return web.FileResponse(path, headers={**disposition, "Content-Type": "application/octet-stream"})
+        # The browser takes the name of the address.
+        headers = {"Content-Disposition": "attachment", "Content-Type": "application/octet-stream"}
+        return web.FileResponse(files[name][0], headers=headers)
 
 
 def answer(status: int, reason: str) -> web.Response:

@@ -27,8 +27,6 @@ class ReplayFile:
         Parts of one recording, in any order.
     arrays : sequence of Array
         Arrays that do not ship with tactiled.
-    reached : callable, optional
-        Called with the fraction that has been read.
 
     Raises
     ------
@@ -80,20 +78,22 @@ class ReplayFile:
             self._geometry = _text("geometry", {"board": board, **geometry})
 
     def summary(self) -> dict[str, Any]:
-        """Return the name, and the first and last instant in epoch seconds."""
-        return {"name": self._name, "start": self.start_s, "end": self.end_s, "events": self._listed()}
+        """Return the name, the first and last instant (epoch seconds), and the events to list."""
+        listed = [
+            {"at": instant_s - self.start_s, "topic": topic, "data": json.loads(text)[2]}
+            for instant_s, topic, text in self._rows
+            if topic in ("slip", "contact", "texture", "command")
+        ]
+        return {"name": self._name, "start": self.start_s, "end": self.end_s, "events": listed}
 
     def stretch(self, from_s: float, to_s: float, *, thin: bool = False) -> str:
         """Return the messages of ``from_s <= instant < to_s`` (seconds from the start) as one frame.
 
-        Parameters
-        ----------
-        thin : bool
-            Leave out most scans, grip and force messages: what the timeline before an instant needs.
+        A thin stretch has few scans, grip and force messages: what the timeline before an instant needs.
         """
         low = bisect.bisect_left(self._times, self.start_s + from_s)
         high = bisect.bisect_left(self._times, self.start_s + to_s)
-        texts = [self._geometry] if self._geometry else []
+        texts = [self._geometry]
         last_s: dict[str, float] = {}
         for instant_s, topic, text in self._rows[low:high]:
             if thin and topic in ("scan", "grip", "force", "status"):
@@ -102,15 +102,6 @@ class ReplayFile:
                 last_s[topic] = instant_s
             texts.append(text)
         return f'{{"now":{self.start_s + to_s!r},"mono":0.0,"m":[{",".join(texts)}]}}'
-
-    def _listed(self) -> list[dict[str, Any]]:
-        """Events to list beside the scrubber: instant from the start, topic and the words of the page."""
-        listed = []
-        for instant_s, topic, text in self._rows:
-            if topic in ("slip", "contact", "texture", "command"):
-                data = json.loads(text)[2]
-                listed.append({"at": instant_s - self.start_s, "topic": topic, "data": data})
-        return listed
 
 
 def _text(topic: str, data: dict[str, Any]) -> str:

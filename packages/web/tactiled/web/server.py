@@ -22,7 +22,7 @@ from tactiled.errors import DataError, UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.version import __version__
 from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
-from tactiled.web.commands import GUIDED, DaemonCommands, check_request, parse_request
+from tactiled.web.commands import GUIDED, DaemonCommands, check_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
 from tactiled.web.feed import Feed
 from tactiled.web.guard import Guard
@@ -58,32 +58,16 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 @dataclass(frozen=True)
 class Listening:
-    """Endpoints to serve, and the address of the page.
+    """Endpoints to serve, and the address of the page."""
 
-    Attributes
-    ----------
-    endpoints : sequence of str
-        Endpoints of events; empty with a recording.
-    host, port
-        Address of the page; port 0 takes a free one.
-    arrays : mapping of str to Array
-        Arrays that do not ship with tactiled, by their files.
-    keys : Path, optional
-        Key file of this client, for daemons of other hosts.
-    replay : ReplayFile, optional
-        Recording to show instead of live boards.
-    recordings : Path, optional
-        Directory of recordings that the page lists and opens.
-    """
-
-    endpoints: Sequence[str]
+    endpoints: Sequence[str]  # of events; empty with a recording
     host: str = "127.0.0.1"
-    port: int = 8765
-    arrays: Mapping[str, Array] = field(default_factory=dict)
-    keys: Path | None = None
+    port: int = 8765  # 0 takes a free one
+    arrays: Mapping[str, Array] = field(default_factory=dict)  # those that do not ship, by their files
+    keys: Path | None = None  # key file of this client, for daemons of other hosts
     guard: Guard = field(default_factory=Guard)
-    replay: ReplayFile | None = None
-    recordings: Path | None = None
+    replay: ReplayFile | None = None  # recording to show instead of live boards
+    recordings: Path | None = None  # directory of recordings that the page lists and opens
 
 
 class PageServer:
@@ -149,9 +133,8 @@ class PageServer:
                 )
             except OSError as error:
                 where = f"{self._params.host}:{self._params.port}"
-                raise UnavailableError(
-                    f"{where}: the page cannot be served there: {error.strerror}"
-                ) from None
+                words = f"{where}: the page cannot be served there: {error.strerror}"
+                raise UnavailableError(words) from None
             host, port = listener.sockets[0].getsockname()[:2]
             ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
             with contextlib.ExitStack() as stack:
@@ -216,14 +199,12 @@ class PageServer:
 
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        refusal = self._params.guard.refuse_host(request.host) or self._params.guard.refuse_origin(
-            request.headers.get("Origin"), request.host
-        )
-        if refusal:
-            return web.json_response({"ok": False, "reason": refusal}, status=403, headers=_HEADERS)
+        guard = self._params.guard
+        origin = request.headers.get("Origin")
+        refusal = guard.refuse_host(request.host) or guard.refuse_origin(origin, request.host)
         with self._connections.request(request):
             try:
-                response = await handler(request)
+                response = answer(403, refusal) if refusal else await handler(request)
             except web.HTTPException as error:
                 error.headers.update(_HEADERS)
                 raise
@@ -244,21 +225,18 @@ class PageServer:
             replay = await self._recordings.chosen(request)
         except DataError as error:
             return answer(404, str(error))
-        refusal = self._params.guard.refuse_command(request.headers.get("Authorization"))
-        return web.json_response(
-            {
-                "version": __version__,
-                "endpoints": list(self._params.endpoints),
-                "commands": not refusal and replay is None,
-                "replay": None if replay is None else replay.summary(),
-                "recordings": self._recordings.are_listed,
-            }
-        )
+        session = {
+            "version": __version__,
+            "endpoints": list(self._params.endpoints),
+            "commands": not self._refuse(request) and replay is None,
+            "replay": None if replay is None else replay.summary(),
+            "recordings": self._params.recordings is not None,
+        }
+        return web.json_response(session)
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if len(self._browsers) >= MOST_BROWSERS:
-            reason = f"{MOST_BROWSERS} browsers are connected, which is the most"
-            return web.json_response({"ok": False, "reason": reason}, status=503)
+            return answer(503, f"{MOST_BROWSERS} browsers are connected, which is the most")
         socket = web.WebSocketResponse(heartbeat=10.0, compress=True, max_msg_size=1024)
         socket.headers.update(_HEADERS)
         browser = Browser(socket)
@@ -289,15 +267,18 @@ class PageServer:
             async with asyncio.timeout(1.0):
                 await socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
 
+    def _refuse(self, request: web.Request) -> str:
+        return self._params.guard.refuse_command(request.headers.get("Authorization"))
+
     async def _command(self, request: web.Request) -> web.StreamResponse:
-        if refusal := self._params.guard.refuse_command(request.headers.get("Authorization")):
+        if refusal := self._refuse(request):
             return answer(403, refusal)
         if request.content_type != "application/json":
             return answer(415, "send JSON")
         try:
             async with asyncio.timeout(IDLE_S):
                 body = await request.read()
-            source, do, fields = check_request(parse_request(body), len(self._commands))
+            source, do, fields = check_request(body, len(self._commands))
         except TimeoutError:
             return answer(408, f"the request was not complete within {IDLE_S:g} s")
         except ValueError as error:
@@ -311,7 +292,7 @@ class PageServer:
 
     async def _calibration(self, request: web.Request) -> web.StreamResponse:
         """Fit what was recorded last to the record of a force sensor."""
-        if refusal := self._params.guard.refuse_command(request.headers.get("Authorization")):
+        if refusal := self._refuse(request):
             return answer(403, refusal)
         return await self._guided.fit(request, _HEADERS)
 

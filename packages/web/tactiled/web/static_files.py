@@ -16,26 +16,16 @@ _TYPES = {
     ".svg": "image/svg+xml",
     "": "text/plain",  # the licence of uPlot
 }
-# A file of which gzip saves less is sent as it is.
-_WORTH_BYTES = 256
 
 
 @dataclass(frozen=True)
 class StaticFile:
-    """One file of the page.
-
-    Attributes
-    ----------
-    etag : str
-        Changes with the content.
-    body, packed : bytes
-        Content, and the same by gzip; `packed` is empty where it saves nothing.
-    """
+    """One file of the page."""
 
     content_type: str
-    etag: str
+    etag: str  # changes with the content
     body: bytes
-    packed: bytes
+    packed: bytes  # the same by gzip
 
     def answer(self, request: web.Request) -> web.Response:
         """Return the file, compressed where the client accepts that; 304 where the client has it already."""
@@ -43,7 +33,7 @@ class StaticFile:
         if any(known.value == self.etag for known in request.if_none_match or ()):
             return web.Response(status=304, headers=headers)
         body = self.body
-        if self.packed and "gzip" in request.headers.get("Accept-Encoding", ""):
+        if "gzip" in request.headers.get("Accept-Encoding", ""):
             body, headers["Content-Encoding"] = self.packed, "gzip"
         charset = "utf-8" if self.content_type.startswith("text/") else None
         return web.Response(body=body, content_type=self.content_type, charset=charset, headers=headers)
@@ -51,15 +41,11 @@ class StaticFile:
 
 def read_static(folder: Path) -> Mapping[str, StaticFile]:
     """Return the files of a folder by their names below it; files of other types than ours are not served."""
-    return {
-        path.relative_to(folder).as_posix(): _read(path, _TYPES[path.suffix])
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.suffix in _TYPES
-    }
-
-
-def _read(path: Path, content_type: str) -> StaticFile:
-    body = path.read_bytes()
-    packed = gzip.compress(body, mtime=0)
-    saves = len(packed) + _WORTH_BYTES < len(body)
-    return StaticFile(content_type, hashlib.sha256(body).hexdigest(), body, packed if saves else b"")
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix in _TYPES:
+            body = path.read_bytes()
+            etag = hashlib.sha256(body).hexdigest()
+            file = StaticFile(_TYPES[path.suffix], etag, body, gzip.compress(body, mtime=0))
+            found[path.relative_to(folder).as_posix()] = file
+    return found
