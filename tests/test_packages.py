@@ -202,7 +202,8 @@ def test_the_wheels_carry_all_that_the_program_needs(wheels: dict[str, Path], tm
         return done.stdout
 
     assert "Example: tactiled listen" in python("-m", "tactiled", "listen", "--help")
-    assert "port" in json.loads(python("-m", "tactiled", "check-config", "--schema"))["properties"]
+    (tmp_path / "elsewhere" / "board.toml").write_text('[port]\nurl = "board"\n')
+    assert json.loads(python("-m", "tactiled", "check-config", "board.toml"))["port"]["url"] == "board"
     script = (
         "import tactiled.resources as r; print(r.__file__);"
         "from tactiled.emulator.scene.description import load_scene; load_scene('demo');"

@@ -128,13 +128,8 @@ def listen(
     "--endpoint", help="Endpoint where the daemon publishes. [default: ipc of the only daemon on this host]"
 )
 @BOARD
-@click.option(
-    "--who", default="command line", show_default=True, help="Name of the requester, for log and recording."
-)
 @KEYS
-def command(
-    name: str, fields: tuple[str, ...], endpoint: str | None, board: str, who: str, keys: Path | None
-) -> None:
+def command(name: str, fields: tuple[str, ...], endpoint: str | None, board: str, keys: Path | None) -> None:
     """Send a request to a running daemon and print its reply as JSON; exit code 1 if it is refused.
 
     NAME is tare, speed, friction, object-changed, motion, inhibit, expect-load-change, thresholds, rate,
@@ -147,7 +142,7 @@ def command(
     arguments = fields_of(name, fields)
     if board:
         arguments["board"] = board
-    with Commander(endpoint, who, keys=keys) as daemon:
+    with Commander(endpoint, "command line", keys=keys) as daemon:
         reply = daemon.send(name, **arguments)
     click.echo(json.dumps(reply.data))
     if not reply.ok:

@@ -37,8 +37,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 
 
 @click.command("check-config")
-@click.argument("files", type=FILES, nargs=-1, envvar=CONFIG_ENV)
-@click.option("--schema", is_flag=True, help="Print the JSON Schema of the file, for editors.")
+@click.argument("files", type=FILES, nargs=-1, envvar=CONFIG_ENV, required=True)
 @click.option("--plot", type=FILE, help="Draw the array into this picture (.png, .svg, .pdf).")
 @click.option(
     "--rate",
@@ -55,7 +54,6 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @JSON
 def check_config(
     files: tuple[Path, ...],
-    schema: bool,
     plot: Path | None,
     rate_hz: float | None,
     speed_mm_s: float,
@@ -79,13 +77,6 @@ def check_config(
     """
     if log is None and (columns or time_unit):
         raise click.UsageError("--columns and --time-unit are of a log: give --log FILE")
-    if schema:
-        from tactiled.config import Config
-
-        click.echo(json.dumps(Config.model_json_schema(), indent=2))
-        return
-    if not files:
-        raise click.UsageError("give a FILE, or --schema")
     need_toml(*(path for path in files if not path.is_dir()))
     from tactiled.config import config_files, kind_of, load_config, load_configs
 

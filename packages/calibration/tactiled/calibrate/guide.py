@@ -144,18 +144,14 @@ def record_guided(
     report: Callable[[str], None],
     board: str = "",
 ) -> GuidedLog:
-    """Record until every sensitivity can be known, and write the scans.
+    """Record until every sensitivity can be known, or for `most_s`, and write the scans.
 
     Parameters
     ----------
     log : Path
         npz file to write, for `tactiled calibrate LOG --reference ...`; times are epoch seconds.
-    endpoint : str
-        Endpoint where the daemon publishes.
     array : str, optional
         TOML file of the board's array, if it is not a shipped one.
-    most_s : float
-        Longest duration.
     report : callable
         Called with a line for the person who presses.
     board : str
@@ -163,10 +159,8 @@ def record_guided(
 
     Raises
     ------
-    DataError
-        No daemon, no board, or no scans.
-    ConfigError
-        The array is not known here.
+    DataError, ConfigError
+        No daemon, no board, no scans; the array is not known here.
     """
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])

@@ -67,15 +67,7 @@ def has_pairs(array: Array) -> bool:
 
 
 class PairsFitter:
-    """Fit of physics and weights to binned readings.
-
-    Parameters
-    ----------
-    late_s : float
-        Offset of the clocks from their correlation.
-    rows : (n,) bool
-        Bins to be used.
-    """
+    """Fit of physics and weights to some `rows` (n,) of the bins; `late_s` is from the correlation."""
 
     def __init__(
         self,

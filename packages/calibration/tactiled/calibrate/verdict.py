@@ -40,15 +40,7 @@ def _sensitivity_sd(
 def verdict(
     array: Array, best: FittedModel, covariance: list[FloatArray], used: list[int], outputs: FloatArray
 ) -> list[str]:
-    """Return sentences.
-
-    Parameters
-    ----------
-    covariance : list of (features, features) float64
-        Of the weights of fx, fy and fz, as the file states it.
-    outputs : (n, 6) float64
-        Reference without its offset.
-    """
+    """Return sentences, by the covariances of the file and the reference (n, 6) without its offset."""
     words = [f"{_WORDS[k]} is not known: the reference has no {AXES[k]}_n" for k in range(3) if k not in used]
     largest = np.abs(outputs[:, :3]).max(axis=0)
     is_pairs = best.name == "pairs"

@@ -32,23 +32,14 @@ def record_live(
     keys: Path | None,
     report: Report,
 ) -> tuple[Recording, Recording]:
-    """Record a quiet hold and a motion from a daemon.
+    """Record a quiet hold and a motion from a daemon; `report` is called with prompts for the user.
 
-    Parameters
-    ----------
-    array : str, optional
-        TOML file of the board's array, if it is not a shipped one.
-    board : str
-        Serial number of the board; empty for the first one that is heard.
-    report : callable
-        Called with prompts for the user.
+    `array` is the file of an array that is not shipped; without `board`, the first one is taken.
 
     Raises
     ------
-    DataError
-        No daemon, no board, no contact.
-    ConfigError
-        The endpoint is invalid, or the array does not match the board.
+    DataError, ConfigError
+        No daemon, no board, no contact; the endpoint is invalid, or the array does not match the board.
     """
     with Subscription(endpoint, ("scan", "info"), board or None, keys=keys) as subscription:
         feed = _Feed(subscription, endpoint, array, report)
