@@ -1,16 +1,13 @@
 """Recordings of a directory: listed, sent and opened, and nothing else of the disk."""
 
 from pathlib import Path
-from typing import Any
 
-import aiohttp
 import pytest
-from page_server import serve_page
+from page_server import Answer, answers
 from pages import robot
 from playwright.sync_api import Page, expect
 from recordings import record, simulated_reads
 from stage import stage
-from yarl import URL
 
 from tactiled.web import recordings
 from tactiled.web.server import Listening
@@ -32,28 +29,16 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def serve(folder: Path | None, asked: list[tuple[str, str]]) -> list[tuple[int, Any]]:
-    """Ask a server; give each status with the JSON or the octets of the answer."""
-    answers: list[tuple[int, Any]] = []
-
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        for method, path in asked:
-            async with session.request(method, URL(url + path, encoded=True)) as answer:
-                is_json = answer.content_type == "application/json"
-                answers.append((answer.status, await answer.json() if is_json else await answer.read()))
-
-    serve_page(Listening([], port=0, recordings=folder), act)
-    return answers
+def serve(folder: Path | None, *asked: str, method: str = "GET") -> list[Answer]:
+    return answers(Listening([], port=0, recordings=folder), *((method, path) for path in asked))
 
 
 def test_the_recordings_of_the_directory_are_listed_and_sent_as_they_are(folder: Path) -> None:
-    (_, listed), (status, octets) = serve(
-        folder, [("GET", "api/recordings"), ("GET", f"api/recordings/{NAME}")]
-    )
-    assert {row["name"] for row in listed} == {NAME, "no.mcap"}
-    (row,) = [row for row in listed if row["name"] == NAME]
+    listed, sent = serve(folder, "api/recordings", f"api/recordings/{NAME}")
+    assert {row["name"] for row in listed.json} == {NAME, "no.mcap"}
+    (row,) = [row for row in listed.json if row["name"] == NAME]
     assert (row["bytes"], row["opens"]) == ((folder / NAME).stat().st_size, True)
-    assert (status, octets) == (200, (folder / NAME).read_bytes())
+    assert (sent.status, sent.body) == (200, (folder / NAME).read_bytes())
 
 
 @pytest.mark.parametrize(
@@ -63,40 +48,39 @@ def test_the_recordings_of_the_directory_are_listed_and_sent_as_they_are(folder:
 )  # fmt: skip
 def test_no_name_leads_to_another_file(folder: Path, name: str) -> None:
     named = name.format(folder=str(folder).replace("/", "%2F"))
-    answers = serve(folder, [("GET", f"api/recordings/{named}"), ("GET", f"api/session?recording={named}")])
-    assert [status for status, _ in answers] == [404, 404]
-    assert all(b"secret" not in str(body).encode() for _, body in answers)
+    found = serve(folder, f"api/recordings/{named}", f"api/session?recording={named}")
+    assert [answer.status for answer in found] == [404, 404]
+    assert all(b"secret" not in answer.body for answer in found)
 
 
 def test_nothing_is_written(folder: Path) -> None:
-    asked = [(method, f"api/recordings/{NAME}") for method in ("POST", "PUT", "DELETE")]
-    assert [status for status, _ in serve(folder, asked)] == [405] * 3
-    assert [status for status, _ in serve(None, [("GET", "api/recordings")])] == [404]
+    for method in ("POST", "PUT", "DELETE"):
+        assert serve(folder, f"api/recordings/{NAME}", method=method)[0].status == 405
+    assert serve(None, "api/recordings")[0].status == 404
 
 
 def test_a_recording_is_opened_beside_the_live_boards(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     query = f"recording={NAME}"
-    asked = [
+    opened, stretch, live, none, no = serve(
+        folder,
         f"api/session?{query}",
         f"api/replay?{query}&from=0&to=2",
         "api/session",
         "api/replay?from=0&to=2",
-    ]
-    opened, stretch, live, none = serve(folder, [("GET", path) for path in asked])
-    assert opened[1]["replay"]["name"] == NAME
-    assert opened[1]["recordings"] is live[1]["recordings"] is True
-    topics = [row[1] for row in stretch[1]["m"]]
+        "api/session?recording=no.mcap",
+    )
+    assert opened.json["replay"]["name"] == NAME
+    assert opened.json["recordings"] is live.json["recordings"] is True
+    topics = [row[1] for row in stretch.json["m"]]
     assert topics[0] == "geometry"  # of the array in the head of the file
     assert topics.count("scan") > 100
-    assert live[1]["replay"] is None
-    assert none[0] == 404
-    (no,) = serve(folder, [("GET", "api/session?recording=no.mcap")])
-    assert no[0] == 404
-    assert "not a recording" in no[1]["reason"]
-    assert str(folder) not in no[1]["reason"]
+    assert live.json["replay"] is None
+    assert (none.status, no.status) == (404, 404)
+    assert "not a recording" in no.json["reason"]
+    assert str(folder) not in no.json["reason"]
     monkeypatch.setattr(recordings, "_LARGEST_BYTES", 1000)
-    (large,) = serve(folder, [("GET", f"api/session?{query}")])
-    assert "larger" in large[1]["reason"]
+    (large,) = serve(folder, f"api/session?{query}")
+    assert "larger" in large.json["reason"]
 
 
 @pytest.mark.system

@@ -13,9 +13,8 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 from frames import rows
-from page_server import Act, serve_page
+from page_server import Act, answers, serve_page
 from patience import PATIENCE_S
-from yarl import URL
 
 from tactiled.detect.contact.gate import SETTINGS
 from tactiled.errors import UnavailableError
@@ -27,25 +26,101 @@ from tactiled.web.server import MOST_BROWSERS, Listening, PageServer, run_web
 TOKEN = "0123456789abcdef"
 
 
+def listening(tmp_path: Path, token: str = "") -> Listening:
+    """Server of a daemon that does not exist."""
+    return Listening([f"ipc://{tmp_path}/events.ipc"], port=0, guard=Guard(token))
+
+
 def serve(tmp_path: Path, act: Act, token: str = "") -> None:
-    """Run a server on a daemon that does not exist, and act on it."""
-    serve_page(Listening([f"ipc://{tmp_path}/events.ipc"], port=0, guard=Guard(token)), act)
+    serve_page(listening(tmp_path, token), act)
 
 
-def test_every_answer_forbids_scripts_of_others(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("", 200),
+        ("static/app.js", 200),
+        ("static/uplot/uPlot.esm.js", 200),
+        ("api/session", 200),
+        ("nothing", 404),
+    ]
+    + [
+        (f"static/{name}", 404)
+        for name in ("../server.py", "a" * 300, "%2e%2e/server.py", "..%2fserver.py", "uplot", "%00", "%ff")
+    ],
+)
+def test_every_answer_forbids_scripts_of_others_and_only_the_files_of_the_page_are_served(
+    tmp_path: Path, path: str, status: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    (answer,) = answers(listening(tmp_path), ("GET", path))
+    assert answer.status == status
+    assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
+    assert "unsafe" not in answer.headers["Content-Security-Policy"]
+    assert not caplog.records
+
+
+@pytest.mark.parametrize("headers", [{"Host": "evil.example"}, {"Origin": "http://evil.example"}])
+def test_another_host_name_or_origin_reads_nothing(tmp_path: Path, headers: dict[str, str]) -> None:
+    found = answers(
+        listening(tmp_path), ("GET", ""), ("GET", "api/session"), ("GET", "api/live"), headers=headers
+    )
+    assert [answer.status for answer in found] == [403] * 3
+
+
+@pytest.mark.parametrize("token", ["", TOKEN])
+@pytest.mark.parametrize("headers", [{}, {"Authorization": "Bearer wrong"}])
+def test_commands_without_the_token_are_refused(tmp_path: Path, token: str, headers: dict[str, str]) -> None:
+    asked = ("GET", "api/session"), ("POST", "api/command")
+    session, command = answers(listening(tmp_path, token), *asked, json={"do": "tare"}, headers=headers)
+    assert session.json["commands"] is False
+    assert (command.status, command.json["ok"]) == (403, False)
+
+
+JSON = {"Content-Type": "application/json; charset=none"}
+
+
+@pytest.mark.parametrize(
+    ("headers", "body", "status"),
+    [
+        (JSON | {"Origin": "http://evil.example"}, b'{"do": "tare"}', 403),
+        ({"Content-Type": "text/plain"}, b'{"do": "tare"}', 415),
+        (JSON, b"{", 400),
+        (JSON, b'{"do": "reboot"}', 400),
+        (JSON, b'{"do": "mark", "fields": {"text": "' + b"x" * 20_000 + b'"}}', 413),
+        # What JSON cannot mean.
+        (JSON, b"[" * 16_000, 400),
+        (JSON, b"\xff", 400),
+        (JSON, b'{"do": "mark", "fields": {"text": "\\ud800"}}', 400),
+        (JSON, b'{"do": "speed", "fields": {"speed_mm_s": ' + b"9" * 400 + b"}}", 400),
+        # What no message holds: the command is refused before it is sent.
+        (JSON, b'{"do": "thresholds", "fields": {"values": {"x": 18446744073709551616}}}', 200),
+        (JSON, b'{"do": "thresholds", "fields": {"values": {"x": -9223372036854775809}}}', 200),
+    ],
+)
+def test_a_command_must_be_json_of_this_origin_small_and_meant(
+    tmp_path: Path, headers: dict[str, str], body: bytes, status: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    headers = headers | {"Authorization": f"Bearer {TOKEN}"}
+    (answer,) = answers(listening(tmp_path, TOKEN), ("POST", "api/command"), headers=headers, data=body)
+    assert answer.status == status
+    assert status == 413 or answer.json["ok"] is False
+    assert status != 200 or "beyond 64 bits" in answer.json["reason"]
+    assert not caplog.records
+
+
+def test_a_file_is_packed_for_who_asks_and_sent_once(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:
-        for path in (
-            "",
-            "static/app.js",
-            "static/uplot/uPlot.esm.js",
-            "api/session",
-            "nothing",
-            "static/../server.py",
-        ):
-            async with session.get(url + path) as answer:
-                assert "default-src 'none'" in answer.headers["Content-Security-Policy"], path
-                assert "unsafe" not in answer.headers["Content-Security-Policy"]
-                assert answer.status == (404 if path.startswith(("nothing", "static/..")) else 200)
+        file = url + "static/uplot/uPlot.esm.js"
+        body = (server.STATIC / "uplot" / "uPlot.esm.js").read_bytes()
+        async with session.get(file, headers={"Accept-Encoding": "identity"}) as plain:
+            assert await plain.read() == body
+            assert "Content-Encoding" not in plain.headers
+        async with session.get(file, headers={"Accept-Encoding": "gzip"}) as packed:
+            assert int(packed.headers["Content-Length"]) < 0.4 * len(body)
+            assert await packed.read() == body
+            assert packed.content_type == "text/javascript"
+        async with session.get(file, headers={"If-None-Match": packed.headers["ETag"]}) as known:
+            assert (known.status, await known.read()) == (304, b"")
 
     serve(tmp_path, act)
 
@@ -56,64 +131,6 @@ def test_the_page_offers_the_settings_of_the_detectors() -> None:
     assert {name: (float(incipient), float(gross)) for incipient, gross, name in offered} == {
         name: (at.incipient, at.gross) for name, at in SETTINGS.items()
     }
-
-
-def test_another_host_name_or_origin_reads_nothing(tmp_path: Path) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}):
-            for path in ("", "api/session", "api/live"):
-                async with session.get(url + path, headers=headers) as answer:
-                    assert answer.status == 403
-
-    serve(tmp_path, act)
-
-
-@pytest.mark.parametrize("token", ["", TOKEN])
-def test_commands_without_the_token_are_refused(tmp_path: Path, token: str) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        for headers in ({}, {"Authorization": "Bearer wrong"}):
-            async with session.get(url + "api/session", headers=headers) as answer:
-                assert (await answer.json())["commands"] is False
-            async with session.post(url + "api/command", json={"do": "tare"}, headers=headers) as answer:
-                assert (answer.status, (await answer.json())["ok"]) == (403, False)
-
-    serve(tmp_path, act, token)
-
-
-def test_a_command_must_be_json_of_this_origin_and_small(tmp_path: Path) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        good = {"Authorization": f"Bearer {TOKEN}"}
-
-        async def status(headers: dict[str, str], **content: Any) -> int:
-            async with session.post(url + "api/command", headers={**good, **headers}, **content) as answer:
-                return answer.status
-
-        assert await status({"Origin": "http://evil.example"}, json={"do": "tare"}) == 403
-        assert await status({"Content-Type": "text/plain"}, data=json.dumps({"do": "tare"})) == 415
-        assert await status({"Content-Type": "application/json"}, data="{") == 400
-        assert await status({}, json={"do": "reboot"}) == 400
-        assert await status({}, json={"do": "mark", "fields": {"text": "x" * 20_000}}) == 413
-
-    serve(tmp_path, act, TOKEN)
-
-
-@pytest.mark.parametrize(
-    "body",
-    [
-        b"[" * 16_000,
-        b"\xff",
-        b'{"do": "mark", "fields": {"text": "\\ud800"}}',
-        b'{"do": "speed", "fields": {"speed_mm_s": ' + b"9" * 400 + b"}}",
-    ],
-)
-def test_what_json_cannot_mean_is_refused(tmp_path: Path, body: bytes) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json; charset=none"}
-        async with session.post(url + "api/command", headers=headers, data=body) as answer:
-            assert answer.status == 400
-            assert (await answer.json())["ok"] is False
-
-    serve(tmp_path, act, TOKEN)
 
 
 def tuning(board: str = "") -> dict[str, Any]:
@@ -275,36 +292,6 @@ def test_a_command_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytes
     serve(tmp_path, act, TOKEN)
 
 
-@pytest.mark.parametrize("name", ["a" * 300, "%2e%2e/server.py", "..%2fserver.py", "uplot", "%00", "%ff"])
-def test_only_the_files_of_the_page_are_served(
-    tmp_path: Path, name: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        async with session.get(URL(f"{url}static/{name}", encoded=True)) as answer:
-            assert answer.status == 404
-            assert "default-src 'none'" in answer.headers["Content-Security-Policy"]
-
-    serve(tmp_path, act)
-    assert not caplog.records
-
-
-def test_a_file_is_packed_for_who_asks_and_sent_once(tmp_path: Path) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        file = url + "static/uplot/uPlot.esm.js"
-        body = (server.STATIC / "uplot" / "uPlot.esm.js").read_bytes()
-        async with session.get(file, headers={"Accept-Encoding": "identity"}) as plain:
-            assert await plain.read() == body
-            assert "Content-Encoding" not in plain.headers
-        async with session.get(file, headers={"Accept-Encoding": "gzip"}) as packed:
-            assert int(packed.headers["Content-Length"]) < 0.4 * len(body)
-            assert await packed.read() == body
-            assert packed.content_type == "text/javascript"
-        async with session.get(file, headers={"If-None-Match": packed.headers["ETag"]}) as known:
-            assert (known.status, await known.read()) == (304, b"")
-
-    serve(tmp_path, act)
-
-
 def test_frames_are_compressed_for_who_asks(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:
         for asks in (0, 15):
@@ -314,22 +301,6 @@ def test_frames_are_compressed_for_who_asks(tmp_path: Path) -> None:
             await socket.close()
 
     serve(tmp_path, act)
-
-
-@pytest.mark.parametrize("value", ["18446744073709551616", "-9223372036854775809"])
-def test_a_value_that_no_message_holds_is_refused(
-    tmp_path: Path, value: str, caplog: pytest.LogCaptureFixture
-) -> None:
-    async def act(session: aiohttp.ClientSession, url: str) -> None:
-        headers = {"Authorization": f"Bearer {TOKEN}", "Content-Type": "application/json"}
-        body = '{"do": "thresholds", "fields": {"values": {"x": ' + value + "}}}"
-        async with session.post(url + "api/command", headers=headers, data=body) as answer:
-            reply = await answer.json()
-        assert reply["ok"] is False
-        assert "beyond 64 bits" in reply["reason"]
-
-    serve(tmp_path, act, TOKEN)
-    assert not caplog.records
 
 
 def test_requests_that_are_no_http_are_counted_in_the_log(
