@@ -25,11 +25,10 @@ from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Input, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 from tactiled.samples.block import Gap, regular_block
-from tactiled.tune.files import read_recording
+from tactiled.tune.files import read_pair, read_recording
 from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
-from tactiled.tune.run import judge, read_pair
+from tactiled.tune.run import as_toml, in_words, judge
 from tactiled.tune.study import Friction, ReportCount, Study, rate_interval, study
-from tactiled.tune.words import as_toml, in_words
 from tactiled.wire.layout import load_layout
 
 ARRAY = load_array("wang2019-3x3")

@@ -69,8 +69,9 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
+    from tactiled.tune.files import read_pair
     from tactiled.tune.live import record_live
-    from tactiled.tune.run import judge, read_pair
+    from tactiled.tune.run import judge
 
     if quiet is not None and motion is not None:
         recordings = read_pair(quiet, motion, array, topic)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tactiled.errors import DataError
+from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.recording.rows import TableOptions
 from tactiled.recording.steps import Replay
@@ -31,3 +31,20 @@ def read_recording(path: Path, array: str | None = None, topic: str | None = Non
             f"{path}: contains no scans; check that the board was started and that its hello arrived"
         )
     return scans.recording(path.name, hello.rate_hz, hello.channel_offset_s)
+
+
+def read_pair(
+    quiet: Path, motion: Path, array: str | None = None, topic: str | None = None
+) -> tuple[Recording, Recording]:
+    """Read the files of a quiet hold and of motion without slip.
+
+    Raises
+    ------
+    DataError, ConfigError
+        A file is invalid, or they are of different arrays.
+    """
+    first, second = read_recording(quiet, array, topic), read_recording(motion, array, topic)
+    if first.array.channel_name != second.array.channel_name:
+        fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
+        raise ConfigError("command line", [f"{fault}: record both with one board"])
+    return first, second

@@ -1,33 +1,15 @@
-"""``tactiled tune``: read two recordings, evaluate them and print the result."""
+"""Result of ``tactiled tune`` as text, as TOML for the configuration, and as a map for JSON."""
 
 import json
-from pathlib import Path
+from typing import Any
 
 import click
+import numpy as np
+from tactiled.detect.contact.slip_detector import SETTINGS
 
-from tactiled.errors import ConfigError
 from tactiled.progress import ProgressBar, tell
-from tactiled.tune.files import read_recording
 from tactiled.tune.hold import Recording
-from tactiled.tune.study import N_STAGES, study
-from tactiled.tune.words import as_map, as_toml, in_words
-
-
-def read_pair(
-    quiet: Path, motion: Path, array: str | None = None, topic: str | None = None
-) -> tuple[Recording, Recording]:
-    """Read the files of a quiet hold and of motion without slip.
-
-    Raises
-    ------
-    DataError, ConfigError
-        A file is invalid, or they are of different arrays.
-    """
-    first, second = read_recording(quiet, array, topic), read_recording(motion, array, topic)
-    if first.array.channel_name != second.array.channel_name:
-        fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
-        raise ConfigError("command line", [f"{fault}: record both with one board"])
-    return first, second
+from tactiled.tune.study import N_STAGES, ReportCount, Study, rate_interval, study
 
 
 def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_json: bool = True) -> None:
@@ -37,3 +19,148 @@ def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_j
     tell(f"\n{in_words(found)}\n\nfor tactiled.toml:\n\n{as_toml(found)}")
     if as_json:
         click.echo(json.dumps(as_map(found), allow_nan=False))
+
+
+def in_words(found: Study) -> str:
+    """Format the report as text, one paragraph per subject."""
+    return "\n\n".join([_recordings(found), _noise(found), _settings(found), _proposal(found)])
+
+
+def as_toml(found: Study) -> str:
+    """Format the proposed parameters for tactiled.toml."""
+    text = f'[detect]\nsetting = "{found.proposed}"\n'
+    if found.friction is not None:
+        text += (
+            f"\n[detect.grip]\nfriction = {found.friction.median:.3g}\n"
+            f"friction_log_sd = {found.friction.log_sd:.2g}\n"
+        )
+    return text
+
+
+def as_map(found: Study) -> dict[str, Any]:
+    """Map of all results for JSON; unknown values are null."""
+    names = found.quiet.array.channel_name
+    return {
+        "array": found.quiet.array.name,
+        "accepted_per_hour": found.accepted_per_hour,
+        "toml": as_toml(found),
+        "quiet": _recording_map(found.quiet, found.hold_s),
+        "motion": _recording_map(found.motion, found.motion_s),
+        "noise_sd_v": {
+            name: sd_v if np.isfinite(sd_v) else None
+            for name, sd_v in zip(names, found.noise_sd_v.tolist(), strict=True)
+        },
+        "settings": {
+            name: {
+                "incipient_p": SETTINGS[name].incipient,
+                "gross_p": SETTINGS[name].gross,
+                "quiet": reports.quiet._asdict(),
+                "motion": reports.motion._asdict(),
+                "per_hour": _interval_map(found, reports.motion.total),
+                "gross_per_hour": _interval_map(found, reports.motion.gross),
+            }
+            for name, reports in found.settings.items()
+        },
+        "proposed": {
+            "setting": found.proposed,
+            "is_accepted": found.is_accepted,
+            "friction": None if found.friction is None else found.friction.median,
+            "friction_log_sd": None if found.friction is None else found.friction.log_sd,
+        },
+    }
+
+
+def _recordings(found: Study) -> str:
+    lines = []
+    judged = (("quiet hold", found.quiet, found.hold_s), ("motion", found.motion, found.motion_s))
+    for what, recording, contact_s in judged:
+        lines.append(
+            f"{what}: {contact_s:.1f} s of contact in {recording.seconds:.1f} s ({recording.name}); "
+            f"{recording.lost} scans lost, {recording.late} late"
+        )
+    if least := min(reports.quiet.total for reports in found.settings.values()):
+        lines.append(
+            f"the hold was not quiet: every setting reports {least} slips or more in it; support the hand, "
+            "hold still and run again"
+        )
+    return "\n".join(lines)
+
+
+def _noise(found: Study) -> str:
+    sd_v, names = found.noise_sd_v, found.quiet.array.channel_name
+    known = np.isfinite(sd_v)
+    if not known.any():
+        return "noise: no channel is valid"
+    worst = int(np.nanargmax(sd_v))
+    words = (
+        f"noise of a channel: median {np.nanmedian(sd_v) * 1e3:.2f} mV rms, largest "
+        f"{sd_v[worst] * 1e3:.2f} mV ({names[worst]}, channel {worst})"
+    )
+    never = [names[c] for c in np.flatnonzero(~known)]
+    return words + (f"; never valid: {', '.join(never)}" if never else "")
+
+
+def _settings(found: Study) -> str:
+    rows = [["setting", "incipient p", "gross p", "slips in hold", "in motion", "per hour, 95 %"]]
+    for name, reports in found.settings.items():
+        at = SETTINGS[name]
+        between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))
+        counts = [_reports(reports.quiet), _reports(reports.motion)]
+        rows.append([name, f"{at.incipient:g}", f"{at.gross:g}", *counts, between])
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join(table) + (
+        "\nNothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
+        "since a tenth of the contact area may slip in an object that stays in the hand."
+    )
+
+
+def _proposal(found: Study) -> str:
+    n, accepted = found.settings[found.proposed].motion.total, found.accepted_per_hour
+    _, high = found.interval(n)
+    which = "the earliest setting" if found.is_accepted else "even the strictest setting has more"
+    lines = [
+        f"proposed for {accepted:g} reports per hour: {found.proposed} ({which})",
+        f"measured: {n} reports in {found.motion_s:.0f} s of motion, so at most {_rate(high)} per hour at "
+        f"95 % ({'3 / T, the rule of three' if n == 0 else 'Poisson'})",
+    ]
+    if high > accepted:
+        hours = rate_interval(0, 1.0)[1] / accepted
+        lines.append(
+            f"this does not prove {accepted:g} per hour; {hours:.3g} h of such motion without a report would"
+        )
+    if not found.is_accepted:
+        lines.append(
+            "announce such motion (tactiled command inhibit, expect-load-change) and tune on the rest"
+        )
+    if found.friction is None:
+        lines.append("friction: these contacts tell no more about it than the prior")
+    else:
+        lines.append(
+            f"friction of this object: {found.friction.median:.3g} (shear over load at which it slips), "
+            f"standard deviation of its logarithm {found.friction.log_sd:.2g}; omit it where objects change"
+        )
+    return "\n".join(lines)
+
+
+def _reports(count: ReportCount) -> str:
+    return f"{count.total}" + (f", {count.gross} gross" if count.gross else "")
+
+
+def _rate(per_hour: float) -> str:
+    return f"{per_hour:.0f}" if per_hour >= 10 else f"{per_hour:.2g}"
+
+
+def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
+    return {
+        "name": recording.name,
+        "seconds": recording.seconds,
+        "contact_s": contact_s,
+        "lost": recording.lost,
+        "late": recording.late,
+    }
+
+
+def _interval_map(found: Study, count: int) -> dict[str, float]:
+    low, high = found.interval(count)
+    return {"value": count / (found.motion_s / 3600), "low": low, "high": high}

@@ -5,6 +5,8 @@ The server is a process of its own and a client of the daemon: browsers cannot d
 
 import asyncio
 import contextlib
+import gzip
+import hashlib
 import itertools
 import logging
 import signal
@@ -29,7 +31,6 @@ from tactiled.web.guard import Guard
 from tactiled.web.guided import GuidedVerbs
 from tactiled.web.recordings import RecordingFolder, RecordingRoutes, answer
 from tactiled.web.replay import ReplayFile
-from tactiled.web.static_files import read_static
 
 logger = logging.getLogger(__name__)
 
@@ -53,6 +54,15 @@ _HEADERS = {
     "Cache-Control": "no-cache",  # a page of another version than its server would misread the frames
 }
 
+# Types of the files of the page; the tables of the host may have others, with which a browser runs no module.
+_TYPES = {
+    ".css": "text/css",
+    ".html": "text/html",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    "": "text/plain",  # the licence of uPlot
+}
+
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -68,6 +78,39 @@ class Listening:
     guard: Guard = field(default_factory=Guard)
     replay: ReplayFile | None = None  # recording to show instead of live boards
     recordings: Path | None = None  # directory of recordings that the page lists and opens
+
+
+@dataclass(frozen=True)
+class StaticFile:
+    """One file of the page."""
+
+    content_type: str
+    etag: str  # changes with the content
+    body: bytes
+    packed: bytes  # the same by gzip
+
+    def answer(self, request: web.Request) -> web.Response:
+        """Return the file, compressed where the client accepts that; 304 where the client has it already."""
+        headers = {"ETag": f'"{self.etag}"', "Vary": "Accept-Encoding"}
+        if any(known.value == self.etag for known in request.if_none_match or ()):
+            return web.Response(status=304, headers=headers)
+        body = self.body
+        if "gzip" in request.headers.get("Accept-Encoding", ""):
+            body, headers["Content-Encoding"] = self.packed, "gzip"
+        charset = "utf-8" if self.content_type.startswith("text/") else None
+        return web.Response(body=body, content_type=self.content_type, charset=charset, headers=headers)
+
+
+def read_static(folder: Path) -> Mapping[str, StaticFile]:
+    """Return the files of a folder by their names below it; files of other types than ours are not served."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_file() and path.suffix in _TYPES:
+            body = path.read_bytes()
+            etag = hashlib.sha256(body).hexdigest()
+            file = StaticFile(_TYPES[path.suffix], etag, body, gzip.compress(body, mtime=0))
+            found[path.relative_to(folder).as_posix()] = file
+    return found
 
 
 class PageServer:
