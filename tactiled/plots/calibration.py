@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tactiled.array import FloatArray
+from tactiled.force.calibration import AXES
 
-_NAMES = ("fx", "fy", "fz")
 _Z90 = 1.645
 
 
@@ -20,17 +20,10 @@ def draw_calibration(
     used: list[int],
     name: str,
 ) -> None:
-    """Write a picture: on the left the reference and the model, on the right their difference.
+    """Write a picture: on the left the reference (n, 6) and the model, on the right their difference.
 
-    Parameters
-    ----------
-    time_s : (n,) float64
-    reference, left_out : (n, 6) float64
-        The reference, and reference minus model in segments that were left out of the fit.
-    sd : (n, 3) float64
-        Stated standard deviations.
-    used : list of int
-        Components that the reference has.
+    `left_out` (n, 6) is reference minus model where a segment was left out of the fit, `sd` (n, 3) what is
+    stated, `used` the columns that the reference has.
     """
     axes_used = [axis for axis in range(3) if axis in used]
     figure = Figure(figsize=(11, 2.4 * len(axes_used) + 0.6), layout="constrained")
@@ -40,7 +33,7 @@ def draw_calibration(
         model = reference[:, axis] - left_out[:, axis]
         left.plot(time_s, reference[:, axis], color="0.6", lw=2.5, label="reference")
         left.plot(time_s, model, color="C0", lw=0.8, label="model")
-        left.set_ylabel(f"{_NAMES[axis]} (N)")
+        left.set_ylabel(f"{AXES[axis]} (N)")
         left.legend(loc="upper right", fontsize=8)
         order = np.argsort(reference[:, axis])
         force = reference[order, axis]
@@ -51,7 +44,7 @@ def draw_calibration(
         middle = np.array([force[p].mean() for p in parts])
         band = 1e3 * _Z90 * np.array([np.median(sd[order][p, axis]) for p in parts])
         right.fill_between(middle, -band, band, color="C1", alpha=0.25, label="stated 90 % interval")
-        right.set_xlabel(f"{_NAMES[axis]} of the reference (N)")
+        right.set_xlabel(f"{AXES[axis]} of the reference (N)")
         right.set_ylabel("difference (mN)")
         right.legend(loc="upper right", fontsize=8)
     grid[-1][0].set_xlabel("time (s)")

@@ -8,6 +8,7 @@ from commands import call
 from tactiled.array import load_array
 from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.abilities import abilities
+from tactiled.doctor.finding import Finding
 
 SHEAR_ONLY = """
 name = "field"
@@ -18,6 +19,11 @@ taxel_count = 2
 name = "X"
 kind = "shear_x"
 """
+
+
+def found(array: str, speed_mm_s: float = 0.0) -> dict[str, Finding]:
+    """Findings on an array at 100 Hz, by their checks."""
+    return {one.check: one for one in abilities(load_array(array), JointParams(), 100.0, speed_mm_s)}
 
 
 @pytest.mark.parametrize(
@@ -42,23 +48,19 @@ kind = "shear_x"
 def test_abilities_follow_from_the_channels_and_places(
     name: str, slip: str, direction: str, grooves: str
 ) -> None:
-    found = {
-        finding.check: finding.words for finding in abilities(load_array(name), JointParams(), 100.0, 0.0)
-    }
-    assert list(found) == ["contact", "slip", "direction", "grooves", "sliding speed"]
-    assert slip in found["slip"]
-    assert direction in found["direction"]
-    assert grooves in found["grooves"]
+    words = {check: finding.words for check, finding in found(name).items()}
+    assert list(words) == ["contact", "slip", "direction", "grooves", "sliding speed"]
+    assert slip in words["slip"]
+    assert direction in words["direction"]
+    assert grooves in words["grooves"]
 
 
 def test_without_pressure_there_is_no_contact_and_slip_has_no_direction(tmp_path: Path) -> None:
     file = tmp_path / "field.toml"
     file.write_text(SHEAR_ONLY)
-    found = {
-        finding.check: finding for finding in abilities(load_array(str(file)), JointParams(), 100.0, 5.0)
-    }
-    assert [found[check].verdict for check in ("contact", "slip", "direction")] == ["warn"] * 3
-    assert "5 mm/s over the frequency" in found["grooves"].words
+    of = found(str(file), 5.0)
+    assert [of[check].verdict for check in ("contact", "slip", "direction")] == ["warn"] * 3
+    assert "5 mm/s over the frequency" in of["grooves"].words
 
 
 @pytest.mark.parametrize(
@@ -69,11 +71,7 @@ def test_sides_in_microtesla_are_pressures_and_axes_are_fields(kind: str, says: 
     head = 'name = "skin"\nunit = "uT"\nrange = [-100, 100]\ntaxel_count = 2'
     file = tmp_path / "skin.toml"
     file.write_text("\n".join([head, *channels]))
-    found = {
-        finding.check: finding.words
-        for finding in abilities(load_array(str(file)), JointParams(), 100.0, 0.0)
-    }
-    assert says in found["slip"]
+    assert says in found(str(file))["slip"].words
 
 
 def test_check_config_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,12 +42,9 @@ class ReferenceTable:
         return [k for k in range(len(OUTPUTS)) if not np.isnan(self.values[:, k]).all()]
 
     def noise(self) -> FloatArray:
-        """Standard deviation (6,) of the white noise of a sample, from second differences."""
-        second = np.diff(self.values, 2, axis=0) / np.sqrt(6)
+        """Standard deviation (6,) of the white noise of a sample; NaN for columns that it does not have."""
         out = np.full(len(OUTPUTS), np.nan)
-        for k in self.outputs:
-            # The median over windows leaves out those in which the force itself bends.
-            out[k] = 1.4826 * float(np.nanmedian(np.abs(second[:, k])))
+        out[self.outputs] = _white_noise(self.values[:, self.outputs])
         return out
 
 
@@ -103,6 +100,15 @@ class FittedModel:
     feature_units: FloatArray  # (features,): one of a feature here, in that of the file
 
 
+def _white_noise(values: FloatArray) -> FloatArray:
+    """Standard deviation (columns,) of the white noise of values (n, columns), from second differences.
+
+    Their median leaves out those in which the values themselves bend.
+    """
+    second = np.diff(values, 2, axis=0) / np.sqrt(6)
+    return np.asarray(1.4826 * np.nanmedian(np.abs(second), axis=0))
+
+
 def _noise_of_lowest(readings: FloatArray) -> FloatArray:
     """Standard deviation (channels,) of the noise of the lowest readings (n, channels), rounding included.
 
@@ -133,8 +139,7 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
     half_s = np.minimum(spacing_s, np.quantile(spacing_s, _USUAL)) / 2
     zero = start_zero(time_s, readings, array)
     relative = _filled(time_s, readings - zero)
-    difference = np.diff(relative, 2, axis=0) / np.sqrt(6)
-    noise = 1.4826 * np.median(np.abs(difference), axis=0)
+    noise = _white_noise(relative)
     first = int(np.searchsorted(time_s - time_s[0], array.zero_first_s))
     n_zero = max(first, 1) if array.zero_first_s else _TARE_SCANS
     size = max(1, int(1 / (BIN_HZ * float(np.median(spacing_s))) + 1e-6))

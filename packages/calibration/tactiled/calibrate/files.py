@@ -17,7 +17,7 @@ from tactiled.recording.rows import TableOptions, TimeUnit
 from tactiled.recording.steps import Replay
 from tactiled.recording.whole import read_whole
 
-_COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)
+COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)
 _LEAST_ROWS = 20
 
 
@@ -80,15 +80,15 @@ def read_reference(path: Path, n_taxels: int) -> ReferenceTable:
         The file is not such a table; the message names the line.
     """
     rows: list[list[float]] = []
-    wanted = ("time_s", *_COLUMNS, "taxel")
+    wanted = ("time_s", *COLUMNS, "taxel")
     try:
         need_regular(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
             header = [name.strip() for name in next(reader, [])]
-            if "time_s" not in header or not set(_COLUMNS[:3]) & set(header):
+            if "time_s" not in header or not set(COLUMNS[:3]) & set(header):
                 raise DataError(
-                    f"{path}: the header needs time_s and at least one of {', '.join(_COLUMNS[:3])}; it has "
+                    f"{path}: the header needs time_s and at least one of {', '.join(COLUMNS[:3])}; it has "
                     f"{', '.join(header[:8]) or 'nothing'}"
                 )
             for cells in filter(None, reader):

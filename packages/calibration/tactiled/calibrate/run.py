@@ -8,12 +8,11 @@ from typing import Any
 
 import click
 
-from tactiled.calibrate.files import read_log, read_reference
+from tactiled.calibrate.files import COLUMNS, read_log, read_reference
 from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
-from tactiled.plots import PICTURES
 from tactiled.progress import ProgressBar, tell
 from tactiled.recording.rows import TimeUnit
 
@@ -37,7 +36,7 @@ def calibrate_files(
     are_poses: bool = False,
     plot: Path | None = None,
     as_json: bool = True,
-) -> CalibrationStudy:
+) -> None:
     """Write a calibration file; the verdict to stderr, numbers as one JSON line to stdout if asked.
 
     Raises
@@ -50,8 +49,6 @@ def calibrate_files(
     if out.stem in _TAKEN or len(out.stem) > _LONGEST:
         fault = f"{out.name}: the name of the file becomes the name in messages; at most {_LONGEST} letters, "
         raise ConfigError("-o", [fault + f"and not {' or '.join(_TAKEN)}, which have a meaning there"])
-    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
-        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     if temperature_c is not None and not math.isfinite(temperature_c):
         raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
     data = read_log(log, array, columns, time_unit, topic, rate_hz)
@@ -79,7 +76,6 @@ def calibrate_files(
         from tactiled.plots.calibration import draw_calibration
 
         draw_calibration(plot, found.time_s, found.reference, found.left_out, found.sd, found.used, out.stem)
-    return found
 
 
 def in_words(found: CalibrationStudy) -> list[str]:
@@ -97,7 +93,6 @@ def in_words(found: CalibrationStudy) -> list[str]:
 
 def as_map(found: CalibrationStudy) -> dict[str, Any]:
     """Return a plain map for JSON; rms differences are those in segments that were left out."""
-    names = ("fx_n", "fy_n", "fz_n", "tx_nmm", "ty_nmm", "tz_nmm")
     rms, baseline = found.rms.tolist(), found.baseline.tolist()
     return {
         "name": found.file.name,
@@ -107,8 +102,8 @@ def as_map(found: CalibrationStudy) -> dict[str, Any]:
         "late_sd_s": found.late_sd_s,
         "drift_ppm": found.drift_ppm,
         "seconds": float(found.time_s[-1] - found.time_s[0]),
-        "rms": {names[k]: rms[k] for k in found.used},
-        "rms_of_ridge_with_squares": {names[k]: baseline[k] for k in found.used},
+        "rms": {COLUMNS[k]: rms[k] for k in found.used},
+        "rms_of_ridge_with_squares": {COLUMNS[k]: baseline[k] for k in found.used},
         "range": found.file.range.model_dump(),
         "verdict": found.file.verdict,
     }

@@ -16,6 +16,7 @@ from tactiled.cli.options import (
     TOPIC,
     need_extra,
     need_named,
+    need_picture,
     need_readable,
 )
 from tactiled.progress import tell
@@ -95,6 +96,7 @@ def calibrate(
     need_readable(*(path for path in (log, reference) if not path.is_dir()))
     if plot is not None:
         need_extra("matplotlib", "plot", "calibrate --plot")
+        need_picture(plot)
     from tactiled.calibrate.run import calibrate_files
 
     calibrate_files(log, reference, out, array, plot=plot, **about)
