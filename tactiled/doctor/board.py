@@ -30,7 +30,6 @@ _STEP_S = 0.02
 _TRY_S = 0.4  # at another baud rate: the board answers identify within 50 ms if it understands it
 _BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1_000_000, 2_000_000, 3_000_000)
 _TAIL_BYTES = 4096  # several hellos or dozens of scans of any layout
-_FIRST_SCANS = 3
 _SAME_RATE = 0.03  # relative; the window of 200 scans is not aligned to scans
 _SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms without
 _NOISY_PART = 0.01
@@ -45,7 +44,6 @@ class BoardObservation:
     hello: Hello | None
     scans_s: list[float]  # instants of the scans, host monotonic seconds
     tail: bytes  # last bytes that were received
-    first_scans: list[tuple[float, ...]]  # readings of the first few scans, one for each channel
     listened_s: float
 
 
@@ -75,7 +73,6 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []
-    first_scans: list[tuple[float, ...]] = []
     found_streaming: list[bool] = []
     lost: list[str] = []
     tail = b""
@@ -89,8 +86,6 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     def note(event: Event) -> None:
         if isinstance(event, ScanEvent):
             scans_s.append(event.time_s)
-            if len(first_scans) < _FIRST_SCANS:
-                first_scans.append(event.volts)
 
     def received(data: bytes) -> None:
         nonlocal tail
@@ -122,7 +117,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         await asyncio.to_thread(port.close)
     if lost:
         raise PortError(f"{url}: {lost[0]}")
-    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, first_scans, listened_s)
+    return BoardObservation(status, pipeline.health(), session.hello, scans_s, tail, listened_s)
 
 
 def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
@@ -130,8 +125,7 @@ def _judge(observed: BoardObservation, layout: Layout) -> list[Finding]:
     findings = [_bytes(health, status, observed.listened_s)]
     identity: dict[str, Any] = {}
     if hello is not None:
-        identity = {name: getattr(hello, name) for name in ("board_serial", "array_id", "rate_hz")}
-        identity["first_scans"] = observed.first_scans
+        identity = {"board_serial": hello.board_serial, "array_id": hello.array_id}
     if status.state == "fault" or (status.state != "running" and health.frames):
         findings.append(replace(split("board", status.reason, "fail"), values=identity))
     elif hello is not None and health.frames:

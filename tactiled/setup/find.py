@@ -40,7 +40,6 @@ class FoundBoard:
     array: str = ""
     baud: int = 0
     board_serial: str = ""
-    first_scans: tuple[tuple[float, ...], ...] = ()
     findings: tuple[Finding, ...] = field(default=(), repr=False)
 
 
@@ -101,8 +100,7 @@ def examine(port: FoundPort, array: str | None = None) -> FoundBoard:
     found = (*findings, *line)
     if any(finding.verdict == "fail" for finding in line):
         return FoundBoard(port, findings=found)
-    serial, scans = str(identity.get("board_serial", "")), identity.get("first_scans", ())
-    return FoundBoard(port, protocol, chosen, baud, serial, tuple(map(tuple, scans)), found)
+    return FoundBoard(port, protocol, chosen, baud, str(identity.get("board_serial", "")), found)
 
 
 def _values(findings: list[Finding], check: str) -> dict[str, Any]:

@@ -8,10 +8,8 @@ import click
 from tactiled.doctor.finding import as_text
 from tactiled.outside import name_of
 from tactiled.setup.apply import remove, run_commands, write
-from tactiled.setup.find import FoundBoard, examine, find_ports, port_at
+from tactiled.setup.find import examine, find_ports, port_at
 from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
-
-_SHOWN_CHANNELS = 12
 
 
 def run_setup(
@@ -44,7 +42,6 @@ def run_setup(
         _say("several boards answered: choose one with --port " + " or ".join(b.port.url for b in boards))
         return 1
     board = boards[0]
-    _first_scans(board)
     plan = make_plan(board, name, tcp_port, for_all=serves_all_boards(root))
     if dry_run:
         _print(plan)
@@ -69,13 +66,6 @@ def run_remove(name: str, root: Path) -> None:
         if serves_all_boards(root):
             commands.append(("systemctl", "try-restart", "tactiled.service"))
         run_commands(commands, _say)
-
-
-def _first_scans(board: FoundBoard) -> None:
-    for number, scan in enumerate(board.first_scans):
-        shown = " ".join(f"{reading:.3f}" for reading in scan[:_SHOWN_CHANNELS])
-        more = f" ... ({len(scan)} channels)" if len(scan) > _SHOWN_CHANNELS else ""
-        _say(f"scan {number}     {shown}{more}")
 
 
 def _print(plan: SetupPlan) -> None:
