@@ -125,17 +125,12 @@ def test_missing_or_world_readable_files_of_a_configuration_are_reported(
 
 
 def test_a_closed_pipe_is_no_error() -> None:
-    shell = f"{sys.executable} -m tactiled check-config --schema | head -c 10"
+    shell = f"{sys.executable} -m tactiled replay --help | head -c 10"
     done = subprocess.run(
         ["bash", "-o", "pipefail", "-c", shell], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0
     assert done.stderr == ""
-
-
-def test_the_json_schema_is_printed(tactiled: Tactiled) -> None:
-    schema = json.loads(tactiled("check-config", "--schema").stdout)
-    assert "port" in schema["properties"]
 
 
 GRID = """\

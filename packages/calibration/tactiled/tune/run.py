@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 import numpy as np
-from tactiled.detect.contact.slip_detector import SETTINGS
 
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.progress import ProgressBar, tell
 from tactiled.tune.hold import Recording
 from tactiled.tune.study import N_STAGES, ReportCount, Study, rate_interval, study
