@@ -129,7 +129,7 @@ class HeldBatch:
         self.friction = self._at_rest * self._friction_part[:, k]
         self._model.friction_part = np.repeat(self._friction_part[:, k], t)
         base_mm = self._base_mm + np.repeat(self.place_mm, t, axis=0)
-        self._felt = self._model.step("force", np.repeat(self.grip_n, t) * self._share, base_mm, STEP_S)
+        self._felt = self._model.step(np.repeat(self.grip_n, t) * self._share, base_mm, STEP_S)
         tangential = self._felt.tangential_n.reshape(self._e, t, 2).sum(axis=1)
         self._friction_n = tangential[:, 0] + 1j * tangential[:, 1]
         self.sliding = self._felt.slipping.reshape(self._e, t).mean(axis=1)
@@ -142,7 +142,7 @@ class HeldBatch:
         side = (
             self._felt.side_n.reshape(self._e, self._t, -1)[:, array.channel_taxel, self._area] * self._gain
         )
-        quarter = electronics.quarter_n(side, "edge")
+        quarter = electronics.quarter_n(side)
         spread = electronics.spread_n(params, quarter, array.channel_taxel, array.azimuth_deg)
         crept = spread * electronics.creep_gain(params, self._crept_n)[:, None]
         volts = electronics.divider_v(params, electronics.conductance_s(params, crept))

@@ -51,7 +51,7 @@ def test_the_persistent_contact_of_the_emulator_stays_within_its_interval() -> N
     scene = presses()
     time_s = np.arange(0, sum(phase.duration_s for phase in scene.phases) - 0.1, 0.01)
     volts, contact = played(scene, time_s), sensor_of(scene).contact
-    load = np.concatenate([contact.load_and_peak_n(part)[0][:, 0] for part in instants(time_s)])
+    load = contact.state(time_s).load_n
     values = np.full((len(load), 6), np.nan)
     values[:, 2] = load + 0.02 * np.random.default_rng(1).standard_normal(len(load))
     table = ReferenceTable(time_s, values, np.full(len(load), NO_TAXEL))

@@ -17,7 +17,7 @@ from tactiled.emulator.pace import BEHIND_S, HICCUP_S, RECOVERED_S, REPORT_PERIO
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import load_scene
 from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.frames import Command, Hello, Scan
+from tactiled.wire.frames import Command, Scan
 from tactiled.wire.layout import load_layout
 
 V1 = load_layout("board-v1")
@@ -167,22 +167,6 @@ def test_a_held_scene_gives_the_same_counts_later() -> None:
     for one, other in zip(held[:n], through[:n], strict=True):
         assert abs(one.counts - other.counts).max() <= noise
     assert abs(held[n - 1].counts - held[0].counts).max() > 4 * noise  # and something happened
-
-
-def test_start_is_busy_while_the_scene_is_prepared() -> None:
-    port = EmulatedPort(load_scene("prescribed"), V1, power_up_s=0.0)
-    port.board.preparing = True
-    decoder, encoder = Decoder(V1), Encoder(V1)
-    frames = decoder.feed(b"".join(a.data for a in port.advance(0.1)))
-    assert any(isinstance(frame, Hello) for frame in frames)  # the board introduces itself meanwhile
-    results = []
-    for token, preparing in ((1, True), (2, True), (3, False)):
-        port.board.preparing = preparing
-        port.receive(encoder.encode(Command("start", token)), 0.1 + 0.1 * token)
-        answers = decoder.feed(b"".join(a.data for a in port.advance(0.15 + 0.1 * token)))
-        results += [getattr(a, "result", "") for a in answers if getattr(a, "token", 0) == token]
-    assert results == ["busy", "busy", "ok"]
-    assert port.board.running
 
 
 def test_a_scene_that_is_too_slow_keeps_sending_and_reports_overruns(tmp_path: Path) -> None:

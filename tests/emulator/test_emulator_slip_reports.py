@@ -2,6 +2,7 @@
 
 from tactiled.emulator.realtime import SlipReports
 from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.slip_instants import SlipEpisode, SlipEpisodeTracker
 from tactiled.emulator.scene.truth import Truth
 
@@ -12,7 +13,8 @@ def test_each_slip_is_reported_when_gross_and_when_ended_once() -> None:
 
     def new_reports() -> list[tuple[int, bool, bool]]:
         truth = Truth(load_scene("flat-simulation").with_changes(contact="lumped"), 100.0)
-        truth.contact.watch.episodes = tracker.episodes  # type: ignore[attr-defined]
+        assert isinstance(truth.contact, PhysicalContact)
+        truth.contact.watch.episodes = tracker.episodes
         slips = reports.since_last(lambda: truth)
         return [(s["number"], s["gross_s"] is not None, s["end_s"] is not None) for s in slips]
 

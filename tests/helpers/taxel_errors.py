@@ -7,13 +7,12 @@ the loads and places of a run.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import NOT_CONVERGED, HeldQuantity, Surface, TaxelForces
+from tactiled.emulator.mechanics.base import NOT_CONVERGED, Readout, Surface
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.scene.contact import TAXEL_MODELS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
@@ -22,12 +21,11 @@ from tools.fem.reference import ReferenceRun, load_reference
 GROOVED = ("periodic", "compliance")  # those that can play grooves
 LOAD_N = 15.0 / 9  # of a taxel: that of the published slides, 15 N on nine taxels
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4: `readout.SIDES`
-AREA: Literal["half"] = "half"  # under the edge areas the right force is zero while sliding
+AREA: Readout = "half"  # under the edge areas the right force is zero while sliding
 GROOVES = ("groove-0.9-0", "groove-1.2-0", "groove-1.5-0", "groove-1.2-30", "groove-1.2-60")
 _FLAT = ("flat-0.3", "flat-0.6", "flat-0.9")
 # Loads of a taxel at which the load curve is compared: from the dead zone to 27 N on the array.
 _SMALLEST_N, _LARGEST_N = 0.1, 3.0
-_SLIDE_MM = 9.0  # 7.5 waves of 1.2 mm: the curves of the paper have 7 to 8 peaks
 _WAVES_MM = 3.0  # of sliding, which hold a wave of the longest and of the most tilted grooves
 _STEP_MM = 0.02
 _RUN_IN_MM = 0.6
@@ -53,31 +51,22 @@ class Ripple:
     unsolved: int = 0
 
 
-def replay(name: str, reference: ReferenceRun, *, held: str = "force") -> dict[str, FloatArray]:
-    """Play a model through the loads (or indentations) and places of a run.
-
-    Returns
-    -------
-    dict
-        Fields of `TaxelForces`, each (increments, ...).
-    """
+def replay(name: str, reference: ReferenceRun) -> dict[str, FloatArray]:
+    """Play a model through the loads and places of a run; fields of `TaxelForces`, each (increments, ...)."""
     columns = reference.columns
-    model = TAXEL_MODELS[name].build(reference.surface, AZIMUTH, 1, readout=AREA)
-    value = columns["normal_n" if held == "force" else "approach_mm"]
+    model = TAXEL_MODELS[name](reference.surface, AZIMUTH, 1, AREA)
     base = np.stack([columns["travel_x_mm"], columns["travel_y_mm"]], axis=-1)
     # The runs have no time; at 2 mm/s nothing here depends on it.
-    felt = [
-        model.step("force" if held == "force" else "displacement", value[k : k + 1], base[k : k + 1], 0.01)
-        for k in range(len(value))
-    ]
-    return {field: np.array([vars(one)[field][0] for one in felt]) for field in vars(felt[0])}
+    felt = model.run(columns["normal_n"][:, None], base[:, None], 0.01)
+    return {field: rows[:, 0] for field, rows in vars(felt).items()}
 
 
 def flat_errors(name: str) -> dict[str, float]:
     """Largest errors on flat plates by need, as parts of each quantity's own size."""
     curve = load_reference("coarse", "load")
     loaded = (curve.columns["normal_n"] > _SMALLEST_N) & (curve.columns["normal_n"] < _LARGEST_N)
-    pressed = replay(name, curve, held="displacement")["normal_n"]
+    depth_mm = replay(name, curve)["indentation_mm"]
+    pressed = np.interp(curve.columns["approach_mm"], depth_mm, curve.columns["normal_n"])
     load_curve = {"absolute-force": float(np.abs(pressed / curve.columns["normal_n"] - 1)[loaded].max())}
     return load_curve | sliding_errors(name, _FLAT)
 
@@ -145,28 +134,10 @@ def _ripple(reference: ReferenceRun, side_n: FloatArray, unsolved: int = 0) -> R
     )
 
 
-def normal_ripple(period_mm: float, angle_deg: int) -> FloatArray:
-    """Normal force of one unit along a slide at the indentation that gives the load on average."""
-    surface = Surface(0.6, period_mm, angle_deg, 0.1)
-    wave_mm = period_mm / np.cos(np.deg2rad(angle_deg))
-    depth_mm = np.mean([felt.indentation_mm[0] for felt in _slide(surface, "force", LOAD_N, wave_mm)])
-    felt = _slide(surface, "displacement", float(depth_mm), _SLIDE_MM)
-    return np.array([one.normal_n[0] for one in felt])
-
-
 def side_ripple(period_mm: float, angle_deg: int) -> FloatArray:
-    """Normal force on the leading half of one unit along a slide under its load."""
-    felt = _slide(Surface(0.6, period_mm, angle_deg, 0.1), "force", LOAD_N, _WAVES_MM)
-    return np.array([one.side_n[0, 0] for one in felt])
-
-
-def _slide(surface: Surface, held: HeldQuantity, value: float, length_mm: float) -> list[TaxelForces]:
-    """Forces along a slide, after the run-in."""
-    model = Compliance(surface, np.array([0.0]), 1, readout="half")
-    for part in np.linspace(0.1, 1.0, 10):
-        model.step(held, np.array([value * part]), np.zeros((1, 2)), 0.01)
-    felt = [
-        model.step(held, np.array([value]), np.array([[x_mm, 0.0]]), 0.01)
-        for x_mm in np.arange(_STEP_MM, _RUN_IN_MM + length_mm, _STEP_MM)
-    ]
-    return felt[round(_RUN_IN_MM / _STEP_MM) :]
+    """Normal force on the leading half of one unit along a slide under its load, after the run-in."""
+    model = Compliance(Surface(0.6, period_mm, angle_deg, 0.1), np.array([0.0]), 1, AREA)
+    x_mm = np.concatenate([np.zeros(10), np.arange(_STEP_MM, _RUN_IN_MM + _WAVES_MM, _STEP_MM)])
+    load_n = LOAD_N * np.minimum(np.arange(1, len(x_mm) + 1) / 10, 1.0)
+    felt = model.run(load_n[:, None], np.stack([x_mm, np.zeros(len(x_mm))], axis=-1)[:, None], 0.01)
+    return felt.side_n[10 + round(_RUN_IN_MM / _STEP_MM) :, 0, 0]

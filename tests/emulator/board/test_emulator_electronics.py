@@ -26,11 +26,12 @@ def at_rate(start_s: float, end_s: float, rate_hz: float = 100.0) -> NDArray[np.
     return np.repeat(np.arange(start_s, end_s, 1 / rate_hz)[:, None], 36, axis=1)
 
 
-def test_rubber_has_the_published_sensitivity_and_a_dead_zone() -> None:
+@pytest.mark.parametrize("params", [PARAMS, load_scene("one-taxel").electronics])
+def test_rubber_has_the_published_sensitivity_and_a_dead_zone(params: ElectronicsParams) -> None:
     force_n = np.linspace(0.02, 0.7, 500)
-    resistance = 1 / electronics.conductance_s(PARAMS, force_n)
+    resistance = 1 / electronics.conductance_s(params, force_n)
     assert np.all(np.diff(resistance) / np.diff(force_n) < -500e3)  # ohm per newton below 0.7 N
-    assert np.all(electronics.conductance_s(PARAMS, np.array([-1.0, 0.0, 0.0125])) == 0)
+    assert np.all(electronics.conductance_s(params, np.array([-1.0, 0.0, 0.0125])) == 0)
 
 
 @given(st.lists(st.floats(-10, 1e4), min_size=2, max_size=20))

@@ -21,15 +21,15 @@ ONE_TAXEL = np.zeros(4, dtype=np.int64)
 
 def taxel_v(params: ElectronicsParams, side_n: FloatArray) -> FloatArray:
     """Volts of R1..R4 from the forces on the edge areas."""
-    quarter = electronics.spread_n(params, electronics.quarter_n(side_n, "edge"), ONE_TAXEL, AZIMUTH)
+    quarter = electronics.spread_n(params, electronics.quarter_n(side_n), ONE_TAXEL, AZIMUTH)
     return electronics.divider_v(params, electronics.conductance_s(params, quarter))
 
 
 def pressed_n(load_n: float, way_mm: tuple[float, float] = (0.0, 0.0)) -> tuple[FloatArray, float]:
     """Forces on R1..R4 of a taxel that is pressed and then moved, and friction, on contact model `lumped`."""
     model, load = Lumped(Surface(0.6), AZIMUTH, 1), np.array([load_n])
-    model.step("force", load, np.zeros((1, 2)), 0.01)
-    felt = model.step("force", load, np.array([way_mm]), 0.01)
+    model.step(load, np.zeros((1, 2)), 0.01)
+    felt = model.step(load, np.array([way_mm]), 0.01)
     return felt.side_n[0], float(np.linalg.norm(felt.tangential_n))
 
 
@@ -70,12 +70,6 @@ def test_a_scene_plays_the_published_sensitivities() -> None:
     assert np.mean(normal, axis=0) == pytest.approx([0.201, 0.067], rel=0.03)
 
 
-def test_the_rubber_stays_above_500_kiloohm_per_newton() -> None:
-    force_n = np.linspace(0.02, 0.7, 500)
-    resistance = 1 / electronics.conductance_s(PUBLISHED_SENSITIVITY, force_n)
-    assert np.all(np.diff(resistance) / np.diff(force_n) < -500e3)
-
-
 def test_the_constants_of_the_scene_follow_from_the_sensitivities() -> None:
     """0.201 and 0.067 V/N of pressure and 0.471 and 0.466 V/N of shear fix rubber, supply and spread.
 
@@ -100,7 +94,7 @@ def test_the_constants_of_the_scene_follow_from_the_sensitivities() -> None:
 
 
 def test_default_hold_of_20_newtons_reads_about_a_volt_on_edge_areas_too() -> None:
-    part = electronics.PART_OF_LOAD["edge"]
+    part = electronics.PART_OF_LOAD
     volts = taxel_v(ElectronicsParams(), np.full(4, 20.0 / 9 * part))
     assert np.all((volts > 1.0) & (volts < 1.5))
 
@@ -116,24 +110,6 @@ def test_spreading_keeps_the_sum_and_order(force_n: list[float]) -> None:
     np.testing.assert_array_equal(electronics.spread_n(same, sides, ONE_TAXEL, AZIMUTH), sides)
 
 
-def test_unloading_conducts_more_than_loading_and_warmth_less() -> None:
-    params = ElectronicsParams(hysteresis=0.1)
-    load_n = np.linspace(0.0, 5.0, 11)
-    gain = electronics.hysteresis_gain(params, load_n, np.full(11, 5.0))
-    assert np.all(np.diff(gain * load_n) > 0)
-    assert gain[-1] == 1.0
-    assert gain[5] == pytest.approx(1.1)
-    np.testing.assert_array_equal(electronics.hysteresis_gain(params, load_n, load_n)[1:], 1.0)
-    warmth = electronics.temperature_gain(params, np.array([0.0, 10.0, 1e6]))
+def test_warmth_conducts_less() -> None:
+    warmth = electronics.temperature_gain(np.array([0.0, 10.0, 1e6]))
     np.testing.assert_allclose(warmth, [1.0, 0.97, 0.1])
-
-
-def test_multiplexer_and_crosstalk_mix_neighbours_only() -> None:
-    taxel = np.repeat([0, 1], 4)
-    volts = np.zeros((1, 8))
-    volts[0, 2] = 1.0
-    slow = electronics.sampled_v(ElectronicsParams(unsettled=0.1), volts, taxel)
-    np.testing.assert_allclose(slow[0], [0, 0, 0.9, 0.1, 0, 0, 0, 0])
-    picked = electronics.sampled_v(ElectronicsParams(crosstalk=0.2), volts, taxel)
-    np.testing.assert_allclose(picked[0], [0.05, 0.05, 0.85, 0.05, 0, 0, 0, 0])
-    np.testing.assert_array_equal(electronics.sampled_v(ElectronicsParams(), volts, taxel), volts)

@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from taxel_errors import replay
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface, TaxelForces
-from tactiled.emulator.mechanics.compliance import PROVIDES, Compliance
+from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.skin import shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver
 from tactiled.errors import ConfigError
-from tools.fem.reference import ReferenceRun, load_reference
+from tools.fem.reference import load_reference
 
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4
 LOAD_N = 15.0 / 9
@@ -23,24 +24,14 @@ def at(x_mm: float, y_mm: float = 0.0) -> FloatArray:
 
 def press(model: Compliance, load_n: float, steps: int = 8) -> TaxelForces:
     for k in range(1, steps + 1):
-        felt = model.step("force", np.array([load_n * k / steps]), at(0.0), 0.01)
+        felt = model.step(np.array([load_n * k / steps]), at(0.0), 0.01)
     return felt
-
-
-def replay(reference: ReferenceRun, readout: str = "half") -> dict[str, FloatArray]:
-    columns = reference.columns
-    model = Compliance(reference.surface, AZIMUTH, 1, readout="half" if readout == "half" else "edge")
-    base = np.stack([columns["travel_x_mm"], columns["travel_y_mm"]], axis=-1)
-    felt = [
-        model.step("force", columns["normal_n"][k : k + 1], base[k : k + 1], 0.01) for k in range(len(base))
-    ]
-    return {name: np.array([vars(one)[name][0] for one in felt]) for name in vars(felt[0])}
 
 
 def test_indentation_agrees_with_finite_elements_up_to_27_n_on_the_array() -> None:
     """One constant for the stiffening of the skin, fitted to its drag while sliding under 2.5 N."""
     reference = load_reference("coarse", "load")
-    seen = replay(reference)["indentation_mm"]
+    seen = replay("compliance", reference)["indentation_mm"]
     loaded = reference.columns["normal_n"] < 3.0
     error = seen[loaded] / reference.columns["approach_mm"][loaded] - 1
     assert np.abs(error).max() < 0.01
@@ -49,19 +40,19 @@ def test_indentation_agrees_with_finite_elements_up_to_27_n_on_the_array() -> No
 @pytest.mark.parametrize("run", ["flat-0.3", "flat-0.6", "flat-0.9"])
 def test_a_flat_slide_agrees_with_finite_elements(run: str) -> None:
     reference = load_reference("coarse", run)
-    seen = replay(reference)
+    seen = replay("compliance", reference)
     columns = reference.columns
     hold_n = reference.sides("half")[columns["travel_x_mm"] == 0][-1, 0]
     assert np.abs(seen["side_n"] - reference.sides("half")).max() < 0.05 * hold_n
     friction_n = reference.surface.friction * LOAD_N
     assert (
         np.abs(seen["tangential_n"][:, 0] - columns["tangential_x_n"]).max()
-        < PROVIDES["tangential-force"] * friction_n
+        < Compliance.provides["tangential-force"] * friction_n
     )
     # A ring of nodes slips at once, a fifth of the contact: at friction 0.3 the knee has five instants.
     knee = (columns["travel_x_mm"] > 0) & (columns["slipping"] < 1)
     share = np.abs(seen["slipping"] - columns["slipping"])[knee]
-    assert share.max() < PROVIDES["incipient-slip"]
+    assert share.max() < Compliance.provides["incipient-slip"]
     assert share.mean() < 0.1
     assert not seen["warnings"].any()
 
@@ -70,7 +61,7 @@ def test_a_flat_slide_agrees_with_finite_elements(run: str) -> None:
 def test_left_and_right_follow_finite_elements_over_grooves(run: str) -> None:
     """Not 0.9 mm, five nodes of the coarse mesh a wave, nor 60 degrees, where there is no ripple left."""
     reference = load_reference("coarse", run)
-    seen, columns = replay(reference), reference.columns
+    seen, columns = replay("compliance", reference), reference.columns
     for side in (0, 2):
         true = reference.sides("half")[:, side]
         assert np.corrcoef(seen["side_n"][:, side], true)[0, 1] > 0.99
@@ -107,7 +98,7 @@ def test_any_plate_and_any_move_give_finite_forces_inside_coulombs_cone(
     place = at(0.0)
     for load_n, dx, dy in steps:
         place = place + np.array([[dx, dy]])
-        felt = model.step("force", np.array([load_n]), place, 0.01)
+        felt = model.step(np.array([load_n]), place, 0.01)
         assert all(np.isfinite(values).all() for values in vars(felt).values())
         if felt.warnings[0] & NOT_CONVERGED:
             assert surface.friction > 1  # jammed between ridges: flagged, never hidden
@@ -151,11 +142,9 @@ def test_the_laws_hold_at_every_node() -> None:
 def test_a_mirrored_slide_gives_mirrored_forces() -> None:
     felt = []
     for sign in (1, -1):
-        model = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 1, readout="half")
+        model = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 1, "half")
         press(model, LOAD_N)
-        felt.append(
-            [model.step("force", np.array([LOAD_N]), at(sign * 0.02 * k), 0.01) for k in range(1, 31)]
-        )
+        felt.append([model.step(np.array([LOAD_N]), at(sign * 0.02 * k), 0.01) for k in range(1, 31)])
     for there, back in zip(*felt, strict=True):
         np.testing.assert_allclose(there.side_n[0, [0, 2]], back.side_n[0, [2, 0]], atol=3e-4)
         np.testing.assert_allclose(there.tangential_n[0, 0], -back.tangential_n[0, 0], atol=3e-4)
@@ -169,7 +158,7 @@ def test_finer_steps_converge(depth_mm: float) -> None:
         model = Compliance(Surface(0.6, 1.2, 20.0, depth_mm), AZIMUTH, 1)
         press(model, LOAD_N)
         for k in range(1, count + 1):
-            felt = model.step("force", np.array([LOAD_N]), at(0.3 * k / count), 0.1 / count)
+            felt = model.step(np.array([LOAD_N]), at(0.3 * k / count), 0.1 / count)
         ends.append(np.concatenate([felt.side_n[0], felt.tangential_n[0]]))
     coarse, fine = np.abs(ends[0] - ends[2]).max(), np.abs(ends[1] - ends[2]).max()
     assert coarse < 0.02  # newtons, of 1 N of friction
@@ -179,22 +168,22 @@ def test_finer_steps_converge(depth_mm: float) -> None:
 def test_microsecond_steps_and_standstill_change_nothing() -> None:
     model = Compliance(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
     load, place = np.full(2, LOAD_N), np.zeros((2, 2))
-    before = model.step("force", load, place, 0.01)
+    before = model.step(load, place, 0.01)
     for k in range(1, 101):
-        after = model.step("force", load, place + 1e-8 * k, 1e-5)
+        after = model.step(load, place + 1e-8 * k, 1e-5)
     np.testing.assert_allclose(after.side_n, before.side_n, atol=1e-4)
-    still = model.step("force", load, place + 1e-6, 1e-5)
+    still = model.step(load, place + 1e-6, 1e-5)
     np.testing.assert_array_equal(still.side_n, after.side_n)
 
 
 def test_a_jump_over_many_periods_takes_bounded_work_and_ends_sliding() -> None:
     model = Compliance(Surface(0.6, 0.9, 0.0, 0.1), AZIMUTH, 1)
     press(model, LOAD_N)
-    far = model.step("force", np.array([LOAD_N]), at(1000.0), 0.01)
+    far = model.step(np.array([LOAD_N]), at(1000.0), 0.01)
     near = Compliance(Surface(0.6, 0.9, 0.0, 0.1), AZIMUTH, 1)
     press(near, LOAD_N)
     for k in range(1, 101):
-        slow = near.step("force", np.array([LOAD_N]), at(1000.0 % 0.9 + 0.9 * (k / 100 - 1)), 0.01)
+        slow = near.step(np.array([LOAD_N]), at(1000.0 % 0.9 + 0.9 * (k / 100 - 1)), 0.01)
     np.testing.assert_allclose(far.side_n, slow.side_n, atol=5e-3)
 
 
@@ -203,31 +192,19 @@ def test_contact_after_a_loss_has_no_history() -> None:
     model = Compliance(surface, AZIMUTH, 1)
     press(model, LOAD_N)
     for k in range(1, 21):
-        model.step("force", np.array([LOAD_N]), at(0.02 * k), 0.01)
-    lifted = model.step("force", np.array([0.0]), at(0.4), 0.01)
+        model.step(np.array([LOAD_N]), at(0.02 * k), 0.01)
+    lifted = model.step(np.array([0.0]), at(0.4), 0.01)
     assert not lifted.side_n.any()
     assert not lifted.tangential_n.any()
-    again = model.step("force", np.array([LOAD_N]), at(0.4), 0.01)
-    fresh = Compliance(surface, AZIMUTH, 1).step("force", np.array([LOAD_N]), at(0.0), 0.01)
+    again = model.step(np.array([LOAD_N]), at(0.4), 0.01)
+    fresh = Compliance(surface, AZIMUTH, 1).step(np.array([LOAD_N]), at(0.0), 0.01)
     np.testing.assert_allclose(again.side_n, fresh.side_n, atol=1e-6)
-
-
-def test_an_imposed_indentation_gives_the_load_that_causes_it() -> None:
-    by_force = Compliance(Surface(0.6), AZIMUTH, 1)
-    pressed = press(by_force, 1.0)
-    by_depth = Compliance(Surface(0.6), AZIMUTH, 1)
-    depth = pressed.indentation_mm
-    for k in range(1, 9):
-        felt = by_depth.step("displacement", depth * k / 8, at(0.0), 0.01)
-    assert felt.normal_n[0] == pytest.approx(1.0, rel=0.01)
-    gone = by_depth.step("displacement", np.array([-0.1]), at(0.0), 0.01)
-    assert gone.normal_n[0] == 0
 
 
 def test_reset_is_new() -> None:
     model = Compliance(Surface(0.6), AZIMUTH, 1)
     first = press(model, LOAD_N)
-    model.step("force", np.array([LOAD_N]), at(0.3), 0.01)
+    model.step(np.array([LOAD_N]), at(0.3), 0.01)
     model.reset()
     np.testing.assert_array_equal(press(model, LOAD_N).side_n, first.side_n)
 

@@ -5,10 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import Surface, TaxelForces
+from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.periodic import Periodic
-from tactiled.emulator.mechanics.stepper import play
 
 AZIMUTH = np.array([180.0, 0.0])
 LOAD_N = 15.0 / 9
@@ -46,8 +45,8 @@ def ripple(values: FloatArray, base: FloatArray, surface: Surface) -> NDArray[np
 )
 def test_ripple_is_that_of_compliance(surface: Surface, load_n: float, direction_deg: float) -> None:
     load, base = protocol(load_n, direction_deg)
-    own = play(Periodic(surface, AZIMUTH, 2, readout="half"), "force", load, base, 0.01)
-    parent = play(Compliance(surface, AZIMUTH, 2, readout="half"), "force", load, base, 0.01)
+    own = Periodic(surface, AZIMUTH, 2, "half").run(load, base, 0.01)
+    parent = Compliance(surface, AZIMUTH, 2, "half").run(load, base, 0.01)
     for side in (0, 1):
         ratio = ripple(own.side_n[..., side], base, surface) / ripple(parent.side_n[..., side], base, surface)
         assert np.abs(np.abs(ratio) - 1).max() < 0.1
@@ -61,15 +60,11 @@ def test_ripple_is_that_of_compliance(surface: Surface, load_n: float, direction
 def test_chunking_changes_nothing_and_reset_is_new() -> None:
     load, base = protocol(LOAD_N)
     model = Periodic(Surface(0.6, 1.2, 0.0, 0.1), AZIMUTH, 2)
-    whole = play(model, "force", load, base, 0.01)
+    whole = model.run(load, base, 0.01)
     model.reset()
-    parts = [model.step("force", load[k], base[k], 0.01) for k in range(len(load))]
+    parts = [model.step(load[k], base[k], 0.01) for k in range(len(load))]
     for name, values in vars(whole).items():
         np.testing.assert_array_equal(np.array([vars(part)[name] for part in parts]), values)
-
-
-def everything_finite(felt: TaxelForces) -> bool:
-    return all(bool(np.isfinite(values).all()) for values in vars(felt).values())
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.6])
@@ -78,8 +73,8 @@ def test_forces_are_finite_at_any_load_and_direction(friction: float) -> None:
     x = np.array([0, 0, 0, 0, 0, 0.5, 0.5, 0.2, 0.2, 0.2, 0.2, 50.2])
     y = np.array([0, 0, 0, 0, 0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])
     model = Periodic(Surface(friction, 1.2, 0.0, 0.1), AZIMUTH, 1)
-    felt = model.run("force", load, np.stack([x, y], axis=-1)[:, None], 0.01)
-    assert everything_finite(felt)
+    felt = model.run(load, np.stack([x, y], axis=-1)[:, None], 0.01)
+    assert all(np.isfinite(values).all() for values in vars(felt).values())
     assert not felt.side_n[[0, 8]].any()
     assert (felt.side_n >= 0).all()
     np.testing.assert_array_equal(felt.normal_n, load)
@@ -88,5 +83,5 @@ def test_forces_are_finite_at_any_load_and_direction(friction: float) -> None:
 def test_a_flat_plate_and_a_slide_along_the_grooves_have_no_ripple() -> None:
     load, base = protocol(LOAD_N, 90.0)
     for surface in (Surface(0.6), Surface(0.6, 1.2, 0.0, 0.1)):
-        felt = Periodic(surface, AZIMUTH, 2).run("force", load, base, 0.01)
+        felt = Periodic(surface, AZIMUTH, 2).run(load, base, 0.01)
         assert np.ptp(felt.side_n[-50:], axis=0).max() < 1e-9

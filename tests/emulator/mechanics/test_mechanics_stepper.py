@@ -9,6 +9,7 @@ from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 
 STEP_S = 0.01
+ALL = np.arange(3)
 
 
 class Walk:
@@ -50,23 +51,23 @@ def test_rows_between_grid_points_are_interpolated_linearly(time_s: float) -> No
     stepper = GridInterpolator(Walk(), step_s=STEP_S, block=16)
     grid = STEP_S * np.arange(len(PATH))
     expected = [np.interp(time_s, grid, PATH[:, k]) for k in range(3)]
-    np.testing.assert_allclose(stepper.at(np.array([time_s]), slice(None))[0], expected, rtol=1e-7, atol=1e-7)
+    np.testing.assert_allclose(stepper.at(np.array([[time_s]]), ALL)[0], expected, rtol=1e-7, atol=1e-7)
 
 
 def test_rows_before_time_0_are_those_of_time_0() -> None:
-    rows = GridInterpolator(Walk(), step_s=STEP_S).at(np.array([-5.0, 0.0]), slice(None))
+    rows = GridInterpolator(Walk(), step_s=STEP_S, block=64).at(np.array([[-5.0], [0.0]]), ALL)
     np.testing.assert_array_equal(rows[0], rows[1])
 
 
 def test_memory_is_bounded_and_the_far_past_is_computed_again() -> None:
     source = Walk()
-    stepper = GridInterpolator(source, step_s=STEP_S)
-    early = stepper.at(np.array([0.5]), slice(None))
-    stepper.at(np.arange(0, 150, 1.0), slice(None))
+    stepper = GridInterpolator(source, step_s=STEP_S, block=64)
+    early = stepper.at(np.array([[0.5]]), ALL)
+    stepper.at(np.arange(0, 150, 1.0)[:, None], ALL)
     held = sum(block.size for block in stepper._blocks.values())  # noqa: SLF001  the bound on memory
     assert held <= 3 * 4200
     assert source.resets == 1
-    np.testing.assert_array_equal(stepper.at(np.array([0.5]), slice(None)), early)
+    np.testing.assert_array_equal(stepper.at(np.array([[0.5]]), ALL), early)
     assert source.resets == 2
 
 
@@ -74,5 +75,5 @@ def test_memory_is_bounded_and_the_far_past_is_computed_again() -> None:
 def test_no_more_blocks_are_computed_than_needed(block: int) -> None:
     stepper = GridInterpolator(Walk(), step_s=STEP_S, block=block)
     for time_s in (0.2, 0.5, 3.0):
-        stepper.at(np.array([time_s]), slice(None))
+        stepper.at(np.array([[time_s]]), ALL)
         assert time_s <= stepper.made_s <= time_s + 2 * block * STEP_S

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactiled.emulator.scene.contact import choose_model
+from tactiled.emulator.scene.contact import model_name
 from tactiled.emulator.scene.families import FAMILIES, HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET, SLIPPING
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
@@ -17,7 +17,7 @@ SLIPS, STAYS = SLIPPING | HELD_OUT_SLIPPING, QUIET | HELD_OUT_QUIET
 
 def test_grooves_are_slid_over() -> None:
     scene = SLIPPING["grooves"](0)
-    assert choose_model(scene).name == "periodic"
+    assert model_name(scene) == "periodic"
     (slip,) = Truth(scene.with_changes(contact="signal", needs=[])).slips
     assert slip.surface == scene.surface
 
@@ -59,4 +59,4 @@ def test_families_draw_different_numbers() -> None:
 
 @pytest.mark.parametrize("name", FLAT)
 def test_flat_families_run_on_the_cheapest_physical_contact_model(name: str) -> None:
-    assert choose_model(FAMILIES[name](7)).name == "lumped"
+    assert model_name(FAMILIES[name](7)) == "lumped"

@@ -1,16 +1,14 @@
-"""Creep and hysteresis follow the load that the rubber bears: disturbances and a controller's grip too."""
+"""Creep follows the load that the rubber bears: disturbances and a controller's grip too."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from tactiled.array import load_array
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.loading import LoadMemory
+from tactiled.emulator.scene.loading import CreepLag
 from tactiled.emulator.scene.physical import PhysicalContact
 
 WANG = load_array("wang2019-3x3")
@@ -31,36 +29,20 @@ def test_the_creep_lag_solves_its_equation(tau: float) -> None:
     for k in range(len(fine) - 1):  # trapezoidal rule
         mean = (fine[k] + fine[k + 1]) / 2
         stepped[k + 1] = mean + (stepped[k] - mean) * np.exp(-1e-4 / tau)
-    np.testing.assert_allclose(LoadMemory(0.01, tau).feed(coarse)[:, 0], stepped[::100], atol=1e-5)
-
-
-@given(st.lists(st.floats(0, 100), min_size=2, max_size=50), st.data())
-@settings(max_examples=50, deadline=None)
-def test_the_peak_is_the_largest_load_since_contact_in_any_chunking(loads: list[float], data: Any) -> None:
-    load_n = np.array(loads) * (np.array(loads) > 20)
-    cut = data.draw(st.integers(1, len(loads) - 1))
-    memory = LoadMemory(0.01, 1.0)
-    rows = np.concatenate([memory.feed(load_n[:cut]), memory.feed(load_n[cut:])])
-    for k in range(len(load_n)):
-        began = max(np.flatnonzero(load_n[: k + 1] == 0), default=-1)
-        assert rows[k, 1] == max(load_n[began + 1 : k + 1], default=0.0)
-    np.testing.assert_array_equal(rows, LoadMemory(0.01, 1.0).feed(load_n))
+    np.testing.assert_allclose(CreepLag(0.01, tau).feed(coarse), stepped[::100], atol=1e-5)
 
 
 @pytest.mark.parametrize("contact", ["signal", "lumped"])
-def test_a_disturbance_of_the_load_enters_creep_and_peak(contact: str) -> None:
+def test_a_disturbance_of_the_load_enters_creep(contact: str) -> None:
     extra = {"on": "load_n", "shape": "pulse", "amplitude": 8.0, "start_s": 1.0, "duration_s": 1.0}
     model = sensor(contact=contact, disturbances=[extra], electronics={"creep_time_s": 0.05}).contact
     time_s = np.full((1, 36), 1.5)
     # The pulse is 4 - 4 cos(w t); a first-order lag leaves 1 / (1 + (w tau)^2) of a cosine at its crest.
     lagged_n = 14.0 + 4.0 / (1 + (2 * np.pi * 0.05) ** 2)
     assert model.relaxed_load_n(time_s)[0, 0] == pytest.approx(lagged_n, rel=1e-4)
-    load_n, peak_n = model.load_and_peak_n(time_s + 1.0)
-    assert load_n[0, 0] == pytest.approx(10.0)
-    assert peak_n[0, 0] == pytest.approx(18.0, rel=1e-3)
 
 
-def test_a_controllers_grip_enters_creep_and_hysteresis() -> None:
+def test_a_controllers_grip_enters_creep() -> None:
     load = {"kind": "load", "duration_s": 3.0, "tangential_n": 0.0}
     held = {"contact": "lumped", "held_object": {}, "phases": [PRESS, load]}
 
@@ -77,8 +59,5 @@ def test_a_controllers_grip_enters_creep_and_hysteresis() -> None:
 
     plain = conductance(creep_per_n=0.0)
     crept = conductance(creep_per_n=0.01, creep_time_s=0.05)
-    hysteresis = conductance(creep_per_n=0.0, hysteresis=0.3)
     for time_s, load_n in ((0.9, 10.0), (1.9, 30.0), (2.9, 15.0)):
         assert crept[time_s] / plain[time_s] == pytest.approx(1 + 0.01 * load_n, rel=1e-3)
-    assert hysteresis[1.9] / plain[1.9] == pytest.approx(1.0)
-    assert hysteresis[2.9] / plain[2.9] == pytest.approx(1.3)  # at half of its peak

@@ -9,15 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.emulator.scene.contact import choose_model, explain, make_contact
+from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.scene.contact import explain, make_contact, model_name
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError
-from tactiled.wire.codec import Decoder
-from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
 
 WANG = load_array("wang2019-3x3")
@@ -79,22 +78,15 @@ def test_any_chunking_gives_the_same_forces(times: list[float]) -> None:
     assert np.all(whole >= 0)
 
 
-def test_force_held_and_displacement_held_are_the_same_on_a_flat_plate() -> None:
-    time_s = np.repeat(np.arange(0, 5, 0.1)[:, None], 36, axis=1)
-    forced, placed = (
-        contact(scene(PRESS, HOLD, SLIDE, held=h)).forces(time_s) for h in ("force", "displacement")
-    )
-    np.testing.assert_allclose(forced, placed, atol=1e-9)
-
-
 @given(st.floats(-180.0, 180.0))
 @settings(max_examples=15, deadline=None)
 def test_the_pairs_point_along_the_motion(direction_deg: float) -> None:
-    played = contact(scene(PRESS, HOLD, SLIDE | {"direction_deg": direction_deg}, readout="half"))
+    played = contact(scene(PRESS, HOLD, SLIDE | {"direction_deg": direction_deg}))
     before, after = played.forces(np.repeat([[1.9], [4.0]], 36, axis=1))
     x, y = (WANG.shear_weights() @ (after / before - 1)).sum(axis=1)
     difference = np.rad2deg(np.arctan2(y, x)) - direction_deg
-    assert abs((difference + 180) % 360 - 180) < 1e-6
+    # Areas under edges bear no tension, so the pairs are a little off between the axes.
+    assert abs((difference + 180) % 360 - 180) < 8.0
 
 
 def test_shear_and_normal_channels_carry_the_forces() -> None:
@@ -140,9 +132,9 @@ def test_a_reversal_is_a_separate_slip() -> None:
     assert reversal.gross_s == pytest.approx(4.0 + 2 * 0.245, abs=0.05)  # Masing: twice the travel
 
 
-def test_vibration_within_presliding_is_no_gross_slip() -> None:
-    hum = {"on": "travel_mm", "shape": "sine", "amplitude": 0.05, "frequency_hz": 20.0, "start_s": 1.5}
-    truth = Truth(scene(PRESS, HOLD, HOLD, disturbances=[hum]))
+def test_vibration_of_a_held_object_is_no_gross_slip() -> None:
+    hum = {"on": "pull_n", "shape": "sine", "amplitude": 5.0, "frequency_hz": 20.0, "start_s": 1.5}
+    truth = Truth(scene(PRESS, HOLD, HOLD, held_object={}, disturbances=[hum]))
     assert truth.slips == []
     assert len(truth.episodes) > 5
     assert max(truth.state(np.arange(0, 3, 0.001)).slipping_share) < 0.9
@@ -188,7 +180,6 @@ def test_grooves_on_a_contact_model_without_them_are_refused() -> None:
     ("change", "finding"),
     [
         ({"phases": [PRESS, {"kind": "rotate", "duration_s": 1, "angle_deg": 9}]}, "cannot play a rotate"),
-        ({"disturbances": [{"on": "travel_mm", "shape": "ramp", "amplitude": 1.0}]}, "travel_mm"),
         ({"held_object": {}}, "cannot play a held object"),
     ],
 )
@@ -199,15 +190,15 @@ def test_motion_that_needs_mechanics_is_refused_on_signal(change: dict[str, Any]
 
 def test_auto_takes_the_cheapest_contact_model_that_meets_the_needs() -> None:
     flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
-    assert choose_model(flat).name == "signal"
-    assert choose_model(flat.with_changes(needs=["direction"])).name == "lumped"
+    assert model_name(flat) == "signal"
+    assert model_name(flat.with_changes(needs=["direction"])) == "lumped"
     tight = flat.with_changes(needs=["tangential-force", "transients"], tolerance=0.02)
     words = explain(flat.with_changes(needs=["absolute-force"], tolerance=0.03))
     assert words.startswith("contact: compliance\n")
     assert "not lumped: absolute-force is 7.5 % off" in words
     for refused in (tight, flat.with_changes(needs=["incipient-slip"], tolerance=0.12)):
         with pytest.raises(ConfigError, match="no contact model delivers this"):
-            choose_model(refused)
+            model_name(refused)
 
 
 @pytest.mark.parametrize("model", ["signal", "lumped"])
@@ -218,6 +209,7 @@ def test_truth_of_a_simulation_is_json(model: str) -> None:
     truth = simulation.truth
     (slip,) = truth.slips
     assert slip.onset_s == pytest.approx(truth.t0_s + 2.0, abs=0.04)
+    assert truth.speed_mm_s(np.array([truth.t0_s + 4.0])) == 1.0
     said = json.loads(json.dumps(truth.to_map(), allow_nan=False))
     assert said["slips"][0]["onset_s"] == slip.onset_s
     state = truth.state(truth.t0_s + np.array([1.5, 4.0]))
@@ -228,26 +220,10 @@ def test_truth_of_a_simulation_is_json(model: str) -> None:
     np.testing.assert_allclose(state.tangential_n[1].sum(axis=0), [-9.0, 0.0], rtol=1e-6, atol=1e-9)
 
 
-def test_truth_has_the_groove_phase_of_each_taxel() -> None:
-    grooves = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 0.0, "offset_mm": 0.3}
-    truth = Truth(scene(PRESS, SLIDE, contact="signal", surface=grooves))
-    phase = truth.groove_phase(np.array([1.0, 1.6]))
-    np.testing.assert_allclose(np.cos(phase[1] - phase[0]), -1.0)  # half a period on
-    np.testing.assert_allclose(np.cos(phase[0]), np.cos(2 * np.pi * (WANG.x_mm - 0.3) / 1.2), atol=1e-9)
-    assert np.isnan(Truth(scene(PRESS)).groove_phase(np.array([0.5]))).all()
+def test_warming_lowers_the_counts() -> None:
+    def last_counts(**rest: Any) -> float:
+        sensor = Sensor(scene(PRESS, HOLD, **rest), WANG, adc_bits=12, adc_reference_v=3.0)
+        return float(sensor.counts(0, np.full((1, 36), 2.0)).mean())
 
-
-def test_warming_changes_volts_and_hysteresis_raises_them_in_unloading() -> None:
-    layout = load_layout("board-v1")
-    up, down = PRESS | {"force_n": 20.0}, PRESS | {"force_n": 10.0}
-
-    def held_counts(**rest: Any) -> float:
-        simulation = Simulation(scene(PRESS | {"force_n": 10.0}, up, down, HOLD, HOLD, **rest), layout)
-        decoder = Decoder(layout)
-        scans = [item for _, data in simulation for item in decoder.feed(data) if isinstance(item, Scan)]
-        return float(np.mean([scan.counts for scan in scans[-20:]]))
-
-    plain = held_counts()
-    warm = {"on": "temperature_k", "shape": "ramp", "amplitude": 30.0, "start_s": 3.0, "duration_s": 1.0}
-    assert held_counts(disturbances=[warm]) < plain - 20
-    assert held_counts(electronics={"hysteresis": 0.1}) > plain + 20
+    warm = {"on": "temperature_k", "shape": "ramp", "amplitude": 30.0, "duration_s": 1.0}
+    assert last_counts(disturbances=[warm]) < last_counts() - 20

@@ -2,9 +2,9 @@
 
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness does not accumulate. The loop sleeps in ``select``
 until the next deadline or until the host writes. Scene time starts with the board's first ``start`` command,
-which is reported. A thread solves the tables that the scene needs; until then the board sends its hello and
-answers ``start`` with ``busy``. A host that cannot compute the scans in time makes the board miss some
-(`pace`); the bytes of each scan are sent before the next one is computed.
+which is reported. Tables that the scene needs are solved before the port appears. A host that cannot compute
+the scans in time makes the board miss some (`pace`); the bytes of each scan are sent before the next one is
+computed.
 """
 
 import contextlib
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from tactiled.array import Array
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report, control_link
@@ -25,17 +26,15 @@ from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.emulator.line.links import HostLink, make_link
 from tactiled.emulator.pace import OverrunPolicy, SceneClock
 from tactiled.emulator.port import EmulatedPort
-from tactiled.emulator.prepare import check_real_time, prepare
+from tactiled.emulator.prepare import missing_tables
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.emulator.scene.truth import Truth, plain_slip
-from tactiled.errors import ConfigError
 from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
 _LONGEST_SLEEP_S = 1.0  # after a suspended machine wakes, the loop looks at its deadlines within this time
-_LONG_PREPARATION_S = 2.0  # a longer preparation is reported, or the board would seem dead
 
 
 class Emulator:
@@ -44,12 +43,11 @@ class Emulator:
     Parameters
     ----------
     report : callable
-        Gets maps with ``what``: ``"ready"`` (address of the port), ``"preparing"`` (before each table that is
-        solved, and after two seconds of search for those needed), ``"prepared"`` (if it took two seconds),
-        ``"scene"`` (truth, instants on CLOCK_MONOTONIC), ``"slip"`` (on a physical contact model, with its
-        ``number``: when it is gross, and again when it has ended), ``"overrun"`` (this host is too slow: scan
-        instants missed so far, time for which the scene stood still, and the ``t0_s`` from now on),
-        ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"end"`` (counts).
+        Gets maps with ``what``: ``"ready"`` (address of the port), ``"scene"`` (truth, instants on
+        CLOCK_MONOTONIC), ``"slip"`` (on a physical contact model, with its ``number``: when it is gross, and
+        again when it has ended), ``"overrun"`` (this host is too slow: scan instants missed so far, time for
+        which the scene stood still, and the ``t0_s`` from now on), ``"unplugged"``, ``"plugged"``, ``"scan"``
+        (with `with_scans`), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
     control : HostLink or None
@@ -77,7 +75,6 @@ class Emulator:
         self._scene = scene
         self._link = link
         self._report = report
-        check_real_time(scene)
         self._port = EmulatedPort(
             scene,
             layout,
@@ -96,11 +93,13 @@ class Emulator:
         self._is_plugged = True
         self._clock: SceneClock | None = None
         self._pace = OverrunPolicy()
-        self._refused: ConfigError | None = None
-        self._preparing_s: float | None = None
-        self._is_preparing_reported = False
         self._bytes_overflowed = 0
         self._wake_read, self._wake_write = os.pipe()
+
+    @property
+    def array(self) -> Array:
+        """Array of the board."""
+        return self._port.array
 
     def stop(self) -> None:
         """End `run`; may be called from a signal handler or another thread."""
@@ -122,9 +121,6 @@ class Emulator:
                 self._control.open()
                 control = {"control": self._control.describe()["link"]}
             self._report({"what": "ready", **self._link.describe(), **control})
-            self._port.board.preparing = True
-            self._preparing_s = time.monotonic()
-            threading.Thread(target=self._prepare, name="prepare", daemon=True).start()
             while not self._is_stopping:
                 self._step()
         finally:
@@ -140,7 +136,6 @@ class Emulator:
         """Do what is due, then sleep until something is."""
         while self._faults_to_cause:
             self._port.inflict(self._faults_to_cause.popleft(), time.monotonic())
-        self._check_preparation()
         for arrival in self._port.step(time.monotonic()):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
         if self._is_plugged != self._port.plugged:
@@ -182,29 +177,6 @@ class Emulator:
                 }
             )
 
-    def _prepare(self) -> None:
-        """Solve the tables of the scene in a thread, then let the board start."""
-        try:
-            prepare(self._scene, self._port.array, self._report_preparing)
-        except ConfigError as error:
-            self._refused = error
-        self._port.board.preparing = False
-        with contextlib.suppress(OSError):  # `run` has ended and closed it
-            os.write(self._wake_write, b"x")
-
-    def _check_preparation(self) -> None:
-        if self._refused is not None:
-            raise self._refused
-        if self._preparing_s is None:
-            return
-        took_s = time.monotonic() - self._preparing_s
-        if not self._port.board.preparing:
-            self._preparing_s = None
-            if took_s > _LONG_PREPARATION_S:
-                self._report({"what": "prepared", "took_s": took_s})
-        elif took_s > _LONG_PREPARATION_S and not self._is_preparing_reported:
-            self._report_preparing(0, 0)
-
     def _obey(self, control: HostLink) -> None:
         """Answer the controller; scene time is 0 before the scene begins."""
         t0_s = self._port.board.scene_start_s
@@ -235,10 +207,6 @@ class Emulator:
             for slip in self._slips.since_last(lambda: self._truth(0.0)):
                 instants = {k: clock.true_s(v) for k, v in slip.items() if k.endswith("_s") and v is not None}
                 self._report({"what": "slip", **slip, **instants})
-
-    def _report_preparing(self, done: int, tables: int) -> None:
-        self._is_preparing_reported = True
-        self._report({"what": "preparing", "tables": tables, "solved": done})
 
     def _report_scan(self, scan: ScanTruth) -> None:
         self._report(
@@ -291,12 +259,13 @@ def run_emulator(
 ) -> None:
     """Run an `Emulator` until SIGTERM or SIGINT, on a pty with the name `link`, or listening on `tcp`.
 
-    A controller can move the grip at `control`, which is ``unix:///PATH`` or ``tcp://HOST:PORT``.
+    A controller can move the grip at `control`, which is ``unix:///PATH`` or ``tcp://HOST:PORT``. Before each
+    table that is solved first, `report` gets ``"preparing"``.
 
     Raises
     ------
     ConfigError
-        The arguments do not fit each other, or the link cannot be made.
+        The arguments do not fit each other, the link cannot be made, or the scene is not for real time.
     """
     emulator = Emulator(
         scene,
@@ -309,6 +278,10 @@ def run_emulator(
         with_scans=with_scans,
         control=None if control is None else control_link(control),
     )
+    missing = missing_tables(scene, emulator.array)
+    for done, solve in enumerate(missing):
+        report({"what": "preparing", "tables": len(missing), "solved": done})
+        solve()
     with _stopped_by_signals(emulator.stop):
         emulator.run()
 
@@ -331,10 +304,8 @@ def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
 def words_for_people(what: dict[str, Any]) -> str:
     """Report of `Emulator` in words; empty for most reports."""
     if what["what"] == "preparing":
-        stage = f"table {what['solved'] + 1} of {what['tables']}" if what["tables"] else "finding its tables"
-        return f"solving the contact before the scene can start: {stage} (the board answers start with busy)"
-    if what["what"] == "prepared":
-        return f"prepared after {what['took_s']:.1f} s"
+        stage = f"table {what['solved'] + 1} of {what['tables']}, up to a minute"
+        return f"solving the contact before the port appears: {stage}"
     if what["what"] == "overrun":
         held = f"; the scene has stood still for {what['held_s']:.2f} s in all" if what["held_s"] else ""
         return (

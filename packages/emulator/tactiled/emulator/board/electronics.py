@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import Readout
 from tactiled.tomlfile import Params
 
-# Part of a taxel's load on one read-out area at rest: finite elements, coarse mesh, 1.667 N
+# Part of a taxel's load on the read-out area under an edge at rest: finite elements, coarse mesh, 1.667 N
 # (fem-coarse-flat-0.6.json).
-PART_OF_LOAD = {"edge": 0.05619 / (5 / 3), "half": 0.67987 / (5 / 3)}
+PART_OF_LOAD = 0.05619 / (5 / 3)
+_SHEAR_V_PER_N = 0.47  # of shear channels, around mid-scale; as published for side electrodes
+_TEMPERATURE_PER_K = -0.003  # of the conductance: silicone-carbon composites lose 0.1 to 1 % a kelvin
 
 
 class ElectronicsParams(Params):
@@ -45,32 +46,10 @@ class ElectronicsParams(Params):
     supply_v: float = Field(
         default=3.3, gt=0, le=100, description="over rubber and divider; may exceed the ADC"
     )
-    shear_v_per_n: float = Field(
-        default=0.47, gt=0, le=1000, description="of shear channels, around mid-scale"
-    )
     # Current spreads in the rubber between a side electrode and the common one, so an electrode also reads
     # forces beside its area. Used with physical contact models; prescribed signals include it.
     spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
     spread_y: float = Field(default=0.54, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
-    hysteresis: float = Field(
-        default=0.0,
-        ge=0,
-        le=0.5,
-        description="extra conductance while unloading, relative, at half the peak load",
-    )
-    # Silicone-carbon composites lose 0.1 to 1 % a kelvin; the paper gives none.
-    temperature_per_k: float = Field(
-        default=-0.003, ge=-0.02, le=0.02, description="relative change of conductance a kelvin"
-    )
-    unsettled: float = Field(
-        default=0.0, ge=0, lt=0.5, description="part of a sample that is left from the previous channel"
-    )
-    crosstalk: float = Field(
-        default=0.0,
-        ge=0,
-        lt=0.5,
-        description="part of a channel's volts that comes from the mean of its taxel",
-    )
     noise_v: float = Field(default=0.3e-3, ge=0, le=1, description="white, rms, each sample")
     dead_channels: list[int] = Field(default=[], description="open circuits: they read 0 V and noise")
 
@@ -80,68 +59,28 @@ def creep_gain(params: ElectronicsParams, relaxed_load_n: FloatArray) -> FloatAr
     return 1.0 + params.creep_per_n * relaxed_load_n
 
 
-def quarter_n(area_n: FloatArray, readout: Readout) -> FloatArray:
+def quarter_n(area_n: FloatArray) -> FloatArray:
     """Convert force on a read-out area to the quarter of the taxel's load that causes it at rest.
 
     The electronics' constants are for a quarter of the load, whatever the size of the area; physical contact
     models give the force on the area itself.
     """
-    return np.asarray(area_n * 0.25 / PART_OF_LOAD[readout])
+    return np.asarray(area_n * 0.25 / PART_OF_LOAD)
 
 
 def spread_n(
     params: ElectronicsParams, force_n: FloatArray, taxel: NDArray[np.int64], azimuth_deg: FloatArray
 ) -> FloatArray:
-    """Forces that side electrodes read: each its own area's, mixed with the mean of its taxel.
-
-    Parameters
-    ----------
-    force_n : (n, s) float64
-        On the area of each side channel.
-    taxel, azimuth_deg : (s,)
-        Of each side channel.
-    """
+    """Forces (n, s) that s side channels read: each its own area's, mixed with the mean of its taxel."""
     along_x = np.cos(np.deg2rad(azimuth_deg)) ** 2
     spread = params.spread_x * along_x + params.spread_y * (1 - along_x)
-    return np.asarray((1 - spread) * force_n + spread * (force_n @ _means(taxel)))
-
-
-def _means(taxel: NDArray[np.int64]) -> FloatArray:
-    """Matrix (s, s) that replaces each of s channels by the mean of its taxel."""
     among = np.equal.outer(taxel, taxel).astype(np.float64)
-    return np.asarray(among / among.sum(axis=0))
+    return np.asarray((1 - spread) * force_n + spread * (force_n @ (among / among.sum(axis=0))))
 
 
-def hysteresis_gain(params: ElectronicsParams, load_n: FloatArray, peak_n: FloatArray) -> FloatArray:
-    """Gain of conductance by hysteresis, with the largest load `peak_n` since contact.
-
-    It is 1 while the load grows. The difference of the unloading from the loading curve is a parabola, 0 at
-    the peak and at zero load.
-    """
-    part = np.clip(load_n / np.maximum(peak_n, 1e-9), 0.0, 1.0)
-    return np.asarray(1.0 + params.hysteresis * 2.0 * (1.0 - part))
-
-
-def temperature_gain(params: ElectronicsParams, temperature_k: FloatArray) -> FloatArray:
+def temperature_gain(temperature_k: FloatArray) -> FloatArray:
     """Gain of conductance at a temperature (K) above that of calibration; at least a tenth."""
-    return np.maximum(1.0 + params.temperature_per_k * temperature_k, 0.1)
-
-
-def sampled_v(params: ElectronicsParams, volts: FloatArray, taxel: NDArray[np.int64]) -> FloatArray:
-    """Volts after the multiplexer: crosstalk within a taxel, then the residue of the previous channel.
-
-    Parameters
-    ----------
-    volts : (n, channels) float64
-    taxel : (channels,) int64
-        Of each channel. Before the first comes the last of the same scan, which differs little from that of
-        the scan before.
-    """
-    if params.crosstalk:
-        volts = volts + params.crosstalk * (volts @ _means(taxel) - volts)
-    if params.unsettled:
-        volts = volts + params.unsettled * (np.roll(volts, 1, axis=1) - volts)
-    return volts
+    return np.maximum(1.0 + _TEMPERATURE_PER_K * temperature_k, 0.1)
 
 
 def conductance_s(params: ElectronicsParams, force_n: FloatArray) -> FloatArray:
@@ -159,9 +98,9 @@ def divider_v(params: ElectronicsParams, conductance: FloatArray) -> FloatArray:
     return np.asarray(params.supply_v * ratio / (1.0 + ratio))
 
 
-def shear_v(params: ElectronicsParams, force_n: FloatArray, reference_v: float) -> FloatArray:
+def shear_v(force_n: FloatArray, reference_v: float) -> FloatArray:
     """Volts of a shear channel: signed force around half of the ADC's range."""
-    return np.asarray(reference_v / 2 + params.shear_v_per_n * force_n)
+    return np.asarray(reference_v / 2 + _SHEAR_V_PER_N * force_n)
 
 
 def adc_counts(volts: FloatArray, bits: int, reference_v: float) -> NDArray[np.int64]:

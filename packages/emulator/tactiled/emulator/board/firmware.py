@@ -13,14 +13,12 @@ A layout without commands runs from the end of boot; one without hello is silent
    stop while idle are ``ok``. A type that the layout does not contain is ``unknown_command``.
 2. A command repeated with its token (because the answer was lost) gets the same answer and is not carried
    out again; only the hello that `identify` asks for is sent again.
-3. ``set_rate`` takes effect at once, running or idle; a rate whose frames do not fit the line, or that
-leaves no
-   time to sample all channels, is a ``bad_argument``.
+3. ``set_rate`` takes effect at once, running or idle; a rate whose frames do not fit the line, or that leaves
+   no time to sample all channels, is a ``bad_argument``.
 4. The sequence number counts every scan instant since power-up, missed ones included; a scan that ``stop``,
    ``set_rate`` or a reset interrupts does not count.
 5. Bytes that arrive during boot, or are no frame, are ignored.
-6. While `preparing`, ``start`` is ``busy``; a layout without ``start`` begins to scan when that is over.
-7. A ping takes its time on the line and until the main loop of the firmware comes round; then the tick is
+6. A ping takes its time on the line and until the main loop of the firmware comes round; then the tick is
    read and the answer is ready. Other commands take effect at once, so that a scene begins with ``start``.
 """
 
@@ -67,8 +65,6 @@ class Board:
     ----------
     scene_start_s : float or None
         True instant of scene time 0; None until the first start. `skip_until` moves it.
-    preparing : bool
-        Set while the source cannot be read yet.
 
     Raises
     ------
@@ -103,7 +99,6 @@ class Board:
             fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
             raise ConfigError("board", [fault])
         self.scene_start_s: float | None = None
-        self.preparing = False
         self._index = 0
         self._out: list[Outgoing] = []
         self._answers: dict[Command, str] = {}
@@ -216,13 +211,11 @@ class Board:
         if self._layout.has("hello"):
             self._send_hello(now_s)
         self._next_hello_s = now_s + HELLO_PERIOD_S
-        if not self._layout.has("start") and not self.preparing:
+        if not self._layout.has("start"):
             self._start(now_s)
 
     def _obey(self, command: Command, now_s: float) -> str:
         if command.name == "start":
-            if self.preparing:
-                return "busy"
             if self._scanning is None:
                 self._start(now_s)
         elif command.name == "stop":

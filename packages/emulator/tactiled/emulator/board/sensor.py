@@ -51,7 +51,6 @@ class Sensor:
         self._force_sign = np.where(np.char.startswith(array.channel_kind, "shear"), 1.0, array.sign)
         kinds = np.array(array.channel_kind)
         self._is_side = kinds == "side"
-        self._taxel = array.channel_taxel
         self._side_taxel = array.channel_taxel[self._is_side]
         self._side_azimuth_deg = array.azimuth_deg[self._is_side]
         self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
@@ -70,21 +69,17 @@ class Sensor:
         params = self._params
         force_n = self.contact.forces(time_s)
         if isinstance(self.contact, PhysicalContact) and self._is_side.any():
-            quarter_n = electronics.quarter_n(force_n[:, self._is_side], self._motion.scene.readout)
+            quarter_n = electronics.quarter_n(force_n[:, self._is_side])
             force_n = force_n.copy()
             force_n[:, self._is_side] = electronics.spread_n(
                 params, quarter_n, self._side_taxel, self._side_azimuth_deg
             )
         crept = force_n * electronics.creep_gain(params, self.contact.relaxed_load_n(time_s))
         conductance = electronics.conductance_s(params, crept)
-        conductance *= electronics.temperature_gain(params, self._motion.temperature_k(time_s))
-        if params.hysteresis:
-            load_n, peak_n = self.contact.load_and_peak_n(time_s)
-            conductance *= electronics.hysteresis_gain(params, load_n, peak_n)
+        conductance *= electronics.temperature_gain(self._motion.temperature_k(time_s))
         volts = electronics.divider_v(params, conductance)
         volts = np.where(self._is_inverted, self._reference_v - volts, volts)
-        volts = np.where(self._is_shear, electronics.shear_v(params, crept, self._reference_v), volts)
-        volts = electronics.sampled_v(params, volts, self._taxel)
+        volts = np.where(self._is_shear, electronics.shear_v(crept, self._reference_v), volts)
         volts[:, params.dead_channels] = 0.0
         return volts
 

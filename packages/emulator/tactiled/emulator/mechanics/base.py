@@ -1,22 +1,25 @@
 """Interface of the physical contact models of taxels.
 
-A model steps through time, because friction depends on the past. `step` is called on a fixed grid of
-instants, so that chunking changes nothing; `stepper` interpolates for any instant.
+A model steps through time, because friction depends on the past. It runs on a fixed grid of instants, so that
+chunking changes nothing; `stepper` interpolates for any instant.
 
 Frame of a taxel: origin on the axis of its bump, x and y as in the array, z out of the skin. `base_mm` is the
 place of that origin over the surface (taxel place plus travel of the skin). Forces are those on the skin.
 """
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
-HeldQuantity = Literal["force", "displacement"]
-Readout = Literal["edge", "half"]  # area under a side electrode, see `sides.SideWeights`
+# Area under a side electrode. ``edge``: the chip beyond 1 mm from its axis, which reproduces the paper's 0.07
+# N a side and its change of almost 100 %; ``half``: half the chip, for comparison with finite elements.
+Readout = Literal["edge", "half"]
 
 # Bits of `TaxelForces.warnings`; the forces are then the best that the model can compute.
 BEYOND_REFERENCES = 1  # more load than in any finite-element run: the errors are not known
@@ -33,26 +36,19 @@ _SHEARED = 0.01  # tangential over normal force; a press alone causes less
 class Surface:
     """Surface under the bumps.
 
-    Attributes
-    ----------
-    friction : float
-        Coulomb coefficient, while sliding.
-    period_mm, angle_deg, depth_mm : float
-        Grooves; ``depth_mm = 0`` is a flat plate. Height above the valleys is
-        ``depth (1 + cos(2 pi s / period)) / 2`` with s along the groove normal (cos angle, sin angle).
-    static_ratio, stribeck_mm_s : float
-        Friction at rest over friction while sliding, and the speed scale of the fall (Stribeck).
-    unevenness : float
-        Standard deviation of friction from place to place, over its mean (`unevenness`).
+    Grooves have the height ``depth (1 + cos(2 pi s / period)) / 2`` above the valleys, with s along the
+    groove normal (cos angle, sin angle); ``depth_mm = 0`` is a flat plate.
     """
 
-    friction: float
+    friction: float  # Coulomb coefficient, while sliding
     period_mm: float = 1.0
     angle_deg: float = 0.0
     depth_mm: float = 0.0
-    static_ratio: float = 1.0
-    stribeck_mm_s: float = 1.0
-    unevenness: float = field(default=0.0, repr=False)  # solved tables are named by the text of even plates
+    static_ratio: float = 1.0  # friction at rest over friction while sliding
+    stribeck_mm_s: float = 1.0  # speed scale of the fall between them
+    # Standard deviation of friction from place to place, over its mean (`unevenness`). Solved tables are
+    # named by the text of even plates.
+    unevenness: float = field(default=0.0, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,26 +64,41 @@ class TaxelForces:
     warnings: NDArray[np.int64]  # (t,): bits `BEYOND_REFERENCES`, `NOT_CONVERGED`, `BOTTOMED`
 
 
-class TaxelModel(Protocol):
-    """Contact model of taxels, built with ``(surface, azimuth_deg: (a,), n_taxels)`` and more."""
+class TaxelModel(ABC):
+    """Contact model of taxels: surface, azimuths (a,) of the read-out areas and number of taxels.
 
+    The constructor raises `ConfigError` for a surface that the model cannot play.
+    """
+
+    # Measured relative error of each need (`description.Need`); what is absent is not modelled.
+    provides: ClassVar[Mapping[str, float]]
+    step_s: ClassVar[float]  # of the grid on which scenes run it
+
+    @abstractmethod
+    def __init__(
+        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, readout: Readout = "edge"
+    ) -> None: ...
+
+    @abstractmethod
     def reset(self) -> None:
         """Return to no contact and no history."""
-        ...
 
-    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """Advance to the next instant.
+    @abstractmethod
+    def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """Advance by n steps to loads (n, t) and places over the surface (n, t, 2) at their ends.
 
-        Parameters
-        ----------
-        held : {"force", "displacement"}
-            Quantity that is imposed along z.
-        value : (t,) float64
-            Normal force, N, or indentation, mm (negative: no touch), at the end of the step.
-        base_mm : (t, 2) float64
-            Place over the surface at the end of the step.
+        The forces have a leading axis n.
         """
-        ...
+
+    def step(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        """Advance by one step: `run` without the axis n."""
+        felt = self.run(load_n[None], base_mm[None], dt_s)
+        return TaxelForces(**{name: rows[0] for name, rows in vars(felt).items()})
+
+
+def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
+    """Stack steps along a leading axis."""
+    return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})
 
 
 def beyond_references(felt: TaxelForces) -> NDArray[np.bool_]:

@@ -3,13 +3,15 @@
 The body responds linearly to forces on its surface, with a matrix from finite elements
 (`config/contact/compliance-*.npz`); contact, friction and their lateral coupling are solved on the surface
 nodes. Large displacements enter to first order: a node meets the surface at its displaced place, with the
-height and slope of the surface there, and has the effects in `displaced`.
+height and slope of the surface there, and has the effects in `skin`.
 
 Not modelled: the skin's nonlinearity (Yeoh) beyond that, creep, adhesion, static friction above sliding
 friction, the neighbours' bumps, edges of ridges sharper than the nodes' spacing (0.17 mm).
 """
 
 import math
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,22 +19,26 @@ from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import (
     BOTTOMED,
     NOT_CONVERGED,
-    HeldQuantity,
     Readout,
     Surface,
     TaxelForces,
+    TaxelModel,
+    stacked,
 )
-from tactiled.emulator.mechanics.displaced import DisplacementEffects, on_linear_skin_n, stiffening
-from tactiled.emulator.mechanics.skin import SkinCompliance, shipped_skin
+from tactiled.emulator.mechanics.skin import (
+    DisplacementEffects,
+    SkinCompliance,
+    on_linear_skin_n,
+    shipped_skin,
+    stiffening,
+)
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
 from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
 
-STEP_S = 0.01  # a scan: friction depends on the path and not on time, so shorter steps only cost more
-
 # Longest travel of a substep: the surface is linearised over it, and friction depends on the path.
-SUBSTEP_MM = 0.03
+_SUBSTEP_MM = 0.03
 _SUBSTEP_OF_PERIOD = 1 / 30
 # Friction depends on the last 0.3 mm (presliding) only: of a longer jump the last substeps are computed.
 _SUBSTEPS = 32
@@ -43,24 +49,6 @@ _FAILURES = 6
 _ROUNDS = 8  # of contact and couples in turn; two or three suffice
 # Change between rounds at which they end: a thousandth of the displacement by friction.
 _TURNED_MM = 3e-4
-
-# Worst against finite elements, coarse mesh (`tests/emulator/mechanics/test_mechanics_errors.py`, and the
-# light, heavy, diagonal and back runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a taxel;
-# grooves of 0.9 to 1.5 mm at 0 to 60 degrees. The error of incipient slip is that of the slipping share:
-# rings of nodes, a fifth of the contact, slip at once; the mean error is 0.03. Ripple and its phase are worst
-# at 60 degrees, where they are smallest: 0.24 and 0.04 up to 30 degrees. The mesh is not the reason: coarse
-# and medium finite elements agree within 2 % and 4 degrees. Transients were not compared, and are not
-# provided.
-PROVIDES: dict[str, float] = {
-    "direction": 0.035,
-    "gross-slip": 0.11,
-    "incipient-slip": 0.22,
-    "absolute-force": 0.02,
-    "left-right": 0.05,
-    "tangential-force": 0.08,
-    "groove-ripple": 0.46,
-    "groove-phase": 0.08,
-}
 
 
 class TaxelState:
@@ -75,165 +63,132 @@ class TaxelState:
         self.turned_mm = np.zeros((3, n))  # part of `moved_mm` by the couples of displaced forces
         self.approach_mm = 0.0
         self.base_mm: FloatArray | None = None
-        self.value: float | None = None
-        self.held: HeldQuantity = "force"
+        self.load_n: float | None = None
         self.warning = 0
         self.failures = 0  # solves of this step that did not converge
 
 
-class Compliance:
-    """Compliance of the whole surface with contact and friction on its nodes, a `TaxelModel`.
+class Compliance(TaxelModel):
+    """Compliance of the whole surface with contact and friction on its nodes.
 
-    Indentation counts from the plane of the ridges.
-
-    Parameters
-    ----------
-    azimuth_deg : (a,) float64
-        Of the read-out areas.
-    readout : {"edge", "half"}
-    mesh : str
-        Name of the shipped compliance.
-    substep_mm : float
-        Largest travel of a substep.
-
-    Raises
-    ------
-    ConfigError
-        Static friction is not modelled.
+    Indentation counts from the plane of the ridges. Friction depends on the path and not on time.
     """
 
+    # Worst against finite elements, coarse mesh (`tests/emulator/mechanics/test_mechanics_errors.py`, and
+    # the light, heavy, diagonal and back runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a
+    # taxel; grooves of 0.9 to 1.5 mm at 0 to 60 degrees. The error of incipient slip is that of the slipping
+    # share: rings of nodes, a fifth of the contact, slip at once; the mean error is 0.03. Ripple and its
+    # phase are worst at 60 degrees, where they are smallest: 0.24 and 0.04 up to 30 degrees. The mesh is not
+    # the reason: coarse and medium finite elements agree within 2 % and 4 degrees. Transients were not
+    # compared, and are not provided.
+    provides: ClassVar[Mapping[str, float]] = {
+        "direction": 0.035,
+        "gross-slip": 0.11,
+        "incipient-slip": 0.22,
+        "absolute-force": 0.02,
+        "left-right": 0.05,
+        "tangential-force": 0.08,
+        "groove-ripple": 0.46,
+        "groove-phase": 0.08,
+    }
+    step_s = 0.01  # a scan: shorter steps only cost more
+
     def __init__(
-        self,
-        surface: Surface,
-        azimuth_deg: FloatArray,
-        n_taxels: int,
-        *,
-        readout: Readout = "edge",
-        mesh: str = "coarse",
-        substep_mm: float = SUBSTEP_MM,
+        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, readout: Readout = "edge"
     ) -> None:
         if surface.static_ratio != 1.0:
             raise ConfigError(
                 "contact compliance", ["surface.static_ratio: must be 1, or choose contact lumped"]
             )
         self._surface = surface
-        self._skin = shipped_skin(mesh, readout)
+        self._skin = shipped_skin(readout)
         self._n_taxels = n_taxels
-        self._displaced = DisplacementEffects(self._skin, np.asarray(azimuth_deg, dtype=np.float64))
-        grooved = surface.depth_mm > 0
-        self._substep_mm = min(substep_mm, surface.period_mm * _SUBSTEP_OF_PERIOD) if grooved else substep_mm
+        self._displaced = DisplacementEffects(self._skin, azimuth_deg)
+        grooved_mm = surface.period_mm * _SUBSTEP_OF_PERIOD if surface.depth_mm > 0 else math.inf
+        self._substep_mm = min(_SUBSTEP_MM, grooved_mm)
         self._flat = self._skin.compliance.reshape(3 * len(self._skin.x_mm), -1)
         self.reset()
 
     def reset(self) -> None:
-        """Return to no contact and no history."""
         self._taxels = [TaxelState(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 
-    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """See `base.TaxelModel.step`. Friction depends on the path and not on time: `dt_s` has no effect."""
+    def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
         del dt_s
-        goals = on_linear_skin_n(value) if held == "force" else value
-        for taxel, goal, place in zip(self._taxels, goals, base_mm, strict=True):
-            self._advance(taxel, held, float(goal), place)
-        return self._felt()
+        steps = []
+        for goals, places in zip(on_linear_skin_n(load_n), base_mm, strict=True):
+            for taxel, goal, place in zip(self._taxels, goals.tolist(), places, strict=True):
+                self._advance(taxel, goal, place)
+            steps.append(self._felt())
+        return stacked(steps)
 
-    def _advance(self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray) -> None:
-        """Go to a load or indentation and a place, in substeps."""
+    def _advance(self, taxel: TaxelState, load_n: float, base_mm: FloatArray) -> None:
+        """Go to a load and a place, in substeps."""
         if taxel.base_mm is None:
             taxel.base_mm = base_mm.copy()
-        if taxel.value == value and taxel.held == held and np.array_equal(taxel.base_mm, base_mm):
+        if taxel.load_n == load_n and np.array_equal(taxel.base_mm, base_mm):
             return
-        taxel.warning = 0
-        taxel.failures = 0
+        taxel.warning = taxel.failures = 0
         start, way = taxel.base_mm, base_mm - taxel.base_mm
-        first = taxel.value if taxel.value is not None and taxel.held == held else self._current(taxel, held)
+        first = taxel.load_n or 0.0
         wanted = math.ceil(float(np.hypot(*way)) / self._substep_mm)
         count = max(1, min(wanted, _SUBSTEPS))
         length = self._substep_mm / max(float(np.hypot(*way)), self._substep_mm) if wanted > 1 else 1.0
         for left in range(count - 1, -1, -1):
             share = 1.0 - left * (length if wanted > _SUBSTEPS else 1.0 / count)
             if taxel.failures < _FAILURES or not left:
-                self._substep(taxel, held, first + share * (value - first), start + share * way, _HALVINGS)
-        taxel.base_mm, taxel.value, taxel.held = base_mm.copy(), value, held
+                self._substep(taxel, first + share * (load_n - first), start + share * way, _HALVINGS)
+        taxel.base_mm, taxel.load_n = base_mm.copy(), load_n
 
-    def _current(self, taxel: TaxelState, held: HeldQuantity) -> float:
-        return float(taxel.force_n[0].sum()) if held == "force" else taxel.approach_mm
-
-    def _substep(
-        self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray, halvings: int
-    ) -> None:
+    def _substep(self, taxel: TaxelState, load_n: float, base_mm: FloatArray, halvings: int) -> None:
         """Solve one substep, or halve it where Newton's method fails."""
-        before = self._current(taxel, held)
-        assert taxel.base_mm is not None
-        here = taxel.base_mm
+        before_n, here_mm = float(taxel.force_n[0].sum()), taxel.base_mm
+        assert here_mm is not None  # `_advance` has set it
         if self._surface.unevenness:
             factor = float(friction_factor(self._surface.unevenness, base_mm))
             taxel.solver.friction = self._surface.friction * factor
-        solution, frame = self._solve(taxel, held, value, base_mm)
+        solution, frame = self._solve(taxel, load_n, base_mm, base_mm - here_mm)
         taxel.failures += not solution.converged
         if not solution.converged and halvings and taxel.failures < _FAILURES:
-            self._substep(taxel, held, (before + value) / 2, (here + base_mm) / 2, halvings - 1)
-            self._substep(taxel, held, value, base_mm, halvings - 1)
+            self._substep(taxel, (before_n + load_n) / 2, (here_mm + base_mm) / 2, halvings - 1)
+            self._substep(taxel, load_n, base_mm, halvings - 1)
             return
         if solution.converged:
             taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
+            taxel.approach_mm += solution.approach_mm
         else:  # the last state, scaled to this load, is the best approximation
             taxel.warning |= NOT_CONVERGED
-            taxel.force_n *= value / max(before, 1e-9) if held == "force" else 1.0
+            taxel.force_n *= load_n / max(before_n, 1e-9)
         taxel.moved_mm = (self._flat @ taxel.force_n.ravel()).reshape(3, -1) + taxel.turned_mm
         taxel.slips = solution.slips
-        taxel.approach_mm += solution.approach_mm if solution.converged else 0.0
         taxel.base_mm = base_mm
 
     def _solve(
-        self, taxel: TaxelState, held: HeldQuantity, value: float, base_mm: FloatArray
+        self, taxel: TaxelState, load_n: float, base_mm: FloatArray, travel_mm: FloatArray
     ) -> tuple[Solution, FloatArray]:
-        """Solve contact at a place; return the solution and the contact frames.
-
-        In displacement control the approach is given; with a given load it is part of the solution.
-        """
-        assert taxel.base_mm is not None
-        along = self._skin.x_mm + base_mm[0] + taxel.moved_mm[1]
-        across = self._skin.y_mm + base_mm[1] + taxel.moved_mm[2]
+        """Solve contact at a place; return the solution and the contact frames."""
+        moved = taxel.moved_mm
+        along, across = self._skin.x_mm + base_mm[0] + moved[1], self._skin.y_mm + base_mm[1] + moved[2]
         height, frame = plate_under(self._surface, along, across)
         lowest = float((self._skin.gap_mm - height).min())  # approach at which the unloaded skin touches
-        if (held == "force" and value <= 0) or (held == "displacement" and value <= lowest):
-            taxel.approach_mm = lowest if held == "force" else value
-            nothing = np.zeros_like(taxel.force_n)
-            taxel.turned_mm = nothing
-            return Solution(nothing, 0.0, np.zeros(nothing.shape[1], dtype=bool), True, 0), frame
-        before = taxel.approach_mm
-        if held == "displacement":
-            taxel.approach_mm = value
-        elif not taxel.force_n[0].any():
-            before = taxel.approach_mm = lowest
-        travel = base_mm - taxel.base_mm
+        if load_n <= 0:
+            taxel.approach_mm = lowest
+            taxel.turned_mm = nothing = np.zeros_like(taxel.force_n)
+            return Solution(nothing, 0.0, np.zeros(nothing.shape[1], dtype=bool), True), frame
+        if not taxel.force_n[0].any():
+            taxel.approach_mm = lowest
         gap = self._skin.gap_mm - height - taxel.approach_mm
-        # Slip of this step: travel, minus what the nodes had moved, minus the share of an imposed approach.
+        # Gap, and slip of this step: travel, minus what the nodes had moved.
         free = np.empty_like(taxel.force_n)
-        moved = taxel.moved_mm
         free[0] = frame[0, 0] * gap - frame[0, 1] * moved[1] - frame[0, 2] * moved[2]
         for axis in (1, 2):
             a = frame[axis]
-            free[axis] = (
-                a[1] * (travel[0] - moved[1])
-                + a[2] * (travel[1] - moved[2])
-                - a[0] * (moved[0] + taxel.approach_mm - before)
-            )
+            free[axis] = a[1] * (travel_mm[0] - moved[1]) + a[2] * (travel_mm[1] - moved[2]) - a[0] * moved[0]
         guess = np.einsum("ijk,jk->ik", frame, taxel.force_n)
         np.maximum(guess[0], 0.0, out=guess[0])
-        solution = self._solve_turning(taxel, frame, free, guess, value if held == "force" else None)
-        if not solution.converged:
-            taxel.approach_mm = before
-        return solution, frame
+        return self._solve_turning(taxel, frame, free, guess, load_n), frame
 
     def _solve_turning(
-        self,
-        taxel: TaxelState,
-        frame: FloatArray,
-        free: FloatArray,
-        guess: FloatArray,
-        load_n: float | None,
+        self, taxel: TaxelState, frame: FloatArray, free: FloatArray, guess: FloatArray, load_n: float
     ) -> Solution:
         """Solve contact until the couples belong to its forces; each round leaves a tenth of the change."""
         before = taxel.turned_mm
@@ -271,14 +226,10 @@ class Compliance:
 
 
 def plate_under(surface: Surface, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Height over the plane of the ridges (0 or less) and contact frames at places over the plate.
+    """Height (n,) over the plane of the ridges, 0 or less, and contact frames (3, 3, n) at places.
 
-    Returns
-    -------
-    height_mm : (n,) float64
-    frame : (3, 3, n) float64
-        ``frame[i, :, k]``: contact direction i (normal into the skin, two tangents) of place k as
-        (into the skin, x, y).
+    ``frame[i, :, k]`` is contact direction i (normal into the skin, two tangents) of place k as (into the
+    skin, x, y).
     """
     depth, period = surface.depth_mm, surface.period_mm
     angle = np.deg2rad(surface.angle_deg) if depth > 0 else 0.0

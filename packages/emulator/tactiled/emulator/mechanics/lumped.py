@@ -22,11 +22,14 @@ Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))`` with the spe
 it slips, so that a slide that begins fast has no static peak.
 """
 
+from collections.abc import Mapping
+from typing import ClassVar
+
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import BOTTOMED, HeldQuantity, Readout, Surface, TaxelForces
-from tactiled.emulator.mechanics.sides import SideWeights, growth
+from tactiled.emulator.mechanics.base import BOTTOMED, Readout, Surface, TaxelForces, TaxelModel
+from tactiled.emulator.mechanics.sides import growth, mean_side_weights
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
@@ -42,49 +45,37 @@ _REACH, _REACH_PER_MM = 1.96, 3.62
 # Indentations between which the rings lie, finer at small ones: the slipping share has steps of at most 8 %
 # under 1.667 N (0.165 mm) and of 13 % under 0.2 N (0.053 mm).
 _RING_EDGES_MM = BUMP_MM * np.linspace(0.0, 1.0, 41) ** 2
-_PATCH_MM = 0.83  # contact radius of the finite elements at 1.667 N, over which the side weights are averaged
 _TOUCHING = 1e-12  # N; forces below are rounding errors
 _SAME = 1e-6  # relative change of an indentation by rounding, below which tangents replace secants
 _GIVES = 1 + 1e-9  # over its limit by which an element slips: at rest on the limit it does not
 
-STEP_S = 2.5e-3  # four steps a scan, interpolated between them
 
-# Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
-# 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the slipping
-# share at any instant under constant load). Transients are the friction force, relative to its limit, against
-# `compliance` (a reversal, a turn, a fall and a growth of the load within presliding).
-PROVIDES: dict[str, float] = {
-    "direction": 0.045,
-    "gross-slip": 0.06,
-    "incipient-slip": 0.13,
-    "absolute-force": 0.075,
-    "left-right": 0.045,
-    "tangential-force": 0.015,
-    "transients": 0.03,
-}
-
-
-class Lumped:
-    """Load curve and slip elements, a `TaxelModel`.
-
-    Parameters
-    ----------
-    azimuth_deg : (a,) float64
-    readout : {"edge", "half"}
+class Lumped(TaxelModel):
+    """Load curve and slip elements.
 
     Attributes
     ----------
     friction_part : float or (t,) float64
         Friction over that of the surface; may be changed between steps.
-
-    Raises
-    ------
-    ConfigError
-        The surface has grooves.
     """
 
+    # Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
+    # 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the slipping
+    # share at any instant under constant load). Transients are the friction force, relative to its limit,
+    # against `compliance` (a reversal, a turn, a fall and a growth of the load within presliding).
+    provides: ClassVar[Mapping[str, float]] = {
+        "direction": 0.045,
+        "gross-slip": 0.06,
+        "incipient-slip": 0.13,
+        "absolute-force": 0.075,
+        "left-right": 0.045,
+        "tangential-force": 0.015,
+        "transients": 0.03,
+    }
+    step_s = 2.5e-3  # four steps a scan, interpolated between them
+
     def __init__(
-        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, *, readout: Readout = "edge"
+        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, readout: Readout = "edge"
     ) -> None:
         if surface.depth_mm > 0:
             why = "a load curve has no ridges"
@@ -96,7 +87,7 @@ class Lumped:
         self._edges = np.stack(
             [_RING_EDGES_MM, load_n(_RING_EDGES_MM), _way_mm(_RING_EDGES_MM), _stiffness_n_mm(_RING_EDGES_MM)]
         )
-        self._normal_side, self._tangential_side = _mean_weights(SideWeights(azimuth_deg, readout))
+        self._normal_side, self._tangential_side = mean_side_weights(azimuth_deg, readout)
         self.reset()
 
     def reset(self) -> None:
@@ -107,18 +98,9 @@ class Lumped:
         self._base_mm: FloatArray | None = None
         self._pressed = np.zeros(0)
 
-    def step(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        run = self.run(held, value[None], base_mm[None], dt_s)
-        return TaxelForces(**{name: rows[0] for name, rows in vars(run).items()})
-
-    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """Do n steps at once; arguments and results have a leading axis n."""
-        if held == "force":
-            normal = np.maximum(value, 0.0)
-            depth = indentation_mm(normal)
-        else:
-            depth = np.maximum(value, 0.0)
-            normal = load_n(depth)
+    def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        normal = np.maximum(load_n, 0.0)
+        depth = indentation_mm(normal)
         moved = _changes(base_mm, base_mm[0] if self._base_mm is None else self._base_mm)
         self._base_mm = base_mm[-1].copy()
         friction = friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
@@ -244,19 +226,3 @@ def friction_at(surface: Surface, speed_mm_s: FloatArray) -> FloatArray:
     # Beyond 30 reference speeds the exponential is 0, and its argument must not overflow.
     fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
     return np.asarray(surface.friction * (1 + (surface.static_ratio - 1) * fall))
-
-
-def _mean_weights(weights: SideWeights) -> tuple[FloatArray, FloatArray]:
-    """Average the side weights over a round patch, weighted by pressure: (a,) and (2, a).
-
-    The pressure is that of a ball on a thin incompressible layer bonded below, ``p ~ (1 - r^2 / a^2)^2``
-    (Johnson, Contact Mechanics, 1985, section 5.8).
-    """
-    radius = (np.arange(8) + 0.5) / 8
-    angle = 2 * np.pi * np.arange(16) / 16
-    x = _PATCH_MM * np.outer(radius, np.cos(angle)).ravel()
-    y = _PATCH_MM * np.outer(radius, np.sin(angle)).ravel()
-    share = np.repeat(radius * (1 - radius**2) ** 2, len(angle))
-    share /= share.sum()
-    normal, tangential = weights.at(x, y)
-    return normal @ share, np.einsum("anv,n->va", tangential, share)

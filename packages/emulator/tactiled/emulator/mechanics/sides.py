@@ -22,42 +22,30 @@ from tactiled.resources import shipped
 # `_LARGEST_N`; beyond it the weights stay constant.
 _NORMAL_GROWTH, _TILT_GROWTH = 0.0102, 0.0745
 _LARGEST_N = 3.8
+_PATCH_MM = 0.83  # contact radius of the finite elements at 1.667 N, over which the weights are averaged
 _ORDER = 5  # residual of the fits: rms below 0.01
 
 
-class SideWeights:
-    """Weights of the read-out areas at given azimuths.
+def mean_side_weights(azimuth_deg: FloatArray, readout: Readout) -> tuple[FloatArray, FloatArray]:
+    """Newtons on each area per newton on the taxel: of pressing (a,), along x and y on the skin (2, a).
 
-    Parameters
-    ----------
-    azimuth_deg : (a,) float64
-    readout : {"edge", "half"}
-        ``edge``: the chip beyond 1 mm from its axis, which reproduces the paper's 0.07 N a side and its
-        change of almost 100 %; ``half``: half the chip.
+    They hold at small load; see `growth`. The mean is over a round patch, weighted by the pressure of a ball
+    on a thin incompressible layer bonded below, ``p ~ (1 - r^2 / a^2)^2`` (Johnson, Contact Mechanics, 1985,
+    section 5.8).
     """
-
-    def __init__(self, azimuth_deg: FloatArray, readout: Readout = "edge") -> None:
-        angle = np.deg2rad(azimuth_deg)
-        self._cos, self._sin = np.cos(angle).round(15), np.sin(angle).round(15)
-        self._fits = _fits(readout)
-
-    def at(self, x_mm: FloatArray, y_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Newtons on each area per newton at places of the bump, at small load; see `growth` for large loads.
-
-        Returns
-        -------
-        normal : (a, n) float64
-            Per newton of pressing.
-        tangential : (a, n, 2) float64
-            Per newton along x and y on the skin.
-        """
-        cos, sin = self._cos[:, None], self._sin[:, None]
-        s, q = cos * x_mm + sin * y_mm, cos * y_mm - sin * x_mm
-        normal, along, across = self._fits
-        pull_s = _even(s, q) @ along
-        pull_q = (q[..., None] * _even(s, q)) @ across
-        tangential = np.stack([cos * pull_s - sin * pull_q, sin * pull_s + cos * pull_q], axis=-1)
-        return np.asarray(_even(s, q) @ normal), tangential
+    radius = (np.arange(8) + 0.5) / 8
+    angle = 2 * np.pi * np.arange(16) / 16
+    x = _PATCH_MM * np.outer(radius, np.cos(angle)).ravel()
+    y = _PATCH_MM * np.outer(radius, np.sin(angle)).ravel()
+    share = np.repeat(radius * (1 - radius**2) ** 2, len(angle))
+    share /= share.sum()
+    azimuth = np.deg2rad(azimuth_deg)[:, None]
+    cos, sin = np.cos(azimuth).round(15), np.sin(azimuth).round(15)
+    s, q = cos * x + sin * y, cos * y - sin * x
+    normal, along, across = _fits(readout)
+    pull_s, pull_q = _even(s, q) @ along, (q[..., None] * _even(s, q)) @ across
+    tangential = np.stack([cos * pull_s - sin * pull_q, sin * pull_s + cos * pull_q], axis=-1)
+    return _even(s, q) @ normal @ share, np.einsum("anv,n->va", tangential, share)
 
 
 def growth(normal_n: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,8 +1,8 @@
 """Unilateral contact with Coulomb friction on surface nodes: a semismooth Newton method.
 
 A node k carries a force ``f_k = (p, t_1, t_2)`` in its contact frame. With the body's compliance the gap and
-the slip of a step are affine in all forces and in the body's further approach ``a`` (known, or unknown where
-the total force is known)::
+the slip of a step are affine in all forces and in the body's further approach ``a``, which is unknown where
+the total force is known::
 
     v = free + W f - lift a,        v_k = (gap, slip_1, slip_2)
 
@@ -42,7 +42,6 @@ class Solution:
     approach_mm: float
     slips: NDArray[np.bool_]  # (n,) touching and on the cone
     converged: bool
-    iterations: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,6 @@ class _Factorisation:
 
     nodes: IntArray
     slipping: IntArray  # places among `nodes`
-    with_load: bool
     lu: FloatArray
     pivots: IntArray
 
@@ -59,11 +57,8 @@ class _Factorisation:
 class ContactSolver:
     """Solve one step after the other for one body, keeping the last factorisation.
 
-    Parameters
-    ----------
-    compliance : (3, n, 3, n) float64
-        Displacement component i of node k by force component j on node l, mm/N; symmetric, positive
-        definite. Components: into the body, x, y.
+    ``compliance[i, k, j, l]`` is the displacement of node k by a force on node l, mm/N; symmetric, positive
+    definite. Components i and j: into the body, x, y.
     """
 
     def __init__(self, compliance: FloatArray, friction: float) -> None:
@@ -75,9 +70,7 @@ class ContactSolver:
         self.friction = friction
         self._factor: _Factorisation | None = None
 
-    def solve(
-        self, frame: FloatArray, free: FloatArray, force_n: FloatArray, load_n: float | None
-    ) -> Solution:
+    def solve(self, frame: FloatArray, free: FloatArray, force_n: FloatArray, load_n: float) -> Solution:
         """Solve one step.
 
         Parameters
@@ -89,14 +82,14 @@ class ContactSolver:
             Gap, and slip of this step, that the nodes would have without forces and further approach, mm.
         force_n : (3, n) float64
             First guess.
-        load_n : float or None
-            Total force into the body; None: no further approach.
+        load_n : float
+            Total force into the body, above 0.
         """
         lift, force, approach = frame[:, 0], force_n.copy(), 0.0
-        scale = max(load_n if load_n is not None else float(force[0].sum()), _SMALL_N)
+        scale = max(load_n, _SMALL_N)
         last = np.inf
         slips = np.zeros(self._n, dtype=bool)
-        for iteration in range(_ITERATIONS):
+        for _ in range(_ITERATIONS):
             v, pull = self._motion(frame, free, force, approach)
             push = force[0] - self._rho_n * v[0]
             touches, bound = push > 0, self.friction * np.maximum(push, 0.0)
@@ -106,13 +99,11 @@ class ContactSolver:
             residual = max(
                 float(np.abs(force[0] - np.maximum(push, 0.0)).max()),
                 float(np.abs(force[1:] - kept * pull).max()),
-                abs(float((lift * force).sum()) - load_n) if load_n is not None else 0.0,
+                abs(float((lift * force).sum()) - load_n),
             )
             if residual <= _TOLERANCE * scale:
-                return Solution(force, approach, slips, True, iteration)
+                return Solution(force, approach, slips, True)
             if not touches.any():
-                if load_n is None:
-                    return Solution(np.zeros_like(force), approach, slips, True, iteration)
                 # Some node must carry the load: begin again with the nearest one alone, without friction.
                 nearest = int(np.argmin(v[0] / lift[0]))
                 force[:] = 0.0
@@ -130,9 +121,8 @@ class ContactSolver:
             if step is None:
                 break
             force[:, nodes] += step[: 3 * len(nodes)].reshape(3, -1)
-            if load_n is not None:
-                approach += float(step[-1])
-        return Solution(force, approach, slips, False, _ITERATIONS)
+            approach += float(step[-1])
+        return Solution(force, approach, slips, False)
 
     def _motion(
         self, frame: FloatArray, free: FloatArray, force: FloatArray, approach: float
@@ -151,11 +141,10 @@ class ContactSolver:
         pull: FloatArray,
         nodes: IntArray,
         slips: NDArray[np.bool_],
-        load_n: float | None,
+        load_n: float,
         stale: bool,
     ) -> FloatArray | None:
         """Newton's step of the touching nodes' forces and of the approach; None where it is singular."""
-        count = len(nodes)
         slipping = np.flatnonzero(slips)
         among = nodes[slipping]
         size = np.maximum(np.hypot(*pull[:, among]), 1e-300)
@@ -163,24 +152,21 @@ class ContactSolver:
         bound = self.friction * np.maximum(force[0, among], 0.0)
         goal = -v[:, nodes]
         goal[1:, slipping] = bound * along - force[1:, among]
-        right = goal.ravel()
-        if load_n is not None:
-            right = np.append(right, load_n - (frame[:, 0] * force).sum())
+        right = np.append(goal.ravel(), load_n - (frame[:, 0] * force).sum())
         factor = self._factor
         if (
             stale
             or factor is None
-            or factor.with_load != (load_n is not None)
             or not np.array_equal(factor.nodes, nodes)
             or not np.array_equal(factor.slipping, slipping)
         ):
-            matrix = self._matrix(frame, nodes, slipping, along, bound / size, load_n is not None)
+            matrix = self._matrix(frame, nodes, slipping, along, bound / size)
             lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
             if info:
                 return None
-            factor = self._factor = _Factorisation(nodes, slipping, load_n is not None, lu, pivots)
+            factor = self._factor = _Factorisation(nodes, slipping, lu, pivots)
         step, _ = lapack.dgetrs(factor.lu, factor.pivots, right)
-        return np.asarray(step) if np.isfinite(step).all() and len(step) >= 3 * count else None
+        return np.asarray(step) if np.isfinite(step).all() else None
 
     def _matrix(
         self,
@@ -189,7 +175,6 @@ class ContactSolver:
         slipping: IntArray,
         along: FloatArray,
         ratio: FloatArray,
-        with_load: bool,
     ) -> FloatArray:
         """Derivative of the functions above at the touching nodes, bordered by the load."""
         count = len(nodes)
@@ -197,11 +182,10 @@ class ContactSolver:
         part = self._compliance[:, nodes][:, :, :, nodes].transpose(1, 0, 2, 3).reshape(count, 3, -1)
         rotated = (axes @ part).reshape(count, 3, 3, count).transpose(3, 2, 1, 0).reshape(count, 3, -1)
         local = (axes @ rotated).reshape(count, 3, 3, count).transpose(2, 3, 1, 0)
-        matrix = np.zeros((3 * count + with_load,) * 2, order="F")
+        matrix = np.zeros((3 * count + 1,) * 2, order="F")
         matrix[: 3 * count, : 3 * count] = local.reshape(3 * count, 3 * count)
-        if with_load:
-            lift = frame[:, 0, nodes].ravel()
-            matrix[:-1, -1], matrix[-1, :-1] = -lift, lift
+        lift = frame[:, 0, nodes].ravel()
+        matrix[:-1, -1], matrix[-1, :-1] = -lift, lift
         if len(slipping):
             one, two = count + slipping, 2 * count + slipping
             ratio = np.minimum(ratio, 1.0)  # beyond 1 the derivative turns over and Newton runs away

@@ -7,14 +7,12 @@ again from the beginning.
 """
 
 from collections import OrderedDict
-from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import HeldQuantity, TaxelForces, TaxelModel
 
 _KEPT_STEPS = 4096  # some 10 s of the cheap models: more than a scan or a report looks back
 
@@ -32,17 +30,9 @@ class GridSource(Protocol):
 
 
 class GridInterpolator:
-    """Rows of a `GridSource` at any instants.
+    """Rows of a `GridSource` at any instants; `block` grid points are computed at once."""
 
-    Parameters
-    ----------
-    source : GridSource
-        Reset here.
-    block : int
-        Grid points computed at once; 1 for a source that reacts to input.
-    """
-
-    def __init__(self, source: GridSource, *, step_s: float, block: int = 64) -> None:
+    def __init__(self, source: GridSource, *, step_s: float, block: int) -> None:
         self._source = source
         self._step_s = step_s
         self._block = block
@@ -58,41 +48,25 @@ class GridInterpolator:
         """Instant up to which the source has been stepped."""
         return max(self._made * self._block - 1, 0) * self._step_s
 
-    def at(self, time_s: FloatArray, columns: NDArray[np.int64] | slice) -> FloatArray:
-        """Interpolated rows.
+    def at(self, time_s: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
+        """Return the columns (c,) of the source, each at its instants (n, c), or all at (n, 1).
 
-        Parameters
-        ----------
-        time_s : (n, c) or (n,) float64
-            Instants; before 0 the rows are those of time 0.
-        columns : (c,) int64 or slice
-            With instants (n, c), the column of each; with (n,), the columns of the result.
-
-        Returns
-        -------
-        (n, c) float64
+        Before time 0 the rows are those of time 0.
         """
+        time_s = np.broadcast_to(time_s, (len(time_s), len(columns)))
         place = np.maximum(time_s, 0.0) / self._step_s
         below = np.floor(place).astype(np.int64)
         part = place - below
         block = below // self._block
-        out = np.empty(time_s.shape) if time_s.ndim == 2 else None
-        for number in np.unique(block):
+        out = np.empty(time_s.shape)
+        for number in np.unique(block).tolist():
             index = np.nonzero(block == number)
-            step = below[index] - number * self._block
+            step, column = below[index] - number * self._block, columns[index[1]]
             # One row more than the block: the last point's right neighbour.
-            rows = np.concatenate([self._rows(int(number)), self._rows(int(number) + 1)[:1]])
-            if time_s.ndim == 2:
-                column = np.asarray(columns)[index[1]]
-                low, high = rows[step, column], rows[step + 1, column]
-                weight = part[index]
-            else:
-                low, high = rows[step][:, columns], rows[step + 1][:, columns]
-                weight = part[index][:, None]
-            if out is None:
-                out = np.empty((len(time_s), low.shape[1]))
-            out[index] = low + weight * (high - low)
-        return np.empty((0, 0)) if out is None else out
+            rows = np.concatenate([self._rows(number), self._rows(number + 1)[:1]])
+            low, high = rows[step, column], rows[step + 1, column]
+            out[index] = low + part[index] * (high - low)
+        return out
 
     def _rows(self, number: int) -> FloatArray:
         if number < self._made and number not in self._blocks:
@@ -103,26 +77,3 @@ class GridInterpolator:
             if len(self._blocks) * self._block > max(_KEPT_STEPS, 4 * self._block):
                 self._blocks.popitem(last=False)
         return self._blocks[number]
-
-
-@runtime_checkable
-class BlockTaxelModel(Protocol):
-    """Contact model that does many steps at once."""
-
-    def run(self, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        """`TaxelModel.step` with a leading axis n of arguments and results."""
-        ...
-
-
-def play(
-    model: TaxelModel, held: HeldQuantity, value: FloatArray, base_mm: FloatArray, dt_s: float
-) -> TaxelForces:
-    """Step a model through ``value (n, t)`` and ``base_mm (n, t, 2)``; results have a leading axis n."""
-    if isinstance(model, BlockTaxelModel):
-        return model.run(held, value, base_mm, dt_s)
-    return stacked([model.step(held, v, base, dt_s) for v, base in zip(value, base_mm, strict=True)])
-
-
-def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
-    """Stack steps along a leading axis."""
-    return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})

@@ -11,7 +11,6 @@ from pydantic import Field, model_validator
 
 from tactiled import resources, tomlfile
 from tactiled.emulator.board.electronics import ElectronicsParams
-from tactiled.emulator.mechanics.base import HeldQuantity, Readout
 from tactiled.emulator.scene.phases import (
     Disturbance,
     FlatPlate,
@@ -69,14 +68,8 @@ class Scene(Params):
     description: str = ""
     array: str = Field(default="wang2019-3x3", description="name or file of the array")
     contact: Contact = Field(default="signal", description="contact model: its name, or auto")
-    held: HeldQuantity = Field(
-        default="force", description="constant while sliding: the load, or its indentation"
-    )
     needs: list[Need] = Field(default=[], description="quantities that contact model auto must provide")
     tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
-    readout: Readout = Field(
-        default="edge", description="area under a side electrode, for physical contact models"
-    )
     seed: int = Field(
         default=1, ge=0, lt=2**63, description="of the noise and of the differences between taxels"
     )
@@ -109,7 +102,7 @@ class Scene(Params):
 
     @model_validator(mode="after")
     def _held(self) -> Self:
-        """Refuse phases that do not fit a held object, and phases that need one."""
+        """Refuse phases that do not fit a held object, that need one, or that signals cannot prescribe."""
         held = self.held_object
         for index, phase in enumerate(self.phases):
             if isinstance(phase, LoadPhase) and held is None:
@@ -127,13 +120,6 @@ class Scene(Params):
                 raise ValueError(f"disturbances[{index}]: {extra.on} is of an object; add [held_object]")
             if extra.on == "friction" and self.contact != "lumped":
                 raise ValueError(f'disturbances[{index}]: friction changes with contact = "lumped" only')
-        if held is not None and self.held == "displacement":
-            raise ValueError("held: the grip on an object is a force")
-        return self
-
-    @model_validator(mode="after")
-    def _not_prescribed(self) -> Self:
-        """Refuse prescribed signals for motion that needs mechanics."""
         if self.contact == "signal" and (reason := self.needs_mechanics):
             raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "auto"')
         return self
@@ -142,7 +128,6 @@ class Scene(Params):
     def needs_mechanics(self) -> str:
         """Part of the scene that cannot be prescribed; empty where there is none."""
         reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, RotatePhase | LoadPhase)]
-        reasons += [f"a disturbance of {d.on}" for d in self.disturbances if d.on == "travel_mm"]
         reasons += ["a held object"] * (self.held_object is not None)
         return reasons[0] if reasons else ""
 

@@ -12,9 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import TaxelForces
+from tactiled.emulator.mechanics.base import TaxelForces, stacked
 from tactiled.emulator.mechanics.lumped import indentation_mm
-from tactiled.emulator.mechanics.stepper import stacked
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import MotionState
 from tactiled.emulator.scene.phases import LARGEST_FORCE_N, HeldObject, LoadPhase, PressPhase

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.disturbances import Disturbances
+from tactiled.emulator.scene.disturbances import disturbance, pull_n
 from tactiled.emulator.scene.phases import (
     FlatPlate,
     GroovedPlate,
@@ -32,7 +32,8 @@ PRESLIDING_MM = 0.1
 # resumption can be seen. The paper shows no stop; the numbers are plausible for PDMS, not measured.
 _SHEAR_KEPT = 0.7
 SHEAR_RELAXATION_S = 0.5
-_KNOT_S = 0.005  # step of the linear pieces of a sine on the speed: exact to 1e-4 at 5 Hz
+_ENTRY_MM = 1.0  # travel over which a sliding skin comes fully onto another plate
+_LEAST_FRICTION = 0.01  # part of the plate's: contact models need a limit above zero
 
 
 @dataclass(frozen=True)
@@ -125,22 +126,15 @@ class SceneMotion:
     1968 with exponent 1, in vector form), so that it saturates in `PRESLIDING_MM` and reverses with the
     direction: ``s(L) = d + (s0 - d) exp(-L / L0)``. At rest it relaxes towards `_SHEAR_KEPT` of
     full shear; loss of contact clears it.
-
-    Attributes
-    ----------
-    phase_start_s : (phases + 1,) float64
-        Instant at which each phase begins; the last is the end of the scene.
-    surfaces : list of FlatPlate or GroovedPlate
-        Distinct plates, in order of appearance.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
+        # Instant at which each phase begins; the last is the end of the scene.
         self.phase_start_s = np.array([0.0, *itertools.accumulate(p.duration_s for p in scene.phases)])
+        # Distinct plates, in order of appearance.
         self.surfaces: list[FlatPlate | GroovedPlate] = []
-        self._disturbances = Disturbances(scene.disturbances)
         self._segments = self._build()
-        self._entry_mm = np.array([surface.entry_mm for surface in self.surfaces])
         names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
         self._table = {name: np.array([getattr(s, name) for s in self._segments]) for name in names}
 
@@ -155,40 +149,35 @@ class SceneMotion:
         dx, dy = np.moveaxis(table["direction"][i], -1, 0)
         goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
         left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / SHEAR_RELAXATION_S)
-        extra_load_n, extra_x_mm, extra_y_mm, pull_x_n, pull_y_n = self._disturbances.at(time_s)
+        extras = self.scene.disturbances
+        pull = pull_n(extras, time_s)
         return MotionState(
-            load_n=np.maximum(table["load"][i] + table["load_rate"][i] * dt + extra_load_n, 0.0),
-            travel_x_mm=table["x"][i] + dx * way + extra_x_mm,
-            travel_y_mm=table["y"][i] + dy * way + extra_y_mm,
+            load_n=np.maximum(
+                table["load"][i] + table["load_rate"][i] * dt + disturbance(extras, "load_n", time_s), 0.0
+            ),
+            travel_x_mm=table["x"][i] + dx * way,
+            travel_y_mm=table["y"][i] + dy * way,
             speed_mm_s=table["speed"][i] + table["acceleration"][i] * dt,
             direction_deg=table["direction_deg"][i],
             shear_x=goal_x + (table["shear_x"][i] - goal_x) * left,
             shear_y=goal_y + (table["shear_y"][i] - goal_y) * left,
             turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
-            pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull_x_n,
-            pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull_y_n,
-            friction_part=self._disturbances.friction_part(time_s),
+            pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull.real,
+            pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull.imag,
+            friction_part=np.maximum(1.0 + disturbance(extras, "friction", time_s), _LEAST_FRICTION),
             phase=table["phase"][i],
         )
-
-    def velocity_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Velocity (..., 2) of the skin over the surface, by phases and disturbances."""
-        state = self.at(time_s)
-        angle = np.deg2rad(state.direction_deg)
-        direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        extra = self._disturbances.velocity_mm_s(time_s)
-        return np.asarray(state.speed_mm_s[..., None] * direction + extra)
 
     def surface_share(self, number: int, time_s: FloatArray) -> FloatArray:
         """Share of the skin on plate `number`: between 0 and 1 while it slides from one plate to another.
 
         A change of plate without contact is immediate; in contact the skin comes onto the plate smoothly over
-        `entry_mm` of travel.
+        `_ENTRY_MM` of travel.
         """
         i, _, way = self._locate(time_s)
         table = self._table
         since_mm = table["path"][i] + way - table["path_at_change"][i]
-        part = np.clip(since_mm / self._entry_mm[table["surface"][i]], 0.0, 1.0)
+        part = np.clip(since_mm / _ENTRY_MM, 0.0, 1.0)
         entered = part * part * (3 - 2 * part)
         now = table["surface"][i] == number
         before = table["surface_before"][i] == number
@@ -196,7 +185,7 @@ class SceneMotion:
 
     def temperature_k(self, time_s: FloatArray) -> FloatArray:
         """Warming (K) of the sensor since the scene began."""
-        return self._disturbances.temperature_k(np.maximum(time_s, 0.0))
+        return disturbance(self.scene.disturbances, "temperature_k", np.maximum(time_s, 0.0))
 
     def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Segment of each instant, time since its beginning, and travel in it."""
@@ -274,15 +263,6 @@ def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
         knots = list(slide.profile)
         return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
     speed = slide.speed_mm_s or 0.0
-    times = {0.0, slide.ramp_s}
-    if slide.ripple_mm_s:
-        times |= set(np.arange(slide.ramp_s, end, _KNOT_S).tolist())
     # Rounding must not leave a last piece of zero length.
-    times = {t for t in times if t < end - 1e-6} | {end}
-
-    def at(t: float) -> float:
-        if t < slide.ramp_s:
-            return speed * t / slide.ramp_s
-        return speed + slide.ripple_mm_s * float(np.sin(2 * np.pi * slide.ripple_hz * (t - slide.ramp_s)))
-
-    return [(t, at(t)) for t in sorted(times)]
+    times = {t for t in (0.0, slide.ramp_s) if t < end - 1e-6} | {end}
+    return [(t, speed * t / slide.ramp_s if t < slide.ramp_s else speed) for t in sorted(times)]

@@ -29,12 +29,6 @@ class Plate(Params):
         default=1.0, ge=1e-6, le=1e6, description="speed scale over which friction falls to that of sliding"
     )
     unevenness: Unevenness = 0.0
-    entry_mm: float = Field(
-        default=1.0,
-        ge=1e-6,
-        le=1e6,
-        description="travel over which a sliding skin comes fully onto this plate",
-    )
 
 
 class FlatPlate(Plate):
@@ -66,15 +60,6 @@ class GroovedPlate(Plate):
     ripple: float = Field(
         default=0.042, ge=0, le=0.8, description="relative force amplitude at long periods, 0 degrees"
     )
-    harmonics: list[Annotated[float, Field(ge=-10, le=10)]] = Field(
-        default=[0.2, 0.05], max_length=8, description="amplitudes of the 2nd, 3rd, ... over the first"
-    )
-
-    @model_validator(mode="after")
-    def _positive_force(self) -> Self:
-        if self.ripple * (1 + sum(map(abs, self.harmonics))) >= 1:
-            raise ValueError("ripple with its harmonics would pull at the skin: keep their sum below 1")
-        return self
 
 
 Surface = Annotated[FlatPlate | GroovedPlate, Field(discriminator="kind")]
@@ -119,8 +104,6 @@ class SlidePhase(PhaseBase):
     speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
     ramp_s: float = Field(default=0.0, ge=0, le=86400, description="time to reach the speed, linearly from 0")
-    ripple_mm_s: float = Field(default=0.0, ge=0, le=1000, description="amplitude of a sine on the speed")
-    ripple_hz: float = Field(default=1.0, gt=0, le=50)
     profile: list[tuple[float, Annotated[float, Field(ge=0, le=1000)]]] = Field(
         default=[], description="instead of a speed: pairs of seconds into the phase and mm/s"
     )
@@ -129,8 +112,8 @@ class SlidePhase(PhaseBase):
     def _one_speed(self) -> Self:
         if (self.speed_mm_s is None) == (not self.profile):
             raise ValueError("give either speed_mm_s or profile")
-        if self.profile and (self.ramp_s or self.ripple_mm_s):
-            raise ValueError("ramp_s and ripple_mm_s belong to speed_mm_s, not to a profile")
+        if self.profile and self.ramp_s:
+            raise ValueError("ramp_s belongs to speed_mm_s, not to a profile")
         times = [t for t, _ in self.profile]
         if times and (times[0] != 0 or any(b - a < _SHORTEST_S for a, b in itertools.pairwise(times))):
             raise ValueError(f"profile times must begin at 0 and grow by at least {_SHORTEST_S} s")
@@ -138,8 +121,6 @@ class SlidePhase(PhaseBase):
             raise ValueError(f"profile goes on to {times[-1]} s, the phase only to {self.duration_s} s")
         if self.ramp_s > self.duration_s or 0 < self.ramp_s < _SHORTEST_S:
             raise ValueError(f"ramp_s must be 0, or from {_SHORTEST_S} s to the length of the phase")
-        if self.speed_mm_s is not None and self.ripple_mm_s > self.speed_mm_s:
-            raise ValueError("ripple_mm_s is larger than speed_mm_s: the skin would move backwards")
         return self
 
 
@@ -173,9 +154,9 @@ Phase = Annotated[
 class Disturbance(Params):
     """Addition to the phases, such as vibration, taps, tugs or warming."""
 
-    on: Literal["load_n", "pull_n", "travel_mm", "temperature_k", "friction"] = Field(
-        description="quantity that it adds to: grip, pull on a held object, travel of the skin, temperature, "
-        "relative change of a held object's friction"
+    on: Literal["load_n", "pull_n", "temperature_k", "friction"] = Field(
+        description="quantity that it adds to: grip, pull on a held object, temperature, relative change of "
+        "a held object's friction"
     )
     shape: Literal["sine", "pulse", "ramp"] = Field(
         description="sine of frequency_hz that grows and fades over a tenth of the time each; pulse: half a "
@@ -185,7 +166,7 @@ class Disturbance(Params):
     start_s: float = Field(default=0.0, ge=0, le=1e6)
     duration_s: Duration = 1.0
     frequency_hz: float = Field(default=50.0, gt=0, le=200, description="of a sine")
-    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="of a pull or a travel")
+    direction_deg: float = Field(default=0.0, ge=-360, le=360, description="of a pull")
 
 
 class HeldObject(Params):

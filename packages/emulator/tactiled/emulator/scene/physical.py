@@ -1,34 +1,25 @@
 """A scene on a physical contact model: forces on the channels and truth about the contact, at any instant."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.mechanics.base import (
-    BEYOND_REFERENCES,
-    Surface,
-    TaxelForces,
-    TaxelModel,
-    beyond_references,
-)
-from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm
-from tactiled.emulator.mechanics.stepper import GridInterpolator, play
+from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, TaxelForces, TaxelModel, beyond_references
+from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.held import HeldMotion
-from tactiled.emulator.scene.loading import LoadMemory
+from tactiled.emulator.scene.loading import CreepLag
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.emulator.scene.taxels import ChannelForces, model_surface, offset_mm, taxel_shares
 from tactiled.errors import ConfigError
 
-Build = Callable[[Surface, FloatArray, int], TaxelModel]
-
 _SCAN_S = 0.01  # computed at once where a controller may change the grip
 _BLOCK_S = 0.16  # computed at once otherwise: some scans, and a short pause of a real-time loop
 # Columns of `ContactStepper` after those of channels and taxels.
-_SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _PEAK = 0, 1, slice(2, 4), slice(4, 6), 6, 7
+_SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _WHOLE = 0, 1, slice(2, 4), slice(4, 6), 6, 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,30 +37,22 @@ class ContactState:
 
 
 class PhysicalContact:
-    """A `SceneContact` that steps a model of single taxels.
+    """Contact of the skin with the surfaces of a scene, stepped on a model of single taxels.
 
-    Parameters
-    ----------
-    build : callable
-        Surface, azimuths and number of taxels to the `TaxelModel`.
-    step_s : float
-        Step of its time grid.
-    name : str
-        Name of the model, for error messages.
-
-    Raises
-    ------
-    ConfigError
-        The model cannot play the scene.
+    The constructor raises `ConfigError` where the model cannot play the scene.
     """
 
-    def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
-        self._source = ContactStepper(motion, array, build, step_s, name)
+    def __init__(self, motion: SceneMotion, array: Array, model: type[TaxelModel]) -> None:
+        self._source = ContactStepper(motion, array, model)
         block_s = _SCAN_S if self._source.held else _BLOCK_S
         block = max(1, round(block_s / self._source.step_s))
         self._stepper = GridInterpolator(self._source, step_s=self._source.step_s, block=block)
-        self._channels = np.arange(array.n_channels)
         self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
+
+    @property
+    def models(self) -> list[TaxelModel]:
+        """The model of each plate of the scene."""
+        return self._source.models
 
     @property
     def reacts(self) -> bool:
@@ -105,27 +88,25 @@ class PhysicalContact:
     def play_until(self, end_s: float) -> None:
         """Compute the contact up to an instant of scene time."""
         while self.played_s < end_s:
-            self._stepper.at(np.array([self.played_s + _BLOCK_S]), slice(0, 1))
+            self._stepper.at(np.array([[self.played_s + _BLOCK_S]]), np.zeros(1, dtype=np.int64))
 
     def forces(self, time_s: FloatArray) -> FloatArray:
-        """See `SceneContact.forces`."""
-        return self._stepper.at(time_s, self._channels)
+        """Forces (N) on the channels' read-out areas, each at its own instants (n, channels) of scene time.
+
+        Normal force for ``side`` and ``normal`` channels (0 or more), signed tangential force of the taxel
+        for ``shear_x`` and ``shear_y``.
+        """
+        return self._stepper.at(time_s, np.arange(self._n_channels))
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """See `SceneContact.relaxed_load_n`."""
-        return self._column(_RELAXED, time_s)
-
-    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `SceneContact.load_and_peak_n`."""
-        return self._column(_LOAD, time_s), self._column(_PEAK, time_s)
-
-    def _column(self, number: int, time_s: FloatArray) -> FloatArray:
-        place = self._n_channels + 4 * self._n_taxels + number
-        return self._stepper.at(time_s, np.full(time_s.shape[1], place))
+        """Total load (N) through the lag of the rubber's creep, at instants (n, channels)."""
+        column = self._n_channels + 4 * self._n_taxels + _RELAXED
+        return self._stepper.at(time_s, np.full(time_s.shape[1], column))
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """See `SceneContact.state`."""
-        rows = self._stepper.at(time_s, slice(self._n_channels, None))
+        """Truth at instants (n,) of scene time."""
+        columns = self._n_channels + np.arange(4 * self._n_taxels + _WHOLE)
+        rows = self._stepper.at(time_s[:, None], columns)
         normal, tx, ty, slipping, whole = np.split(rows, np.arange(1, 5) * self._n_taxels, axis=1)
         return ContactState(
             normal_n=normal,
@@ -141,35 +122,34 @@ class PhysicalContact:
 class ContactStepper:
     """Step the contact of a scene on its time grid; a `stepper.GridSource`.
 
-    Parameters as for `PhysicalContact`. Columns of its rows: forces on the channels; normal force, x and y of
-    the tangential force, and slipping share of each taxel; then for the whole contact the slipping share,
-    load, travel (2), velocity (2), load through the creep's lag, and largest load since contact.
+    Columns of its rows: forces on the channels; normal force, x and y of the tangential force, and slipping
+    share of each taxel; then for the whole contact the slipping share, load, travel (2), velocity (2) and the
+    load through the creep's lag.
     """
 
-    def __init__(self, motion: SceneMotion, array: Array, build: Build, step_s: float, name: str) -> None:
+    def __init__(self, motion: SceneMotion, array: Array, model: type[TaxelModel]) -> None:
         scene = motion.scene
         self._motion = motion
-        self._controlled = scene.held
         self._share = taxel_shares(motion, array)
         self._read = ChannelForces(motion, array)
-        surfaces = [model_surface(plate, name) for plate in motion.surfaces]
-        self._models = [build(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
+        surfaces = [model_surface(plate) for plate in motion.surfaces]
+        self.models = [model(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
         self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
         self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
         self._offset_mm = [offset_mm(plate, scene.seed) for plate in motion.surfaces]
-        self.held = HeldMotion(scene, scene.held_object, step_s) if scene.held_object else None
-        self.step_s = self.held.step_s if self.held else step_s
-        self._memory = LoadMemory(self.step_s, scene.electronics.creep_time_s)
+        self.held = HeldMotion(scene, scene.held_object, model.step_s) if scene.held_object else None
+        self.step_s = self.held.step_s if self.held else model.step_s
+        self._lag = CreepLag(self.step_s, scene.electronics.creep_time_s)
         self.reset()
 
     def reset(self) -> None:
         """Return to scene time 0."""
-        for model in self._models:
+        for model in self.models:
             model.reset()
-        self._is_fresh = [True] * len(self._models)
+        self._is_fresh = [True] * len(self.models)
         self._k = 0
         self._before_mm: FloatArray | None = None
-        self._memory.reset()
+        self._lag.reset()
         self.watch = SlipEpisodeTracker()
         self.warnings: dict[int, float] = {}
         if self.held:
@@ -189,24 +169,22 @@ class ContactStepper:
 
     def _step_held(self, load_n: float, place_mm: FloatArray, friction_part: float) -> TaxelForces:
         """Step once on a held object, which has one surface."""
-        if isinstance(self._models[0], Lumped):
-            self._models[0].friction_part = friction_part
+        if isinstance(self.models[0], Lumped):
+            self.models[0].friction_part = friction_part
         base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
-        return self._models[0].step("force", load_n * self._share, base_mm, self.step_s)
+        return self.models[0].step(load_n * self._share, base_mm, self.step_s)
 
     def _step(
         self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray
     ) -> TaxelForces:
         """Forces (n, t) of all taxels on the plates that the skin touches at these instants."""
-        value = np.maximum(load_n[:, None] * self._share, 0.0)
-        if self._controlled == "displacement":
-            value = indentation_mm(value)
+        loads_n = np.maximum(load_n[:, None] * self._share, 0.0)
         cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
         x, y = self._from_middle[:, 0], self._from_middle[:, 1]
         turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         base_mm = self._middle_mm + turned + travel_mm[:, None, :]
         parts: list[tuple[FloatArray, TaxelForces]] = []
-        for number, model in enumerate(self._models):
+        for number, model in enumerate(self.models):
             share = self._motion.surface_share(number, time_s)
             if not share.any():
                 if not self._is_fresh[number]:
@@ -214,7 +192,7 @@ class ContactStepper:
                 self._is_fresh[number] = True
                 continue
             self._is_fresh[number] = False
-            felt = play(model, self._controlled, value, base_mm - self._offset_mm[number], self.step_s)
+            felt = model.run(loads_n, base_mm - self._offset_mm[number], self.step_s)
             parts.append((share, felt))
         return parts[0][1] if len(parts) == 1 else _blended(parts)
 
@@ -239,7 +217,7 @@ class ContactStepper:
                 load_n[:, None],
                 travel_mm,
                 velocity,
-                self._memory.feed(load_n),
+                self._lag.feed(load_n)[:, None],
             ],
             axis=1,
         )

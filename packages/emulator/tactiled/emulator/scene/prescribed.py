@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.mechanics import lumped
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.mechanics.unevenness import friction_factor
-from tactiled.emulator.scene.loading import PrescribedLoad
+from tactiled.emulator.scene.loading import PrescribedLag
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
@@ -22,6 +21,7 @@ _LARGEST_TILT = 0.95
 # A taxel averages the grooves over its contact area. With a Gaussian aperture of this sigma the ripple grows
 # from 0.9 to 1.5 mm periods about as much as in the paper's curves.
 _APERTURE_SD_MM = 0.2
+_HARMONICS = (0.2, 0.05)  # of the ripple: amplitudes of the 2nd and 3rd over the first
 _LOADS_AT_ONCE = 1024  # steps: an hour of load is then computed in a second
 
 
@@ -38,7 +38,8 @@ class SignalContact:
 
     def __init__(self, motion: SceneMotion, array: Array) -> None:
         self._motion = motion
-        self._loads = GridInterpolator(PrescribedLoad(motion), step_s=lumped.STEP_S, block=_LOADS_AT_ONCE)
+        lag = PrescribedLag(motion)
+        self._lag = GridInterpolator(lag, step_s=lag.step_s, block=_LOADS_AT_ONCE)
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
         self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
@@ -56,7 +57,7 @@ class SignalContact:
         self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
 
     def forces(self, time_s: FloatArray) -> FloatArray:
-        """See `SceneContact.forces`."""
+        """See `PhysicalContact.forces`."""
         state = self._motion.at(time_s)
         friction, ripple = self._friction_and_ripple(
             time_s, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm
@@ -68,16 +69,11 @@ class SignalContact:
         return np.where(self._tangential, shear, tilted)
 
     def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """See `SceneContact.relaxed_load_n`."""
-        return self._loads.at(time_s, np.ones(time_s.shape[1], dtype=np.int64))
-
-    def load_and_peak_n(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `SceneContact.load_and_peak_n`."""
-        load, peak = (np.full(time_s.shape[1], column) for column in (0, 2))
-        return self._loads.at(time_s, load), self._loads.at(time_s, peak)
+        """See `PhysicalContact.relaxed_load_n`."""
+        return self._lag.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
 
     def state(self, time_s: FloatArray) -> ContactState:
-        """See `SceneContact.state`; slip is prescribed, of the whole contact at once."""
+        """Truth at instants (n,); slip is prescribed, of the whole contact at once."""
         state = self._motion.at(time_s)
         angle = np.deg2rad(state.direction_deg)
         friction, ripple = self._friction_and_ripple(
@@ -108,23 +104,19 @@ class SignalContact:
             factor = friction_factor(surface.unevenness, np.stack([x_mm, y_mm], axis=-1))
             friction += share * surface.friction * factor
             if isinstance(surface, GroovedPlate):
-                ripple += share * groove_ripple(surface, groove_phase(surface, x_mm, y_mm))
+                ripple += share * _ripple(surface, x_mm, y_mm)
         return friction, ripple
 
 
-def groove_phase(grooves: GroovedPlate, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
-    """Phase (rad) of the groove pattern at places in the frame of the surface; 0 on a ridge."""
+def _ripple(grooves: GroovedPlate, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+    """Relative change of the normal force at places in the frame of the surface; see `SignalContact`."""
     angle = np.deg2rad(grooves.angle_deg)
     along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
-    return np.asarray(2 * np.pi * along_mm / grooves.period_mm)
-
-
-def groove_ripple(grooves: GroovedPlate, phase: FloatArray) -> FloatArray:
-    """Relative change of the normal force at a groove phase; see `SignalContact`."""
+    phase = 2 * np.pi * along_mm / grooves.period_mm
     aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
     amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture
     wave = np.cos(phase)
-    for order, part in enumerate(grooves.harmonics, start=2):
+    for order, part in enumerate(_HARMONICS, start=2):
         wave = wave + part * np.cos(order * phase)
     return np.asarray(amplitude * wave)
 

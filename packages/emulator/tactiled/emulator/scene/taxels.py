@@ -45,10 +45,7 @@ class ChannelForces:
 def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
     """Share of the load on each taxel; the sum is 1.
 
-    Raises
-    ------
-    ConfigError
-        No taxel carries load, or `Scene.touching` names one that does not exist.
+    `ConfigError` where no taxel carries load, or `Scene.touching` names one that does not exist.
     """
     scene = motion.scene
     source = f"scene {scene.name}"
@@ -66,30 +63,18 @@ def taxel_shares(motion: SceneMotion, array: Array) -> FloatArray:
     return np.asarray(share / share.sum())
 
 
-def model_surface(plate: FlatPlate | GroovedPlate, model: str) -> Surface:
+def model_surface(plate: FlatPlate | GroovedPlate) -> Surface:
     """Convert a scene's plate for a contact model; `ConfigError` for grooves as deep as the bump is high."""
+    common = plate.model_dump(include={"friction", "static_ratio", "stribeck_mm_s", "unevenness"})
     if isinstance(plate, FlatPlate):
-        return Surface(
-            plate.friction,
-            static_ratio=plate.static_ratio,
-            stribeck_mm_s=plate.stribeck_mm_s,
-            unevenness=plate.unevenness,
-        )
+        return Surface(**common)
     if plate.depth_mm >= BUMP_MM:
         fault = (
             f"surface.depth_mm: {plate.depth_mm:g} mm is as deep as the bump is high ({BUMP_MM:g} mm); "
-            f"no contact model is valid there, nor is {model}; use shallower grooves"
+            "no contact model is valid there; use shallower grooves"
         )
         raise ConfigError("scene", [fault])
-    return Surface(
-        plate.friction,
-        plate.period_mm,
-        plate.angle_deg,
-        plate.depth_mm,
-        plate.static_ratio,
-        plate.stribeck_mm_s,
-        plate.unevenness,
-    )
+    return Surface(period_mm=plate.period_mm, angle_deg=plate.angle_deg, depth_mm=plate.depth_mm, **common)
 
 
 def offset_mm(plate: FlatPlate | GroovedPlate, seed: int) -> FloatArray:

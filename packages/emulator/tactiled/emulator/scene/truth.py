@@ -13,7 +13,6 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.physical import ContactState, PhysicalContact
-from tactiled.emulator.scene.prescribed import groove_phase
 
 _WARNINGS = {
     BEYOND_REFERENCES: "a taxel bears more than in any finite-element reference: errors are not known there",
@@ -140,42 +139,11 @@ class Truth:
         np.divide(shear_n, limit_n, out=used, where=limit_n > 0)
         return used
 
-    def groove_phase(self, time_s: FloatArray) -> FloatArray:
-        """Groove phase of each taxel, radians in [0, 2 pi): (n, taxels); NaN on a flat plate."""
-        out = np.full((len(time_s), self.array.n_taxels), np.nan)
-        travel_mm = self.travel_mm(time_s)
-        turn = np.deg2rad(self.motion.at(time_s - self.t0_s).turn_deg)[:, None]
-        x0, y0 = self.array.x_mm.mean(), self.array.y_mm.mean()
-        x, y = self.array.x_mm - x0, self.array.y_mm - y0
-        for row, t in enumerate(time_s):
-            plate = self._surface_at(t - self.t0_s)
-            if isinstance(plate, GroovedPlate):
-                cos, sin = np.cos(turn[row]), np.sin(turn[row])
-                along_x = x0 + cos * x - sin * y + travel_mm[row, 0]
-                along_y = y0 + sin * x + cos * y + travel_mm[row, 1]
-                out[row] = groove_phase(plate, along_x, along_y) % (2 * np.pi)
-        return out
-
     def speed_mm_s(self, time_s: FloatArray) -> FloatArray:
-        """Speed of the skin over the surface."""
-        if self.scene.held_object is not None:
-            velocity = self.state(time_s).velocity_mm_s
-        else:
-            velocity = self.motion.velocity_mm_s(time_s - self.t0_s)
-        return np.asarray(np.linalg.norm(velocity, axis=-1))
-
-    def travel_mm(self, time_s: FloatArray) -> FloatArray:
-        """Travel (..., 2) of the skin since the scene began."""
-        if self.scene.held_object is not None:
-            return self.state(time_s).travel_mm
-        state = self.motion.at(time_s - self.t0_s)
-        return np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
-
-    def load_n(self, time_s: FloatArray) -> FloatArray:
-        """Total normal load."""
-        if self.scene.held_object is not None:
-            return self.state(time_s).load_n
-        return self.motion.at(time_s - self.t0_s).load_n
+        """Speed (n,) of the skin over the surface."""
+        if self.scene.held_object is None:
+            return self.motion.at(time_s - self.t0_s).speed_mm_s
+        return np.asarray(np.linalg.norm(self.state(time_s).velocity_mm_s, axis=-1))
 
     def to_map(self) -> dict[str, Any]:
         """Truth as plain data for JSON; slips as far as the scene has been played."""
