@@ -11,13 +11,10 @@ answer contains the present force.
 """
 
 import json
-import socket
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tactiled.emulator.line.links import HostLink, TcpLink, make_link
 from tactiled.emulator.scene.contact import SceneContact
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.errors import ConfigError
@@ -26,13 +23,7 @@ _LONGEST_LINE = 4096  # bytes; longer lines are no command and are dropped, whic
 
 
 def move_grip(contact: SceneContact, force_n: float) -> None:
-    """Set the grip on a held object.
-
-    Raises
-    ------
-    ConfigError
-        The scene has no held object, or the force is not from 0 to 2000 N.
-    """
+    """Set the grip on a held object; `ConfigError` if there is none, or the force is not from 0 to 2000 N."""
     if not isinstance(contact, PhysicalContact):
         raise ConfigError("grip", ["this scene has no held object: there is nothing to grip"])
     contact.grip(force_n)
@@ -84,43 +75,6 @@ def contact_report(contact: SceneContact, scene_s: float) -> dict[str, Any]:
         "tangential_n": state.tangential_n[0].tolist(),
         "fallen": isinstance(contact, PhysicalContact) and contact.has_fallen,
     }
-
-
-class UnixLink(TcpLink):
-    """Unix socket for one controller at a time; its file is removed at close."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__("", 0)
-        self._path = path
-
-    def open(self) -> None:
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            if self._path.is_socket():
-                self._path.unlink()  # left by an emulator that was killed
-            listener.bind(str(self._path))
-        except OSError as error:
-            listener.close()
-            why = error.strerror or str(error)
-            raise ConfigError("control", [f"cannot listen on {self._path}: {why}"]) from None
-        listener.listen()
-        listener.setblocking(False)
-        self._listener = listener
-
-    def close(self) -> None:
-        if self._listener is not None:
-            self._path.unlink(missing_ok=True)
-        super().close()
-
-    def describe(self) -> dict[str, str]:
-        return {"link": f"unix://{self._path}"}
-
-
-def control_link(address: str) -> HostLink:
-    """Socket at ``unix:///PATH`` or ``tcp://HOST:PORT``; `ConfigError` for anything else."""
-    if address.startswith("unix://"):
-        return UnixLink(Path(address.removeprefix("unix://")))
-    return make_link(None, address)
 
 
 def _refusal(why: str) -> dict[str, Any]:

@@ -15,33 +15,11 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.wire.layout import Layout
 
 
-def _ignore(_: ScanTruth) -> None:
-    """Drop the truth about a scan."""
-
-
 class EmulatedPort:
-    """An emulated board at the end of an emulated cable.
+    """An emulated board at the end of an emulated cable, powered up at a true instant (host monotonic clock).
 
-    Parameters
-    ----------
-    power_up_s : float
-        True instant (host monotonic clock) of power-up.
-    seed : int
-        Of the faults; the scene has its own.
-    on_scan : callable
-        Called with a `ScanTruth` for each scan instant.
-
-    Attributes
-    ----------
-    contact : SceneContact
-        Source of the truth; takes a controller's grip.
-    plugged : bool
-        False while a fault has unplugged the port: a host cannot read, write or open it.
-
-    Raises
-    ------
-    ConfigError
-        Scene, array, layout and board do not fit each other.
+    `seed` is of the faults; the scene has its own. `on_scan` gets a `ScanTruth` for each scan instant. The
+    constructor raises `ConfigError` where scene, array, layout and board do not fit each other.
     """
 
     def __init__(
@@ -53,7 +31,7 @@ class EmulatedPort:
         board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
-        on_scan: Callable[[ScanTruth], None] = _ignore,
+        on_scan: Callable[[ScanTruth], None] = lambda _: None,
     ) -> None:
         params, self._faults = board or EmulatedBoardParams(), faults or FaultParams()
         array = emulated_array(scene, layout)
@@ -66,11 +44,11 @@ class EmulatedPort:
             span=(array.low, array.high) if layout.carries_units else None,
         )
         self.array = array
-        self.contact = sensor.contact
+        self.contact = sensor.contact  # source of the truth; takes a controller's grip
         self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=self._scanned)
         self._on_scan = on_scan
         self.counts = FaultCounts()
-        self.plugged = True
+        self.plugged = True  # False while a fault has unplugged the port: a host can use none
         self._line = CableModel(layout.file.baud, self._faults, seed, self.counts)
         self._plan = FaultPlan(self._faults, seed, power_up_s)
         self._replug_s = float("inf")

@@ -21,7 +21,7 @@ from typing import Any
 from tactiled.array import Array
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
-from tactiled.emulator.control import ControlLines, contact_report, control_link
+from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.emulator.line.links import HostLink, make_link
 from tactiled.emulator.pace import OverrunPolicy, SceneClock
@@ -50,13 +50,8 @@ class Emulator:
         (with `with_scans`), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
-    control : HostLink or None
-        Link to a controller; see `control`.
 
-    Raises
-    ------
-    ConfigError
-        Scene, layout and board do not fit, or the link cannot be made.
+    The constructor raises `ConfigError` where scene, layout and board do not fit.
     """
 
     def __init__(
@@ -167,15 +162,8 @@ class Emulator:
             if board.scene_start_s is not None:
                 self._clock.hold(scene_s, board.scene_start_s)
         if self._clock is not None and self._pace.is_report_due(now_s):
-            self._report(
-                {
-                    "what": "overrun",
-                    "time_s": now_s,
-                    "missed": self._pace.missed,
-                    "held_s": self._clock.held_s,
-                    "t0_s": self._clock.t0_s,
-                }
-            )
+            scene = {"held_s": self._clock.held_s, "t0_s": self._clock.t0_s}
+            self._report({"what": "overrun", "time_s": now_s, "missed": self._pace.missed, **scene})
 
     def _obey(self, control: HostLink) -> None:
         """Answer the controller; scene time is 0 before the scene begins."""
@@ -209,17 +197,9 @@ class Emulator:
                 self._report({"what": "slip", **slip, **instants})
 
     def _report_scan(self, scan: ScanTruth) -> None:
-        self._report(
-            {
-                "what": "scan",
-                "index": scan.index,
-                "sequence": scan.sequence,
-                "boot": scan.boot,
-                "began_s": scan.began_s,
-                "sent": scan.sent,
-                **contact_report(self._port.contact, scan.scene_s),
-            }
-        )
+        names = ("index", "sequence", "boot", "began_s", "sent")
+        of_scan = {name: getattr(scan, name) for name in names}
+        self._report({"what": "scan", **of_scan, **contact_report(self._port.contact, scan.scene_s)})
 
 
 class SlipReports:
@@ -276,7 +256,7 @@ def run_emulator(
         seed=seed,
         report=report,
         with_scans=with_scans,
-        control=None if control is None else control_link(control),
+        control=None if control is None else make_link(None, control),
     )
     missing = missing_tables(scene, emulator.array)
     for done, solve in enumerate(missing):

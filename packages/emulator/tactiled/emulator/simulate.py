@@ -32,11 +32,6 @@ class Simulation:
         stop it at the end. Without that only `send` starts the board, and the duration counts from power-up.
     duration_s : float or None
         Scene time to play; None is the scene's own duration.
-
-    Attributes
-    ----------
-    scans : list of ScanTruth
-        Truth about each scan instant so far.
     """
 
     def __init__(
@@ -53,7 +48,7 @@ class Simulation:
     ) -> None:
         faults = faults or FaultParams()
         self.now_s = origin_s
-        self.scans: list[ScanTruth] = []
+        self.scans: list[ScanTruth] = []  # truth about each scan instant so far
         self._scene = scene
         self._origin_s = origin_s
         self._duration_s = scene.duration_s if duration_s is None else duration_s
@@ -62,14 +57,9 @@ class Simulation:
         self._is_host = is_host and layout.has("start")
         self._starts_unasked = self._is_host and not layout.has("hello")  # such a board says nothing before
         self._token = 0
+        note = self.scans.append
         self._port = EmulatedPort(
-            scene,
-            layout,
-            power_up_s=origin_s,
-            board=board,
-            faults=faults,
-            seed=seed,
-            on_scan=self.scans.append,
+            scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=note
         )
 
     @property
@@ -79,26 +69,14 @@ class Simulation:
 
     @property
     def truth(self) -> Truth:
-        """Truth of the scene on the simulated clock.
-
-        Raises
-        ------
-        ContractError
-            The scene has not begun.
-        """
+        """Truth of the scene on the simulated clock; `ContractError` before the scene has begun."""
         t0_s = self._port.board.scene_start_s
         if t0_s is None:
             raise ContractError("the scene has not begun: iterate the simulation first")
         return Truth(self._scene, t0_s, self._port.contact, self._port.array)
 
     def grip(self, force_n: float) -> None:
-        """Set a controller's grip on a held object from now on.
-
-        Raises
-        ------
-        ConfigError
-            See `move_grip`.
-        """
+        """Set a controller's grip on a held object from now on; see `move_grip`."""
         move_grip(self._port.contact, force_n)
 
     def send(self, data: bytes) -> None:

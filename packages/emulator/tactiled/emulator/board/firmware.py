@@ -50,26 +50,10 @@ class Outgoing(NamedTuple):
 
 
 class Board:
-    """An emulated board.
+    """An emulated board, whose source is read in scene time and which calls `on_scan` for each scan instant.
 
-    Parameters
-    ----------
-    hello : Hello
-        Identity; its rate is the one after power-up.
-    source : ScanSource
-        Read in scene time, which begins at the first start command.
-    on_scan : callable
-        Called with a `ScanTruth` for each scan instant.
-
-    Attributes
-    ----------
-    scene_start_s : float or None
-        True instant of scene time 0; None until the first start. `skip_until` moves it.
-
-    Raises
-    ------
-    ConfigError
-        The rate after power-up does not fit the line.
+    The constructor raises `ConfigError` where the rate after power-up, that of `hello`, does not fit the
+    line.
     """
 
     def __init__(
@@ -98,6 +82,7 @@ class Board:
         if not self._fits(hello.rate_hz):
             fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
             raise ConfigError("board", [fault])
+        # True instant of scene time 0, which is the first start; `skip_until` moves it.
         self.scene_start_s: float | None = None
         self._index = 0
         self._out: list[Outgoing] = []
@@ -164,14 +149,10 @@ class Board:
         self._to_miss += self.running
 
     def skip_until(self, now_s: float) -> int:
-        """Leave out all scans that should have ended by `now_s`, without reading the source.
+        """Leave out all scans that should have ended by `now_s`, and return their number.
 
-        This is for a board in real time on a host that is too slow. The next scan carries the overrun flag.
-
-        Returns
-        -------
-        int
-            Number of scan instants left out.
+        The source is not read: this is for a board in real time on a host that is too slow. The next scan
+        carries the overrun flag.
         """
         scanning, n = self._scanning, 0
         if scanning is None or self.scene_start_s is None:
@@ -185,22 +166,16 @@ class Board:
         return n
 
     def _power_up(self, now_s: float, start_ticks: int, start_sequence: int) -> None:
-        self._crystal = Crystal(
-            now_s,
-            self._drift_ppm,
-            self._layout.tick_s or 1e-6,
-            self._layout.bits("scan", "ticks") or 32,
-            start_ticks,
-        )
+        tick_s, bits = self._layout.tick_s or 1e-6, self._layout.bits("scan", "ticks") or 32
+        self._crystal = Crystal(now_s, self._drift_ppm, tick_s, bits, start_ticks)
         self._rate_hz = self._hello.rate_hz
         self._sequence = start_sequence % (1 << self._sequence_bits)
         self._boot_end_s = self._next_hello_s = now_s + BOOT_S
         self._to_miss = 0
         self._overrun = False
         self._answers = {}
-        self._pongs: deque[tuple[float, tuple[Command, str]]] = (
-            deque()
-        )  # answers to pings, with the instant of each
+        # Answers to pings, with the instant of each.
+        self._pongs: deque[tuple[float, tuple[Command, str]]] = deque()
         self._scanning = None
         self._first_after_start = False
         self._out = []
@@ -215,20 +190,18 @@ class Board:
             self._start(now_s)
 
     def _obey(self, command: Command, now_s: float) -> str:
-        if command.name == "start":
-            if self._scanning is None:
-                self._start(now_s)
-        elif command.name == "stop":
-            if self._scanning is not None:
-                self._scanning = None
-                self._next_hello_s = now_s + HELLO_PERIOD_S
+        if command.name == "start" and not self.running:
+            self._start(now_s)
+        elif command.name == "stop" and self.running:
+            self._scanning = None
+            self._next_hello_s = now_s + HELLO_PERIOD_S
         elif command.name == "set_rate":
             if command.rate_hz is None or not self._fits(command.rate_hz):
                 return "bad_argument"
             self._rate_hz = command.rate_hz
             if self._scanning is not None:
                 self._scan_from(now_s)
-        elif command.name not in ("ping", "identify"):
+        elif command.name not in ("start", "stop", "ping", "identify"):
             return "unknown_command"
         return "ok"
 
@@ -281,16 +254,8 @@ class Board:
         return rate_hz >= _SLOWEST_HZ and rate_hz * longest_s <= 1.0
 
     def _send_hello(self, now_s: float) -> None:
-        hello = Hello(
-            **vars(self._hello)
-            | {
-                "boot_count": self._boot_count,
-                "rate_hz": self._rate_hz,
-                "streaming": self.running,
-                "ticks": self._ticks(now_s),
-            }
-        )
-        self._send(hello, now_s)
+        state = {"boot_count": self._boot_count, "rate_hz": self._rate_hz, "streaming": self.running}
+        self._send(Hello(**vars(self._hello) | state | {"ticks": self._ticks(now_s)}), now_s)
 
     def _acknowledge(self, command: Command, result: str, now_s: float) -> None:
         if self._layout.has("acknowledge") and result in self._layout.file.results:

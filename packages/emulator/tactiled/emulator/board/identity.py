@@ -25,18 +25,9 @@ class EmulatedBoardParams(Params):
     )
     boot_count: int = Field(default=1, ge=0, description="boot count in the first hello")
     drift_ppm: float = Field(default=30.0, ge=-50_000, le=50_000, description="error of the board's crystal")
-    answer_least_s: float = Field(
-        default=1e-4,
-        ge=0,
-        le=1,
-        description="shortest time from the last bit of a ping to the tick in its answer",
-    )
-    answer_most_s: float = Field(
-        default=1e-3,
-        ge=0,
-        le=1,
-        description="longest such time; each is drawn between the two, as the main loop comes round",
-    )
+    # From the last bit of a ping to the tick in its answer, as the main loop comes round.
+    answer_least_s: float = Field(default=1e-4, ge=0, le=1, description="shortest time to answer a ping")
+    answer_most_s: float = Field(default=1e-3, ge=0, le=1, description="longest time to answer a ping")
     start_ticks: int = Field(default=0, ge=0, description="tick counter at the first power-up")
     start_sequence: int = Field(default=0, ge=0, description="sequence number of the first scan")
 
@@ -44,30 +35,26 @@ class EmulatedBoardParams(Params):
 def emulated_array(scene: Scene, layout: Layout) -> Array:
     """Array of the scene or, where the scene names none, the one that the layout assumes.
 
-    Raises
-    ------
-    ConfigError
-        The frames of the layout do not carry that array's channels, or are those of another array.
+    `ConfigError` where the frames of the layout are not those of that array.
     """
-    assumed = layout.file.assumed_hello
-    if assumed is None or "array" in scene.model_fields_set:
-        array = load_array(scene.array)
-    elif assumed.array_id in shipped_names("config/arrays"):
-        array = load_array(assumed.array_id)
-    else:
-        fault = f"the layout {layout.name} assumes the array {assumed.array_id!r}: name its file with --array"
+    assumed, fault = layout.file.assumed_hello, ""
+    is_named = assumed is None or "array" in scene.model_fields_set
+    name = scene.array if assumed is None or is_named else assumed.array_id
+    if not is_named and name not in shipped_names("config/arrays"):
+        fault = f"the layout {layout.name} assumes the array {name!r}: name its file with --array"
         raise ConfigError(f"scene {scene.name}", [fault])
+    array = load_array(name)
     if assumed is not None and array.name != assumed.array_id:
         fault = (
             f"the array is {array.name!r}, but the layout {layout.name} assumes {assumed.array_id!r} "
             "(assumed_hello.array_id): give both the same name"
         )
-        raise ConfigError(f"scene {scene.name}", [fault])
-    if array.n_channels != layout.n_channels:
+    elif array.n_channels != layout.n_channels:
         fault = (
             f"array {array.name} has {array.n_channels} channels, "
             f"frames of {layout.name} carry {layout.n_channels}; change one of them"
         )
+    if fault:
         raise ConfigError(f"scene {scene.name}", [fault])
     return array
 

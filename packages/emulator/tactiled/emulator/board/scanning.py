@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _SCANS_AHEAD = 32  # computed at once: one call costs some 0.3 ms, for one scan or for 32
+Readings = NDArray[np.int64] | NDArray[np.float64]
 Seconds = TypeVar("Seconds", float, NDArray[np.float64])
 # Rounding of a board time that is a whole number of ticks must not make the counter one tick early.
 _TICK_SLACK = 1e-3
@@ -44,17 +45,10 @@ class Crystal:
 class ScanSource(Protocol):
     """Source of the ADC's readings, see `sensor.Sensor`."""
 
-    @property
-    def reacts(self) -> bool:
-        """Return whether a controller may still change coming scans, which are then not read ahead."""
-        ...
+    reacts: bool  # a controller may still change coming scans, which are then not read ahead
+    has_memory: bool  # an instant can be read only after all instants before it are computed
 
-    @property
-    def has_memory(self) -> bool:
-        """Return whether an instant can be read only after all instants before it are computed."""
-        ...
-
-    def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64] | NDArray[np.float64]:
+    def counts(self, first: int, time_s: NDArray[np.float64]) -> Readings:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
         ...
 
@@ -75,14 +69,8 @@ class ScanTruth:
 class Scanning:
     """Sample scan k at board time ``epoch_board_s + k / rate_hz``, and its channels after their offsets.
 
-    Parameters
-    ----------
-    offset_s : (channels,) float64
-        Of each channel's sample, board seconds after the scan began.
-    begin_s : float
-        True instant of the first scan.
-    scene_start_s : float
-        True instant of scene time 0.
+    `begin_s` and `scene_start_s` are the true instants of the first scan and of scene time 0; offsets are
+    board seconds.
     """
 
     def __init__(
@@ -103,7 +91,7 @@ class Scanning:
         self._epoch_board_s = crystal.board_s(begin_s)
         self._scene_start_s = scene_start_s
         self._k = 0
-        self._ahead: NDArray[np.int64] | NDArray[np.float64] = np.empty((0, len(offset_s)), dtype=np.int64)
+        self._ahead: Readings = np.empty((0, len(offset_s)), dtype=np.int64)
         self._n_ahead = 1 if source.reacts else _SCANS_AHEAD
 
     @property
@@ -122,15 +110,10 @@ class Scanning:
         return self._crystal.true_s(self.begin_board_s) - self._scene_start_s
 
     def skip(self, n: int) -> float:
-        """Leave out n scan instants that were not computed in time.
+        """Leave out n scan instants; return the seconds by which the scene now begins later than it did.
 
         A source with memory would have to compute them all the same and never catch up. Therefore the scene
         stands still over these instants.
-
-        Returns
-        -------
-        float
-            Seconds by which the scene now begins later than it did.
         """
         before_s = self._crystal.true_s(self.begin_board_s)
         self._k += n
@@ -142,14 +125,14 @@ class Scanning:
         self._scene_start_s += held_s
         return held_s
 
-    def take(self, index: int) -> NDArray[np.int64] | NDArray[np.float64]:
+    def take(self, index: int) -> Readings:
         """Sample the coming scan, which has number `index`, and go on to the next one."""
         if not len(self._ahead):
             k = self._k + np.arange(self._n_ahead)
             begin_board_s = self._epoch_board_s + k / self._rate_hz
             sampled_s = self._crystal.true_s(begin_board_s[:, None] + self._offset_s)
             self._ahead = self._source.counts(index, sampled_s - self._scene_start_s)
-        counts: NDArray[np.int64] | NDArray[np.float64] = self._ahead[0]
+        counts: Readings = self._ahead[0]
         self._ahead = self._ahead[1:]
         self._k += 1
         return counts

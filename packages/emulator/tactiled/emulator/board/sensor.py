@@ -16,16 +16,9 @@ from tactiled.errors import ConfigError
 class Sensor:
     """Counts of every channel at given instants of scene time.
 
-    Parameters
-    ----------
-    span : (float, float), optional
-        Readings of no and of all counts, in the unit of the array: the sensor converts counts itself. An
-        array in newtons then reads the force on the skin, without rubber and divider.
-
-    Raises
-    ------
-    ConfigError
-        A dead channel that the array does not have, or a contact model that cannot play the scene.
+    With `span`, the readings of no and of all counts in the unit of the array, the sensor converts counts
+    itself; an array in newtons then reads the force on the skin, without rubber and divider. `ConfigError`
+    for a dead channel that the array does not have, or a contact model that cannot play the scene.
     """
 
     def __init__(
@@ -44,6 +37,8 @@ class Sensor:
         self._params = params
         self._motion = SceneMotion(scene)
         self.contact = make_contact(self._motion, array)
+        self.has_memory = isinstance(self.contact, PhysicalContact)
+        self.reacts = self.has_memory and scene.held_object is not None
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         self._span = span
@@ -55,14 +50,6 @@ class Sensor:
         self._side_azimuth_deg = array.azimuth_deg[self._is_side]
         self._is_shear = (kinds == "shear_x") | (kinds == "shear_y")
         self._is_inverted = (array.sign < 0) & ~self._is_shear  # wired to the supply, not to ground
-
-    @property
-    def reacts(self) -> bool:
-        return isinstance(self.contact, PhysicalContact) and self.contact.reacts
-
-    @property
-    def has_memory(self) -> bool:
-        return isinstance(self.contact, PhysicalContact)
 
     def volts(self, time_s: FloatArray) -> FloatArray:
         """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""

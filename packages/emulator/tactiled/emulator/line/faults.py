@@ -76,13 +76,7 @@ class FaultCounts:
 
 
 class FaultPlan:
-    """Instants of the faults in time, in order.
-
-    Parameters
-    ----------
-    power_up_s : float
-        Instant that ``at_s`` counts from.
-    """
+    """Instants of the faults in time, in order; `power_up_s` is the one that ``at_s`` counts from."""
 
     def __init__(self, params: FaultParams, seed: int, power_up_s: float) -> None:
         self._rates = {kind: float(getattr(params, f"{kind}_per_s")) for kind in _TIMED}

@@ -42,17 +42,8 @@ class PtyLink:
     """Pty with a symbolic link to its device, which is replaced in one step and removed at close.
 
     The device end is kept open here, so that the port stays while hosts come and go. It is raw: there is no
-    echo and no line discipline before a host sets anything.
-
-    Parameters
-    ----------
-    path : Path or None
-        The link; with None there is none, and the report has the name of the device.
-
-    Raises
-    ------
-    ConfigError
-        From `open`: `path` exists and is no symbolic link, or cannot be made.
+    echo and no line discipline before a host sets anything. Without a path the report has the name of the
+    device. `open` raises `ConfigError` where the path exists and is no symbolic link, or cannot be made.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -113,15 +104,8 @@ class PtyLink:
 class TcpLink:
     """TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial).
 
-    Parameters
-    ----------
-    port : int
-        0 takes a free port, which is kept when the port is unplugged.
-
-    Raises
-    ------
-    ConfigError
-        From `open`: the address is not available.
+    Port 0 takes a free port, which is kept when the port is unplugged. `open` raises `ConfigError` where the
+    address is not available.
     """
 
     def __init__(self, host: str, port: int) -> None:
@@ -150,11 +134,6 @@ class TcpLink:
         return [s.fileno() for s in (self._listener, self._client) if s is not None]
 
     def read(self) -> bytes:
-        data = self._receive()  # first, so that a host that has left makes room for the next one
-        self._accept()
-        return data
-
-    def _receive(self) -> bytes:
         data = b""
         with contextlib.suppress(BlockingIOError):
             while self._client is not None and len(data) < _MOST_BYTES:
@@ -165,6 +144,7 @@ class TcpLink:
                 data += chunk
                 if not chunk:
                     self._hang_up()
+        self._accept()  # last, so that a host that has left makes room for the next one
         return data
 
     def write(self, data: bytes) -> int:
@@ -197,19 +177,48 @@ class TcpLink:
         self._client = None
 
 
-def make_link(link: Path | None, tcp: str | None) -> HostLink:
-    """Make the link that the command line asks for: a pty unless `tcp` is ``tcp://HOST:PORT``.
+class UnixLink(TcpLink):
+    """Unix socket for one peer at a time; its file is removed at close."""
 
-    Raises
-    ------
-    ConfigError
-        `tcp` is not of that form, or both are given.
+    def __init__(self, path: Path) -> None:
+        super().__init__("", 0)
+        self._path = path
+
+    def open(self) -> None:
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            if self._path.is_socket():
+                self._path.unlink()  # left by an emulator that was killed
+            listener.bind(str(self._path))
+        except OSError as error:
+            listener.close()
+            why = error.strerror or str(error)
+            raise ConfigError("control", [f"cannot listen on {self._path}: {why}"]) from None
+        listener.listen()
+        listener.setblocking(False)
+        self._listener = listener
+
+    def close(self) -> None:
+        if self._listener is not None:
+            self._path.unlink(missing_ok=True)
+        super().close()
+
+    def describe(self) -> dict[str, str]:
+        return {"link": f"unix://{self._path}"}
+
+
+def make_link(link: Path | None, address: str | None) -> HostLink:
+    """Make a pty of the name `link`, or a socket at ``tcp://HOST:PORT`` or ``unix:///PATH``.
+
+    `ConfigError` where the address is of another form, or both are given.
     """
-    if tcp is None:
+    if address is None:
         return PtyLink(link)
-    host, _, port = tcp.removeprefix("tcp://").rpartition(":")
     if link is not None:
         raise ConfigError("command line", ["give either a link for a pty or a TCP address, not both"])
+    if address.startswith("unix://"):
+        return UnixLink(Path(address.removeprefix("unix://")))
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigError("command line", [f"tcp: {tcp!r} is not of the form tcp://HOST:PORT"])
+        raise ConfigError("command line", [f"tcp: {address!r} is not of the form tcp://HOST:PORT"])
     return TcpLink(host.strip("[]"), int(port))

@@ -29,13 +29,7 @@ DAMPING_RATIO = 0.2
 
 
 class HeldMotion:
-    """Load and place of the skin over a held object.
-
-    Attributes
-    ----------
-    step_s : float
-        `longest_step_s`, or shorter to stay stable.
-    """
+    """Load and place of the skin over a held object; `step_s` is the longest, or shorter to be stable."""
 
     def __init__(self, scene: Scene, params: HeldObject, longest_step_s: float) -> None:
         self._params = params
@@ -46,7 +40,6 @@ class HeldMotion:
         self.step_s = longest_step_s / math.ceil(max(longest_step_s * rate / _STABLE, 1.0))
         self._delay_steps = round(params.grip_delay_s / self.step_s)
         self._commands: list[tuple[int, float]] = []
-        self._k = 0
         self.reset()
 
     def reset(self) -> None:
@@ -60,13 +53,7 @@ class HeldMotion:
         self.has_fallen = False
 
     def grip(self, force_n: float) -> None:
-        """Set a controller's grip, instead of the scene's load, from the step after the gripper's delay on.
-
-        Raises
-        ------
-        ConfigError
-            The force is not from 0 to 2000 N.
-        """
+        """Set a controller's grip, in place of the scene's load, from the end of the gripper's delay on."""
         if not 0 <= force_n <= LARGEST_FORCE_N:
             raise ConfigError("grip", [f"{force_n} N is not a force from 0 to {LARGEST_FORCE_N:g} N"])
         if step_n := self._params.grip_step_n:
@@ -75,18 +62,10 @@ class HeldMotion:
             self._commands.append((self._k + self._delay_steps, force_n))
 
     def play(self, drive: MotionState, feel: Feel) -> tuple[FloatArray, FloatArray, TaxelForces]:
-        """Do the next n steps.
+        """Do the next n steps: loads (n,), places (n, 2) and forces with a leading axis n.
 
-        Parameters
-        ----------
-        drive : MotionState
-            Motion and load of the scene at the steps (n,).
-        feel : callable
-            Grip, place of the skin (2,) and friction over that of the plate to the forces of a step.
-
-        Returns
-        -------
-        load_n : (n,), place_mm : (n, 2), felt : TaxelForces with a leading axis n
+        `drive` is the motion of the scene at the steps; `feel` converts grip, place of the skin (2,) and
+        friction over that of the plate to the forces of a step.
         """
         end = drive.travel_x_mm + 1j * drive.travel_y_mm
         force = drive.pull_x_n + 1j * drive.pull_y_n + self._params.spring_n_mm * end

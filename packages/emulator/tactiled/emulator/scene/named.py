@@ -20,18 +20,10 @@ def scene_names() -> dict[str, list[str]]:
 
 
 def named_scene(name: str) -> Scene:
-    """Find a scene by name.
+    """Find a scene by name; `ConfigError` if there is none, or its file has faults.
 
-    Parameters
-    ----------
-    name : str
-        Shipped (``demo``), a TOML file (``my/scene.toml``), a plate of the paper's table 2
-        (``experiment-d1.20-a45``), or a family and a seed (``stick-slip-7``).
-
-    Raises
-    ------
-    ConfigError
-        There is no such scene, or the file has faults.
+    It is shipped (``demo``), a TOML file (``my/scene.toml``), a plate of the paper's table 2
+    (``experiment-d1.20-a45``), or of a family with a seed (``stick-slip-7``).
     """
     if resources.is_name(name) and name not in resources.shipped_names("config/scenes"):
         found = _NUMBERED.fullmatch(name)

@@ -55,11 +55,6 @@ class PhysicalContact:
         return self._source.models
 
     @property
-    def reacts(self) -> bool:
-        """Return whether a controller can change the grip."""
-        return self._source.held is not None
-
-    @property
     def has_fallen(self) -> bool:
         """Return whether a held object has slipped out of the grip."""
         return self._source.held is not None and self._source.held.has_fallen

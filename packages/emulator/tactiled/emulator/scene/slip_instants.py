@@ -36,16 +36,10 @@ class SlipEpisode:
 
 
 class SlipEpisodeTracker:
-    """Find slip episodes in grid rows, which come in order, any number at a time.
-
-    Attributes
-    ----------
-    episodes : list of SlipEpisode
-        The newest ones; the last may continue.
-    """
+    """Find slip episodes in grid rows, which come in order, any number at a time."""
 
     def __init__(self) -> None:
-        self.episodes: list[SlipEpisode] = []
+        self.episodes: list[SlipEpisode] = []  # the newest ones; the last may continue
         self.count = 0
         self._last = (0.0, 0.0, 0.0, 0.0)  # instant, share, x, y
         self._low_s = self._low_n = self._peak_n = 0.0
@@ -58,10 +52,7 @@ class SlipEpisodeTracker:
         shear_n: FloatArray,
         way_mm: FloatArray,
     ) -> None:
-        """Follow rows (n,).
-
-        `shear_n` is the size of the total tangential load, ``way_mm (n, 2)`` the place of the skin.
-        """
+        """Follow rows (n,) with the size of the total tangential load and the place (n, 2) of the skin."""
         columns = (time_s, share, load_n, shear_n, way_mm[:, 0], way_mm[:, 1])
         for t, s, load, shear, x, y in zip(*(column.tolist() for column in columns), strict=True):
             self._follow_load(t, shear, _GROWS * load)

@@ -49,15 +49,9 @@ class TrueSlip:
 class Truth:
     """Truth of a scene, with instants on the caller's clock.
 
-    Parameters
-    ----------
-    t0_s : float
-        Instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
-        ``start`` command, which the emulator reports.
-    contact : SceneContact or None
-        The one that played the scene, with any grip of a controller; None plays the scene again.
-    array : Array or None
-        Array of the board; None is the scene's own.
+    `t0_s` is the instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
+    ``start`` command, which the emulator reports. `contact` is the one that played the scene, with any grip
+    of a controller; without it the scene is played again, on its own array.
     """
 
     def __init__(

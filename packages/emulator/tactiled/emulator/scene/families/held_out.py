@@ -11,6 +11,7 @@ from tactiled.emulator.scene.families.parts import (
     begin_quiet,
     disturb,
     friction_n,
+    hold_phase,
     log_uniform,
     made,
     slide_phase,
@@ -33,13 +34,11 @@ def braking_drag(seed: int) -> Scene:
 
 def swelling_pull(seed: int) -> Scene:
     """A pull on a held object grows, at first as the square of time, beyond the friction limit."""
-    rng, scene = begin_quiet("swelling-pull", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 5.0}]
+    rng, scene = begin_quiet("swelling-pull", seed, hold_s=5.0)
     strength, start_s = friction_n(scene) * rng.uniform(1.5, 2.5), rng.uniform(3.5, 4.5)
     weight = scene["phases"][-2]
-    along_deg = turned(
-        weight["direction_deg"], rng.uniform(-60.0, 60.0)
-    )  # a pull against the weight would first reduce shear
+    # A pull against the weight would first reduce shear.
+    along_deg = turned(weight["direction_deg"], rng.uniform(-60.0, 60.0))
     disturb(scene, "pull_n", "pulse", strength, start_s, rng.uniform(1.0, 6.0), direction_deg=along_deg)
     return made(scene)
 
@@ -63,14 +62,13 @@ def slip_on_shear(seed: int) -> Scene:
     first = slide_phase(rng, duration_s=0.2, speed_mm_s=sheared_mm / 0.2)
     on_deg = turned(first["direction_deg"], rng.uniform(-60.0, 60.0))
     on = first | {"duration_s": 3.0, "speed_mm_s": speed_mm_s, "direction_deg": on_deg}
-    scene["phases"] += [first, {"kind": "hold", "duration_s": rng.uniform(0.5, 2.0)}, on]
+    scene["phases"] += [first, hold_phase(rng.uniform(0.5, 2.0)), on]
     return made(scene)
 
 
 def walking(seed: int) -> Scene:
     """The hand belongs to a walker: every step pulls at the object, well below the friction limit."""
-    rng, scene = begin_quiet("walking", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 9.0}]
+    rng, scene = begin_quiet("walking", seed, hold_s=9.0)
     step_hz, along_deg = rng.uniform(1.4, 2.4), any_direction_deg(rng)
     strength = friction_n(scene) * rng.uniform(0.05, 0.25)
     for times, aside_deg in ((1, 0.0), (2, rng.uniform(-40.0, 40.0))):
@@ -81,8 +79,7 @@ def walking(seed: int) -> Scene:
 
 def hand_over(seed: int) -> Scene:
     """A person pulls at the object below the friction limit, and lets go."""
-    rng, scene = begin_quiet("hand-over", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    rng, scene = begin_quiet("hand-over", seed, hold_s=8.0)
     strength, direction_deg = friction_n(scene) * rng.uniform(0.2, 0.6), any_direction_deg(rng)
     start_s, length_s = rng.uniform(3.5, 5.0), rng.uniform(0.2, 1.5)
     for sign, later_s in ((1, 0.0), (-1, length_s + rng.uniform(0.5, 3.0))):
@@ -99,6 +96,6 @@ def off_centre_squeeze(seed: int) -> Scene:
     for part in rng.uniform(1.0, 2.0, 5):
         scene["phases"] += [
             {"kind": "press", "duration_s": log_uniform(rng, 0.05, 1.0), "force_n": least_n * float(part)},
-            {"kind": "hold", "duration_s": rng.uniform(0.3, 2.0)},
+            hold_phase(rng.uniform(0.3, 2.0)),
         ]
     return made(scene)

@@ -4,12 +4,18 @@ The press is the same for all objects, because a controller does not know them e
 those that one sensorised finger bears; the other finger bears as much.
 """
 
-from typing import Any
-
 import numpy as np
 
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.families.parts import Document, any_direction_deg, log_uniform, made
+from tactiled.emulator.scene.families.parts import (
+    Document,
+    any_direction_deg,
+    disturb,
+    hold_phase,
+    log_uniform,
+    made,
+    turned,
+)
 
 _SHORTEST_S = 0.001  # of a phase, as `description` has it
 HOLD_S = 7.0
@@ -56,28 +62,22 @@ def hold(seed: int) -> Scene:
         "electronics": {"noise_v": log_uniform(rng, 0.2e-3, 2e-3)},
         "phases": [
             {"kind": "press", "duration_s": 0.4, "force_n": START_N},
-            {"kind": "hold", "duration_s": settle_s},
+            hold_phase(settle_s),
             pull | {"duration_s": lift_s},
         ],
         "disturbances": [],
     }
-    _lift_acceleration(rng, scene, settle_s + 0.4, lift_s, weight_n)
+    # The inertia of an object that leaves the table.
+    _pull(scene, float(rng.uniform(0.0, 0.1)) * weight_n, settle_s + 0.4 + lift_s, 0.3)
     event = EVENTS[int(rng.integers(len(EVENTS)))]
     _add_event(rng, scene, event, weight_n)
     left_s = HOLD_S - sum(phase["duration_s"] for phase in scene["phases"])
     if left_s >= _SHORTEST_S:
-        scene["phases"] += [{"kind": "hold", "duration_s": left_s}]
+        scene["phases"] += [hold_phase(left_s)]
     elif left_s > 0:  # the phase before ends a moment later
         scene["phases"][-1]["duration_s"] += left_s
     scene["description"] = event
     return made(scene)
-
-
-def _lift_acceleration(
-    rng: np.random.Generator, scene: Document, start_s: float, lift_s: float, weight_n: float
-) -> None:
-    """Add the inertia of an object that leaves the table, up to a tenth of its weight."""
-    _pull(scene, float(rng.uniform(0.0, 0.1)) * weight_n, start_s + lift_s, 0.3, 0.0)
 
 
 def _add_event(rng: np.random.Generator, scene: Document, event: str, weight_n: float) -> None:
@@ -85,34 +85,24 @@ def _add_event(rng: np.random.Generator, scene: Document, event: str, weight_n: 
     if event == "jerks":
         for _ in range(int(rng.integers(1, 4))):
             part = float(rng.uniform(0.2, 0.8))
-            _pull(scene, part * weight_n, start_s, log_uniform(rng, 0.1, 0.5), 0.0)
+            _pull(scene, part * weight_n, start_s, log_uniform(rng, 0.1, 0.5))
             start_s += float(rng.uniform(0.6, 1.0))
     elif event == "collision":  # short and strong, in any direction
         part = float(rng.uniform(0.5, 2.0))
         _pull(scene, part * weight_n, start_s, log_uniform(rng, 0.015, 0.06), any_direction_deg(rng))
     elif event == "filling":
-        scene["phases"] += [
-            {"kind": "hold", "duration_s": start_s - LIFTED_S + 0.4},
-            scene["phases"][-1]
-            | {
-                "duration_s": float(rng.uniform(1.0, 2.5)),
-                "tangential_n": weight_n * float(rng.uniform(1.2, 2.0)),
-            },
-        ]
+        filled_s = {"duration_s": float(rng.uniform(1.0, 2.5))}
+        filled_n = {"tangential_n": weight_n * float(rng.uniform(1.2, 2.0))}
+        lift = scene["phases"][-1]
+        scene["phases"] += [hold_phase(start_s - LIFTED_S + 0.4), lift | filled_s | filled_n]
     elif event == "easing":
-        scene["disturbances"] += [
-            {
-                "on": "friction",
-                "shape": "ramp",
-                "amplitude": -float(rng.uniform(0.1, 0.5)),
-                "start_s": start_s,
-                "duration_s": float(rng.uniform(0.5, 2.5)),
-            }
-        ]
+        part = -float(rng.uniform(0.1, 0.5))
+        disturb(scene, "friction", "ramp", part, start_s, float(rng.uniform(0.5, 2.5)))
 
 
-def _pull(scene: Document, amplitude_n: float, start_s: float, duration_s: float, turned_deg: float) -> None:
-    direction_deg = scene["phases"][-1].get("direction_deg", 0.0) + turned_deg
-    extra: dict[str, Any] = {"on": "pull_n", "shape": "pulse", "amplitude": amplitude_n}
-    extra |= {"direction_deg": (direction_deg + 180.0) % 360.0 - 180.0}
-    scene["disturbances"] += [extra | {"start_s": start_s, "duration_s": duration_s}]
+def _pull(
+    scene: Document, amplitude_n: float, start_s: float, duration_s: float, aside_deg: float = 0.0
+) -> None:
+    """Pull at the object, at an angle to its weight."""
+    towards_deg = turned(scene["phases"][-1].get("direction_deg", 0.0), aside_deg)
+    disturb(scene, "pull_n", "pulse", amplitude_n, start_s, duration_s, direction_deg=towards_deg)

@@ -22,18 +22,19 @@ def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
         "surface": {"kind": "flat", "friction": rng.uniform(0.3, 0.9)},
         "phases": [
             {"kind": "press", "duration_s": rng.uniform(0.2, 1.5), "force_n": rng.uniform(6.0, 20.0)},
-            {"kind": "hold", "duration_s": rng.uniform(0.5, 1.5)},
+            hold_phase(rng.uniform(0.5, 1.5)),
         ],
         "disturbances": [],
     }
     return rng, scene
 
 
-def begin_quiet(name: str, seed: int) -> tuple[np.random.Generator, Document]:
+def begin_quiet(name: str, seed: int, hold_s: float = 0.0) -> tuple[np.random.Generator, Document]:
     """Begin a scene with a held object whose weight is a small part of the friction limit."""
     rng, scene = begin(name, seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
     scene["phases"] += [load_phase(rng, scene, 0.5, rng.uniform(0.05, 0.2))]
+    scene["phases"] += [hold_phase(hold_s)] if hold_s else []
     return rng, scene
 
 
@@ -62,6 +63,11 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
+def hold_phase(duration_s: float) -> Document:
+    """Phase in which nothing changes."""
+    return {"kind": "hold", "duration_s": duration_s}
+
+
 def slide_phase(rng: np.random.Generator, **rest: Any) -> Document:
     """Slide in a random direction."""
     return {"kind": "slide", "direction_deg": any_direction_deg(rng), **rest}
@@ -81,13 +87,5 @@ def disturb(
     scene: Document, on: str, shape: str, amplitude: float, start_s: float, duration_s: float, **rest: float
 ) -> None:
     """Add a disturbance to a document."""
-    scene["disturbances"] += [
-        {
-            "on": on,
-            "shape": shape,
-            "amplitude": amplitude,
-            "start_s": float(start_s),
-            "duration_s": duration_s,
-            **rest,
-        }
-    ]
+    extra = {"on": on, "shape": shape, "amplitude": amplitude, "duration_s": duration_s, **rest}
+    scene["disturbances"] += [extra | {"start_s": float(start_s)}]

@@ -9,6 +9,7 @@ from tactiled.emulator.scene.families.parts import (
     begin_quiet,
     disturb,
     friction_n,
+    hold_phase,
     load_phase,
     log_uniform,
     made,
@@ -18,7 +19,7 @@ from tactiled.emulator.scene.families.parts import (
 def taps(seed: int) -> Scene:
     """The skin is tapped during a hold."""
     rng, scene = begin("taps", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    scene["phases"] += [hold_phase(8.0)]
     for start_s in np.sort(rng.uniform(3.5, 10.0, 8)):
         disturb(scene, "load_n", "pulse", log_uniform(rng, 0.5, 8.0), start_s, rng.uniform(0.01, 0.08))
     return made(scene)
@@ -32,15 +33,14 @@ def grip_changes(seed: int) -> Scene:
         force_n = least_n * rng.uniform(1.0, 2.0)
         scene["phases"] += [
             {"kind": "press", "duration_s": rng.uniform(0.05, 1.0), "force_n": force_n},
-            {"kind": "hold", "duration_s": rng.uniform(0.3, 2.0)},
+            hold_phase(rng.uniform(0.3, 2.0)),
         ]
     return made(scene)
 
 
 def motor_hum(seed: int) -> Scene:
     """The motor of the gripper shakes grip and object, with a harmonic."""
-    rng, scene = begin_quiet("motor-hum", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    rng, scene = begin_quiet("motor-hum", seed, hold_s=8.0)
     hum_hz, start_s = rng.uniform(8.0, 90.0), rng.uniform(3.5, 5.0)
     for on, part in (("load_n", 0.02), ("pull_n", 0.05)):
         for times in (1, 2):
@@ -51,8 +51,7 @@ def motor_hum(seed: int) -> Scene:
 
 def arm_acceleration(seed: int) -> Scene:
     """The arm starts and stops: the inertia of the object pulls in opposite directions."""
-    rng, scene = begin_quiet("arm-acceleration", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    rng, scene = begin_quiet("arm-acceleration", seed, hold_s=8.0)
     strength = 0.3 * friction_n(scene) * rng.uniform(0.3, 1.0)
     direction_deg, start_s, length_s = any_direction_deg(rng), rng.uniform(3.5, 6.0), rng.uniform(0.1, 0.8)
     for sign, later_s in ((1, 0.0), (-1, length_s + rng.uniform(0.1, 2.0))):
@@ -63,8 +62,7 @@ def arm_acceleration(seed: int) -> Scene:
 
 def cable_tug(seed: int) -> Scene:
     """Tugs at the held object, below the friction limit."""
-    rng, scene = begin_quiet("cable-tug", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 8.0}]
+    rng, scene = begin_quiet("cable-tug", seed, hold_s=8.0)
     for start_s in rng.uniform(3.5, 9.0, 3):
         strength = 0.3 * friction_n(scene) * rng.uniform(0.3, 1.0)
         length_s = rng.uniform(0.05, 0.4)
@@ -90,14 +88,14 @@ def inclined_load(seed: int) -> Scene:
         "force_n": press["force_n"]
     }
     less = slanted | {"force_n": 0.7 * press["force_n"], "tangential_n": 0.5 * slanted["tangential_n"]}
-    scene["phases"] = [slanted, scene["phases"][1], less, {"kind": "hold", "duration_s": 1.0}]
+    scene["phases"] = [slanted, scene["phases"][1], less, hold_phase(1.0)]
     return made(scene)
 
 
 def thermal_drift(seed: int) -> Scene:
     """Persistent contact on a sensor that warms or cools."""
     rng, scene = begin("thermal-drift", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 60.0}]
+    scene["phases"] += [hold_phase(60.0)]
     warming_k = float(rng.choice([-1, 1]) * rng.uniform(2.0, 15.0))
     disturb(scene, "temperature_k", "ramp", warming_k, 3.0, rng.uniform(10.0, 55.0))
     return made(scene)
@@ -106,5 +104,5 @@ def thermal_drift(seed: int) -> Scene:
 def persistent_contact(seed: int) -> Scene:
     """A constant grip, with creep of the rubber."""
     _, scene = begin("persistent-contact", seed)
-    scene["phases"] += [{"kind": "hold", "duration_s": 120.0}]
+    scene["phases"] += [hold_phase(120.0)]
     return made(scene)

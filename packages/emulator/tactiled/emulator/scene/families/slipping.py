@@ -5,7 +5,9 @@ import numpy as np
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
     begin,
+    disturb,
     friction_n,
+    hold_phase,
     load_phase,
     log_uniform,
     made,
@@ -36,7 +38,7 @@ def reversing_slide(seed: int) -> Scene:
     rng, scene = begin("reversing-slide", seed)
     way = slide_phase(rng, duration_s=1.5, speed_mm_s=log_uniform(rng, 1.0, 8.0), ramp_s=0.1)
     back = way | {"direction_deg": turned(way["direction_deg"], 180.0)}
-    scene["phases"] += [way, back, way, {"kind": "hold", "duration_s": 1.0}]
+    scene["phases"] += [way, back, way, hold_phase(1.0)]
     return made(scene)
 
 
@@ -65,12 +67,10 @@ def jerk_into_slip(seed: int) -> Scene:
     rng, scene = begin("jerk-into-slip", seed)
     scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
     weight = load_phase(rng, scene, duration_s=1.0, of_friction=rng.uniform(0.2, 0.5))
-    scene["phases"] += [weight, {"kind": "hold", "duration_s": 4.0}]
-    jerk = {"on": "pull_n", "shape": "pulse", "direction_deg": weight["direction_deg"]}
-    strength = friction_n(scene) * rng.uniform(1.5, 2.5)
-    scene["disturbances"] += [
-        jerk | {"amplitude": strength, "start_s": rng.uniform(4.0, 5.0), "duration_s": rng.uniform(0.2, 0.4)}
-    ]
+    scene["phases"] += [weight, hold_phase(4.0)]
+    strength, start_s = friction_n(scene) * rng.uniform(1.5, 2.5), rng.uniform(4.0, 5.0)
+    along = {"direction_deg": weight["direction_deg"]}
+    disturb(scene, "pull_n", "pulse", strength, start_s, rng.uniform(0.2, 0.4), **along)
     return made(scene)
 
 
@@ -96,10 +96,8 @@ def partial_contact(seed: int) -> Scene:
 def grooves(seed: int) -> Scene:
     """A slide over grooves of random period, angle and offset."""
     rng, scene = begin("grooves", seed)
-    scene["needs"] = [
-        "direction",
-        "groove-phase",
-    ]  # no contact model has the ripple's amplitude to better than 60 %
+    # No contact model has the ripple's amplitude to better than 60 %.
+    scene["needs"] = ["direction", "groove-phase"]
     period_mm = rng.uniform(0.8, 2.0)
     scene["surface"] |= {
         "kind": "grooves",
