@@ -21,7 +21,8 @@ from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams, Wang2019Params
 from tactiled.detect.wang2019.texture import TextureParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
-from tactiled.emulator.scene.description import GroovedPlate, Scene, SlidePhase, paper_scenes
+from tactiled.emulator.scene.description import Scene, paper_scenes
+from tactiled.emulator.scene.phases import GroovedPlate, SlidePhase
 from tactiled.emulator.scene.truth import TrueSlip
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import Event, ScanEvent, SlipEvent, TextureEvent

@@ -16,15 +16,7 @@ _END_S = 5.0  # from SIGTERM to SIGKILL
 
 
 def start(*arguments: str, **options: Any) -> "subprocess.Popen[Any]":
-    """Start a command of tactiled that ends with this process, or at `end`.
-
-    Parameters
-    ----------
-    *arguments : str
-        Verb and its options.
-    **options
-        Options of `subprocess.Popen`, without ``stdin``.
-    """
+    """Start a verb of tactiled that ends with this process, or at `end`; options are those of `Popen`."""
     command = [sys.executable, "-m", __name__, *arguments]
     return subprocess.Popen(command, stdin=subprocess.PIPE, **options)
 

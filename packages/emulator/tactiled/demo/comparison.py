@@ -62,10 +62,7 @@ class Host:
     def too_slow(self, *, is_wrong: bool = True) -> str:
         """Describe why this host is too slow; empty when it kept up.
 
-        Parameters
-        ----------
-        is_wrong : bool
-            True where an estimate is wrong or missing, for which late fits may be the reason.
+        Late fits are a reason where an estimate is wrong or missing (`is_wrong`).
         """
         shown = []
         if self.missed:
@@ -101,16 +98,8 @@ class DemoComparison:
         shown = f"{error:+.3g} {unit}" if math.isfinite(error) else "none"
         form = ".3f" if unit else "g"
         reported = f"{estimate:{form}} {unit}" if math.isfinite(estimate) else "none"
-        self.rows.append(
-            [
-                what,
-                f"{truth:{form}} {unit}",
-                reported,
-                shown,
-                f"{allowed:.3g} {unit}",
-                "good" if good else "WRONG",
-            ]
-        )
+        verdict = "good" if good else "WRONG"
+        self.rows.append([what, f"{truth:{form}} {unit}", reported, shown, f"{allowed:.3g} {unit}", verdict])
         if not good:
             self.wrong.append(f"{what}: {reported.strip() if math.isfinite(estimate) else 'not reported'}")
 
@@ -139,18 +128,9 @@ def name_of(number: int, slide: TrueSlip) -> str:
 def compare(
     slides: Sequence[TrueSlip], events: Sequence[Event], t0_s: float, releases: Sequence[TrueSlip] = ()
 ) -> DemoComparison:
-    """Compare the reported events with the ground truth of the scene.
+    """Compare the events, on the host's clock, with the expected slips, in scene time.
 
-    Parameters
-    ----------
-    slides : sequence of TrueSlip
-        Expected slips, in scene time.
-    events : sequence of Event
-        Reported events, on the host's clock.
-    t0_s : float
-        Scene time 0 on the host's clock.
-    releases : sequence of TrueSlip
-        Slips that may be reported and need not be.
+    `t0_s` is scene time 0 on the host's clock; `releases` may be reported and need not be.
     """
     out = DemoComparison()
     onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]

@@ -62,27 +62,19 @@ Lines = Queue[tuple[str, dict[str, Any] | None]]
 class DemoRecord:
     """Data of the subscriber and the emulator, on the host's monotonic clock."""
 
-    t0_s: float | None = None
-    """Instant of scene time 0; None until the board is started."""
+    t0_s: float | None = None  # instant of scene time 0; None until the board is started
     time_s: list[float] = field(default_factory=list)
     volts: list[list[float]] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     host: Host = field(default_factory=Host)
-    next_index: int | None = None
-    """Index of the next expected scan."""
-    next_force_s: float = 0.0
-    """Time from which on the next force is printed."""
+    next_index: int | None = None  # of the next expected scan
+    next_force_s: float = 0.0  # time from which on the next force is printed
 
 
 def run_demo(picture: Path) -> bool:
     """Play the demo scene through three processes; True when every estimate is right and the host kept up.
 
-    Raises
-    ------
-    DemoError
-        A process did not start.
-    ConfigError
-        The picture cannot be written there.
+    `DemoError` where a process did not start, `ConfigError` where the picture cannot be written.
     """
     if not picture.parent.is_dir() or picture.suffix not in (".png", ".pdf", ".svg"):
         raise ConfigError("--out", [f"{picture}: name a .png, .pdf or .svg in a folder that exists"])
@@ -96,7 +88,7 @@ def run_demo(picture: Path) -> bool:
         lines: Lines = Queue()
 
         def start(name: str, *arguments: str) -> None:
-            stack.enter_context(_process(name, arguments, lines, folder))
+            stack.enter_context(process(name, arguments, lines, folder))
 
         _say("subscriber: tactiled listen", endpoint)
         start("subscriber", "listen", endpoint)
@@ -109,14 +101,14 @@ def run_demo(picture: Path) -> bool:
             [(phase.start_s, _phase_words(phase)) for phase in truth.phases]
             + [(slip.onset_s, RELEASE) for slip in truth.slips if slip.direction_deg is None]
         )
-        _await(lines, "subscriber", "the daemon's first status")
+        await_line(lines, "subscriber", "the daemon's first status")
         _say("board: tactiled emulate --scene", SCENE, "--link", str(link))
         start("board", "emulate", "--scene", SCENE, "--link", str(link))
-        seen.t0_s = t0_s = _await(lines, "board", "the start of the scene", "scene")["t0_s"]
+        seen.t0_s = t0_s = await_line(lines, "board", "the start of the scene", "scene")["t0_s"]
         bar = stack.enter_context(ProgressBar("demo", end_s))
-        while not cut_short and not _is_over(seen, t0_s + end_s):
+        while not cut_short and (not seen.time_s or seen.time_s[-1] < t0_s + end_s):
             bar.reach(time.monotonic() - t0_s)
-            for name, message in _take(lines):
+            for name, message in take_lines(lines):
                 if message is None:
                     played_s = time.monotonic() - t0_s
                     cut_short = f"the {name} process ended after {played_s:.1f} of {end_s:.1f} s"
@@ -155,11 +147,6 @@ def _judge(
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
-
-
-def _is_over(seen: DemoRecord, end_s: float) -> bool:
-    """Return True once scans have arrived up to the end of the comparison."""
-    return bool(seen.time_s) and seen.time_s[-1] >= end_s
 
 
 def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) -> None:
@@ -237,21 +224,21 @@ def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSl
 
 
 @contextlib.contextmanager
-def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) -> Iterator[None]:
+def process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) -> Iterator[None]:
     """Run a tactiled command; its JSON lines go to `lines`, and its stderr is printed if it fails."""
     log = folder / f"{name}.log"
     with log.open("w+") as words:
-        process = child.start(*arguments, stdout=subprocess.PIPE, stderr=words, text=True)
-        assert process.stdout is not None  # asked for above
-        reader = threading.Thread(target=_read, args=(name, process.stdout, lines), daemon=True)
+        started = child.start(*arguments, stdout=subprocess.PIPE, stderr=words, text=True)
+        assert started.stdout is not None  # asked for above
+        reader = threading.Thread(target=_read, args=(name, started.stdout, lines), daemon=True)
         reader.start()
         try:
             yield
         finally:
-            failed = process.poll() is not None
-            child.end(process)
+            failed = started.poll() not in (None, 0)
+            child.end(started)
             reader.join(5)
-            process.stdout.close()
+            started.stdout.close()
             if failed:
                 click.echo(f"stderr of {name}:\n{log.read_text()}", err=True)
 
@@ -262,7 +249,7 @@ def _read(name: str, stream: IO[str], lines: Lines) -> None:
     lines.put((name, None))
 
 
-def _take(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
+def take_lines(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
     """Yield queued lines, waiting up to 0.1 s for the first."""
     try:
         yield lines.get(timeout=0.1)
@@ -272,11 +259,11 @@ def _take(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
         return
 
 
-def _await(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[str, Any]:
+def await_line(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[str, Any]:
     """Wait for the first line of a process, or the first of a given `kind`."""
     until_s = time.monotonic() + START_WITHIN_S
     while time.monotonic() < until_s:
-        for who, message in _take(lines):
+        for who, message in take_lines(lines):
             if message is None:
                 raise DemoError(f"the {who} process ended before {what}; see above")
             if who == name and kind in (None, message.get("what")):

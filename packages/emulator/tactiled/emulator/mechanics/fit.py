@@ -31,9 +31,9 @@ _WORST_CONDITION = 1e8
 class YeohFit:
     """Constants with intervals and stability; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3."""
 
-    c_mpa: tuple[float, float, float]
-    low_mpa: tuple[float, float, float]
-    high_mpa: tuple[float, float, float]
+    c_mpa: tuple[float, ...]
+    low_mpa: tuple[float, ...]
+    high_mpa: tuple[float, ...]
     level: float  # confidence of each interval from low to high
     residual_mpa: float  # standard deviation of the measured stress about the fit
     points: int
@@ -91,19 +91,9 @@ def _ends(ends: tuple[float, float]) -> list[float | None]:
 
 
 def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -> YeohFit:
-    """Least-squares fit of C1, C2, C3.
+    """Least-squares fit of C1, C2, C3 to stretches (1 + strain) and nominal stresses (compression: below 0).
 
-    Parameters
-    ----------
-    stretch, stress_mpa : (n,) float64
-        Stretch (1 + strain) above 0 and nominal stress, negative in compression.
-    level : float
-        Confidence of the intervals.
-
-    Raises
-    ------
-    DataError
-        Fewer than 4 points, or stretches that cannot tell the three constants apart.
+    `DataError` for fewer than 4 points, or stretches that cannot tell the three constants apart.
     """
     n = len(stretch)
     if n < 4:
@@ -120,28 +110,22 @@ def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -
     variance = float(np.sum((stress_mpa - design @ constants) ** 2)) / (n - 3)
     spread = np.sqrt(variance * np.sum((right.T / sizes) ** 2, axis=1)) / scale
     reach = float(special.stdtrit(n - 3, 0.5 + level / 2)) * spread
-    c1, c2, c3 = (float(c) for c in constants)
-    low1, low2, low3 = (float(c) for c in constants - reach)
-    high1, high2, high3 = (float(c) for c in constants + reach)
     return YeohFit(
-        c_mpa=(c1, c2, c3),
-        low_mpa=(low1, low2, low3),
-        high_mpa=(high1, high2, high3),
+        c_mpa=tuple(constants.tolist()),
+        low_mpa=tuple((constants - reach).tolist()),
+        high_mpa=tuple((constants + reach).tolist()),
         level=level,
         residual_mpa=math.sqrt(variance),
         points=n,
         stretch=(float(stretch.min()), float(stretch.max())),
-        stability=stable_range(c1, c2, c3),
+        stability=stable_range(*constants.tolist()),
     )
 
 
 def fit_material_file(path: Path, level: float = 0.95) -> YeohFit:
     """Fit a CSV whose header is ``strain,stress_mpa`` or ``stretch,stress_mpa`` (other columns are ignored).
 
-    Raises
-    ------
-    DataError
-        Names the file and, where there is one, the line.
+    `DataError` names the file and, where there is one, the line.
     """
     stretch, stress = read_curve(path)
     try:
@@ -176,17 +160,16 @@ def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
             along, stress = (float(row[place]) for place in places)
         except (ValueError, IndexError):
             raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be numbers") from None
+        fault = ""
         if not (math.isfinite(along) and math.isfinite(stress)):
-            raise DataError(f"{path}: line {rows.line_num}: {column} and {_STRESS} must be finite")
-        if along + offset <= _SHORTEST:
-            raise DataError(
-                f"{path}: line {rows.line_num}: {column} {along:g} squeezes the sample to nothing"
-            )
-        if along + offset > _LONGEST or abs(stress) > _LARGEST_MPA:
-            raise DataError(
-                f"{path}: line {rows.line_num}: {column} {along:g} at {stress:g} MPa is no rubber; "
-                "strain is 0.1 for 10 %, and stress is in MPa"
-            )
+            fault = f"{column} and {_STRESS} must be finite"
+        elif along + offset <= _SHORTEST:
+            fault = f"{column} {along:g} squeezes the sample to nothing"
+        elif along + offset > _LONGEST or abs(stress) > _LARGEST_MPA:
+            hint = "strain is 0.1 for 10 %, and stress is in MPa"
+            fault = f"{column} {along:g} at {stress:g} MPa is no rubber; {hint}"
+        if fault:
+            raise DataError(f"{path}: line {rows.line_num}: {fault}")
         curve.append((along + offset, stress))
     table = np.array(curve, dtype=np.float64).reshape(-1, 2)
     return table[:, 0], table[:, 1]

@@ -65,10 +65,7 @@ def draw_reference(rng: np.random.Generator) -> ReferenceSensor:
     )
 
 
-def write_reference(
-    path: Path, time_s: FloatArray, values: FloatArray, columns: tuple[str, ...] = COLUMNS
-) -> None:
-    """Write a CSV with the time and some of the columns."""
-    chosen = [COLUMNS.index(name) for name in columns]
-    table = np.column_stack([time_s, values[:, chosen]])
-    np.savetxt(path, table, "%.6f", ",", header=",".join(("time_s", *columns)), comments="")
+def write_reference(path: Path, time_s: FloatArray, values: FloatArray) -> None:
+    """Write a CSV with the time and the readings."""
+    header = ",".join(("time_s", *COLUMNS))
+    np.savetxt(path, np.column_stack([time_s, values]), "%.6f", ",", header=header, comments="")

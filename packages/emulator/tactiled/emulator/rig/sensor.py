@@ -58,12 +58,7 @@ class RigSensor:
     ) -> FloatArray:
         """Return the readings (n, channels) of a board, in volts, with noise and rounded by its converter.
 
-        Parameters
-        ----------
-        loads_n : (n, taxels, 3) float64
-            Force of the object on each taxel: x, y, normal.
-        temperature_k : (n,) float64 or float
-            Above that of the beginning.
+        `loads_n` (n, taxels, 3) are the object's forces (x, y, normal); temperature is above the beginning's.
         """
         volts = self._volts(loads_n, rate_hz, np.broadcast_to(temperature_k, len(loads_n)))
         volts = volts + self.noise_v * rng.standard_normal(volts.shape)

@@ -2,15 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.rig.magnets import draw_magnets
+from tactiled.emulator.rig.magnets import MagnetSkin, draw_magnets
 from tactiled.emulator.rig.motion import Loads, Motion, play
 from tactiled.emulator.rig.reference import ReferenceSensor, draw_reference, write_reference
-from tactiled.emulator.rig.sensor import draw_sensor
+from tactiled.emulator.rig.sensor import RigSensor, draw_sensor
 
 RATE_HZ = 100.0
 TEST_S = 60.0
@@ -26,23 +25,7 @@ class RigRun:
     reference: FloatArray  # (m, 6)
 
 
-class DrawnSensor(Protocol):
-    """Sensor of a rig."""
-
-    @property
-    def stiffness(self) -> FloatArray:
-        """Relative stiffness (taxels,), by which taxels share a load."""
-        ...
-
-    def readings(
-        self,
-        loads_n: FloatArray,
-        rate_hz: float,
-        rng: np.random.Generator,
-        temperature_k: FloatArray | float = 0.0,
-    ) -> FloatArray:
-        """Return the readings (n, channels) for forces (n, taxels, 3), at a temperature over the first."""
-        ...
+DrawnSensor = RigSensor | MagnetSkin
 
 
 @dataclass(frozen=True, eq=False)

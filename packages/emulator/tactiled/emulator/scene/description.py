@@ -14,7 +14,6 @@ from tactiled.emulator.board.electronics import ElectronicsParams
 from tactiled.emulator.scene.phases import (
     Disturbance,
     FlatPlate,
-    GroovedPlate,
     HeldObject,
     HoldPhase,
     LiftPhase,
@@ -27,17 +26,6 @@ from tactiled.emulator.scene.phases import (
     Surface,
 )
 from tactiled.tomlfile import Params
-
-__all__ = [
-    "FlatPlate",
-    "GroovedPlate",
-    "HoldPhase",
-    "PressPhase",
-    "Scene",
-    "SlidePhase",
-    "load_scene",
-    "paper_scenes",
-]
 
 # Contact models in growing cost; "auto" takes the cheapest that meets `needs`.
 Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
