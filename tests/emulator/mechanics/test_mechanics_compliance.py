@@ -209,12 +209,6 @@ def test_reset_is_new() -> None:
     np.testing.assert_array_equal(press(model, LOAD_N).side_n, first.side_n)
 
 
-def test_areas_at_other_azimuths_are_interpolated() -> None:
-    model = Compliance(Surface(0.6), np.array([0.0, 45.0, 90.0, 360.0]), 1)
-    felt = press(model, LOAD_N)
-    np.testing.assert_allclose(felt.side_n[0], felt.side_n[0, 0], rtol=1e-3)
-
-
 def test_static_friction_is_refused() -> None:
     with pytest.raises(ConfigError, match="static_ratio"):
         Compliance(Surface(0.6, static_ratio=1.2), AZIMUTH, 1)

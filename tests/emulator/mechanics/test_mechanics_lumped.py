@@ -134,28 +134,12 @@ def test_a_load_within_the_friction_cone_makes_nothing_slip(
     assert -felt.tangential_n[0, 0] == pytest.approx(part * friction * end_n, rel=0.05, abs=1e-6)
 
 
-@pytest.mark.parametrize("degrees", [5.0, 20.0, 28.0])
-def test_a_held_load_that_comes_obliquely_does_not_slip(degrees: float) -> None:
+def test_a_held_load_that_comes_obliquely_does_not_slip() -> None:
     """The whole way through a scene; friction 0.6 bears up to 31 degrees."""
-    phase = {
-        "kind": "load",
-        "duration_s": 2.0,
-        "force_n": 15.0,
-        "tangential_n": 15.0 * np.tan(np.deg2rad(degrees)),
-        "direction_deg": 45.0,
-    }
-    oblique = load_scene("inclined-load").with_changes(contact="lumped", phases=[phase])
-    truth = Truth(oblique)
-    state = truth.state(np.arange(0.1, 2.0, 0.01))
-    assert state.slipping_share.max() < 0.1
-    assert not [slip for slip in truth.episodes if slip.end_s is None or slip.end_s > 0.1]
-
-
-def test_friction_dissipates_on_a_closed_path() -> None:
-    way = 0.15 * np.sin(np.linspace(0, 8 * np.pi, 1000))
-    felt = run(Surface(0.6), way + 0j)
-    loss = -np.sum(0.5 * (felt.tangential_n[1:, 0, 0] + felt.tangential_n[:-1, 0, 0]) * np.diff(way))
-    assert loss > 0.01
+    load = {"kind": "load", "duration_s": 2.0, "force_n": 15.0, "direction_deg": 45.0}
+    load |= {"tangential_n": 15.0 * np.tan(np.deg2rad(28.0))}
+    truth = Truth(load_scene("inclined-load").with_changes(contact="lumped", phases=[load]))
+    assert truth.state(np.arange(0.1, 2.0, 0.01)).slipping_share.max() < 0.1
 
 
 def test_vibration_below_the_limit_gives_closed_loops() -> None:

@@ -74,21 +74,6 @@ def test_groove_phase_is_the_distance_to_the_ridge(
     np.testing.assert_allclose(found, amplitude * wave, atol=1e-9)
 
 
-def test_taxels_of_larger_y_see_each_ridge_earlier() -> None:
-    time_s = np.arange(2.0, 10.0, 1e-3).tolist()
-    ripple = taxel_ripple(grooves(5.0, 30.0), [PRESS, slide()], time_s)
-    # Taxels 0, 3, 6 are one column; 3.5 mm of y are 3.5 sin 30 = 1.75 mm of the 5 mm period, which motion
-    # along x makes up in 1.75 / cos 30 mm.
-    peaks = [2.0 + 1e-3 * int(np.argmax(ripple[:5000, taxel])) for taxel in (0, 3)]
-    assert peaks[0] - peaks[1] == pytest.approx(3.5 * np.tan(np.deg2rad(30.0)), abs=0.01)
-
-
-def test_the_pattern_is_constant_while_the_skin_rests() -> None:
-    ripple = taxel_ripple(grooves(1.2, 30.0), [PRESS, HOLD], [0.5, 1.0, 1.7])
-    assert np.ptp(ripple, axis=0).max() < 1e-12
-    assert np.ptp(ripple[0]) > 0.01
-
-
 def test_ripple_grows_with_the_period_and_halves_at_60_degrees() -> None:
     time_s = np.arange(2.0, 10.0, 0.01).tolist()
 

@@ -15,10 +15,7 @@ def test_explain_refuses_a_contact_model_that_cannot_play_the_scene() -> None:
     )
     with pytest.raises(ConfigError, match="scene demo: contact: lumped cannot play grooves"):
         explain(grooved)
-
-
-def test_explain_names_the_contact_model_of_the_scene() -> None:
-    words = explain(load_scene("grasp").with_changes(contact="lumped"))
+    words = explain(load_scene("grasp"))
     assert words.startswith("contact: lumped\n  named by the scene\n  not modelled: ")
 
 

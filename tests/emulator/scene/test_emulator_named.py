@@ -13,11 +13,7 @@ def test_scenes_of_each_kind_are_found_by_name() -> None:
     names = scene_names()
     for name in names["shipped"] + names["paper"] + [f"{family}-3" for family in FAMILIES]:
         assert named_scene(name).name == name
-
-
-def test_the_number_in_a_family_scene_is_the_seed() -> None:
     assert named_scene("stick-slip-7") == FAMILIES["stick-slip"](7)
-    assert named_scene("stick-slip-7") != named_scene("stick-slip-8")
 
 
 def test_a_scene_is_read_from_a_file(tmp_path: Path) -> None:

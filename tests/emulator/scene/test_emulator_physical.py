@@ -170,12 +170,6 @@ def test_grooves_as_deep_as_the_bump_are_refused() -> None:
         contact(played)
 
 
-def test_grooves_on_a_contact_model_without_them_are_refused() -> None:
-    played = scene(PRESS, SLIDE, contact="lumped", surface={"kind": "grooves", "period_mm": 1.2})
-    with pytest.raises(ConfigError, match="lumped cannot play grooves"):
-        contact(played)
-
-
 @pytest.mark.parametrize(
     ("change", "finding"),
     [
