@@ -60,7 +60,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         for name in ("board", "samples", "detect"):
             if getattr(new, name) != getattr(old.config, name):
                 logger.warning("%s: [%s] changed: takes effect at the next start", file, name)
-        return new.service
+        return new
 
     if not files:
         setups = [default_config(port or "")]
@@ -70,7 +70,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         worker = stack.enter_context(BackgroundWorker())
         boards = [
             ServedBoard(
-                setup.config.service,
+                setup.config,
                 partial(setup.make_pipeline, worker.queue()),
                 stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
                 partial(reload, files[number], setup) if files else None,
