@@ -49,7 +49,7 @@ def test_version_and_check_config_say_which_path_a_scan_takes(tactiled: Tactiled
 
 
 VERBS = [
-    "demo", "run", "emulate", "listen", "detect", "fit-material", "check-config",
+    "demo", "run", "emulate", "listen", "detect", "check-config",
     "record", "replay", "recover", "export", "command", "keys", "doctor", "tune",
 ]  # fmt: skip
 

@@ -102,7 +102,6 @@ MISTAKES = [
     ["check-config", "none.toml"],
     ["check-config", "broken.toml"],
     ["doctor"],
-    ["fit-material", "none.csv"],
     ["listen", "--topic", "slipp"],
     ["listen", "nonsense"],
     ["command", "tare", "force"],

@@ -42,10 +42,6 @@ VERBS = {
         "emulator",
         "Emulate a board: play a scene on a pty or TCP port, and print its ground truth to stdout.",
     ),
-    "fit-material": PackagedVerb(
-        "emulator",
-        "Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability.",
-    ),
     "fleet": PackagedVerb(
         "zenoh", "List the boards of a zenoh network: state, age, utilisation, loss, firmware, disk."
     ),

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.stability import any_state_limit, stable_range
 from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
+from tools.yeoh import any_state_limit, stable_range
 
 RUBBERS = (RUBBER, RTV, PDMS)
 constants = st.tuples(st.floats(0.1, 2.0), st.floats(-0.5, 0.5), st.floats(-0.1, 0.1))

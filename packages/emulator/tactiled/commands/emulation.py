@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import FILE, need_extra, need_named, need_readable, need_toml
+from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 from tactiled.cli.packages import find
 
 
@@ -139,22 +139,3 @@ def _write_rig(folder: Path, array: str, seed: int, seconds: float) -> None:
 
     for path in write_rig(folder, load_array(array), seed, seconds):
         click.echo(path)
-
-
-@click.command("fit-material")
-@click.argument("file", type=FILE)
-@click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
-def fit_material(file: Path, level: float) -> None:
-    """Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability.
-
-    FILE is a CSV with a header: `strain` or `stretch`, and `stress_mpa` (nominal, uniaxial). Prints JSON to
-    stdout and a summary to stderr.
-
-    Example: tactiled fit-material rubber.csv
-    """
-    need_readable(file)
-    from tactiled.emulator.mechanics.fit import fit_material_file
-
-    fit = fit_material_file(file, level)
-    click.echo(json.dumps(fit.as_map(), allow_nan=False))
-    click.echo(fit.in_words(), err=True)

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from scipy.stats import binom
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.fit import YeohFit, fit_material_file, fit_yeoh
 from tactiled.errors import DataError
 from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
+from tools.yeoh import YeohFit, fit_material_file, fit_yeoh, main
 
 RUBBERS = (RUBBER, RTV, PDMS)
 COMPRESSION = np.linspace(0.6, 0.99, 40)  # within the stable range of each
@@ -122,6 +123,11 @@ def test_faults_of_a_file_are_named(tmp_path: Path, text: str, complaint: str) -
     assert str(caught.value).startswith(str(path))
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"nowhere\.csv: cannot be read"):
-        fit_material_file(tmp_path / "nowhere.csv")
+def test_the_program_prints_the_fit_and_names_a_missing_file(tmp_path: Path) -> None:
+    path = table(tmp_path / "curve.csv", "stretch,stress_mpa", COMPRESSION, PDMS.uniaxial_mpa(COMPRESSION))
+    printed = CliRunner().invoke(main, [str(path)])
+    assert json.loads(printed.stdout)["c1_mpa"] == pytest.approx(PDMS.c1_mpa)
+    assert "stable where measured" in printed.stderr
+    refused = CliRunner().invoke(main, [str(tmp_path / "nowhere.csv")])
+    assert refused.exit_code == 1
+    assert "nowhere.csv: cannot be read" in str(refused.output)
