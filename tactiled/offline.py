@@ -147,9 +147,12 @@ class Log(LogTally):
 
     def summary(self, choices: Choices) -> Iterator[str]:
         """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
-        speed_mm_s = choices.params().texture.speed_mm_s
+        params = choices.params()
+        told = choices.topics
+        if params.setting == "wang2019":  # the published methods have no grip messages
+            told = tuple(topic for topic in told if topic != "grip")
         return log_summary.summary(
-            self, choices.topics, speed_mm_s, sliding_is_given=choices.sliding is not None
+            self, told, params.texture.speed_mm_s, sliding_is_given=choices.sliding is not None
         )
 
 

@@ -43,6 +43,11 @@ def usual(reported: Sequence[Reported]) -> list[Reported]:
     return [t for t in reported if not t.case.is_falling]
 
 
+def falling(reported: Sequence[Reported]) -> list[Reported]:
+    """Return the cases whose friction falls at constant load."""
+    return [t for t in reported if t.case.is_falling]
+
+
 def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
     """Return, for each gross slip, True if one was open, or was reported up to a time after its beginning."""
     return [
@@ -211,6 +216,7 @@ QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
     ),
     "gross reported in 100 ms": lambda found: ratio(gross_reported(usual(found), 0.1)),
     "gross reported in 300 ms": lambda found: ratio(gross_reported(usual(found), 0.3)),
+    "gross reported in 300 ms where friction falls": lambda found: ratio(gross_reported(falling(found), 0.3)),
     f"gross reported more than {1e3 * AHEAD_S:.0f} ms early": _early,
     "utilisation at these, median": _early_at,
     "rests called gross": lambda found: ratio(rests_called_gross(found)),

@@ -34,8 +34,8 @@ _LEAST_TARE_SCANS = 10  # choice: below 20 Hz, half a second holds too few scans
 _STILL_OF_CONTACT = 1 / 25
 _STILL_OF_RANGE = 1 / 1024  # choice: where the array file gives no contact level
 _NO_MODEL = (
-    "no detector of this configuration takes friction or motion: that needs shear, load and the topic grip "
-    "or slip"
+    "no detector of this configuration takes friction or motion: that needs an array with shear and load, "
+    "the topic grip or slip, and a setting other than wang2019"
 )
 # derived: a slip is found at most some 0.3 s after its onset, so older intervals do not matter
 _KEPT_INTERVALS = 8

@@ -101,7 +101,7 @@ class Session:
         """Handle a port that was lost or could not be opened."""
         # Of these, `_running` and `_stalled` are never true together, nor either of them with `_foreign`.
         self._open = False  # the port is open
-        self._known = False  # the board has identified itself since it may have changed; see `wanted`
+        self._known = False  # the board has identified itself since it may have changed; see `_wanted`
         self._streaming = False  # the board says that it sends scans, or has sent some
         self._running = False  # scans arrive from the accepted board with all its settings made
         self._stalled = False  # it was running, and its scans have stopped

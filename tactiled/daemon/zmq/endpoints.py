@@ -172,7 +172,8 @@ def _not_bound(endpoint: str, error: zmq.ZMQError | OSError) -> UnavailableError
             f"{endpoint}: in use, by another tactiled perhaps (see who: ss -tlnp 'sport = :{port}'); "
             "stop it, or give this one another port in endpoints"
         )
-    return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}")
+    hint = "; give an address or a name of this host" if isinstance(error, socket.gaierror) else ""
+    return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}{hint}")
 
 
 def _addresses(endpoint: str) -> list[tuple[int, Any]]:

@@ -1,6 +1,6 @@
 """Joint maximum-likelihood fit of a plane wave to all channels in one window of scans.
 
-The steps: find the line in the pooled spectrum (`spectrum`); list every wave vector that its phases allow
+The steps: find the line in the pooled spectrum (`ripple`); list every wave vector that its phases allow
 (`search`); climb to the maximum from the best, with all harmonics (`solve`, `refine`); weigh the best
 against the others (`ambiguity`) and against two waves of one frequency (`second_wave`); state the
 covariance from the Fisher information (`estimates`). `model` defines the wave.

@@ -122,7 +122,8 @@ class ChannelLayout:
     @cached_property
     def taxel(self) -> NDArray[np.int64]:
         """Row in `places_mm` of each channel: (channels,)."""
-        return np.asarray((self.xy_mm[:, np.newaxis] == self.places_mm).all(axis=2).argmax(axis=1))
+        row = {place: row for row, place in enumerate(map(tuple, self.places_mm.tolist()))}
+        return np.array([row[place] for place in map(tuple, self.xy_mm.tolist())], dtype=np.int64)
 
     @cached_property
     def radius_mm(self) -> float:

@@ -143,7 +143,7 @@ def test_new_detectors_are_given_what_was_announced() -> None:
     ids=["no shear", "paper"],
 )
 def test_detectors_that_take_no_motion_refuse_it(array: str, setting: str) -> None:
-    params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
+    params = DetectParams.model_validate({"setting": setting})
     suite = TunedSuite(load_array(array), params)
     assert "takes friction or motion" in suite.announce_motion(np.array([0.0]), np.array([9.81]))
     assert math.isnan(suite.acceleration_m_s2(0.0))

@@ -103,7 +103,7 @@ def test_thresholds_and_a_board_that_began_anew_change_nothing_of_it() -> None:
     ids=["no shear", "paper"],
 )
 def test_detectors_that_learn_no_friction_refuse_it(array: str, setting: str) -> None:
-    params = DetectParams.model_validate({"setting": setting, "grip": {"publish": False}})
+    params = DetectParams.model_validate({"setting": setting})
     suite = TunedSuite(load_array(array), params)
     assert "takes friction or motion" in suite.state_friction(0.6, 0.1)
     assert "takes friction or motion" in suite.change_object()
