@@ -1,6 +1,5 @@
 """Commands on a live board: run the daemon, print its messages, send it a request."""
 
-import gc
 import json
 import logging
 import sys
@@ -77,10 +76,6 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
             )
             for number, setup in enumerate(setups)
         ]
-        # What was made until here lives as long as the daemon. A collection that looked through it (80,000
-        # objects, some 40 ms) would stop the event loop for as long.
-        gc.collect()
-        gc.freeze()
         code = run_service(boards)
     sys.exit(code)
 

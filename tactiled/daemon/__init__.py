@@ -1,1 +1,1 @@
-"""Service for one board: the only package with asyncio, serial ports, ZeroMQ sockets and signals."""
+"""Service for boards: what reads ports and serves sockets in one event loop, for months."""

@@ -102,7 +102,7 @@ class DetectorPair:
 
     Attributes
     ----------
-    model : GripDetector or None
+    grip : GripDetector or None
         The slip detector, if friction can be stated to it, and the hand's own motion announced.
     """
 
@@ -114,7 +114,7 @@ class DetectorPair:
     ) -> None:
         self._slip, self.texture = slip, texture
         self._known = None if sliding is None else KnownSlips(sliding)
-        self.model = slip if isinstance(slip, GripDetector) else None
+        self.grip = slip if isinstance(slip, GripDetector) else None
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
@@ -144,7 +144,7 @@ class Suite(ContactDetector, Protocol):
         ...
 
     @property
-    def model(self) -> GripDetector | None:
+    def grip(self) -> GripDetector | None:
         """Detector that takes friction and motion; None where none does."""
         ...
 
@@ -155,7 +155,7 @@ class BridgedSuite(GapBridge):
     def __init__(self, methods: DetectorPair) -> None:
         super().__init__(methods)
         self._methods = methods
-        self.texture, self.model = methods.texture, methods.model
+        self.texture, self.grip = methods.texture, methods.grip
 
     @property
     def hidden_below(self) -> float:

@@ -261,7 +261,7 @@ class TunedSuite:
 
     def state_friction(self, value: float, log_sd: float) -> str:
         """Take friction, in shear reading over load, from the next contact on."""
-        if self._suite.model is None:
+        if self._suite.grip is None:
             return _NO_MODEL
         self.friction = value, log_sd
         self._pass_friction()
@@ -270,24 +270,24 @@ class TunedSuite:
     def change_object(self) -> str:
         """Forget friction, stated or learnt, from the next contact on."""
         self.friction = None
-        if self._suite.model is None:
+        if self._suite.grip is None:
             return _NO_MODEL
-        self._suite.model.change_object()
+        self._suite.grip.change_object()
         return ""
 
     def _pass_friction(self) -> None:
-        if self.friction is not None and self._suite.model is not None:
-            self._suite.model.state_friction(*self.friction)
+        if self.friction is not None and self._suite.grip is not None:
+            self._suite.grip.state_friction(*self.friction)
 
     def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> str:
         """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,).
 
         They apply to scans that are processed from now on: see `AnnouncedMotion`.
         """
-        if self._suite.model is None:
+        if self._suite.grip is None:
             return _NO_MODEL
         self._motion.announce(time_s, acceleration_m_s2)
-        self._suite.model.announce_motion(time_s, acceleration_m_s2)
+        self._suite.grip.announce_motion(time_s, acceleration_m_s2)
         return ""
 
     def acceleration_m_s2(self, now_s: float) -> float:
@@ -296,8 +296,8 @@ class TunedSuite:
 
     def _pass_motion(self) -> None:
         time_s, acceleration_m_s2 = self._motion.course
-        if time_s.size and self._suite.model is not None:
-            self._suite.model.announce_motion(time_s, acceleration_m_s2)
+        if time_s.size and self._suite.grip is not None:
+            self._suite.grip.announce_motion(time_s, acceleration_m_s2)
 
     def expect_late_fit(self, due_index: int) -> None:
         """Treat the fit that is due at a scan as not ready, as it was in the live run."""

@@ -14,6 +14,8 @@ from tactiled.wire.frames import Hello, Scan
 
 FloatArray = NDArray[np.float64]
 GapCause = Literal["corrupt", "missing", "restart", "disconnect", "rate", "start", "command"]
+LOSSES: tuple[GapCause, ...] = ("corrupt", "missing")
+"""Causes of gaps during which the board kept scanning."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -149,7 +149,7 @@ class ScriptedSlips:
     """Suite that reports an incipient slip, its transition to gross slip and its end at given instants."""
 
     texture = None
-    model = None
+    grip = None
     hidden_below = 0.0
 
     def __init__(self, onset_s: float) -> None:

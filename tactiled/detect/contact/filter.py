@@ -47,9 +47,7 @@ class Verdict(NamedTuple):
     # That gross slip begins within `HORIZONS_S`, if the contact does not slide yet; 1 while a gross slip is
     # open
     p_gross: tuple[float, float, float]
-    # p_sliding, p_incipient: that all of the contact slides now; that a tenth of its area or more slips now
-    p_sliding: float
-    p_incipient: float
+    p_sliding: float  # that all of the contact slides now
 
 
 class ContactFilter:
@@ -175,7 +173,7 @@ class ContactFilter:
 
     @property
     def p_sliding(self) -> float:
-        """Probability that all of the contact slides."""
+        """Probability that all of the contact slides, by this look alone: `verdict` has the published one."""
         return self.posterior.cells[-1]
 
     @property
@@ -216,7 +214,6 @@ class ContactFilter:
             slipping_share=posterior.slipping_share,
             p_gross=(in_50, in_100, in_300),
             p_sliding=posterior.p_sliding,
-            p_incipient=max(self.p_incipient, posterior.p_sliding),
         )
 
     @property

@@ -52,7 +52,7 @@ class SlipHysteresis:
         self._least, self._ratio = 0.0 if is_seen else math.inf, math.inf
 
     def settle(self) -> None:
-        """Let no slip open for some looks, and an incipient one only where the ratio grows from then on.
+        """Let no slip open or close for some looks; then an incipient one needs a ratio that has grown since.
 
         Where taxels are lost, the ratio changes, and what was seen of it before was in part their fault.
         """

@@ -10,6 +10,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.contact.filter import ROW_NAMES, ContactFilter
+from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
@@ -26,7 +27,7 @@ from tactiled.detect.signal.contact_gate import (
 )
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import ContactState, Event, GripEvent, SlipEvent
-from tactiled.samples.block import Gap, ScanBlock
+from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 # The filter looks at a contact from where the mean load of the taxels exceeds both, until that has fallen to
@@ -39,8 +40,6 @@ _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 # prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
 # hold anew seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
 _SAME_LOADS = 0.5
-SCANNED = ("corrupt", "missing")
-"""Causes of gaps during which the board kept scanning."""
 # tuned: standard deviation of the logarithm of friction by which the model errs although friction is known:
 # taxels are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow
 # with it.
@@ -65,10 +64,16 @@ class GripParams(Params):
         default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
     )
     incipient_p: float = Field(
-        default=0.9, gt=0, lt=1, description="probability of incipient slip from which slip events report it"
+        default=SETTINGS["balanced"].incipient,
+        gt=0,
+        lt=1,
+        description="probability of incipient slip from which slip events report it",
     )
     gross_p: float = Field(
-        default=0.5, gt=0, lt=1, description="probability of gross slip from which slip events report it"
+        default=SETTINGS["balanced"].gross,
+        gt=0,
+        lt=1,
+        description="probability of gross slip from which slip events report it",
     )
     contact: ContactParams = ContactParams()
 
@@ -149,7 +154,7 @@ class GripDetector:
         self._is_told = False  # the newest message has a contact
         self._is_cut_off = False  # a gap ended the messages of a contact
         self._slips: PosteriorSlips | None = None
-        self._slipping: object = None  # signs of the contact whose slips these are
+        self._signs_of_slips: object = None  # which are those of another contact where they are not its signs
         self.tracker: ContactTracker | None = None
         self.pressure: PressureMeasurement | None = None
         self.change: ContactTransition | None = None
@@ -235,9 +240,9 @@ class GripDetector:
         scan = None if self.contact_state == "none" else self.contact
         slips = self._slips
         if scan is not None:
-            if slips is None or scan.filter.signs is not self._slipping:
+            if slips is None or scan.filter.signs is not self._signs_of_slips:
                 self._slips = slips = PosteriorSlips(scan.filter.gate, self._rate_hz)
-                self._slipping = scan.filter.signs
+                self._signs_of_slips = scan.filter.signs
             return slips.step(scan, at)
         # Readings that are lost look like a contact that is lost.
         is_valid = at.is_valid and self.is_trusted
@@ -298,8 +303,8 @@ class GripDetector:
                 yield None
                 continue
             in_contact = self.contact is not None or self._before_gap is not None
-            is_pressed = self._touch is not None and self._touch.is_pressed
-            readings.take(scan, in_contact, is_pressed)
+            press_is_over = self._touch is not None and self._touch.press_is_over
+            readings.take(scan, in_contact, press_is_over)
             self.is_trusted = readings.is_read and not is_late
             self._step(readings, time_s - before_s, touches=tracker.state != "none")
             yield self._told(is_late, touches=tracker.state != "none")
@@ -327,7 +332,7 @@ class GripDetector:
         Where the board kept scanning, friction, baseline and noise floor are kept. The scan after the gap
         tells whether the contact went on.
         """
-        if gap.cause not in SCANNED or self.tracker is None:
+        if gap.cause not in LOSSES or self.tracker is None:
             return self._forget()
         self._is_cut_off = self._is_told
         events = self._cut_off()

@@ -54,8 +54,8 @@ class PressZero:
         True once the press is over.
     is_seen : bool
         The contact was seen to begin, or most of its load was seen to come.
-    is_left : bool
-        True where the newest shear is that of a pull.
+    pull_began : bool
+        The newest shear is no more that of the press, but of a pull.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class PressZero:
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
         self._squares = np.zeros(n_taxels)  # and of load squared
         self.parts = np.zeros((2, n_taxels))
-        self.is_measured = self.is_left = False
+        self.is_measured = self.pull_began = False
 
     def take(self, load: FloatArray, shear: FloatArray, shear_sd: float, total_sd: float) -> None:
         """Take loads (taxels,) and shears (2, taxels) of a scan of the press, with their noise."""
@@ -89,14 +89,14 @@ class PressZero:
         most = _LEFT_SDS * math.hypot(self._whole_sd, total_sd / whole)
         has_doubled = self._n > 1 and whole > _SEEN * self._largest
         is_small = math.hypot(*shear.sum(axis=1)) <= most * whole
-        if has_doubled and (not self.is_seen or (self.is_left and is_small)):
+        if has_doubled and (not self.is_seen or (self.pull_began and is_small)):
             self._forget()
-        if self.is_left:
+        if self.pull_began:
             return
         if self._n > 1:
             left = (shear - self.parts * load).sum(axis=1) / whole
-            self.is_left = math.hypot(*left) > most
-            if self.is_left:
+            self.pull_began = math.hypot(*left) > most
+            if self.pull_began:
                 return
         if self.is_seen or self._n == 1:
             self._largest = max(self._largest, whole)
@@ -122,7 +122,7 @@ class PressZero:
 
     def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""
-        self.is_seen, self.is_left = True, False
+        self.is_seen, self.pull_began = True, False
         self._n_taken = 0
         self._crossed[:], self._squares[:], self.parts = 0.0, 0.0, np.zeros_like(self.parts)
         self.whole_sd = self._whole_sd

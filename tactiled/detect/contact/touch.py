@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.filter import ContactFilter, Verdict
+from tactiled.detect.contact.filter import ContactFilter
 from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
@@ -24,7 +24,6 @@ class ContactScan(NamedTuple):
     """State of a contact after a scan, for those who report slips."""
 
     filter: ContactFilter
-    verdict: Verdict
     shear: FloatArray  # (2, taxels): force of the object on the skin, over the total load
     # Sum of the shear along x and along y, and its moment over the mean distance of the taxels from their
     # centre; all over the total load
@@ -55,9 +54,9 @@ class Touch:
         return self.scan is not None
 
     @property
-    def is_pressed(self) -> bool:
+    def press_is_over(self) -> bool:
         """True once the press is over, or a pull has begun in it."""
-        return self._zero.is_measured or self._zero.is_left
+        return self._zero.is_measured or self._zero.pull_began
 
     def pass_gap(self, gap_s: float) -> None:
         """Take up the contact after a gap in which it went on."""
@@ -97,7 +96,6 @@ class Touch:
         self._total = signs.total_x, signs.total_y, signs.moment, load
         self.scan = ContactScan(
             filter=contact,
-            verdict=self._verdict,
             shear=self._shear.copy(),
             ratio=(signs.total_x / load, signs.total_y / load, signs.moment / load),
             rippled_s=rippled_s,

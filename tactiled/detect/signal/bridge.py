@@ -11,10 +11,9 @@ import numpy as np
 
 from tactiled.detect.base import Detector
 from tactiled.events.types import Event, GripEvent
-from tactiled.samples.block import Gap, ScanBlock
+from tactiled.samples.block import LOSSES, Gap, ScanBlock
 
 BRIDGE_S = 0.05  # prior: the onset of a slip bends the signal for longer; corruption seldom lasts so long
-_LOSSES = ("corrupt", "missing")
 
 
 class GapBridge:
@@ -43,7 +42,7 @@ class GapBridge:
 
     def _take_gap(self, gap: Gap) -> list[Event]:
         last = self._last
-        if last is not None and gap.cause in _LOSSES and 0 < gap.n_missing <= BRIDGE_S * last.rate_hz:
+        if last is not None and gap.cause in LOSSES and 0 < gap.n_missing <= BRIDGE_S * last.rate_hz:
             self._gap = gap
             return []
         self._last = self._gap = None

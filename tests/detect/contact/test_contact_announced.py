@@ -122,7 +122,7 @@ def test_new_detectors_are_given_what_was_announced() -> None:
 
         def __init__(self) -> None:
             super().__init__(ARRAY)
-            self.model = self
+            self.grip = self
             built.append(self)
 
     suite = TunedSuite(ARRAY, DetectParams(), lambda *_: OneDetector())

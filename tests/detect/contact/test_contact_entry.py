@@ -84,10 +84,10 @@ def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -
     zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.ones(9)
     for _ in range(20):
         zero.take(load, np.zeros((2, 9)), 1e-3, 3e-3)
-    assert not zero.is_left
+    assert not zero.pull_began
     for _ in range(40):
         zero.take(load, np.full((2, 9), 0.2), 1e-3, 3e-3)
-        assert zero.is_left
+        assert zero.pull_began
     assert zero.is_measured
     assert zero.parts == pytest.approx(np.zeros((2, 9)), abs=1e-9)
     assert 0.01 < zero.whole_sd < 0.04
@@ -108,10 +108,10 @@ def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a
         zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.full(9, 0.1)
         zero.take(load, 0 * load * np.ones((2, 1)), 1e-3, 3e-3)
         zero.take(load, 0.2 * load * np.ones((2, 1)), 1e-3, 3e-3)
-        assert zero.is_left
+        assert zero.pull_began
         for k in range(58):
             zero.take((1 + k / 20) * load, ratio * (1 + k / 20) * load * np.ones((2, 1)), 1e-3, 3e-3)
-        assert zero.is_left == is_pull
+        assert zero.pull_began == is_pull
         assert zero.is_measured
 
 
@@ -123,7 +123,7 @@ def test_the_zero_of_the_first_small_loads_does_not_last() -> None:
         load = depth + 1e-4 + 0.05 * k
         # The noise floor is not yet known: it says a thousandth of the noise.
         zero.take(load, 5e-3 * rng.normal(size=(2, 9)), 5e-6, 15e-6)
-        assert not zero.is_left
+        assert not zero.pull_began
     assert zero.is_measured
     assert np.hypot(*zero.parts.mean(axis=1)) < 0.01
 
@@ -171,7 +171,7 @@ def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> Non
     zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
     for k in range(30):
         zero.take((1 + k / 10) * load, 0.2 * (1 + k / 10) * load * np.ones((2, 1)), 1e-3, 3e-3)
-    assert zero.is_left
+    assert zero.pull_began
     assert not zero.parts.any()
 
 
