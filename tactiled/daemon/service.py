@@ -252,8 +252,8 @@ def run_service(
     has_begun: Callable[[], bool] = lambda: True,
 ) -> int:
     """Run the daemon in a new event loop; returns exit code 0 after a requested end, raises as `Service`."""
-    # What was made until here lives as long as the daemon. A collection that looked through it (80,000 objects)
-    # would stop the event loop for 15 to 40 ms.
+    # What was made until here lives as long as the daemon. A collection that looked through it (80,000
+    # objects) would stop the event loop for 15 to 40 ms.
     gc.collect()
     gc.freeze()
     asyncio.run(serve(boards, duration_s, has_begun))
