@@ -175,9 +175,10 @@ def test_too_little_contact_names_what_to_do(volts: Floats, says: str) -> None:
 
 def test_the_press_is_no_part_of_the_hold() -> None:
     volts = np.concatenate([held(2, 3e-4) - 1.2, held(8, 3e-4), held(2, 3e-4) - 1.2])
-    stuck = volts.copy()
+    stuck, grazed = volts.copy(), volts.copy()
     stuck[:, 17] = 2.9  # one side alone is no contact
-    for seen in (volts, stuck):
+    grazed[1100:1130] += 1.2  # a touch that ends while it loads
+    for seen in (volts, stuck, grazed):
         (block,) = quiet_part(recording(seen)).blocks
         assert (block.index[0], block.index[-1]) == (300, 999)
 

@@ -117,9 +117,9 @@ def quiet_part(recording: Recording) -> Recording:
     for block in recording.blocks:
         touches = np.concatenate([[False], touching(block, recording.array), [False]])
         for start, stop in np.flatnonzero(np.diff(touches.astype(np.int8))).reshape(-1, 2).tolist():
-            held = block[start + round(LOADING_S * block.rate_hz) : stop]
-            if len(held) / block.rate_hz > held_s:
-                best, held_s = held, len(held) / block.rate_hz
+            loaded = start + round(LOADING_S * block.rate_hz)
+            if (stop - loaded) / block.rate_hz > held_s:
+                best, held_s = block[loaded:stop], (stop - loaded) / block.rate_hz
     if best is None or held_s < LEAST_S:
         raise DataError(f"{recording.name}: {_too_short(recording, held_s)}")
     return Recording(recording.name, recording.array, (best,))
