@@ -20,7 +20,7 @@ FILES = click.Path(path_type=Path)  # a directory too, which stands for the file
 
 
 class Names(click.ParamType[tuple[str, ...]]):
-    """Names with commas between, of those that are `known` where these are given."""
+    """Names with commas between, of those that are `known` where these are given; an empty text has none."""
 
     name = "NAMES"
 
@@ -33,7 +33,7 @@ class Names(click.ParamType[tuple[str, ...]]):
         """Return the names; fail on an unknown one."""
         if isinstance(value, tuple):
             return value
-        names = tuple(name.strip() for name in str(value).split(","))
+        names = tuple(name.strip() for name in value.split(",")) if value else ()
         for name in names:
             if self._known and name not in self._known:
                 self.fail(f"no {self._what} {name!r}; there are: {', '.join(self._known)}", param, ctx)

@@ -117,8 +117,9 @@ def test_the_command_compares_and_refuses(tmp_path: Path, capsys: pytest.Capture
     time_s, readings = press(signs=(1, -1, 1), rest=0.0)
     table = np.column_stack([time_s, readings[:, 1::2]])
     np.savetxt(log, table, delimiter=",", header="time_s,a,b,c", comments="")
-    assert call("check-config", str(pad), "--log", str(log)) == 0
-    assert "log: signs: fall where the log changes most: t1.Z" in capsys.readouterr().err
+    for all_columns in ((), ("--columns", "")):
+        assert call("check-config", str(pad), "--log", str(log), *all_columns) == 0
+        assert "log: signs: fall where the log changes most: t1.Z" in capsys.readouterr().err
     assert call("check-config", str(pad), "--log", str(log), "--columns", "a,b") == 2
     assert "--columns" in capsys.readouterr().err
     config = tmp_path / "left.toml"
