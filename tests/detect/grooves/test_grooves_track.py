@@ -4,7 +4,19 @@ import dataclasses
 
 import numpy as np
 import pytest
-from gratings import ARRAY, Grating, MotionOf, Slide, answer, assert_right, fit, known, motions, numbers
+from gratings import (
+    ARRAY,
+    Grating,
+    MotionOf,
+    Slide,
+    answer,
+    assert_right,
+    fit,
+    known,
+    motions,
+    numbers,
+    off,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -49,6 +61,20 @@ def test_a_tracked_wave_is_that_of_a_fit_of_the_window(motion_of: MotionOf, angl
     assert in_sigmas(found, anew) == pytest.approx((0.0, 0.0), abs=0.02)
     assert found.period_sd_mm == pytest.approx(anew.period_sd_mm, rel=0.1)
     assert found.angle_sd_deg == pytest.approx(anew.angle_sd_deg, rel=0.1)
+
+
+@motions
+def test_intervals_of_95_percent_hold(motion_of: MotionOf) -> None:
+    z = []
+    for seed in range(120):
+        slide = Slide(duration_s=3.0, noise=0.035, seed=seed)
+        volts, time_s, motion = slide.volts(ARRAY, OFFSETS_S), slide.times(), motion_of(slide)
+        first = answer(fit_wave(window(motion, volts[:200], time_s[:200])))
+        found = answer(track_wave(first, window(motion, volts[100:], time_s[100:])))
+        by_mm, by_deg = off(found, slide.gratings[0])
+        z.append((by_mm / found.period_sd_mm, by_deg / found.angle_sd_deg))
+    held = (np.abs(z) < 1.96).mean(axis=0)
+    assert np.all((held > 0.89) & (held < 0.995))  # 120 trials: 95 % +- 2 %
 
 
 def test_lost_scans_with_true_times_and_a_channel_that_dies_leave_the_answer_right() -> None:
