@@ -269,6 +269,25 @@ def test_local_endpoints_need_no_key(server: Server) -> None:
     server.run(story, 3 * PATIENCE_S)
 
 
+def test_a_forged_daemon_is_rejected(server: Server, tmp_path: Path) -> None:
+    """It answers at the daemon's address and lets the client in, but lacks the key that the client knows."""
+    text = (tmp_path / "left.toml").read_text()
+    true_daemon = zmq.curve_keypair()[0].decode()
+    keys = tmp_path / "of-the-true-daemon.toml"
+    keys.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{true_daemon}"\n')
+    keys.chmod(0o600)
+
+    async def story() -> None:
+        assert not await server.hears(server.wide, keys, 0.5)
+        async with AsyncCommander(server.wide, keys=keys) as daemon:
+            with pytest.raises(OperatorError, match="no answer"):
+                await daemon.send("mark", timeout_s=0.3, text="x")
+        assert server.keys_used == []
+        assert await server.hears(server.wide, tmp_path / "left.toml", PATIENCE_S)
+
+    server.run(story, 3 * PATIENCE_S)
+
+
 def test_network_endpoints_need_keys_or_an_explicit_option(tmp_path: Path) -> None:
     def parse(**extra: Any) -> PublishParams:
         return tomlfile.parse({"endpoints": ["tcp://0.0.0.0:9872"], **extra}, PublishParams, "t.toml")
