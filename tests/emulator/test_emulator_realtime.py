@@ -19,9 +19,9 @@ import pytest
 from patience import PATIENCE_S
 
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.emulator.line.links import PtyLink, TcpLink, make_link
+from tactiled.emulator.line.links import PtyLink, TcpLink, make_control_link, make_link
 from tactiled.emulator.realtime import Emulator, run_emulator
-from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
@@ -174,7 +174,7 @@ def test_hosts_come_and_go_on_a_pty(tmp_path: Path) -> None:
 
 
 def test_a_tcp_port_serves_one_host_at_a_time() -> None:
-    with emulated(TcpLink("127.0.0.1", 0)) as (_, reports):
+    with emulated(TcpLink("tcp", "127.0.0.1", 0)) as (_, reports):
         port = int(reports[0]["link"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as connection:
             host = Host(connection.fileno())
@@ -188,7 +188,7 @@ def test_a_tcp_port_serves_one_host_at_a_time() -> None:
 
 
 def test_unplugging_a_tcp_port_hangs_up_and_listens_again() -> None:
-    with emulated(TcpLink("127.0.0.1", 0), faults=FaultParams(unplug_s=0.3)) as (emulator, reports):
+    with emulated(TcpLink("tcp", "127.0.0.1", 0), faults=FaultParams(unplug_s=0.3)) as (emulator, reports):
         port = int(reports[0]["link"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as connection:
             host = Host(connection.fileno())
@@ -241,16 +241,50 @@ def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
         run_emulator(DEMO, V1, link=tmp_path / "no" / "folder", report=lambda _: None)
 
 
-@pytest.mark.parametrize("tcp", ["127.0.0.1", "tcp://:99", "tcp://127.0.0.1:http", "tcp://127.0.0.1:70000"])
+@pytest.mark.parametrize(
+    "tcp",
+    [
+        "127.0.0.1",
+        "tcp://:99",
+        "tcp://127.0.0.1:http",
+        "tcp://127.0.0.1:70000",
+        "unix:///tmp/x",
+        "unix://x:99",
+    ],
+)
 def test_addresses_of_another_form_are_refused(tcp: str, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="tcp://HOST:PORT"):
+    with pytest.raises(ConfigError, match=r"tcp: .* not of the form tcp://HOST:PORT$"):
         make_link(None, tcp)
     with pytest.raises(ConfigError, match="not both"):
         make_link(tmp_path / "board", tcp)
 
 
-def test_an_address_in_use_is_refused() -> None:
+@pytest.mark.parametrize("address", ["unix://", "127.0.0.1", "/tmp/x"])
+def test_addresses_for_a_controller_of_another_form_are_refused(address: str) -> None:
+    with pytest.raises(ConfigError, match=r"control: .* not of the form tcp://HOST:PORT or unix:///PATH"):
+        make_control_link(address)
+
+
+def test_ports_that_cannot_be_made_are_refused_before_tables_are_solved(tmp_path: Path) -> None:
+    plate = {"kind": "grooves", "period_mm": 1.13, "angle_deg": 0.0}
+    press = {"kind": "press", "duration_s": 0.5, "force_n": 0.2}
+    slide = {"kind": "slide", "duration_s": 0.5, "speed_mm_s": 1.0}
+    scene = Scene.model_validate(
+        {"name": "t", "contact": "periodic", "surface": plate, "phases": [press, slide]}
+    )
+
+    def report(what: dict[str, Any]) -> None:
+        raise AssertionError(what)  # of the first table
+
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(ConfigError, match=f"cannot listen on 127.0.0.1:{port}"):
-            run_emulator(DEMO, V1, tcp=f"tcp://127.0.0.1:{port}", report=lambda _: None)
+        address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        asked: tuple[tuple[dict[str, Any], str], ...] = (
+            ({"tcp": address}, "tcp: cannot listen"),
+            ({"link": tmp_path / "board", "control": address}, "control: cannot listen"),
+            ({"link": tmp_path / "board", "control": f"unix://{tmp_path}"}, "control: cannot listen"),
+            ({"link": tmp_path / "no" / "folder"}, "link: cannot make"),
+        )
+        for ports, says in asked:
+            with pytest.raises(ConfigError, match=says):
+                run_emulator(scene, V1, report=report, **ports)
+    assert not os.path.lexists(tmp_path / "board")

@@ -16,7 +16,7 @@ from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.emulator.control import ControlLines
-from tactiled.emulator.line.links import PtyLink, make_link
+from tactiled.emulator.line.links import PtyLink, make_control_link
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -219,7 +219,7 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
 
     address = f"unix://{tmp_path}/control" if kind == "unix" else "tcp://127.0.0.1:0"
     scene = held(PRESS, load(2.0), {"kind": "hold", "duration_s": 60.0})
-    emulator = Emulator(scene, V1, PtyLink(None), report=report, control=make_link(None, address))
+    emulator = Emulator(scene, V1, PtyLink(None), report=report, control=make_control_link(address))
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:

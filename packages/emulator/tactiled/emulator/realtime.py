@@ -18,12 +18,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tactiled.array import Array
-from tactiled.emulator.board.identity import EmulatedBoardParams
+from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.line.links import HostLink, make_link
+from tactiled.emulator.line.links import HostLink, make_control_link, make_link
 from tactiled.emulator.pace import OverrunPolicy, SceneClock
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.prepare import missing_tables
@@ -90,11 +89,6 @@ class Emulator:
         self._pace = OverrunPolicy()
         self._bytes_overflowed = 0
         self._wake_read, self._wake_write = os.pipe()
-
-    @property
-    def array(self) -> Array:
-        """Array of the board."""
-        return self._port.array
 
     def stop(self) -> None:
         """End `run`; may be called from a signal handler or another thread."""
@@ -247,18 +241,26 @@ def run_emulator(
     ConfigError
         The arguments do not fit each other, the link cannot be made, or the scene is not for real time.
     """
+    port = make_link(link, tcp)
+    control_port = None if control is None else make_control_link(control)
+    missing = missing_tables(scene, emulated_array(scene, layout))
+    if missing:  # a minute each, after which it would be late to say that a port cannot be made
+        with contextlib.ExitStack() as tried:
+            for each in (port, control_port):
+                if each is not None:
+                    each.open()
+                    tried.callback(each.close)
     emulator = Emulator(
         scene,
         layout,
-        make_link(link, tcp),
+        port,
         board=board,
         faults=faults,
         seed=seed,
         report=report,
         with_scans=with_scans,
-        control=None if control is None else make_link(None, control),
+        control=control_port,
     )
-    missing = missing_tables(scene, emulator.array)
     for done, solve in enumerate(missing):
         report({"what": "preparing", "tables": len(missing), "solved": done})
         solve()

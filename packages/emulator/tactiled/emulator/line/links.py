@@ -104,12 +104,12 @@ class PtyLink:
 class TcpLink:
     """TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial).
 
-    Port 0 takes a free port, which is kept when the port is unplugged. `open` raises `ConfigError` where the
-    address is not available.
+    Port 0 takes a free port, which is kept when the port is unplugged. `open` raises `ConfigError` with the
+    `option` that asked for the address where it is not available.
     """
 
-    def __init__(self, host: str, port: int) -> None:
-        self._host, self._port = host, port
+    def __init__(self, option: str, host: str, port: int) -> None:
+        self._option, self._host, self._port = option, host, port
         self._listener: socket.socket | None = None
         self._client: socket.socket | None = None
 
@@ -117,7 +117,8 @@ class TcpLink:
         try:
             self._listener = socket.create_server((self._host, self._port))
         except OSError as error:
-            raise ConfigError("tcp", [f"cannot listen on {self._host}:{self._port}: {error}"]) from None
+            words = f"cannot listen on {self._host}:{self._port}: {error}"
+            raise ConfigError(self._option, [words]) from None
         self._listener.setblocking(False)
         self._port = self._listener.getsockname()[1]
 
@@ -180,8 +181,8 @@ class TcpLink:
 class UnixLink(TcpLink):
     """Unix socket for one peer at a time; its file is removed at close."""
 
-    def __init__(self, path: Path) -> None:
-        super().__init__("", 0)
+    def __init__(self, option: str, path: Path) -> None:
+        super().__init__(option, "", 0)
         self._path = path
 
     def open(self) -> None:
@@ -193,7 +194,7 @@ class UnixLink(TcpLink):
         except OSError as error:
             listener.close()
             why = error.strerror or str(error)
-            raise ConfigError("control", [f"cannot listen on {self._path}: {why}"]) from None
+            raise ConfigError(self._option, [f"cannot listen on {self._path}: {why}"]) from None
         listener.listen()
         listener.setblocking(False)
         self._listener = listener
@@ -207,18 +208,28 @@ class UnixLink(TcpLink):
         return {"link": f"unix://{self._path}"}
 
 
-def make_link(link: Path | None, address: str | None) -> HostLink:
-    """Make a pty of the name `link`, or a socket at ``tcp://HOST:PORT`` or ``unix:///PATH``.
+def make_link(link: Path | None, tcp: str | None) -> HostLink:
+    """Make a pty of the name `link`, or a socket at `tcp`, which is ``tcp://HOST:PORT``.
 
     `ConfigError` where the address is of another form, or both are given.
     """
-    if address is None:
+    if tcp is None:
         return PtyLink(link)
     if link is not None:
         raise ConfigError("command line", ["give either a link for a pty or a TCP address, not both"])
-    if address.startswith("unix://"):
-        return UnixLink(Path(address.removeprefix("unix://")))
+    return _tcp_link("tcp", tcp, "tcp://HOST:PORT")
+
+
+def make_control_link(address: str) -> HostLink:
+    """Make a socket for a controller at ``tcp://HOST:PORT`` or ``unix:///PATH``; `ConfigError` for others."""
+    path = address.removeprefix("unix://")
+    if path and path != address:
+        return UnixLink("control", Path(path))
+    return _tcp_link("control", address, "tcp://HOST:PORT or unix:///PATH")
+
+
+def _tcp_link(option: str, address: str, form: str) -> TcpLink:
     host, _, port = address.removeprefix("tcp://").rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigError("command line", [f"tcp: {address!r} is not of the form tcp://HOST:PORT"])
-    return TcpLink(host.strip("[]"), int(port))
+    if not host or "/" in host or not port.isdecimal() or int(port) > 65535:
+        raise ConfigError("command line", [f"{option}: {address!r} is not of the form {form}"])
+    return TcpLink(option, host.strip("[]"), int(port))
