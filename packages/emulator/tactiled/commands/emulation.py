@@ -9,6 +9,7 @@ import click
 
 from tactiled.cli.options import FILE, need_extra, need_named, need_toml
 from tactiled.cli.packages import find
+from tactiled.errors import ConfigError
 
 
 @click.command()
@@ -137,5 +138,10 @@ def _write_rig(folder: Path, array: str, seed: int, seconds: float) -> None:
     from tactiled.array import load_array
     from tactiled.emulator.rig.session import write_rig
 
-    for path in write_rig(folder, load_array(array), seed, seconds):
+    try:
+        written = write_rig(folder, load_array(array), seed, seconds)
+    except OSError as error:
+        fault = f"{folder}: {error.strerror or error}; name a folder that can be written"
+        raise ConfigError("--rig", [fault]) from None
+    for path in written:
         click.echo(path)
