@@ -32,7 +32,7 @@ from tactiled.progress import ProgressBar
 _ROOT = Path(__file__).parents[2]
 _TIMES, _QUICK_TIMES = 20, 2  # replugs, and power cuts unless asked for
 _SWAPS, _QUICK_SWAPS = 4, 1
-_FIRST_S = 1.0  # a port is tried at least each 0.5 s (`daemon.serial.connection`)
+_FIRST_S = 1.0  # a port is tried at least each 0.5 s (`daemon.serial.port`)
 
 
 def _verified(found: Found) -> Reading:

@@ -29,7 +29,7 @@ from tactiled.tomlfile import Params
 
 # Contact models in growing cost; "auto" takes the cheapest that meets `needs`.
 Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
-# Quantities that a scene can require of its contact model. ``PROVIDES`` of a contact model has the relative
+# Quantities that a scene can require of its contact model. `provides` of a contact model has the relative
 # error of each that it models (direction: of 90 degrees; phase: of a turn; slip instants: of the travel from
 # first shear to gross slip).
 Need = Literal[
