@@ -2,9 +2,9 @@
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
 that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. Damage in
-the middle costs only the chunks that it hits: reading resumes at the next bytes that form a valid chunk. A
-finished file repeats its schemas and channels after the data, so they survive the loss of the chunk in which
-they first appeared.
+the middle costs only the chunks that it hits: reading resumes where the length field of the damaged chunk
+points or, if that is wrong too, at the next bytes that form a valid chunk. A finished file repeats its
+schemas and channels after the data, so they survive the loss of the chunk in which they first appeared.
 """
 
 import json
@@ -131,11 +131,12 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     size = extent.size_bytes = stream.seek(0, 2)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    newest_ns = n_damaged = at = 0  # n_damaged: bytes of a stretch that is not reported yet
+    n_damaged = at = 0  # n_damaged: bytes of a stretch that is not reported yet
+    last_ns = newest_ns = 0  # ends of the chunk before, and of the latest: the wall clock may be set back
     while not extent.is_complete:
         record = _record_at(stream, at, size)
         if record is None:
-            resumed = _resume(stream, at, size, newest_ns)
+            resumed = _resume(stream, at, size, last_ns)
             if resumed is None:
                 break
             n_damaged += resumed - at
@@ -150,11 +151,12 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
         extent.orphans += sum(isinstance(r, Message) for r in records or ()) - len(entries)
         instants_ns = [entry.message.log_time for entry in entries]
         if n_damaged and instants_ns:
-            yield _damage(extent, n_damaged, newest_ns or min(instants_ns), min(instants_ns))
+            yield _damage(extent, n_damaged, last_ns or min(instants_ns), min(instants_ns))
             n_damaged = 0
         if not n_damaged:
             extent.good_bytes = at
-        newest_ns = max([newest_ns, *instants_ns])
+        last_ns = max(instants_ns, default=last_ns)
+        newest_ns = max(newest_ns, last_ns)
         yield from (record for record in records or () if isinstance(record, Metadata))
         if entries:
             yield entries
@@ -264,32 +266,44 @@ def _check_size(chunk: Chunk) -> None:
         raise McapError(f"a chunk of {n_bytes} bytes, more than {MOST_CHUNK_BYTES}")
 
 
-def _resume(stream: BinaryIO, at: int, size: int, newest_ns: int) -> int | None:
-    """Offset at which to resume after a damaged record; None where nothing whole follows."""
-    chunk_at = _next_chunk(stream, at, newest_ns)
-    if chunk_at is None and (summary := _summary(stream, size)) is not None and summary.start > at:
-        return summary.start
-    return chunk_at
+def _resume(stream: BinaryIO, at: int, size: int, last_ns: int) -> int | None:
+    """Offset at which to resume after a damaged record; None where nothing whole follows.
 
-
-def _next_chunk(stream: BinaryIO, at: int, newest_ns: int) -> int | None:
-    """Offset of the next whole chunk that begins after `at`.
-
-    After a power cut, old disk blocks behind the end may hold chunks of other files: chunks that end before
-    `newest_ns` are therefore skipped.
+    After a power cut, old disk blocks behind the end may hold chunks of other files: a chunk that ends before
+    `last_ns` is therefore skipped. The chunk to which the length of the damaged record points is of this
+    file, whatever its times: the wall clock may have been set back.
     """
+    end = len(MCAP0_MAGIC)
+    if at:
+        stream.seek(at)
+        head = stream.read(_HEAD.size)
+        end = at + _HEAD.size + int(_HEAD.unpack(head)[1]) if len(head) == _HEAD.size else size
+    # A damaged length may lead beyond chunks that are whole.
+    is_whole = end < size and _record_at(stream, end, size) is not None
+    chunk_at = _next_chunk(stream, at, end if is_whole else size, last_ns)
+    if chunk_at is not None:
+        return chunk_at
+    if is_whole:
+        return end
+    summary = _summary(stream, size)
+    return summary.start if summary is not None and summary.start > at else None
+
+
+def _next_chunk(stream: BinaryIO, at: int, before: int, last_ns: int) -> int | None:
+    """Offset of the next whole chunk that begins after `at` and before an offset."""
     size = stream.seek(0, 2)
     if not size:
         return None
     with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
-        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT)
+        last = before + _ANCHOR_AT + len(_ANCHOR) - 1
+        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT, last)
         while found >= 0:
             start = found - _ANCHOR_AT
             (end_ns,) = struct.unpack_from("<Q", view, start + _HEAD.size + 8)
-            is_later = view[start] == Opcode.CHUNK and end_ns >= newest_ns
+            is_later = view[start] == Opcode.CHUNK and end_ns >= last_ns
             if is_later and _record_at(stream, start, size) is not None:
                 return start
-            found = view.find(_ANCHOR, found + 1)
+            found = view.find(_ANCHOR, found + 1, last)
     return None
 
 

@@ -2,26 +2,29 @@
 
 import json
 import logging
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
-from recordings import HEADER, items, record, simulated_reads
+from recordings import HEADER, UNIX_OFFSET_S, items, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
 from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Input, Item, Read
+from tactiled.recording.directory import new_name
 from tactiled.recording.export import export_csv
 from tactiled.recording.reader import read_header, read_items
-from tactiled.recording.recover import recover
+from tactiled.recording.recover import recover, recover_directory
 from tactiled.recording.replay import ReplayComparison, replay
 from tactiled.recording.writer import RecordingWriter
 
 CHUNKS = 6
 READS = 5  # in each
+NAME = new_name(datetime(2026, 1, 1, tzinfo=UTC))
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +83,31 @@ def test_a_damaged_length_beyond_whole_chunks_is_ignored(
     flipped.write_bytes(data[: ends[1] + 1] + length + data[ends[1] + 9 :])
     reads = [item for item in items(flipped) if isinstance(item, Read)]
     assert reads == whole[:READS] + whole[2 * READS :]
+
+
+@pytest.mark.parametrize(
+    ("hit", "at"),
+    [(1, 60), (2, 60), (3, 60), (3, 8)],
+    ids=["data before the step", "data behind it", "data later", "length later"],
+)
+def test_damage_costs_one_chunk_where_the_wall_clock_was_set_back(tmp_path: Path, hit: int, at: int) -> None:
+    """The clock is set back by an hour between chunks 1 and 2; byte `at` of a chunk is damaged."""
+    writer = RecordingWriter(tmp_path / NAME, HEADER)
+    reads, ends = [], [writer.size_bytes]
+    for k in range(CHUNKS * READS):
+        offset_s = UNIX_OFFSET_S if k < 2 * READS else UNIX_OFFSET_S - 3600.0
+        reads.append(Read(k * 0.1, offset_s, bytes([k]) * 50))
+        writer.read(reads[-1])
+        if k % READS == READS - 1:
+            writer.sync()
+            ends.append(writer.size_bytes)
+    writer.abandon()
+    data = bytearray(writer.active.read_bytes())
+    data[ends[hit] + at] ^= 0x40
+    writer.active.write_bytes(data)
+    assert [is_recovered for is_recovered, _ in recover_directory(tmp_path)] == [True]
+    kept = [item for item in items(tmp_path / NAME) if isinstance(item, Read)]
+    assert kept == reads[: hit * READS] + reads[(hit + 1) * READS :]
 
 
 @settings(max_examples=300, deadline=None)
