@@ -1,4 +1,7 @@
-"""Rows of CSV, npz and Parquet files, a batch at a time: a file may be larger than the memory."""
+"""Rows of CSV, npz and Parquet files, a batch at a time: a file may be larger than the memory.
+
+An array that an npz stores columns first is held as a whole, at most `MOST_BYTES`.
+"""
 
 import csv
 import fnmatch
@@ -10,7 +13,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TextIO
+from typing import IO, TYPE_CHECKING, Literal, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +24,17 @@ if TYPE_CHECKING:
     import pyarrow
 
 FloatArray = NDArray[np.float64]
-_AnyArray = NDArray[np.generic]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 Batch = tuple[FloatArray, FloatArray, float]
 """Times (n,), NaN where the rate stands for them; readings (n, channels); share of the file, 0 to 1."""
 
-# Declared size of the arrays of an npz, or of the lists in a Parquet file as float64. These formats compress:
+# Declared size of an array in an npz, or of the lists in a Parquet file, as float64. These formats compress:
 # 18 MB may claim 3.7 GB. It is 19 h of 36 channels at 100 Hz; CSV and plain Parquet columns have no limit.
 MOST_BYTES = 2 * 10**9
 # An array of 4096 taxels with four sides has them. A row of more is no scan, and one row is read at once.
 MOST_CHANNELS = 4 * 4096
+_MOST_HEADER_BYTES = 10_000  # of an array in an npz: a hundred are enough, and numpy would read 4 GB
 _MOST_LINE = 4 * 2**20  # characters of a CSV: 12,000 channels have 300,000
 _BATCH_ROWS = 1000  # ten seconds of the published board
 _BATCH_VALUES = 1 << 20  # 8 MB, of arrays of many channels
@@ -124,19 +127,33 @@ def _bounded_lines(path: Path, stream: TextIO, n_read: list[int]) -> Iterator[st
         yield line
 
 
+@dataclass(frozen=True)
+class _Member:
+    """Array in an npz, as its header describes it."""
+
+    name: str
+    shape: tuple[int, ...]
+    is_fortran: bool
+    dtype: np.dtype[np.generic]
+
+    @property
+    def row_bytes(self) -> int:
+        return math.prod(self.shape[1:]) * self.dtype.itemsize
+
+
 def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
-    """Yield the rows of an npz, whose arrays are held as a whole, within the limit."""
     try:
         with path.open("rb") as stream:
             if not zipfile.is_zipfile(stream):
                 raise DataError(f"{path}: not a complete npz file; write one with numpy.savez")
             with zipfile.ZipFile(stream) as archive:
-                time, readings, valid = _npz_arrays(path, archive, options)
+                yield from _archive_rows(path, archive, options)
     except ValueError:  # of numpy, on a header; its message may suggest unpickling, which is unsafe
         raise DataError(f"{path}: time_s and volts must be arrays of numbers") from None
     except (
         OSError,
         TypeError,
+        EOFError,
         NotImplementedError,
         RuntimeError,
         zipfile.BadZipFile,
@@ -144,21 +161,9 @@ def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
         tokenize.TokenError,  # of numpy, on a header of brackets
     ) as error:
         raise DataError(f"{path}: cannot be read as npz: {error}") from None
-    n_rows, n_channels = readings.shape
-    most = _batch_rows(n_channels)
-    for start in range(0, n_rows, most):
-        part = slice(start, start + most)
-        rows = readings[part].astype(np.float64)
-        if valid is not None:  # written by `calibrate --guide`: invalid readings become NaN
-            rows[~valid[part].astype(np.bool_)] = np.nan
-        time_s = _no_times(len(rows)) if time is None else time[part].astype(np.float64)
-        yield time_s, rows, (start + len(rows)) / n_rows
 
 
-def _npz_arrays(
-    path: Path, archive: zipfile.ZipFile, options: TableOptions
-) -> tuple[_AnyArray | None, _AnyArray, _AnyArray | None]:
-    """Read the times (n,), the readings (n, channels) and which of these are valid (n, channels)."""
+def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -> Iterator[Batch]:
     names = [name.removesuffix(".npy") for name in archive.namelist()]
     time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
     others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
@@ -170,43 +175,84 @@ def _npz_arrays(
             f"{path}: lacks the array {' and '.join(missing)}; it has {names}; an array time, t "
             "or timestamp needs --time-unit, and a log without times needs --rate"
         )
-    read = [name, *([time_name] if time_name else []), *(["valid"] if "valid" in names else [])]
-    if (n_bytes := sum(archive.getinfo(f"{one}.npy").file_size for one in read)) > MOST_BYTES:
+    readings = _member(path, archive, name)
+    time = _member(path, archive, time_name) if time_name else None
+    valid = _member(path, archive, "valid") if "valid" in names else None
+    n_rows = readings.shape[0] if readings.shape else 0
+    if len(readings.shape) < 2 or (time is not None and time.shape != (n_rows,)):
         raise DataError(
-            f"{path}: {' and '.join(read)} have {n_bytes / 1e9:.1f} GB, and at most {MOST_BYTES / 1e9:g} GB "
-            "are read from an npz; split it, or write CSV or Parquet, which have no limit"
-        )
-    arrays = {one: _npz_array(path, archive, one) for one in read}
-    readings, time, valid = arrays[name], arrays.get(time_name or ""), arrays.get("valid")
-    if readings.ndim < 2 or (time is not None and time.shape != readings.shape[:1]):
-        raise DataError(
-            f"{path}: {time_name} {'' if time is None else time.shape} and {name} {readings.shape} should be "
-            "(n,) and (n, channels)"
+            f"{path}: {time_name} {time.shape if time else ''} and {name} {readings.shape} should be (n,) "
+            "and (n, channels)"
         )
     if valid is not None and valid.shape != readings.shape:
         raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
     n_channels = math.prod(readings.shape[1:])
-    if n_channels > MOST_CHANNELS:
-        raise DataError(f"{path}: {name} has {n_channels} channels; at most {MOST_CHANNELS} are read")
-    rows = (len(readings), n_channels)
-    return time, readings.reshape(rows), None if valid is None else valid.reshape(rows)
+    if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number
+        raise DataError(f"{path}: {name} has {n_channels} channels; 1 to {MOST_CHANNELS} are read")
+    most = _batch_rows(n_channels)
+    parts = [_parts(archive, member, most) for member in (time, readings, valid) if member is not None]
+    n_done = 0
+    for batch in zip(*parts, strict=True):
+        rows = batch[0 if time is None else 1].astype(np.float64).reshape(-1, n_channels)
+        if valid is not None:  # written by `calibrate --guide`: invalid readings become NaN
+            rows = np.where(batch[-1].reshape(rows.shape), rows, np.nan)
+        n_done += len(rows)
+        yield _no_times(len(rows)) if time is None else batch[0].astype(np.float64), rows, n_done / n_rows
 
 
-def _npz_array(path: Path, archive: zipfile.ZipFile, name: str) -> _AnyArray:
-    """Read an array, as large as its bytes are, whatever its header claims."""
-    member = archive.getinfo(f"{name}.npy")
-    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):  # others expand without bound
+def _member(path: Path, archive: zipfile.ZipFile, name: str) -> _Member:
+    """Read the header of an array, and refuse it where it claims too much."""
+    if archive.getinfo(f"{name}.npy").compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise DataError(f"{path}: {name} is compressed as numpy compresses nothing; write it by numpy.savez")
-    stream = io.BytesIO(archive.read(member))
-    is_first = np.lib.format.read_magic(stream) == (1, 0)
-    read_header = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-    shape, is_fortran, dtype = read_header(stream)
-    if not np.can_cast(dtype, np.float64, "same_kind"):
+    with archive.open(f"{name}.npy") as stream:
+        shape, is_fortran, dtype = _npy_header(stream)
+    if not np.can_cast(dtype, np.float64, "same_kind") or any(length < 0 for length in shape):
         raise DataError(f"{path}: time_s and volts must be arrays of numbers")
-    values: _AnyArray = np.frombuffer(stream.getbuffer(), dtype, offset=stream.tell())
-    if values.size != math.prod(shape):
-        raise DataError(f"{path}: {name} claims the shape {shape}, but has {values.size} numbers")
-    return values.reshape(shape, order="F" if is_fortran else "C")
+    if (n_bytes := math.prod(shape) * max(8, dtype.itemsize)) > MOST_BYTES:
+        raise DataError(
+            f"{path}: {name} {shape} has {n_bytes / 1e9:.1f} GB, and at most {MOST_BYTES / 1e9:g} GB are "
+            "read from an npz; split it, or write CSV or Parquet, which have no limit"
+        )
+    return _Member(name, shape, is_fortran, dtype)
+
+
+def _npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    version = np.lib.format.read_magic(stream)
+    is_first = version == (1, 0)
+    length = stream.read(2 if is_first else 4)
+    if (n_bytes := int.from_bytes(length, "little")) > _MOST_HEADER_BYTES:
+        raise ValueError(f"the header of an array claims {n_bytes} bytes")
+    header = io.BytesIO(length + stream.read(n_bytes))
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read(header)
+    return tuple(int(length) for length in shape), bool(is_fortran), dtype
+
+
+def _parts(archive: zipfile.ZipFile, member: _Member, most: int) -> Iterator[NDArray[np.generic]]:
+    """Yield the rows of an array, `most` at a time; columns first is read at once, within the limit."""
+    with archive.open(f"{member.name}.npy") as stream:
+        _npy_header(stream)
+        shape = member.shape
+        if member.is_fortran and len(shape) > 1:
+            whole = np.empty(math.prod(shape), member.dtype)
+            for at in range(0, whole.size, _BATCH_VALUES):  # zlib holds twice what it is asked for
+                part = whole[at : at + _BATCH_VALUES]
+                part[:] = _exactly(stream, part.nbytes, member.dtype)
+            stream.read(1)  # the end, at which the checksum is compared
+            whole = whole.reshape(shape, order="F")
+            yield from (whole[at : at + most] for at in range(0, shape[0], most))
+            return
+        for at in range(0, shape[0], most):
+            n = min(most, shape[0] - at)
+            yield _exactly(stream, n * member.row_bytes, member.dtype).reshape(n, *shape[1:])
+        stream.read(1)
+
+
+def _exactly(stream: IO[bytes], n_bytes: int, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:
+    data = stream.read(n_bytes)
+    if len(data) < n_bytes:
+        raise EOFError("an array ends before the shape that it claims")
+    return np.frombuffer(data, dtype)
 
 
 def _parquet_rows(path: Path, options: TableOptions) -> Iterator[Batch]:

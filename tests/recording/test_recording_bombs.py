@@ -5,7 +5,7 @@ import json
 import struct
 import tracemalloc
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import lz4.frame
@@ -32,14 +32,6 @@ from tactiled.web.replay import ReplayFile
 CLAIMED = 200_000_000
 MOST_BYTES = 40_000_000
 MAGIC = b"\x89MCAP0\r\n"
-
-
-@pytest.fixture
-def memory() -> Iterator[Callable[[], int]]:
-    """Peak of allocated bytes since the beginning of the test."""
-    tracemalloc.start()
-    yield lambda: tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
 
 
 @pytest.fixture(scope="module")
