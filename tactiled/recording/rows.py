@@ -164,7 +164,7 @@ def _npz_rows(path: Path, options: TableOptions) -> Iterator[Batch]:
 
 
 def _archive_rows(path: Path, archive: zipfile.ZipFile, options: TableOptions) -> Iterator[Batch]:
-    names = [name.removesuffix(".npy") for name in archive.namelist()]
+    names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
     time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
     others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
@@ -238,14 +238,20 @@ def _parts(archive: zipfile.ZipFile, member: _Member, most: int) -> Iterator[NDA
             for at in range(0, whole.size, _BATCH_VALUES):  # zlib holds twice what it is asked for
                 part = whole[at : at + _BATCH_VALUES]
                 part[:] = _exactly(stream, part.nbytes, member.dtype)
-            stream.read(1)  # the end, at which the checksum is compared
+            _check_end(stream)
             whole = whole.reshape(shape, order="F")
             yield from (whole[at : at + most] for at in range(0, shape[0], most))
             return
         for at in range(0, shape[0], most):
             n = min(most, shape[0] - at)
             yield _exactly(stream, n * member.row_bytes, member.dtype).reshape(n, *shape[1:])
-        stream.read(1)
+        _check_end(stream)
+
+
+def _check_end(stream: IO[bytes]) -> None:
+    """Read the end of an array, at which zipfile compares the checksum."""
+    if stream.read(1):
+        raise zipfile.BadZipFile("an array has more bytes than the shape that it claims")
 
 
 def _exactly(stream: IO[bytes], n_bytes: int, dtype: np.dtype[np.generic]) -> NDArray[np.generic]:

@@ -1,5 +1,6 @@
 """Files that claim gigabytes are refused, or read in part, before anything is allocated."""
 
+import contextlib
 import hashlib
 import json
 import struct
@@ -27,6 +28,7 @@ from tactiled.recording.reader import read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.rows import MOST_CHANNELS
+from tactiled.recording.table import read_table
 from tactiled.web.replay import ReplayFile
 
 CLAIMED = 200_000_000
@@ -154,8 +156,9 @@ def test_the_replay_of_a_recording_without_events_says_so(tmp_path: Path) -> Non
             lambda path: npz_of(path, zipfile.ZIP_STORED, header(b"(" * 9000, version=2)),
             "cannot be read|numbers",
         ),
+        (lambda path: npz_of(path, zipfile.ZIP_STORED, b"", volts="volts"), r"lacks the array volts; it has"),
     ],
-    ids=["a row of many channels", "lzma", "brackets"],
+    ids=["a row of many channels", "lzma", "brackets", "no suffix"],
 )
 def test_an_npz_that_is_no_log_of_numpy_is_refused(
     tmp_path: Path, write: Callable[[Path], None], words: str
@@ -170,10 +173,21 @@ def header(text: bytes, version: int = 1) -> bytes:
     return b"\x93NUMPY" + bytes([version, 0]) + size + text
 
 
-def npz_of(path: Path, method: int, member: bytes) -> None:
+def npz_of(path: Path, method: int, member: bytes, volts: str = "volts.npy") -> None:
     with zipfile.ZipFile(path, "w", method) as archive:
-        for name in ("time_s", "volts"):
-            archive.writestr(f"{name}.npy", member)
+        for name in ("time_s.npy", volts):
+            archive.writestr(name, member)
+
+
+@pytest.mark.parametrize("mask", [0x01, 0xFF])
+def test_a_damaged_byte_of_an_npz_raises_nothing_but_a_data_error(tmp_path: Path, mask: int) -> None:
+    path = tmp_path / "log.npz"
+    np.savez(path, time_s=np.arange(8) / 100, volts=np.ones((8, 2)))
+    whole = path.read_bytes()
+    for at in range(len(whole)):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ mask]) + whole[at + 1 :])
+        with contextlib.suppress(DataError):
+            read_table(path)
 
 
 @pytest.mark.parametrize(

@@ -243,9 +243,12 @@ def test_a_header_of_an_array_that_claims_gigabytes_is_not_read(
     assert memory() < 10_000_000
 
 
-def test_an_array_with_less_than_it_claims_is_refused(tmp_path: Path) -> None:
-    path = npz_that_claims(tmp_path / "short.npz", (100_000, 36), 1 << 20)
-    with pytest.raises(DataError, match="ends before the shape"):
+@pytest.mark.parametrize(
+    ("n", "words"), [(100_000, "ends before the shape"), (100, "more bytes than the shape")]
+)
+def test_an_array_with_less_or_more_than_it_claims_is_refused(tmp_path: Path, n: int, words: str) -> None:
+    path = npz_that_claims(tmp_path / "other.npz", (n, 36), 1 << 20)
+    with pytest.raises(DataError, match=rf"other\.npz: cannot be read as npz: .*{words}"):
         list(rows.rows_of(path, TableOptions()))
 
 
