@@ -19,7 +19,7 @@ from zenoh_threads import zenoh_threads
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
 from tactiled.client.over_zenoh import Caller, open_session, parse_address, spread
 from tactiled.errors import UnavailableError
-from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams
+from tactiled.zenoh.bridge import LivelyBoards, ZenohBridge, ZenohBridgeParams
 from tactiled.zenoh.fleet import FleetList
 from tactiled.zenoh.safety import bridge_config
 
@@ -121,6 +121,54 @@ def test_what_the_bridge_thins_is_no_loss(fleet: Fleet) -> None:
     assert 3 <= len(sent_s) <= span_s * THINNED_HZ + 3
     assert not [item for item in items if isinstance(item, Lost)]
     assert not [item for item in items if isinstance(item, Recovered) and item.message.topic == "scan"]
+
+
+def test_subscribers_are_told_which_topics_are_thinned(fleet: Fleet) -> None:
+    beside: dict[tuple[str, str], set[bytes | None]] = {}
+
+    def note(sample: zenoh.Sample) -> None:
+        _, host, _, topic = str(sample.key_expr).split("/")
+        names = None if sample.attachment is None else sample.attachment.to_bytes()
+        beside.setdefault((host, topic), set()).add(names)
+
+    topics = {
+        "status": b"scan,grip,force",
+        "scan": b"scan,grip,force",
+        "grip": b"scan,grip,force",
+        "slip": None,
+    }
+    expected = {("robot7", topic): {names} for topic, names in topics.items()}
+    expected |= {("whole", topic): {None} for topic in topics}  # a bridge that thins nothing
+    with (
+        bridged(ZenohBridgeParams(fleet.daemon.endpoint, "whole"), fleet.routers.robots_port),
+        open_session(parse_address(fleet.endpoint)) as session,
+    ):
+        subscriber = session.declare_subscriber("tactile/*/TS0001/*", note)
+        end_s = time.monotonic() + PATIENCE_S
+        while not expected.keys() <= beside.keys() and time.monotonic() < end_s:
+            time.sleep(0.02)
+        subscriber.undeclare()
+    assert {key: beside.get(key) for key in expected} == expected
+
+
+def test_a_board_is_on_the_network_while_its_status_comes(fleet: Fleet) -> None:
+    with open_session(parse_address(fleet.endpoint)) as session:
+        boards = LivelyBoards(session, "robot9")
+
+        def tokens() -> set[str]:
+            replies = session.liveliness().get("tactile/robot9/*")  # of the session and of its router
+            return {str(reply.ok.key_expr) for reply in replies if reply.ok is not None}
+
+        for at_s in (50.0, 50.9):
+            boards.heard(b"tactile/A/status", at_s)
+        boards.drop_silent(51.8)
+        assert tokens() == {"tactile/robot9/A"}
+        boards.drop_silent(52.0)
+        assert tokens() == set()
+        boards.heard(b"tactile/A/status", 60.0)
+        assert tokens() == {"tactile/robot9/A"}
+        boards.close()
+        assert tokens() == set()
 
 
 def test_the_asyncio_client_gets_the_same_items(fleet: Fleet) -> None:

@@ -110,7 +110,7 @@ class ZenohBridge:
         # Names of the topics of which a part is forwarded, for the subscribers.
         self._thinned = None if params.scan_rate_hz is None else ",".join(PER_SCAN).encode()
         self._publishers: dict[bytes, Any] = {}
-        self._boards = _LivelyBoards(session, params.host)
+        self._boards = LivelyBoards(session, params.host)
         # There while no board is: lists show the host as silent, and another bridge cannot take its name.
         self._token = session.liveliness().declare_token(f"tactile/{params.host}/control")
         self._queries: deque[zenoh.Query] = deque()
@@ -199,7 +199,7 @@ class ZenohBridge:
         self._relay.request(payload, respond, now_s, may_command=may_command)
 
 
-class _LivelyBoards:
+class LivelyBoards:
     """Tokens of the boards whose status arrives."""
 
     def __init__(self, session: "zenoh.Session", host: str) -> None:
