@@ -224,12 +224,10 @@ def detect_messages(
     """
     choices = choices or Choices()
     params = choices.params()
-    is_of_ros = is_bag(path) or (choices.topic is not None and path.suffix == ".mcap")
+    is_of_ros = is_bag(path, choices.topic)
     is_ours = path.suffix == ".mcap" and not is_of_ros
     if choices.layout is not None and not is_ours:
         raise ConfigError("command line", ["--layout is for our recordings (.mcap), which hold bytes"])
-    if choices.topic is not None and not is_of_ros:
-        raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])
     if is_of_ros and (choices.columns or choices.time_unit):
         fault = "--columns and --time-unit are for tables; --topic TOPIC.FIELD chooses the channels of a bag"
         raise ConfigError("command line", [fault])

@@ -19,7 +19,7 @@ from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from tactiled.errors import DataError, OperatorError, install_command
+from tactiled.errors import ConfigError, DataError, OperatorError, install_command
 from tactiled.recording.chunks import FAULTS
 from tactiled.recording.reader import is_recording
 from tactiled.recording.rows import MOST_BYTES, MOST_CHANNELS
@@ -109,10 +109,18 @@ def _chunk_bytes(chunk: Chunk) -> int:
     return n_bytes
 
 
-def is_bag(path: Path) -> bool:
-    """Return True for a bag of ROS or an MCAP file of others, and False for our recordings and tables."""
+def is_bag(path: Path, topic: str | None = None) -> bool:
+    """Return True for a bag of ROS or an MCAP file of others, and False for our recordings and tables.
+
+    Raises
+    ------
+    ConfigError
+        A topic is named, but the file can be no bag.
+    """
+    if topic is not None and not (path.is_dir() or path.suffix in BAGS):
+        raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])
     if path.suffix == ".mcap" and not path.is_dir():
-        return path.exists() and not is_recording(path)
+        return topic is not None or (path.exists() and not is_recording(path))
     return path.is_dir() or path.suffix in BAGS
 
 

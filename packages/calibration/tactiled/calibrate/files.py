@@ -45,7 +45,7 @@ def read_log(
     ------
     DataError, ConfigError
     """
-    whole = read_whole(path, array, TableOptions(rate_hz, columns, time_unit), topic)
+    whole = read_whole(path, array, topic, TableOptions(rate_hz, columns, time_unit))
     if whole is None:
         return _from_mcap(path)
     known, time_s, readings = whole

@@ -4,7 +4,6 @@ from pathlib import Path
 
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
-from tactiled.recording.rows import TableOptions
 from tactiled.recording.steps import Replay
 from tactiled.recording.table import to_blocks
 from tactiled.recording.whole import read_whole
@@ -13,7 +12,7 @@ from tactiled.tune.hold import Collector, Recording
 
 def read_recording(path: Path, array: str | None = None, topic: str | None = None) -> Recording:
     """Read the scans of a recording, or of a table or bag (see `read_whole`)."""
-    whole = read_whole(path, array, TableOptions(), topic)
+    whole = read_whole(path, array, topic, None)
     if whole is not None:
         known, time_s, volts = whole
         return Recording(path.name, known, tuple(to_blocks(time_s, volts, None, known.in_range(volts))))
