@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tactiled.samples.assembler import Assembler
@@ -62,6 +62,7 @@ def feed(target: Assembler, numbers: list[int], **start: int) -> list[ScanBlock 
     tick0=st.integers(0, 2**32 - 1),
     sequence0=st.integers(0, 2**16 - 1),
 )
+@example(kept=[True] * 40, tick0=2**32 - 200_000, sequence0=2**16 - 20)  # both wrap
 def test_every_scan_is_delivered_or_missing(kept: list[bool], tick0: int, sequence0: int) -> None:
     numbers = [n for n, keep in enumerate(kept) if keep] or [0, 1]
     target = assembler()
@@ -73,6 +74,8 @@ def test_every_scan_is_delivered_or_missing(kept: list[bool], tick0: int, sequen
     assert sum(gap.n_missing for gap in gaps) == missing == target.counts.missing
     index = np.concatenate([block.index for block in blocks])
     assert index.tolist() == [n - numbers[0] for n in numbers]
+    times = np.concatenate([block.time_s for block in blocks])
+    assert np.diff(times) == pytest.approx(0.01 * np.diff(index), abs=2e-3)
     assert target.counts.restarts == 0
 
 
