@@ -203,6 +203,17 @@ def test_the_memory_does_not_grow_with_the_length(
     assert peaks[1] < 1.3 * peaks[0] + 200_000  # 24,000 rows have 3 MB
 
 
+def test_a_log_that_is_read_as_a_whole_is_held_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, memory: Callable[[], int]
+) -> None:
+    monkeypatch.setattr(table, "_AHEAD_ROWS", 1000)
+    path = tmp_path / "log.npz"
+    np.savez_compressed(path, time_s=np.arange(40_000) / 100, volts=np.arange(40_000 * 32.0).reshape(-1, 32))
+    tracemalloc.reset_peak()
+    _, volts = read_table(path)
+    assert memory() < 1.5 * volts.nbytes
+
+
 def test_the_summary_of_a_long_log_keeps_an_even_part_of_its_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactiled.log_summary._MOST_VALUES", 36 * 100)
     tally = LogTally(load_array("wang2019-3x3"))
