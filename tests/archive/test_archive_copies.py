@@ -77,6 +77,11 @@ def test_a_copy_that_the_store_has_damaged_since_is_made_anew_before_anything_is
     assert not (folder / "a.mcap").exists()
 
 
+def damaged(data: bytes) -> bytes:
+    """Return the data with another last byte, whatever that was."""
+    return data[:-1] + bytes([data[-1] ^ 1])
+
+
 class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
     """Store that damages what it is given, as a full or failing disk behind it does."""
 
@@ -84,7 +89,7 @@ class LossyStore(MemoryFileSystem):  # type: ignore[misc]  # fsspec has no types
     pseudo_dirs = [""]
 
     def put_file(self, lpath: str, rpath: str, **_: object) -> None:
-        self.pipe_file(rpath, Path(lpath).read_bytes()[:-1] + b"?")
+        self.pipe_file(rpath, damaged(Path(lpath).read_bytes()))
 
 
 @pytest.mark.parametrize("was_confirmed", [False, True])
@@ -94,7 +99,7 @@ def test_the_only_good_copy_stays_where_the_store_damages_whatever_it_is_given(
     store, to = LossyStore(skip_instance_cache=True), f"/{was_confirmed}"
     for name in ("a.mcap", "left/b.mcap") if was_confirmed else ():
         data = (folder / name).read_bytes()
-        store.pipe_file(f"{to}/{name}", data[:-1] + b"?")
+        store.pipe_file(f"{to}/{name}", damaged(data))
         store.pipe_file(f"{to}/{name}.sha256", f"{hashlib.sha256(data).hexdigest()}  {name}\n".encode())
     copies = list(push(folder, store, to, remove=True))
     assert [copy.state for copy in copies] == ["failed", "failed"]

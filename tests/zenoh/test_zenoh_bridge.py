@@ -20,7 +20,7 @@ from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recov
 from tactiled.client.over_zenoh import Caller, open_session, parse_address, spread
 from tactiled.errors import UnavailableError
 from tactiled.zenoh.bridge import LivelyBoards, ZenohBridge, ZenohBridgeParams
-from tactiled.zenoh.fleet import FleetList
+from tactiled.zenoh.fleet import FleetList, FleetRow
 from tactiled.zenoh.safety import bridge_config
 
 BOARDS = ("TS0001", "TS0002")
@@ -247,7 +247,7 @@ def test_an_advanced_subscriber_of_zenoh_that_comes_late_gets_the_slips_before(f
 def test_the_list_of_boards(fleet: Fleet) -> None:
     boards = FleetList(fleet.endpoint.replace("robot7", "*"))
     end_s = time.monotonic() + PATIENCE_S
-    rows = []
+    rows: list[FleetRow] = []
     while (
         not (rows and all(row.firmware for row in rows)) and time.monotonic() < end_s
     ):  # info comes each second
