@@ -68,7 +68,7 @@ class LoopTurns:
 
 
 class HostLoad:
-    """What delays one board on a busy host: long turns of the event loop, and late groove fits."""
+    """Delays of one board by a busy host: long turns of the event loop, and late groove fits."""
 
     def __init__(self, turns: LoopTurns) -> None:
         self._turns = turns
@@ -183,9 +183,9 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline of a ping that is about to be written: no board receives it before `now_s`.
+        """Tell the pipeline of a ping that is about to be written.
 
-        Returns the arguments of the pipeline's command of the same name, for the recording; None if none was
+        No board receives it before `now_s`. Returns the arguments of the pipeline's command of the same name, for the recording; None if none was
         given.
         """
         if command.name != "ping":

@@ -11,7 +11,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG, Candidate, TextureEvent, Textu
 
 @dataclass(frozen=True, eq=False)
 class TrackedWave:
-    """What `track` finds a fitted wave in a later window with; independent of where windows begin and end."""
+    """Fitted wave, as `track` looks for it in later windows, wherever these begin and end."""
 
     k: FloatArray  # (2,): wave vector, radians per millimetre
     # Phase per unit of travel: radians per millimetre, or per second where no speed was given
