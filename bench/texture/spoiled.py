@@ -158,7 +158,7 @@ MISFITS: dict[str, Spoil] = {
     "ridges misplaced by 5 % of the period": partial(_jittered, part=0.05),
     "ridges misplaced by 20 % of the period": partial(_jittered, part=0.20),
 }
-"""Ways to spoil a window, by name. Harmonics, gains, creep and dead channels are in `tests/detect/grooves`."""
+"""Ways to spoil a window, by name; `tests/detect/grooves` has further ones, such as dead channels."""
 
 
 def _flat(window: SpoiledWindow, _rng: np.random.Generator) -> None:
