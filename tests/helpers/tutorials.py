@@ -1,0 +1,168 @@
+"""Commands of a page, run as a reader types them, and what the page says that they print.
+
+Indented blocks of a page are
+
+- a file, if the first line is ``# NAME.toml``;
+- commands (lines that begin with ``tactiled``), each followed by what it prints;
+- otherwise what the newest command that ends by itself has printed.
+
+``tactiled emulate`` and ``tactiled run`` have a terminal each and run until the text says Ctrl-C. Lines that
+a page shows occur in this order in what the command printed; between them there may be others. An object of
+JSON has at least the shown fields. Numbers may differ by a tenth.
+"""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import pytest
+from patience import PATIENCE_S
+
+_STAYS = ("emulate", "run")
+_PART = re.compile(r"(?P<block>(?:^ {4}.*\n|^\n(?= {4}))+)|(?P<text>.+\n)|\n", re.MULTILINE)
+_NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+_TOLERANCE = 0.1  # of a number: the emulated board runs in real time, and its clock is not that of the host
+
+
+class Part(NamedTuple):
+    """Block of a page without its indentation, or a line of text."""
+
+    is_block: bool
+    text: str
+
+
+def parts(page: Path, heading: str) -> Iterator[Part]:
+    """Yield blocks and text of one section of a page."""
+    section = re.split(rf"^#+ {re.escape(heading)}\n", page.read_text(), flags=re.MULTILINE)[1]
+    for found in _PART.finditer(re.split(r"^## ", section, flags=re.MULTILINE)[0]):
+        if block := found["block"]:
+            yield Part(is_block=True, text=re.sub(r"^ {4}", "", block, flags=re.MULTILINE).strip("\n"))
+        elif found["text"]:
+            yield Part(is_block=False, text=found["text"])
+
+
+class Reader:
+    """Somebody who does in a folder what a page says.
+
+    Attributes
+    ----------
+    commands : list of str
+        What was run and ended by itself.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.commands: list[str] = []
+        self._folder = folder
+        self._printed: list[str] = []  # by the newest command; what the page has shown of it is removed
+        self._terminals: list[subprocess.Popen[str]] = []
+        self._is_slow = False  # an emulated board was late
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for terminal in self._terminals:
+            terminal.kill()
+            terminal.communicate()
+
+    def follow(self, page: Path, heading: str) -> None:
+        """Do all that a section says, and compare what is printed with what it shows."""
+        try:
+            for part in parts(page, heading):
+                self._do(part)
+        except pytest.fail.Exception:
+            self._stop()
+            if self._is_slow:
+                pytest.skip("this host is too slow for an emulated board in real time")
+            raise
+
+    def _do(self, part: Part) -> None:
+        if not part.is_block:
+            if "Ctrl-C" in part.text:
+                self._stop()
+        elif name := re.match(r"# (\S+\.toml)\n", part.text):
+            (self._folder / name[1]).write_text(part.text + "\n")
+        else:
+            self._read(part.text)
+
+    def _read(self, block: str) -> None:
+        """Run the commands of a block; compare the lines between them."""
+        shown: list[str] = []
+        for line in block.splitlines():
+            if line.startswith("tactiled "):
+                self._compare(shown)
+                shown = []
+                self._run(line.split("  #")[0])
+            elif line.startswith(" ") and shown:  # one line, which the page had to break
+                shown[-1] += f" {line.strip()}"
+            elif line:
+                shown.append(line)
+        self._compare(shown)
+
+    def _run(self, command: str) -> None:
+        arguments = shlex.split(command)[1:]
+        program = [sys.executable, "-m", "tactiled", *arguments]
+        if arguments[0] in _STAYS:
+            terminal = subprocess.Popen(
+                program, cwd=self._folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+            )
+            self._terminals.append(terminal)
+            assert terminal.stdout is not None
+            terminal.stdout.readline()  # it has started
+            return
+        done = subprocess.run(
+            program, cwd=self._folder, text=True, capture_output=True, timeout=PATIENCE_S, check=False
+        )
+        assert done.returncode == 0, f"{command}: {done.stderr}"
+        self._printed = [*done.stdout.splitlines(), *done.stderr.splitlines()]
+        self.commands.append(command)
+
+    def _compare(self, shown: list[str]) -> None:
+        for line in shown:
+            for number, printed in enumerate(self._printed):
+                if agrees(line, printed):
+                    del self._printed[: number + 1]
+                    break
+            else:
+                pytest.fail(f"the page shows\n  {line}\nand printed was\n  " + "\n  ".join(self._printed))
+
+    def _stop(self) -> None:
+        """Press Ctrl-C in each terminal, the newest first."""
+        for terminal in reversed(self._terminals):
+            terminal.send_signal(signal.SIGINT)
+            printed, _ = terminal.communicate(timeout=PATIENCE_S)
+            self._is_slow |= '"what": "overrun"' in printed
+            assert "Traceback" not in printed
+        self._terminals.clear()
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Return True where a printed line is the one that a page shows."""
+    if shown.startswith("{"):
+        if not printed.startswith("{"):
+            return False
+        fields = json.loads(re.sub(r",? ?\.\.\.}$", "}", shown))
+        message = json.loads(printed)
+        return all(name in message and _is_near(value, message[name]) for name, value in fields.items())
+    words, other = shown.split(), printed.split()
+    return len(words) == len(other) and all(map(_is_like, words, other))
+
+
+def _is_near(value: Any, other: Any) -> bool:
+    if isinstance(value, bool | str | list):
+        return bool(value == other)
+    return bool(other == pytest.approx(value, rel=_TOLERANCE))
+
+
+def _is_like(word: str, other: str) -> bool:
+    """Compare words, and the numbers in them."""
+    if _NUMBER.sub("#", word) != _NUMBER.sub("#", other):
+        return False
+    pairs = zip(_NUMBER.findall(word), _NUMBER.findall(other), strict=True)
+    return all(_is_near(float(number), float(printed)) for number, printed in pairs)
