@@ -27,7 +27,6 @@ BENCHES = {
     "web": "bench.web.bench",
     "machine": "bench.machine.bench",
 }
-WITH_JOBS = ("force", "grip", "hands", "hold", "slip", "texture")
 WITH_DATA = ("recordings",)
 WITH_CUTS = ("machine",)
 
@@ -37,9 +36,6 @@ WITH_CUTS = ("machine",)
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine and tables.")
 @click.option(
-    "--dask", metavar="ADDRESS", help=f"{', '.join(WITH_JOBS)}: use the workers of this Dask scheduler."
-)
-@click.option(
     "--cuts", type=click.IntRange(1), help=f"{', '.join(WITH_CUTS)}: cut the power so often.  [default: 20]"
 )
 @click.option("--data", type=FILES, help=f"{', '.join(WITH_DATA)}: folder of the checkouts.")
@@ -47,7 +43,6 @@ def bench(
     names: tuple[str, ...],
     quick: bool,
     numbers: Path | None,
-    dask: str | None,
     data: Path | None,
     cuts: int | None,
 ) -> None:
@@ -70,7 +65,6 @@ def bench(
     Example: ./run bench slip --quick --json slip.json
     """
     for option, value, benches in (
-        ("--dask", dask, WITH_JOBS),
         ("--data", data, WITH_DATA),
         ("--cuts", cuts, WITH_CUTS),
     ):
@@ -81,7 +75,7 @@ def bench(
     for name in names:
         measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
         with ProgressBar(f"bench {name}", None) as progress:
-            sections: Sequence[str] = measure(progress, BenchOptions(quick, dask, data, cuts))
+            sections: Sequence[str] = measure(progress, BenchOptions(quick, data, cuts))
         if numbers is not None:
             numbers.write_text(as_json(name, quick, sections))
         heading = [f"## `./run bench {name}`"] if len(names) > 1 else []

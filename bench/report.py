@@ -45,8 +45,6 @@ class BenchOptions:
     """Options of ``./run bench NAME``."""
 
     quick: bool = False  # fewer seeds and cases
-    # address of a Dask scheduler whose workers do the jobs; costs in time are then theirs
-    dask: str | None = None
     data: Path | None = None  # folder with data of others
     cuts: int | None = None  # number of power cuts
 

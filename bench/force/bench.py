@@ -78,7 +78,7 @@ def bench_force(progress: ProgressBar, options: BenchOptions) -> list[str]:
     cases = list(dict.fromkeys([*(Case(seconds=s) for s in times_s), *HARD, BARE]))
     seeds = range(REPORTED_FROM, REPORTED_FROM + n)
     progress.begin(n * (len(cases) + 1))
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         jobs = zip(*itertools.product(seeds, cases), strict=True)
         scores = counted(pool.map(score, *jobs), progress, "calibrations")
         held = pool.map(partial(hold_for_an_hour, case=MAIN), seeds)

@@ -68,7 +68,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     sets = list(dict.fromkeys(one for without in kept_out for one in left_out(GENERATORS, without)))
     progress.begin(n_batches(n_worlds) + len(sets) + len(kept_out) + len(GENERATORS) * len(batches))
     scores: dict[str, dict[str, Score]] = {}
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, n_worlds, progress)
         worlds = [look for some in looks.values() for look in some]
         grown = counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")

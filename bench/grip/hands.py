@@ -69,7 +69,7 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     counts = {hand: HandCount() for hand in HANDS}
     left_out = 0
     batches = [range(start, start + _BATCH) for start in range(_FROM, _FROM + n, _BATCH)]
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         for found in pool.map(_measure, batches):
             for hand, count in found:
                 progress.advance("world")

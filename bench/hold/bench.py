@@ -117,7 +117,7 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
     ]
     progress.begin(len(jobs))
     found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         measured = counted(pool.map(measure, *zip(*jobs, strict=True)), progress, "batch")
     for (arm, _), some in zip(jobs, measured, strict=True):
         found[arm] += some

@@ -61,7 +61,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
     progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         some = counted(pool.map(read_worlds, batches), progress, "random worlds")
         some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "scenes")
         slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)

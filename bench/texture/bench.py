@@ -81,7 +81,7 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
     parts = {name: (work, _batches(calls)) for name, (work, calls) in _parts(sizes).items()}
     progress.begin(sum(len(batches) for _, batches in parts.values()))
     trials: dict[str, list[Trial]] = {}
-    with executor(BENCH_WORKERS, options.dask) as pool:
+    with executor(BENCH_WORKERS) as pool:
         for name, (work, batches) in parts.items():
             found = counted(pool.map(partial(_run, work), batches), progress, name)
             trials[name] = list(itertools.chain.from_iterable(found))

@@ -34,7 +34,7 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     n_worlds, shapes = (QUICK_WORLDS, QUICK) if is_quick else (FULL_WORLDS, SHIPPED)
     sets = left_out(GENERATORS)
     progress.begin(n_batches(n_worlds) + len(sets) + 1)
-    with executor(BENCH_WORKERS, None) as pool:
+    with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, n_worlds, progress)
         worlds = [look for some in looks.values() for look in some]
         forests = {}

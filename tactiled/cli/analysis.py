@@ -135,7 +135,6 @@ class Interval(click.ParamType[tuple[float, float]]):
 @click.option(
     "--jobs", type=click.IntRange(1), help="With --to: files at a time; as many as cores unless told."
 )
-@click.option("--dask", metavar="ADDRESS", help="With --to: use the workers of this Dask scheduler.")
 @JSON
 def detect(
     files: tuple[str, ...],
@@ -146,7 +145,6 @@ def detect(
     plot: Path | None,
     to: Path | None,
     jobs: int | None,
-    dask: str | None,
     as_json: bool,
     **choices: Any,
 ) -> None:
@@ -157,15 +155,13 @@ def detect(
     .bag. Every event is one line on stdout, in a terminal words, else JSON, with times in the file's own
     clock. Late scans of a recording are used like others; `tactiled replay` reproduces the live events.
 
-    With --to, FILE may be many files or patterns ('runs/**/*.mcap'), analysed on all cores or on a Dask
-    cluster. An interrupted run goes on where it ended. A file that cannot be read is a row with its error.
+    With --to, FILE may be many files or patterns ('runs/**/*.mcap'), analysed on all cores. A file that
+    cannot be read is a row with its error.
 
     Example: tactiled detect log.csv --array mine.toml --tare-s 0.3 --sliding 2:9 --speed 5
     """
-    if to is None and (len(files) > 1 or jobs or dask):
-        raise click.UsageError("give --to TABLE.parquet for many files, --jobs or --dask; or give one FILE")
-    if jobs and dask:
-        raise click.UsageError("give --jobs or --dask: the workers of a cluster are set on its side")
+    if to is None and (len(files) > 1 or jobs):
+        raise click.UsageError("give --to TABLE.parquet for many files or --jobs; or give one FILE")
     file = Path(files[0])
     if to is None and not file.is_dir():  # of a rosbag2
         need_readable(file)
@@ -176,7 +172,7 @@ def detect(
     if plot is not None:
         need_extra("matplotlib", "plot", "detect --plot")
     if to is not None:
-        need_table(to, dask, plot)
+        need_table(to, plot)
     from tactiled.detect.signal.slip_gate import KnownSliding
     from tactiled.offline import Choices, detect_file
 
@@ -188,7 +184,7 @@ def detect(
     )
     if to is not None:
         detect_patterns = packages.find("detect.files", "detect --to").load()
-        outcome = detect_patterns(files, to, array, rate_hz, asked, jobs, dask)
+        outcome = detect_patterns(files, to, array, rate_hz, asked, jobs)
         for name, error in outcome.failed:
             click.echo(error if error.startswith(name) else f"{name}: {error}", err=True)
         click.echo(outcome.words(to), err=True)
@@ -202,7 +198,7 @@ def detect(
         tell(f"{file}: {line}")
 
 
-def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
+def need_table(to: Path, plot: Path | None) -> None:
     """Refuse a table that cannot be written, and what a run over many files cannot do."""
     if plot is not None:
         raise click.UsageError("--plot draws one file; leave out --to")
@@ -210,5 +206,3 @@ def need_table(to: Path, dask: str | None, plot: Path | None) -> None:
         raise click.BadParameter(f"{to}: name a .parquet in a folder that exists", param_hint="--to")
     packages.find("detect.files", "detect --to")
     need_extra("pyarrow", "parquet", "detect --to")
-    if dask is not None:
-        need_extra("distributed", "dask", "detect --dask")

@@ -30,7 +30,6 @@ class PackagedVerb:
 
 
 VERBS = {
-    "archive": PackagedVerb("archive", "Keep copies of recordings in a store of files."),
     "calibrate": PackagedVerb(
         "calibration", "Fit newtons to the readings of LOG with the record of a force sensor."
     ),

@@ -10,13 +10,12 @@ import os
 import re
 import stat
 from collections.abc import Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 from tactiled.errors import ConfigError, DataError
 
 # A text file of ours (configuration, array, layout, calibration) has at most some hundred kilobytes.
 TEXT_LIMIT_BYTES = 4 * 2**20
-NAME_LIMIT_CHARACTERS = 1024  # of a path; a quarter of Linux's PATH_MAX leaves room for the folder above it
 # A key file of ours has 200 bytes, a configuration of zenoh with certificates 10 kB.
 SECRET_LIMIT_BYTES = 64 * 1024
 SHOWN_CHARACTERS = 60  # of a text from outside, in an error or a log line
@@ -108,21 +107,6 @@ def json_of(text: str) -> object:
     except (ValueError, RecursionError) as error:
         words = "is nested too deeply" if isinstance(error, RecursionError) else f"is no JSON: {error}"
         raise DataError(words) from None
-
-
-def path_below(directory: Path, name: str) -> Path:
-    """Return the path of a name from outside (of a store, an archive), which must lie below a directory.
-
-    Raises
-    ------
-    DataError
-        The name is empty, absolute or too long, leads upwards, or has control characters.
-    """
-    parts = PurePosixPath(name).parts
-    is_plain = bool(parts) and not name.startswith("/") and ".." not in parts
-    if not is_plain or len(name) > NAME_LIMIT_CHARACTERS or any(ord(character) < 32 for character in name):
-        raise DataError(f"{shown(name)}: no name for a file below {directory}")
-    return directory.joinpath(*parts)
 
 
 def read_secret(path: Path, what: str = "secret key", environ: Mapping[str, str] = os.environ) -> str:

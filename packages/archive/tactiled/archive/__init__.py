@@ -1,1 +1,1 @@
-"""Many recordings: events of all of them in one table, and copies in a store of files."""
+"""Many recordings: events of all of them in one table."""
