@@ -6,28 +6,19 @@ header: ``strain`` or ``stretch``, and ``stress_mpa`` (nominal, uniaxial).
 Nominal stress is linear in C1, C2, C3: 2 (l - l^-2) (1, 2 x, 3 x^2) with x = l^2 + 2 / l - 3. The fit is
 linear least squares; intervals are Student's t with n - 3 degrees of freedom for independent errors of equal
 variance (Draper and Smith, Applied Regression Analysis, 1998, chapter 5).
-
-An incompressible solid W(I1) is elliptic where, for all orthogonal unit vectors m, n and b = F F^T,
-
-    W' n.b n + 2 W'' (m.b n)^2 > 0        (Ogden, Non-linear Elastic Deformations, 1984, section 6.2.7)
-
-The largest (m.b n)^2 / n.b n over directions is the square of the difference d of the largest and the
-smallest principal stretch, so the condition is W' + 2 d^2 W'' > 0. At a given I1 no state has a larger d^2
-than pure shear, where it is I1 - 3: hence W' + 2 (I1 - 3) W'' > 0 is enough in any state.
 """
 
 import csv
 import json
 import math
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.errors import DataError, TactiledError
@@ -39,76 +30,11 @@ _STRESS, _STRAIN, _STRETCH = "stress_mpa", "strain", "stretch"
 _HEADER = f"'{_STRAIN},{_STRESS}' or '{_STRETCH},{_STRESS}'"
 # Of the columns scaled to 1; beyond this the constants depend on the last digits of the file.
 _WORST_CONDITION = 1e8
-# Beyond any test of a rubber. Steps of 0.5 % do not skip a pair of crossings of a cubic energy.
-_SHORTEST, _LONGEST, _STEP = 0.01, 100.0, 0.005
-
-
-@dataclass(frozen=True)
-class StableRange:
-    """Uniaxial stretches between which a Yeoh energy is valid; 0 and infinity where there is no limit."""
-
-    elliptic: tuple[float, float]  # ellipticity is lost outside
-    rising: tuple[float, float]  # nominal stress rises with stretch inside
-    # I1 - 3 up to which the material is elliptic in every state, not just uniaxial ones
-    any_state_excess: float
-
-    def covers(self, shortest: float, longest: float) -> bool:
-        """Return whether the energy is elliptic with rising stress over a range of stretches."""
-        low, high = max(self.elliptic[0], self.rising[0]), min(self.elliptic[1], self.rising[1])
-        return low < shortest and longest < high
-
-
-def any_state_limit(c1_mpa: float, c2_mpa: float, c3_mpa: float) -> float:
-    """I1 - 3 = x where W' + 2 x W'' = C1 + 6 C2 x + 15 C3 x^2 first is 0; infinite if never."""
-    if c1_mpa <= 0:
-        return 0.0
-    inside = (6 * c2_mpa) ** 2 - 60 * c3_mpa * c1_mpa
-    if inside < 0:
-        return math.inf
-    divisor = -6 * c2_mpa + math.sqrt(
-        inside
-    )  # this form of the quadratic formula has no division by a small C3
-    return 2 * c1_mpa / divisor if divisor > 0 else math.inf
-
-
-def stable_range(c1_mpa: float, c2_mpa: float, c3_mpa: float) -> StableRange:
-    """Find the range numerically, outwards from zero strain, for the energy without continuation."""
-
-    def derivatives(stretch: FloatArray) -> tuple[FloatArray, FloatArray]:
-        excess = stretch**2 + 2 / stretch - 3
-        return c1_mpa + 2 * c2_mpa * excess + 3 * c3_mpa * excess**2, 2 * c2_mpa + 6 * c3_mpa * excess
-
-    def ellipticity(stretch: FloatArray) -> FloatArray:
-        slope, curvature = derivatives(stretch)
-        return slope + 2 * (stretch - stretch**-0.5) ** 2 * curvature
-
-    def tangent(stretch: FloatArray) -> FloatArray:
-        slope, curvature = derivatives(stretch)
-        return (1 + 2 * stretch**-3) * slope + 2 * (stretch - stretch**-2) ** 2 * curvature
-
-    return StableRange(
-        elliptic=(_first_zero(ellipticity, _SHORTEST), _first_zero(ellipticity, _LONGEST)),
-        rising=(_first_zero(tangent, _SHORTEST), _first_zero(tangent, _LONGEST)),
-        any_state_excess=any_state_limit(c1_mpa, c2_mpa, c3_mpa),
-    )
-
-
-def _first_zero(margin: Callable[[FloatArray], FloatArray], end: float) -> float:
-    """Stretch between 1 and `end` at which a margin first is not positive; 0 or infinity if it always is."""
-    steps = np.arange(0.0, abs(np.log(end)) + _STEP, _STEP)
-    stretch = np.exp(np.sign(np.log(end)) * steps)
-    lost = np.flatnonzero(margin(stretch) <= 0)
-    if not lost.size:
-        return 0.0 if end < 1 else math.inf
-    if lost[0] == 0:
-        return 1.0
-    inside, outside = stretch[lost[0] - 1], stretch[lost[0]]
-    return float(optimize.brentq(lambda at: float(margin(np.array([at]))[0]), inside, outside, xtol=1e-12))
 
 
 @dataclass(frozen=True)
 class YeohFit:
-    """Constants with intervals and stability; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3."""
+    """Constants with intervals; `c_mpa`, `low_mpa`, `high_mpa` hold C1, C2, C3."""
 
     c_mpa: tuple[float, ...]
     low_mpa: tuple[float, ...]
@@ -117,19 +43,10 @@ class YeohFit:
     residual_mpa: float  # standard deviation of the measured stress about the fit
     points: int
     stretch: tuple[float, float]  # shortest and longest stretch measured
-    stability: StableRange
-
-    @property
-    def verdict(self) -> str:
-        """One of "stable" (everywhere), "stable-where-measured" and "unstable-where-measured"."""
-        if math.isinf(self.stability.any_state_excess):
-            return "stable"
-        return "stable-where-measured" if self.stability.covers(*self.stretch) else "unstable-where-measured"
 
     def as_map(self) -> dict[str, Any]:
-        """Fit as plain data for JSON, with null for a range without end."""
+        """Fit as plain data for JSON."""
         names = ("c1_mpa", "c2_mpa", "c3_mpa")
-        limits = self.stability
         return {
             **dict(zip(names, self.c_mpa, strict=True)),
             "interval_mpa": {
@@ -139,9 +56,6 @@ class YeohFit:
             "residual_mpa": self.residual_mpa,
             "points": self.points,
             "stretch_measured": list(self.stretch),
-            "verdict": self.verdict,
-            "stretch_elliptic": _ends(limits.elliptic),
-            "stretch_stress_rises": _ends(limits.rising),
         }
 
     def in_words(self) -> str:
@@ -156,17 +70,7 @@ class YeohFit:
             f"{self.points} points, stretch {self.stretch[0]:.3g} to {self.stretch[1]:.3g}, "
             f"stress off by {self.residual_mpa:.2g} MPa (standard deviation)"
         )
-        if self.verdict == "stable":
-            return "\n".join([*lines, "stable: elliptic at every strain"])
-        low, high = self.stability.elliptic
-        lines.append(
-            f"{self.verdict.replace('-', ' ')}: ellipticity lost below {low:.3g} and above {high:.3g}"
-        )
         return "\n".join(lines)
-
-
-def _ends(ends: tuple[float, float]) -> list[float | None]:
-    return [ends[0] or None, ends[1] if math.isfinite(ends[1]) else None]
 
 
 def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -> YeohFit:
@@ -197,7 +101,6 @@ def fit_yeoh(stretch: FloatArray, stress_mpa: FloatArray, level: float = 0.95) -
         residual_mpa=math.sqrt(variance),
         points=n,
         stretch=(float(stretch.min()), float(stretch.max())),
-        stability=stable_range(*constants.tolist()),
     )
 
 
@@ -258,7 +161,7 @@ def read_curve(path: Path) -> tuple[FloatArray, FloatArray]:
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--level", default=0.95, type=click.FloatRange(0.5, 0.999), show_default=True)
 def main(file: Path, level: float) -> None:
-    """Fit the three Yeoh constants to a stress-strain curve, and print the strain range of stability."""
+    """Fit the three Yeoh constants to a stress-strain curve."""
     try:
         fit = fit_material_file(file, level)
     except TactiledError as error:

@@ -10,13 +10,13 @@ from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
+from taxel_runs import ReferenceRun, load_reference
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Readout, Surface
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.scene.contact import TAXEL_MODELS
 from tactiled.emulator.scene.slip_instants import GROSS_SHARE
-from tools.fem.reference import ReferenceRun, load_reference
 
 GROOVED = ("periodic", "compliance")  # those that can play grooves
 LOAD_N = 15.0 / 9  # of a taxel: that of the published slides, 15 N on nine taxels

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,11 +11,30 @@ from scipy.stats import binom
 
 from tactiled.array import FloatArray
 from tactiled.errors import DataError
-from tools.fem.materials import PDMS, RTV, RUBBER, Yeoh
 from tools.yeoh import YeohFit, fit_material_file, fit_yeoh, main
 
+COMPRESSION = np.linspace(0.6, 0.99, 40)
+
+
+class Yeoh(NamedTuple):
+    """Rubber of table 1 of the paper: Wang, Chen, Mei, Micromachines 2019, 10(9), 579."""
+
+    name: str
+    c1_mpa: float
+    c2_mpa: float
+    c3_mpa: float
+
+    def uniaxial_mpa(self, stretch: FloatArray) -> FloatArray:
+        """Nominal stress 2 (l - l^-2) W'(I1) of an incompressible bar, where I1 = l^2 + 2 / l."""
+        excess = stretch**2 + 2 / stretch - 3
+        slope = self.c1_mpa + excess * (2 * self.c2_mpa + excess * 3 * self.c3_mpa)
+        return np.asarray(2 * (stretch - stretch**-2) * slope)
+
+
+RUBBER = Yeoh("conductive rubber", 0.5686, 0.0540, -0.0181)
+RTV = Yeoh("RTV adhesive", 0.5551, -0.0356, 0.0027)
+PDMS = Yeoh("PDMS", 0.7997, 0.2881, -0.0375)
 RUBBERS = (RUBBER, RTV, PDMS)
-COMPRESSION = np.linspace(0.6, 0.99, 40)  # within the stable range of each
 
 
 def table(path: Path, header: str, first: FloatArray, stress: FloatArray) -> Path:
@@ -34,7 +54,6 @@ def test_fit_recovers_table_1_from_a_file(tmp_path: Path, rubber: Yeoh, header: 
     path = table(tmp_path / "curve.csv", header, COMPRESSION - offset, rubber.uniaxial_mpa(COMPRESSION))
     fit = fit_material_file(path)
     assert fit.c_mpa == pytest.approx((rubber.c1_mpa, rubber.c2_mpa, rubber.c3_mpa), abs=1e-8)
-    assert fit.verdict == ("stable" if rubber is RTV else "stable-where-measured")
 
 
 @pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
@@ -72,21 +91,11 @@ def test_fit_is_the_least_squares_one() -> None:
         assert squares(np.array(fit.c_mpa) + nudge) > best
 
 
-def test_measurements_beyond_the_stable_range_are_reported() -> None:
-    stretch = np.linspace(0.3, 2.2, 60)
-    x = stretch**2 + 2 / stretch - 3
-    stress = 2 * (stretch - stretch**-2) * (RUBBER.c1_mpa + 2 * RUBBER.c2_mpa * x + 3 * RUBBER.c3_mpa * x**2)
-    fit = fit_yeoh(stretch, stress)
-    assert fit.verdict == "unstable-where-measured"
-    assert "ellipticity lost below 0.376 and above 2.08" in fit.in_words()
-
-
 @pytest.mark.parametrize("rubber", RUBBERS, ids=lambda rubber: rubber.name)
-def test_the_map_is_json_without_infinity(rubber: Yeoh) -> None:
+def test_the_map_is_json(rubber: Yeoh) -> None:
     document = json.loads(json.dumps(noisy(rubber, 0).as_map(), allow_nan=False))
     low, high = document["interval_mpa"]["c1_mpa"]
     assert low < document["c1_mpa"] < high
-    assert (document["stretch_elliptic"] == [None, None]) == (document["verdict"] == "stable")
 
 
 def test_other_columns_blank_lines_spaces_and_a_byte_order_mark_are_taken(tmp_path: Path) -> None:
@@ -127,7 +136,7 @@ def test_the_program_prints_the_fit_and_names_a_missing_file(tmp_path: Path) -> 
     path = table(tmp_path / "curve.csv", "stretch,stress_mpa", COMPRESSION, PDMS.uniaxial_mpa(COMPRESSION))
     printed = CliRunner().invoke(main, [str(path)])
     assert json.loads(printed.stdout)["c1_mpa"] == pytest.approx(PDMS.c1_mpa)
-    assert "stable where measured" in printed.stderr
+    assert "C1 = 0.7997 MPa" in printed.stderr
     refused = CliRunner().invoke(main, [str(tmp_path / "nowhere.csv")])
     assert refused.exit_code == 1
     assert "nowhere.csv: cannot be read" in str(refused.output)

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from taxel_errors import replay
+from taxel_runs import load_reference
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import NOT_CONVERGED, Surface, TaxelForces
@@ -12,7 +13,6 @@ from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.skin import shipped_skin
 from tactiled.emulator.mechanics.solver import ContactSolver
 from tactiled.errors import ConfigError
-from tools.fem.reference import load_reference
 
 AZIMUTH = np.array([180.0, 270.0, 0.0, 90.0])  # R1, R2, R3, R4
 LOAD_N = 15.0 / 9

@@ -13,9 +13,9 @@ from taxel_errors import (
     side_ripple,
     sliding_errors,
 )
+from taxel_runs import reference_names
 
 from tactiled.emulator.scene.contact import TAXEL_MODELS
-from tools.fem.reference import reference_names
 
 
 @pytest.mark.parametrize("name", GROOVED)

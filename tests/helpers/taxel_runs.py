@@ -6,7 +6,7 @@ convergence) and ``columns``, one entry an increment:
 
 ``travel_x_mm, travel_y_mm`` place over the plate; ``approach_mm`` since first touch, of a ridge over grooves
 ``normal_n, tangential_x_n, tangential_y_n`` force on the skin
-``half_0_n`` to ``half_3_n``, ``edge_0_n`` to ``edge_3_n``: force on the sides of the chip (`readout.SIDES`)
+``half_0_n`` to ``half_3_n``, ``edge_0_n`` to ``edge_3_n``: force on the sides of the chip -x, -y, +x, +y
 ``centre_n`` force under its middle; ``contact_mm2``; ``slipping``, the share of the contact
 ``continued_rubber, continued_rtv, continued_pdms`` share of a material beyond its stable range
 
@@ -34,7 +34,7 @@ class ReferenceRun:
     columns: dict[str, FloatArray]
 
     def sides(self, area: str = "half") -> FloatArray:
-        """Forces on the four sides (i, 4), order `readout.SIDES`; area "half" or "edge"."""
+        """Forces on the four sides (i, 4), order as above; area "half" or "edge"."""
         return np.stack([self.columns[f"{area}_{k}_n"] for k in range(4)], axis=1)
 
 

@@ -1,1 +1,0 @@
-"""Finite elements of one taxel: its linear compliance, and runs with friction that were made once."""
