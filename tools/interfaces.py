@@ -70,12 +70,8 @@ _CPP_ZERO = {"number": " = 0.0", "integer": " = 0", "boolean": " = false", "stri
 def generated() -> dict[str, str]:
     """Return the content of every generated file by its path in the checkout."""
     messages = {f"ros2/tactiled_msgs/msg/{name}.msg": text for name, text in own_types.own_texts().items()}
-    services = {
-        f"ros2/tactiled_msgs/srv/{name}.srv": text for name, text in own_types.service_texts().items()
-    }
     return {
         **messages,
-        **services,
         "packages/client/tactiled/client/typed.py": typed_python(),
         "protocols/cpp/tactiled_events.hpp": typed_cpp(),
     }

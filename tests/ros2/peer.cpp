@@ -1,22 +1,18 @@
-// Independent DDS peer (Fast DDS): prints what it discovers and receives, and publishes what it reads on stdin.
-//   peer DOMAIN TOPIC TYPE MODE ...     MODE: sensor, event, latched, request (writer; its lines go to stdin)
-// stdout: JSON lines. stdin: TOPIC HEX, the CDR of one message with its header of four bytes.
+// Independent DDS peer (Fast DDS): prints what it discovers and receives.
+//   peer DOMAIN TOPIC TYPE MODE ...     MODE: sensor, event, latched; ends with its stdin
+// stdout: JSON lines.
 #include <chrono>
 #include <cstring>
 #include <functional>
 #include <iostream>
-#include <map>
 #include <memory>
 #include <mutex>
-#include <sstream>
 #include <string>
 #include <vector>
 
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
@@ -130,17 +126,11 @@ int main(int n, char** words) {
     auto* participant = DomainParticipantFactory::get_instance()->create_participant(
         std::stoi(words[1]), qos, &discovered, StatusMask::none());
     auto* subscriber = participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT);
-    auto* publisher = participant->create_publisher(PUBLISHER_QOS_DEFAULT);
-    std::map<std::string, DataWriter*> writers;
     for (int i = 2; i + 2 < n; i += 3) {
         const std::string mode = words[i + 2];
         TypeSupport type(new RawType(words[i + 1]));
         type.register_type(participant);
         auto* topic = participant->create_topic(words[i], words[i + 1], TOPIC_QOS_DEFAULT);
-        if (mode == "request") {
-            writers[words[i]] = publisher->create_datawriter(topic, DATAWRITER_QOS_DEFAULT);
-            continue;
-        }
         DataReaderQos reader;
         reader.reliability().kind = mode == "sensor" ? BEST_EFFORT_RELIABILITY_QOS : RELIABLE_RELIABILITY_QOS;
         reader.durability().kind = mode == "latched" ? TRANSIENT_LOCAL_DURABILITY_QOS : VOLATILE_DURABILITY_QOS;
@@ -148,13 +138,8 @@ int main(int n, char** words) {
         subscriber->create_datareader(topic, reader, &received);
     }
     print("{\"what\": \"ready\"}");
-    std::string line, topic, digits;
+    std::string line;
     while (std::getline(std::cin, line)) {
-        std::istringstream(line) >> topic >> digits;
-        Bytes bytes;
-        for (size_t i = 0; i + 1 < digits.size(); i += 2)
-            bytes.push_back(static_cast<unsigned char>(std::stoi(digits.substr(i, 2), nullptr, 16)));
-        writers.at(topic)->write(&bytes);
     }
     participant->delete_contained_entities();
     DomainParticipantFactory::get_instance()->delete_participant(participant);

@@ -1,4 +1,4 @@
-"""Bridge without DDS: hostile publishers, diagnostics, services; and the options of the command."""
+"""Bridge without DDS: hostile publishers, diagnostics; and the options of the command."""
 
 import asyncio
 import time
@@ -16,15 +16,11 @@ from nodes import FakeNode
 from patience import PATIENCE_S
 
 from tactiled.client import Message
-from tactiled.client.commander import Reply
 from tactiled.client.parse import message_of
 from tactiled.commands.ros2 import ros2
-from tactiled.errors import OperatorError
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event
-from tactiled.ros2 import bridge as module
-from tactiled.ros2.bridge import BoardServices, Bridge, BridgeParams
-from tactiled.ros2.participant import ServiceRequest
+from tactiled.ros2.bridge import Bridge, BridgeParams
 
 ENDPOINT = "ipc:///tmp/events.ipc"
 
@@ -141,63 +137,8 @@ def test_the_message_package_is_written(tmp_path: Path) -> None:
 LEFT, RIGHT = "ipc:///tmp/left.ipc", "ipc:///tmp/right.ipc"
 
 
-class ServingNode(FakeNode):
-    """Node without DDS that has requests, and keeps their replies."""
-
-    def __init__(self, *requests: ServiceRequest) -> None:
-        super().__init__()
-        self.waiting = list(requests)
-        self.served: dict[str, str] = {}
-        self.replies: list[tuple[int, bool, str]] = []
-
-    def serve(self, service: str, kind: str) -> None:
-        self.served[service] = kind
-
-    def requests(self) -> list[ServiceRequest]:
-        asked, self.waiting = self.waiting, []
-        return asked
-
-    def reply(self, request: ServiceRequest, *, success: bool, message: str) -> None:
-        self.replies.append((request.number, success, message))
-
-
-class FakeCommander:
-    """Commander of a daemon that refuses marks of nothing, does not answer to `tare`, and does the rest."""
-
-    made: list["FakeCommander"] = []
-
-    def __init__(self, endpoint: str, who: str, keys: object) -> None:
-        self.endpoint, self.who, self.keys = endpoint, who, keys
-        self.sent: list[tuple[str, dict[str, Any]]] = []
-        self.busy = self.closed = False
-        FakeCommander.made.append(self)
-
-    async def send(self, do: str, **arguments: Any) -> Reply:
-        assert not self.busy  # one at a time
-        self.busy = True
-        await asyncio.sleep(0.001)
-        self.busy = False
-        self.sent.append((do, arguments))
-        if do == "tare":
-            raise OperatorError("no answer")
-        ok = arguments.get("text") != ""
-        return Reply(ok, "" if ok else "a mark of nothing", {})
-
-    def close(self) -> None:
-        self.closed = True
-
-
-@pytest.fixture
-def commanders(monkeypatch: pytest.MonkeyPatch) -> list[FakeCommander]:
-    FakeCommander.made = []
-    monkeypatch.setattr(module, "AsyncCommander", FakeCommander)
-    return FakeCommander.made
-
-
-def bridge_of(node: FakeNode, *, allow_commands: bool = True) -> Bridge:
-    params = BridgeParams((LEFT, RIGHT), frames={"A": "palm"})
-    services = BoardServices(node, None) if allow_commands else None  # type: ignore[arg-type]
-    bridge = Bridge(node, params, lambda _: None, services)  # type: ignore[arg-type]
+def bridge_of(node: FakeNode) -> Bridge:
+    bridge = Bridge(node, BridgeParams((LEFT, RIGHT), frames={"A": "palm"}), lambda _: None)  # type: ignore[arg-type]
     bridge.take(LEFT, now(STATUS, "A"))
     bridge.take(RIGHT, now(STATUS, "B"))
     return bridge
@@ -216,73 +157,8 @@ def run(bridge: Bridge, is_done: Callable[[], bool]) -> None:
     asyncio.run(main())
 
 
-def ask(number: int, service: str, **values: Any) -> ServiceRequest:
-    return ServiceRequest(f"/tactile/{service}", values, 1, number)
-
-
-def test_requests_reach_the_daemon_of_their_board_and_replies_come_back(
-    commanders: list[FakeCommander],
-) -> None:
-    node = ServingNode(
-        ask(1, "A/inhibit", duration_s=0.4, surplus=3),
-        ask(2, "B/mark", text="here"),
-        ask(3, "A/mark", text=""),
-    )
-    run(bridge_of(node), lambda: len(node.replies) == 3)
-    assert sorted(node.replies) == [(1, True, ""), (2, True, ""), (3, False, "a mark of nothing")]
-    by_endpoint = {one.endpoint: one for one in commanders}
-    assert by_endpoint[LEFT].sent == [
-        ("inhibit", {"timeout_s": 2.0, "board": "A", "duration_s": 0.4}),
-        ("mark", {"timeout_s": 2.0, "board": "A", "text": ""}),
-    ]
-    assert by_endpoint[RIGHT].sent == [("mark", {"timeout_s": 2.0, "board": "B", "text": "here"})]
-    assert [one.who for one in commanders] == ["ros2", "ros2"]
-    assert all(one.closed for one in commanders)
-
-
-def test_a_daemon_that_does_not_answer_is_a_failure_with_words(commanders: list[FakeCommander]) -> None:
-    node = ServingNode(ask(1, "A/tare"))
-    run(bridge_of(node), lambda: bool(node.replies))
-    assert node.replies == [(1, False, "no answer")]
-    assert len(commanders) == 1
-
-
-@pytest.mark.usefixtures("commanders")
-def test_more_requests_than_may_wait_are_refused() -> None:
-    node = ServingNode(*(ask(number, "A/mark", text="x") for number in range(40)))
-    run(bridge_of(node), lambda: len(node.replies) == 40)
-    assert sum(success for _, success, _ in node.replies) == 32
-    refused = {message for _, success, message in node.replies if not success}
-    assert refused == {"too many requests: ask again later"}
-
-
-@pytest.mark.parametrize(("length", "is_sent"), [(1000, True), (1001, False)])
-def test_the_longest_text(length: int, *, is_sent: bool, commanders: list[FakeCommander]) -> None:
-    node = ServingNode(ask(1, "A/mark", text="x" * length))
-    run(bridge_of(node), lambda: bool(node.replies))
-    assert node.replies[0][1] is is_sent
-    assert len(commanders) == is_sent
-
-
-def test_services_are_offered_only_where_commands_are_allowed() -> None:
-    node = ServingNode()
-    bridge_of(node)
-    kinds = {
-        "tare": "std_srvs/srv/Trigger",
-        "inhibit": "tactiled_msgs/srv/Inhibit",
-        "mark": "tactiled_msgs/srv/Mark",
-    }
-    assert node.served == {f"/tactile/{board}/{name}": kinds[name] for board in "AB" for name in kinds}
-    closed = ServingNode(ask(1, "A/mark", text="x"))
-    bridge = bridge_of(closed, allow_commands=False)
-    assert closed.served == {}
-    run(bridge, lambda: any(topic == "/diagnostics" for topic, _ in closed.written))
-    assert closed.replies == []
-    assert len(closed.waiting) == 1  # nobody looked
-
-
 def test_messages_have_the_frame_of_their_board() -> None:
-    node = ServingNode()
+    node = FakeNode()
     bridge_of(node)
     frames = {topic: values["header"]["frame_id"] for topic, values in node.written if "status" in topic}
     assert frames == {"/tactile/A/status": "palm", "/tactile/B/status": "tactile_B"}
@@ -290,7 +166,7 @@ def test_messages_have_the_frame_of_their_board() -> None:
 
 def test_each_board_is_reported_once() -> None:
     heard: list[dict[str, Any]] = []
-    bridge = Bridge(ServingNode(), BridgeParams((LEFT,)), heard.append)  # type: ignore[arg-type]
+    bridge = Bridge(FakeNode(), BridgeParams((LEFT,)), heard.append)  # type: ignore[arg-type]
     for _ in range(2):
         bridge.take(LEFT, now(STATUS, "A"))
     ((report),) = heard
@@ -299,7 +175,7 @@ def test_each_board_is_reported_once() -> None:
 
 
 def test_a_board_whose_name_is_taken_is_reported_while_it_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
-    node = ServingNode()
+    node = FakeNode()
     bridge = bridge_of(node)
     bridge.take(RIGHT, now(STATUS, "A"))
 
@@ -314,7 +190,7 @@ def test_a_board_whose_name_is_taken_is_reported_while_it_is_heard(monkeypatch: 
 
 
 def test_diagnostics_come_from_the_start_and_every_second() -> None:
-    node = ServingNode()
+    node = FakeNode()
     bridge = bridge_of(node)
     began_s = time.monotonic()
     run(bridge, lambda: [topic for topic, _ in node.written].count("/diagnostics") == 2)

@@ -4,12 +4,10 @@ The descriptions are those of rmw_cyclonedds (dyntype.cpp): plain field names.
 """
 
 import os
-import re
 import socket
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
-from struct import pack
 from typing import Any
 
 import pytest
@@ -18,19 +16,16 @@ from cyclonedds.core import DDSException
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct
 from cyclonedds.idl import types as kinds
-from cyclonedds.pub import DataWriter
-from cyclonedds.qos import Policy, Qos
+from cyclonedds.qos import Policy
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from patience import PATIENCE_S
 
-from tactiled.ros2.participant import Node, ServiceRequest, TopicWriter
+from tactiled.ros2.participant import Node, TopicWriter
 
 # Of this process: others on this network may test, too. From 102 on, its ports may be taken by connections.
 DOMAIN = 1 + os.getpid() % 101
-TARE = "/tactile/TS0001/tare"
-GOOD = pack("<QqB", 7, 1, 0)  # client 7, request 1, and the one byte of the type
 
 
 def struct(package: str, bare: str, /, **fields: Any) -> Any:
@@ -105,41 +100,6 @@ def test_the_discovery_of_nodes_has_its_type_hash(others: DomainParticipant) -> 
     assert bytes(info.qos[Policy.Userdata].data) == b"typehash=" + hash_ + b";"
 
 
-class Requests:
-    """Writer of requests to the service `TARE`, which sends any bytes, as other makes of DDS do."""
-
-    def __init__(self, *policies: Any) -> None:
-        self._kind = struct(
-            "std_srvs.srv", "Trigger_Request", structure_needs_at_least_one_member=kinds.uint8
-        )
-        participant = DomainParticipant(DOMAIN)
-        self.writer = DataWriter(
-            participant, Topic(participant, f"rq{TARE}Request", self._kind), Qos(*policies)
-        )
-        until(lambda: self.writer.matched_sub)
-
-    def send(self, data: bytes) -> None:
-        self._kind.serialize = lambda *_, **__: b"\0\1\0\0" + data
-        self.writer.write(self._kind(structure_needs_at_least_one_member=0))
-
-
-@pytest.mark.parametrize("data", [b"\0", b"\0" * 15, pack("<I5s", 5, b"hold\0")])
-def test_a_request_of_another_rmw_is_logged_by_name(
-    node: Node, data: bytes, caplog: pytest.LogCaptureFixture
-) -> None:
-    """rmw_fastrtps has the id of a request in RTPS instead of the message: no reply would find its client."""
-    node.serve(TARE, "std_srvs/srv/Trigger")
-    requests = Requests()
-    for _ in range(50):
-        requests.send(data)
-    requests.send(GOOD)
-    found: list[ServiceRequest] = until(node.requests)
-    assert [(each.service, each.client, each.number) for each in found] == [(TARE, 7, 1)]
-    (line,) = caplog.messages
-    assert re.match(f"service request not answered: {TARE}: [0-9]+ bytes without the head", line)
-    assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp" in line
-
-
 def test_packets_that_are_no_dds_write_nothing(node: Node, capfd: pytest.CaptureFixture[str]) -> None:
     assert node.domain_id == DOMAIN
     first = 7400 + 250 * DOMAIN + 10  # RTPS 2.5, 9.6.2: ports of the first participants
@@ -149,22 +109,6 @@ def test_packets_that_are_no_dds_write_nothing(node: Node, capfd: pytest.Capture
             sock.sendto(packet, ("127.0.0.1", first + number % 8))
     time.sleep(0.3)  # while they are read
     assert capfd.readouterr().err == ""
-
-
-@pytest.mark.parametrize("disposes", [False, True])
-def test_a_client_of_a_service_that_leaves_ends_nothing(
-    node: Node, disposes: bool, caplog: pytest.LogCaptureFixture
-) -> None:
-    node.serve(TARE, "std_srvs/srv/Trigger")
-    requests = Requests(Policy.WriterDataLifecycle(autodispose=disposes))
-    requests.send(GOOD)
-    assert [(each.client, each.number) for each in until(node.requests)] == [(7, 1)]
-    del requests
-    until_s = time.monotonic() + 0.3
-    while time.monotonic() < until_s:
-        assert node.requests() == []
-        time.sleep(0.02)
-    assert not caplog.messages  # there is no request that anybody waits for
 
 
 def test_writers_keep_and_repeat_what_their_delivery_says(node: Node, others: DomainParticipant) -> None:

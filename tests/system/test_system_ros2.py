@@ -6,9 +6,7 @@ The peer (tests/ros2/peer.cpp) prints what it discovers and receives; rosbags de
 import json
 import os
 import queue
-import re
 import shutil
-import struct
 import subprocess
 import sys
 import threading
@@ -66,11 +64,6 @@ TOPICS = {  # ROS topic: type, mode
     "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", "event"),
 }
 INFO = ("ros_discovery_info", "rmw_dds_common/msg/ParticipantEntitiesInfo")
-SERVICES = {
-    "tare": "std_srvs/srv/Trigger",
-    "inhibit": "tactiled_msgs/srv/Inhibit",
-    "mark": "tactiled_msgs/srv/Mark",
-}
 
 
 def oracle() -> Any:
@@ -166,16 +159,12 @@ class Robot:
     def tactiled(self, *arguments: str) -> Lines:
         return self.process(sys.executable, "-m", "tactiled", *arguments)
 
-    def peer(self, program: Path, *topics: str, services: bool = False) -> Lines:
+    def peer(self, program: Path, *topics: str) -> Lines:
         words = [str(program), str(DOMAIN)]
         for topic in topics:
             kind, mode = TOPICS[topic]
             words += [f"rt{topic}", dds_type(kind), mode]
         words += [INFO[0], dds_type(INFO[1]), "latched"]
-        if services:
-            for name, kind in SERVICES.items():
-                words += [f"rq{BOARD}/{name}Request", dds_type(f"{kind}_Request"), "request"]
-                words += [f"rr{BOARD}/{name}Reply", dds_type(f"{kind}_Response"), "event"]
         return self.process(*words)
 
     def decode(self, row: dict[str, Any], kind: str = "") -> Any:
@@ -200,17 +189,16 @@ def seconds(stamp: Any) -> float:
 def test_an_independent_dds_sees_a_ros_node(robot: Robot) -> None:
     program = peer_program(robot.folder)
     daemon = robot.tactiled("run", "--config", str(robot.folder / "tactiled.toml"))
-    bridge = robot.tactiled("ros2", "--events", robot.endpoint, "--domain", str(DOMAIN), "--allow-commands")
+    bridge = robot.tactiled("ros2", "--events", robot.endpoint, "--domain", str(DOMAIN))
     bridge.until(lambda row: row["what"] == "node", "the node")
-    peer = robot.peer(program, *TOPICS, services=True)
+    peer = robot.peer(program, *TOPICS)
     peer.until(lambda row: row["what"] == "participant", "the bridge")
     scene = ("--scene", str(robot.folder / "scene.toml"))
     # Both subscribe before the board sends: on a slow host a slip could pass meanwhile.
-    with Subscription(robot.endpoint, ("force", "slip", "command")) as subscription:
+    with Subscription(robot.endpoint, ("force", "slip")) as subscription:
         robot.tactiled("emulate", *scene, "--link", str(robot.folder / "board"))
         bridge.until(lambda row: row["what"] == "board", "the board")
         topics_match_what_the_daemon_sends(robot, peer, subscription)
-        services_reach_the_daemon(peer, subscription)
     discovery_names_node_and_types(robot, peer)
     loss_of_the_daemon_is_silence(robot, peer, daemon, program)
     robot.tactiled("run", "--config", str(robot.folder / "tactiled.toml"))
@@ -255,42 +243,6 @@ def topics_match_what_the_daemon_sends(robot: Robot, peer: Lines, subscription: 
     assert (cloud.width, cloud.height) == (9, 1)
 
 
-def services_reach_the_daemon(peer: Lines, subscription: Subscription) -> None:
-    def call(name: str, request: bytes, number: int) -> tuple[bool, str]:
-        head = b"\0\1\0\0" + struct.pack("<Qq", 0xABCDEF, number)
-        assert peer.child.stdin is not None
-        peer.child.stdin.write(f"rq{BOARD}/{name}Request {(head + request).hex()}\n")
-        peer.child.stdin.flush()
-        reply = peer.until(is_message(f"rr{BOARD}/{name}Reply"), f"reply of {name}")
-        data = bytes.fromhex(reply["data"])
-        assert struct.unpack_from("<Qq", data, 4) == (0xABCDEF, number)
-        success, length = struct.unpack_from("<?3xI", data, 20)
-        return success, data[28 : 28 + length - 1].decode()
-
-    text = b"seen from ROS\0"
-    assert call("mark", struct.pack("<I", len(text)) + text, 1) == (True, "")
-    assert call("inhibit", struct.pack("<d", 0.2), 2) == (True, "")
-    success, reason = call("inhibit", struct.pack("<d", 61.0), 3)
-    assert not success
-    assert "duration_s" in reason
-    success, reason = call("tare", b"\0", 4)
-    until_s = time.monotonic() + PATIENCE_S
-    while "ask again" in reason and time.monotonic() < until_s:  # after a gap, which a busy host makes
-        success, reason = call("tare", b"\0", 4)
-    assert not success
-    assert "contact" in reason
-    commands: list[Mapping[str, Any]] = []
-    until_s = time.monotonic() + PATIENCE_S
-    while len(commands) < 3:
-        item = subscription.next_item(until_s)
-        assert item is not None
-        if isinstance(item, Message) and item.topic == "command":
-            commands.append(item.data)
-    assert [row["command"] for row in commands] == ["mark", "inhibit", "tare"]
-    assert json.loads(commands[0]["arguments"]) == {"text": "seen from ROS"}
-    assert commands[0]["who"] == "ros2"
-
-
 def discovery_names_node_and_types(robot: Robot, peer: Lines) -> None:
     ours = {row["guid"] for row in peer.rows if row["what"] == "participant" and row["user"] == "enclave=/;"}
     assert len(ours) == 1
@@ -313,16 +265,6 @@ def discovery_names_node_and_types(robot: Robot, peer: Lines) -> None:
     for what, gids in (("writer", node.writer_gid_seq), ("reader", node.reader_gid_seq)):
         listed = {bytes(gid.data).hex() for gid in gids}
         assert listed == {row["guid"] for key, row in found.items() if key[0] == what and key[1] != INFO[0]}
-    for name in SERVICES:
-        request, reply = (
-            found["reader", f"rq{BOARD}/{name}Request"],
-            found["writer", f"rr{BOARD}/{name}Reply"],
-        )
-        assert request["user"] == reply["user"]
-        assert request["user"].startswith("serviceid=")
-        assert re.search("typehash=RIHS01_[0-9a-f]{64};$", request["user"])
-    trigger = "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"  # as ROS 2 has it
-    assert trigger in found["reader", f"rq{BOARD}/tareRequest"]["user"]
 
 
 def loss_of_the_daemon_is_silence(robot: Robot, peer: Lines, daemon: Lines, program: Path) -> None:

@@ -23,7 +23,7 @@ _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
     "--domain", default=0, show_default=True, envvar="ROS_DOMAIN_ID", type=click.IntRange(0, 232),
     help="DDS domain, as ROS_DOMAIN_ID.",
 )  # fmt: skip
-@click.option("--namespace", default="tactile", show_default=True, help="Namespace of topics and services.")
+@click.option("--namespace", default="tactile", show_default=True, help="Namespace of topics.")
 @click.option(
     "--frame", "frames", multiple=True, metavar="BOARD=FRAME",
     help="frame_id of a board. [default: tactile_BOARD]",
@@ -37,10 +37,6 @@ _GIDS_OF_24_BYTES = ("foxy", "galactic", "humble")
     help="Use the loopback interface alone, or let every host of the network read: DDS is not encrypted.",
 )  # fmt: skip
 @click.option(
-    "--allow-commands", is_flag=True,
-    help="Offer the services tare, inhibit and mark; DDS does not tell who calls them.",
-)  # fmt: skip
-@click.option(
     "--messages", type=click.Path(path_type=Path, file_okay=False), metavar="DIRECTORY",
     help="Only write the package tactiled_msgs for colcon into this folder.",
 )  # fmt: skip
@@ -52,7 +48,6 @@ def ros2(
     frames: tuple[str, ...],
     distro: str,
     localhost: bool,
-    allow_commands: bool,
     messages: Path | None,
     keys: Path | None,
 ) -> None:
@@ -77,7 +72,7 @@ def ros2(
     pairs = dict(frame.partition("=")[::2] for frame in frames)
     if wrong := [frame for frame in frames if not re.fullmatch(r"[^=]+=[^=\s]+", frame)]:
         raise click.UsageError(f"--frame {wrong[0]}: give BOARD=FRAME")
-    params = BridgeParams(endpoints, namespace, pairs, allow_commands, keys)
+    params = BridgeParams(endpoints, namespace, pairs, keys)
 
     def report(what: dict[str, object]) -> None:
         click.echo(json.dumps(what))

@@ -6,7 +6,6 @@
 - `names`: names of topics, types and frames
 - `freshness`: decision which messages may be published
 - `convert`: values of ROS messages from messages of the daemon
-- `participant`: topics, services and discovery over Cyclone DDS
-- `zenoh_node`: topics and discovery over zenoh, as rmw_zenoh has them
+- `participant`: topics and discovery over Cyclone DDS
 - `bridge`: the process behind ``tactiled ros2``
 """

@@ -1,4 +1,4 @@
-"""Process behind ``tactiled ros2``: from daemons to the topics of one ROS 2 node, and services back."""
+"""Process behind ``tactiled ros2``: from daemons to the topics of one ROS 2 node."""
 
 import asyncio
 import contextlib
@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
-from tactiled.client import AsyncCommander, Client, Message
+from tactiled.client import Client, Message
 from tactiled.errors import ContractError, OperatorError, TactiledError
 from tactiled.events.incoming import checked_map
 from tactiled.events.types import EVENT_TYPES
@@ -19,30 +19,14 @@ from tactiled.ros2 import convert
 from tactiled.ros2.freshness import BoardFreshness, Level
 from tactiled.ros2.names import name_of_board
 from tactiled.ros2.own_types import PACKAGE, type_name
-from tactiled.ros2.participant import Delivery, Node, ServiceRequest, TopicWriter
-
-if TYPE_CHECKING:
-    from tactiled.ros2.zenoh_node import ZenohNode, ZenohTopicWriter
-
-AnyNode: TypeAlias = "Node | ZenohNode"
-AnyWriter: TypeAlias = "TopicWriter | ZenohTopicWriter"
+from tactiled.ros2.participant import Delivery, Node, TopicWriter
 
 _DIAGNOSTICS_S = 1.0
 _WATCH_S = 0.1  # period of looking for silence: that of the status
-_REQUESTS_S = 0.01  # period of looking for service requests, and so their longest wait
-_MOST_REQUESTS = 32  # that wait for a daemon: bounds what a caller can make the bridge keep
-_LONGEST_TEXT = 1000  # protocols/control.md; for far longer requests, the daemon would cut the connection
-_COMMAND_S = 2.0  # longest wait for the reply of a daemon
 _DELIVERY: dict[str, Delivery] = {
     "scan": "sensor", "force": "sensor", "grip": "sensor",
     "contact": "latched", "info": "repeated",  # for late subscribers
 }  # fmt: skip
-# Type and arguments of the service for each command.
-_SERVICES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "tare": ("std_srvs/srv/Trigger", ()),
-    "inhibit": (f"{PACKAGE}/srv/Inhibit", ("duration_s",)),
-    "mark": (f"{PACKAGE}/srv/Mark", ("text",)),
-}
 DiagnosticsRow: TypeAlias = tuple[str, str, Level, str, Mapping[str, Any]]
 Report = Callable[[dict[str, Any]], None]
 
@@ -52,17 +36,16 @@ class BridgeParams:
     """Parameters of a bridge."""
 
     endpoints: Sequence[str]  # endpoints for events of the daemons
-    namespace: str = "tactile"  # namespace of node, topics and services, without leading slash
+    namespace: str = "tactile"  # namespace of node and topics, without leading slash
     # ``frame_id`` by serial number of a board; ``tactile_`` and the number where it has none
     frames: Mapping[str, str] = field(default_factory=dict)
-    allow_commands: bool = False  # offer services: DDS does not tell who calls them
     keys: Path | None = None  # file of this client from `tactiled keys make`
 
 
 class BoardTopics:
     """Topics of one board on ROS 2, with what decides about their freshness."""
 
-    def __init__(self, node: AnyNode, board: str, params: BridgeParams) -> None:
+    def __init__(self, node: Node, board: str, params: BridgeParams) -> None:
         self.freshness = BoardFreshness()
         self.name = f"/{params.namespace}/{name_of_board(board)}"
         self.set_board(board, params)
@@ -122,71 +105,11 @@ class BoardTopics:
         self._own["contact"].write(convert.own_message(contact, self._frame))
 
 
-class BoardServices:
-    """Services of boards: what a caller in ROS asks goes to the daemon of the board, and its reply back."""
-
-    def __init__(self, node: Node, keys: Path | None) -> None:
-        self._node, self._keys = node, keys
-        self._boards: dict[str, tuple[str, str, str]] = {}  # endpoint, board, command by name of the service
-        self._commanders: dict[str, tuple[AsyncCommander, asyncio.Lock]] = {}
-        self._answers: set[asyncio.Task[None]] = set()
-
-    def offer(self, name: str, endpoint: str, board: str) -> None:
-        """Offer the services below a name for a board; those that are there already serve it from now on."""
-        for command, (kind, _) in _SERVICES.items():
-            service = f"{name}/{command}"
-            if service not in self._boards:
-                self._node.serve(service, kind)
-            self._boards[service] = endpoint, board, command
-
-    async def run(self) -> None:
-        """Answer requests until cancelled."""
-        try:
-            while True:
-                await asyncio.sleep(_REQUESTS_S)
-                for request in self._node.requests():
-                    if len(self._answers) >= _MOST_REQUESTS:
-                        self._reply(request, "too many requests: ask again later")
-                        continue
-                    task = asyncio.create_task(self._answer(request))
-                    self._answers.add(task)
-                    task.add_done_callback(self._answers.discard)
-        finally:
-            for task in self._answers:
-                task.cancel()
-            await asyncio.gather(*self._answers, return_exceptions=True)
-            for commander, _ in self._commanders.values():
-                commander.close()
-
-    async def _answer(self, request: ServiceRequest) -> None:
-        endpoint, board, command = self._boards[request.service]
-        arguments = {name: request.values[name] for name in _SERVICES[command][1]}
-        if len(arguments.get("text", "")) > _LONGEST_TEXT:
-            self._reply(request, f"text: at most {_LONGEST_TEXT} characters")
-            return
-        try:
-            if endpoint not in self._commanders:
-                made = AsyncCommander(endpoint, "ros2", keys=self._keys)
-                self._commanders[endpoint] = (made, asyncio.Lock())
-            commander, lock = self._commanders[endpoint]
-            async with lock:
-                reply = await commander.send(command, timeout_s=_COMMAND_S, board=board, **arguments)
-        except TactiledError as error:
-            self._reply(request, str(error))
-        else:
-            self._reply(request, reply.reason, success=reply.ok)
-
-    def _reply(self, request: ServiceRequest, message: str, *, success: bool = False) -> None:
-        self._node.reply(request, success=success, message=message)
-
-
 class Bridge:
     """Publish what daemons send, until stopped; `report` is called with each new board as a map."""
 
-    def __init__(
-        self, node: AnyNode, params: BridgeParams, report: Report, services: BoardServices | None = None
-    ) -> None:
-        self._node, self._params, self._report, self._services = node, params, report, services
+    def __init__(self, node: Node, params: BridgeParams, report: Report) -> None:
+        self._node, self._params, self._report = node, params, report
         self._diagnostics = node.writer("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", "event")
         self._boards: dict[tuple[str, str], BoardTopics] = {}
         self._refused: dict[tuple[str, str], tuple[str, float]] = {}  # words, when it was last heard
@@ -200,8 +123,6 @@ class Bridge:
                 group.create_task(self._listen(endpoint))
             group.create_task(self._diagnose())
             group.create_task(self._watch())
-            if self._services is not None:
-                group.create_task(self._services.run())
 
     async def _listen(self, endpoint: str) -> None:
         async with Client(endpoint, keys=self._params.keys) as client:
@@ -231,8 +152,8 @@ class Bridge:
             self._malformed += 1
 
     def _admit_board(self, key: tuple[str, str], now_s: float) -> bool:
-        """Give topics and services to a new board; False while another board of the same name has them."""
-        endpoint, board = key
+        """Give topics to a new board; False while another board of the same name has them."""
+        board = key[1]
         name = f"/{self._params.namespace}/{name_of_board(board)}"
         before = next((each for each, topics in self._boards.items() if topics.name == name), None)
         if before is None:
@@ -246,8 +167,6 @@ class Bridge:
             topics.set_board(board, self._params)
         self._refused.pop(key, None)
         self._boards[key] = topics
-        if self._services is not None:
-            self._services.offer(name, endpoint, board)
         self._report({"what": "board", "board": board, "topics": topics.topics})
         return True
 
@@ -296,16 +215,13 @@ class Bridge:
         return name, board, level, text, values | counts
 
 
-def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: Report) -> None:
+def run_bridge(params: BridgeParams, make_node: Callable[[], Node], report: Report) -> None:
     """Run a bridge until SIGINT or SIGTERM."""
 
     async def main() -> None:
         node = make_node()
         try:
-            services = None
-            if params.allow_commands and isinstance(node, Node):
-                services = BoardServices(node, params.keys)
-            task = asyncio.ensure_future(Bridge(node, params, report, services).run())
+            task = asyncio.ensure_future(Bridge(node, params, report).run())
             for each in (signal.SIGINT, signal.SIGTERM):
                 asyncio.get_running_loop().add_signal_handler(each, task.cancel)
             report({"what": "node", "name": f"/{params.namespace}/{node.name}", "domain": node.domain_id})
@@ -320,7 +236,7 @@ def run_bridge(params: BridgeParams, make_node: Callable[[], AnyNode], report: R
         raise OperatorError(str(group.exceptions[0])) from None
 
 
-def _write(writer: AnyWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:
+def _write(writer: TopicWriter, make: Callable[[], Mapping[str, Any] | None]) -> None:
     """Convert and publish a message if anyone receives it."""
     if writer.is_wanted and (values := make()) is not None:
         writer.write(values)

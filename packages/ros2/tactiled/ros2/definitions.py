@@ -16,10 +16,10 @@ _IDS = {
     "float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, "string": 17,
 }  # fmt: skip
 _NESTED, _BOUNDED_STRING = 1, 21
-_ARRAY, _BOUNDED, _SEQUENCE = 48, 96, 144  # added for arrays and for sequences with and without a bound
+_ARRAY, _SEQUENCE = 48, 144  # added for arrays and for sequences without a bound
 PRIMITIVES = frozenset(_IDS)
 _FIELD = re.compile(
-    r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(<=(?P<most>\d+)|(?P<size>\d*))\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
+    r"(?P<kind>[A-Za-z0-9_/]+)(<=(?P<bound>\d+))?(?P<array>\[(?P<size>\d*)\])?\s+(?P<name>[a-z][a-z0-9_]*)\s*$"
 )
 
 # Types of others, as in ROS 2 Humble to Jazzy (fields only).
@@ -39,12 +39,6 @@ STANDARD: dict[str, str] = {
         "std_msgs/Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\n"
         "uint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense\n"
     ),
-    "service_msgs/msg/ServiceEventInfo": (
-        "uint8 event_type\nbuiltin_interfaces/Time stamp\nchar[16] client_gid\nint64 sequence_number\n"
-    ),
-    # ROS gives a type without fields one of this name, because IDL has no empty structures.
-    "std_srvs/srv/Trigger_Request": "uint8 structure_needs_at_least_one_member\n",
-    "std_srvs/srv/Trigger_Response": "bool success\nstring message\n",
 }
 
 
@@ -56,12 +50,11 @@ class RosField:
     kind: str  # primitive type, or full name of a message type
     size: int | None = None  # None for one value, 0 for a sequence, otherwise the length of a fixed array
     bound: int = 0  # longest string; 0 where there is no bound
-    most: int = 0  # longest sequence; 0 where there is no bound
 
 
 @dataclass(frozen=True)
 class RosType:
-    """Message type with full name ``package/msg/Name`` (or ``package/srv/Name_Request``)."""
+    """Message type with full name ``package/msg/Name``."""
 
     name: str
     fields: tuple[RosField, ...]
@@ -86,28 +79,13 @@ def parse_type(name: str, text: str) -> RosType:
             raise ValueError(f"{name}: {raw!r} is no field")
         size = None if found["array"] is None else int(found["size"] or 0)
         kind = _full_name(found["kind"], package)
-        fields.append(RosField(found["name"], kind, size, int(found["bound"] or 0), int(found["most"] or 0)))
+        fields.append(RosField(found["name"], kind, size, int(found["bound"] or 0)))
     return RosType(name, tuple(fields))
 
 
 def parse_types(texts: Mapping[str, str]) -> dict[str, RosType]:
     """Parse several definitions by full name."""
     return {name: parse_type(name, text) for name, text in texts.items()}
-
-
-def service_types(name: str) -> dict[str, RosType]:
-    """Return the types by which ROS describes a service, beside its request and response."""
-    request, response, event = (f"{name}_{part}" for part in ("Request", "Response", "Event"))
-    parts = (("request_message", request), ("response_message", response), ("event_message", event))
-    fields = (
-        RosField("info", "service_msgs/msg/ServiceEventInfo"),
-        RosField("request", request, 0, most=1),
-        RosField("response", response, 0, most=1),
-    )
-    return {
-        event: RosType(event, fields),
-        name: RosType(name, tuple(RosField(field, kind) for field, kind in parts)),
-    }
 
 
 def discovery_types(gid_bytes: int) -> dict[str, str]:
@@ -135,7 +113,7 @@ def nested_types(name: str, types: Mapping[str, RosType]) -> list[str]:
 
 
 def rihs01(name: str, types: Mapping[str, RosType]) -> str:
-    """Return the hash of a type of messages or services, as ``RIHS01_`` and 64 hexadecimal digits."""
+    """Return the hash of a type of messages, as ``RIHS01_`` and 64 hexadecimal digits."""
     described = {
         "type_description": _described(types[name]),
         "referenced_type_descriptions": [_described(types[inner]) for inner in nested_types(name, types)],
@@ -149,15 +127,14 @@ def _described(kind: RosType) -> dict[str, Any]:
 
 
 def _field(field: RosField) -> dict[str, Any]:
-    shape = _ARRAY if field.size else _BOUNDED if field.most else _SEQUENCE
-    shape = 0 if field.size is None else shape
+    shape = 0 if field.size is None else _ARRAY if field.size else _SEQUENCE
     primitive = field.kind in PRIMITIVES
     own = _BOUNDED_STRING if field.bound else _IDS[field.kind] if primitive else _NESTED
     return {
         "name": field.name,
         "type": {
             "type_id": shape + own,
-            "capacity": field.size or field.most,
+            "capacity": field.size or 0,
             "string_capacity": field.bound,
             "nested_type_name": "" if primitive else field.kind,
         },

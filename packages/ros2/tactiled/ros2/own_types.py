@@ -17,19 +17,6 @@ INSTANTS = frozenset(("onset", "detected", "answered"))  # epoch seconds; `times
 _PRIMITIVES = {"number": "float64", "integer": "int64", "boolean": "bool", "string": "string"}
 _WIDTH = 100  # of comments in the text
 
-SERVICES: dict[str, tuple[str, str]] = {
-    "Inhibit": (
-        "# Announce that the hand itself moves: slips that begin within this time are not valid.\n"
-        "float64 duration_s  # from now, 0 to 60; 0 ends it\n",
-        "bool success\nstring message  # why it was refused; empty for success\n",
-    ),
-    "Mark": (
-        "# Put a note into the stream of events and the recording.\nstring text  # 1 to 1000 characters\n",
-        "bool success\nstring message  # why it was refused; empty for success\n",
-    ),
-}
-"""Request and response of each service of our own."""
-
 
 def type_name(topic: str) -> str:
     """Return the bare name of the type of a topic, as in ``Slip``."""
@@ -48,18 +35,9 @@ def own_texts() -> dict[str, str]:
     return texts
 
 
-def service_texts() -> dict[str, str]:
-    """Return the ``.srv`` text of every own service by its bare name."""
-    return {name: f"{request}---\n{response}" for name, (request, response) in SERVICES.items()}
-
-
 def own_definitions() -> dict[str, str]:
-    """Return the definitions of messages, requests and responses by full name."""
-    definitions = {f"{PACKAGE}/msg/{name}": text for name, text in own_texts().items()}
-    for name, (request, response) in SERVICES.items():
-        definitions[f"{PACKAGE}/srv/{name}_Request"] = request
-        definitions[f"{PACKAGE}/srv/{name}_Response"] = response
-    return definitions
+    """Return the definitions of messages by full name."""
+    return {f"{PACKAGE}/msg/{name}": text for name, text in own_texts().items()}
 
 
 def _fields(schema: dict[str, Any], texts: dict[str, str]) -> str:

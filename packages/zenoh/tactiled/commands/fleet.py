@@ -8,14 +8,10 @@ import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from tactiled.cli.options import FILE, KEYS, need_extra
-
-if TYPE_CHECKING:
-    import zenoh
 
 _ENDPOINT = "tcp://127.0.0.1:9872"
 
@@ -36,12 +32,6 @@ _ENDPOINT = "tcp://127.0.0.1:9872"
     help="Highest rate of scan, grip and force messages; 0: none of them. [default: all of them]",
 )  # fmt: skip
 @click.option("--allow-commands", is_flag=True, help="Hand commands to the daemon; needs ipc, or --keys.")
-@click.option("--ros2", is_flag=True, help="Publish what rmw_zenoh reads, instead: a node of ROS 2 with CDR.")
-@click.option(
-    "--domain", default=0, show_default=True, envvar="ROS_DOMAIN_ID", type=click.IntRange(0, 232),
-    help="With --ros2: domain, as ROS_DOMAIN_ID.",
-)  # fmt: skip
-@click.option("--namespace", default="tactile", show_default=True, help="With --ros2: namespace of topics.")
 @click.option("--insecure", is_flag=True, help="Accept connections to other hosts without certificates.")
 @KEYS
 def bridge(
@@ -51,9 +41,6 @@ def bridge(
     host: str | None,
     rate_hz: float | None,
     allow_commands: bool,
-    ros2: bool,
-    domain: int,
-    namespace: str,
     insecure: bool,
     keys: Path | None,
 ) -> None:
@@ -65,12 +52,6 @@ def bridge(
     Example: tactiled zenoh --events ipc:///run/tactiled/left/events.ipc --config /etc/tactiled/zenoh.json5
     """
     need_extra("zenoh", "zenoh", "the bridge", "tactiled-client")
-    if ros2:
-        need_extra("tactiled.ros2", "ros2", "--ros2", "tactiled-zenoh")
-    if ros2 and (allow_commands or rate_hz is not None):
-        raise click.UsageError(
-            "--ros2 publishes what ROS subscribes to: leave out --rate and --allow-commands"
-        )
     if allow_commands and keys is None and not endpoint.startswith("ipc://"):
         raise click.UsageError(
             f"--allow-commands: the daemon takes commands over ipc, or with --keys; not {endpoint}"
@@ -84,16 +65,9 @@ def bridge(
     if not is_chunk(name):
         raise click.UsageError(f"--host {name!r}: a name without blanks, '/', '*', '$', '?', '#' and '@'")
     checked = bridge_config(config, connect, is_insecure=insecure)
-    if ros2:
-        from tactiled.ros2.zenoh_node import add_timestamps
-
-        add_timestamps(checked)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
     with wait_for_session(checked) as session:
-        if ros2:
-            _publish_to_ros2(session, endpoint, domain, namespace.strip("/"), keys)
-            return
         running = ZenohBridge(ZenohBridgeParams(endpoint, name, rate_hz, allow_commands, keys), session)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: running.stop())
@@ -103,24 +77,6 @@ def bridge(
             running.run()
         finally:
             running.close()
-
-
-def _publish_to_ros2(
-    session: "zenoh.Session", endpoint: str, domain: int, namespace: str, keys: Path | None
-) -> None:
-    """Run the bridge to ROS 2 on a zenoh session, until SIGINT or SIGTERM."""
-    from tactiled.ros2.bridge import BridgeParams, run_bridge
-    from tactiled.ros2.names import is_namespace
-    from tactiled.ros2.zenoh_node import ZenohNode
-
-    if not is_namespace(namespace):
-        raise click.UsageError(f"--namespace {namespace}: use letters, digits and single underscores")
-    params = BridgeParams((endpoint,), namespace, keys=keys)
-    run_bridge(
-        params,
-        lambda: ZenohNode(session, domain, "tactiled", namespace),
-        lambda what: click.echo(json.dumps(what)),
-    )
 
 
 @click.command()
