@@ -21,7 +21,6 @@ BENCHES = {
     "grip": "bench.grip.bench",
     "hands": "bench.grip.hands",
     "hold": "bench.hold.bench",
-    "force": "bench.force.bench",
     "texture": "bench.texture.bench",
     "recordings": "bench.recordings.bench",
     "web": "bench.web.bench",
@@ -54,8 +53,7 @@ def bench(
     random worlds and on the emulator's families. grip: sliding, margins and forecasts of the contact
     filter on worlds of a generator that it never saw. hands: false alarms of hands that hold, over two
     hours. hold: drops and grip force of a controller that follows the filter's margin, beside fixed grips
-    and slip events. force: errors of calibrated forces on rigs drawn at random, beside ridge regression.
-    texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model.
+    and slip events. texture: errors of groove estimates over the Cramer-Rao bound, and windows that break the model.
     recordings: public recordings of other groups, beside simple rules and trees. web: bytes, layout
     shifts, processor and delay of the live page in Chromium. machine: the Debian package in a virtual
     machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.

@@ -21,7 +21,7 @@ from tactiled.errors import ConfigError, DataError
 GOOD, TAXEL_GOOD = 0.05, 0.15
 """Relative standard deviations of a sensitivity, and of one taxel's, at which no more is asked for."""
 _PRIOR = 0.5  # relative standard deviation of a sensitivity before any press
-_ERROR = 0.003  # of the largest response: what a fit leaves over a second (`./run bench force`)
+_ERROR = 0.003  # of the largest response: what a fit leaves over a second (docs/force.md)
 _LEAST_NOISES = 20.0  # a response below so many standard deviations of the noise is none
 _QUIET_SCANS = 20  # of the beginning, whose spread is the noise
 _LOOK_S = 1.0  # between two looks at what is lacking
