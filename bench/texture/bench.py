@@ -1,8 +1,7 @@
-"""``./run bench texture``: errors of the joint estimator over the Cramer-Rao bound, and what spoils answers.
+"""``./run bench texture``: errors of the joint estimator over the Cramer-Rao bound, and wrong answers.
 
-Gratings drawn in white and coloured noise, and slides that are followed (`trials`); table 2 of the paper and
-plates drawn at random on scenes that obey physics, the published procedure beside the joint estimator
-(`plates`); windows that break the model (`spoiled`).
+Gratings drawn in white and coloured noise, slides that are followed (`trials`), and surfaces without a
+grating (`grooveless`).
 """
 
 import itertools
@@ -11,16 +10,14 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from bench.report import BENCH_WORKERS, BenchOptions, aims_table, counted, seeds_in_words
-from bench.texture import spoiled, tables
-from bench.texture.plates import PLATES, Plate, drawn_plate_trials, paper_plate_trials
+from bench.texture import grooveless, tables
 from bench.texture.trials import (
     MEMORIES,
-    MISFIT_S,
     SLIDE_S,
     Trial,
     coloured_trial,
     grid_trial,
-    misfit_trial,
+    grooveless_trial,
     track_trials,
 )
 from tactiled.jobs import executor
@@ -42,20 +39,14 @@ class TextureSizes(NamedTuple):
 
     trials: int  # windows a cell of the grid
     coloured: int  # windows in noise of each colour
-    plates: Sequence[Plate]
-    scenes: int  # slides a plate
-    drawn: int  # plates drawn at random, a slide each
-    misfits: int  # windows of each kind, speed known and not
+    grooveless: int  # windows of each surface, speed known and not
     tracks: int  # slides in each noise that are followed
 
 
-# A fine plate, and one that the procedure mostly refuses.
-QUICK = TextureSizes(
-    trials=3, coloured=100, plates=((0.9, 0), (1.2, 30)), scenes=1, drawn=2, misfits=2, tracks=2
-)
+QUICK = TextureSizes(trials=3, coloured=100, grooveless=2, tracks=2)
 # Eighty windows a cell are 480 of a length or a noise, whose error over bound is known to 3 %. In coloured
 # noise 3400 windows leave the 3000 answers without which "one in a thousand" cannot be shown.
-FULL = TextureSizes(trials=80, coloured=3400, plates=PLATES, scenes=5, drawn=40, misfits=30, tracks=40)
+FULL = TextureSizes(trials=80, coloured=3400, grooveless=30, tracks=40)
 
 Work = Callable[..., Trial | list[Trial]]
 
@@ -64,19 +55,16 @@ def _parts(sizes: TextureSizes) -> dict[str, tuple[Work, list[tuple[Any, ...]]]]
     """Parts of the bench: a function that makes trials, and the arguments of each call."""
     either, product = (True, False), itertools.product
     coloured = range(COLOURED_SEED, COLOURED_SEED + sizes.coloured)
-    spoils = spoiled.MISFITS | spoiled.GROOVELESS
     return {
         "grid": (grid_trial, list(product(WINDOWS_S, SNRS_DB, either, range(sizes.trials)))),
         "coloured noise": (coloured_trial, list(product(MEMORIES, coloured))),
-        "plates": (paper_plate_trials, list(product(sizes.plates, range(sizes.scenes)))),
-        "drawn plates": (drawn_plate_trials, [(seed,) for seed in range(sizes.drawn)]),
-        "misfits": (misfit_trial, list(product(spoils, either, range(sizes.misfits)))),
+        "grooveless": (grooveless_trial, list(product(grooveless.SURFACES, either, range(sizes.grooveless)))),
         "tracks": (track_trials, [(*noise, seed) for noise, seed in product(TRACKS, range(sizes.tracks))]),
     }
 
 
 def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
-    """Error over bound, table 2, windows that break the model, and slides."""
+    """Error over bound, wrong answers, and slides that are followed."""
     sizes = QUICK if options.quick else FULL
     parts = {name: (work, _batches(calls)) for name, (work, calls) in _parts(sizes).items()}
     progress.begin(sum(len(batches) for _, batches in parts.values()))
@@ -102,7 +90,7 @@ def _run(work: Work, calls: Sequence[tuple[Any, ...]]) -> list[Trial]:
 
 
 def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[str]:
-    grid, drawn = trials["grid"], trials["drawn plates"]
+    grid = trials["grid"]
     return [
         "Error of the angle / of the period over the Cramer-Rao bound, and in brackets the part of the "
         f"windows that was answered; {sizes.trials} windows a cell "
@@ -118,17 +106,9 @@ def _sections(trials: Mapping[str, list[Trial]], sizes: TextureSizes) -> list[st
         f"By noise; coloured: windows of 1 to 2 s at 10 to 20 dB, seeds {COLOURED_SEED} and on, on which "
         "nothing was tuned:",
         tables.answers_table("noise", tables.named([*grid, *trials["coloured noise"]])),
-        "Plates of the paper, played by the contact model periodic, experiment protocol, "
-        f"{sizes.scenes} slides a plate ({seeds_in_words(sizes.scenes)}):",
-        tables.answers_table("D, angle", tables.plate_groups(trials["plates"])),
-        "Single plates drawn at random, 0.8 to 2.5 mm, -60 to 60 degrees, played by the contact model "
-        f"periodic ({seeds_in_words(sizes.drawn)}), direction from the slip event:",
-        tables.answers_table("window", tables.named(tables.windows_of(drawn), with_window=True)),
-        "First answers online, the speed given, since the true onset of slip:",
-        tables.first_answers_table([*trials["plates"], *drawn]),
-        f"Windows of {MISFIT_S:g} s at {spoiled.SNR_DB:g} dB, one thing wrong in each "
-        f"({seeds_in_words(sizes.misfits)}). The last have no grating: any answer is wrong.",
-        tables.answers_table("what is wrong", tables.named(trials["misfits"])),
+        f"Windows of {grooveless.WINDOW_S:g} s over surfaces without a grating "
+        f"({seeds_in_words(sizes.grooveless)}): any answer is wrong.",
+        tables.answers_table("surface", tables.named(trials["grooveless"])),
         f"Slides of {SLIDE_S:g} s that are followed ({seeds_in_words(sizes.tracks)} of each kind, the speed "
         "given to every other), gains 0.7 to 1.3: the answer of every hop is counted.",
         tables.answers_table("noise", tables.named(trials["tracks"], with_speed=False)),

@@ -11,8 +11,6 @@ import numpy as np
 from scipy import special
 
 from bench.report import NONE, Aim, Reading, Table, counts_in_words, grouped, judge, never, rms, table
-from bench.texture.plates import DRAWN_WINDOWS_S, PUBLISHED, Plate
-from bench.texture.spoiled import GROOVELESS
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
@@ -62,11 +60,6 @@ class TrialSet:
         return f"{1e3 * self.error('period'):.3g} um, {self.error('angle'):.2g} deg" if self.right else NONE
 
 
-def windows_of(trials: Iterable[Trial]) -> list[Trial]:
-    """Trials that are not first answers."""
-    return [t for t in trials if np.isnan(t.after_s)]
-
-
 def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> Table:
     """Windows down, noise across: error over bound of the angle / of the period (answered)."""
     cells = grouped(trials, lambda t: (t.window_s, t.snr_db))
@@ -106,54 +99,15 @@ def answers_table(what: str, groups: Mapping[str, Iterable[Trial]]) -> Table:
     return table(row(name, TrialSet(trials)) for name, trials in groups.items())
 
 
-def named(
-    trials: Iterable[Trial], *, with_window: bool = False, with_speed: bool = True
-) -> dict[str, list[Trial]]:
-    """Trials by name, and by length of the window and whether the speed was known."""
-
-    def name(t: Trial) -> str:
-        window, speed = f", {t.window_s:g} s" * with_window, f", {SPEEDS[t.is_speed_known]}" * with_speed
-        return t.name + window + speed
-
-    return grouped(trials, name)
-
-
-def plate_groups(trials: Iterable[Trial]) -> dict[str, list[Trial]]:
-    """Windows over the plates of the paper, by plate and method, with what the paper has for each."""
-
-    def name(t: Trial) -> str:
-        period_mm, angle_deg = PUBLISHED[t.period.true, t.angle.true]
-        paper = f" (paper: {period_mm} mm, {angle_deg} deg)" if t.name == "procedure" else ""
-        return f"{t.period.true:.2f} mm, {t.angle.true:g} deg: {t.name}{paper}"
-
-    return grouped(windows_of(trials), name)
-
-
-def first_answers_table(trials: Iterable[Trial]) -> Table:
-    """Time from the onset of slip until a first answer."""
-    rows = []
-    for name, some in grouped((t for t in trials if not np.isnan(t.after_s)), lambda t: t.name).items():
-        after_s, found = [t.after_s for t in some], TrialSet(some)
-        times = [f"{np.quantile(after_s, part, method='higher'):.1f} s" for part in (0.5, 0.9, 1.0)]
-        rows.append(
-            {
-                "slides": name,
-                "number": f"{len(some)}",
-                "after (median, 90 %, latest)": ", ".join(times),
-                "wrong": f"{found.n_wrong}",
-                "error: D, angle": found.errors,
-            }
-        )
-    return table(rows)
+def named(trials: Iterable[Trial], *, with_speed: bool = True) -> dict[str, list[Trial]]:
+    """Trials by name, and by whether the speed was known."""
+    return grouped(trials, lambda t: t.name + f", {SPEEDS[t.is_speed_known]}" * with_speed)
 
 
 Found = Mapping[str, Sequence[Trial]]  # by the parts of the bench
 _OVER_BOUND = 1.1
 _HELD = (0.93, 0.97)  # of 95 % intervals, on white noise
 _WRONG = 1e-3  # of answers
-_FIRST_S = 3.0  # since slip began
-_FIRST_PLATE: Plate = (1.2, 30)  # the demo's
-_MOST_REFUSED = 0.02  # of windows over one plate and nothing else
 _SURE = 2.0  # standard errors
 _NOTHING = judge("nothing answered", False, is_open=True)
 
@@ -205,25 +159,6 @@ def _rarely_wrong_slides(found: Found) -> Reading:
     return judge(f"{trials.n_wrong} of {len(trials.ok)}", is_met, is_open=not trials.ok)
 
 
-def _first(found: Found) -> Reading:
-    plates = [t for t in found["plates"] if (t.period.true, t.angle.true) == _FIRST_PLATE]
-    after_s = [t.after_s for t in plates if not np.isnan(t.after_s)]
-    if not after_s:
-        return _NOTHING
-    return judge(f"{max(after_s):.1f} s, latest of {len(after_s)}", max(after_s) <= _FIRST_S)
-
-
-def _drawn_refused(found: Found) -> Reading:
-    full = [t for t in windows_of(found["drawn plates"]) if t.window_s == max(DRAWN_WINDOWS_S)]
-    refused, most = sum(t.status != "ok" for t in full), _MOST_REFUSED * len(full)
-    is_open = bool(refused - _SURE * np.sqrt(max(refused, 1)) <= most)
-    return judge(f"{refused} of {len(full)}", refused <= most, is_open=is_open)
-
-
-def _wrong(trials: Iterable[Trial]) -> list[bool]:
-    return [t.is_wrong for t in trials if t.status == "ok"]
-
-
 _IN_1000 = f"at most {1e3 * _WRONG:g} in 1000"
 AIMS: tuple[Aim[Found], ...] = (
     *(
@@ -249,23 +184,5 @@ AIMS: tuple[Aim[Found], ...] = (
         )
     ),
     Aim("wrong answers, followed slides", _IN_1000, _rarely_wrong_slides),
-    Aim(
-        f"{_FIRST_PLATE[0]:g} mm at {_FIRST_PLATE[1]} deg, balanced: first answer after slip began",
-        f"at most {_FIRST_S:g} s",
-        _first,
-    ),
-    Aim(
-        f"plates drawn at random: windows of {max(DRAWN_WINDOWS_S):g} s refused",
-        f"at most {100 * _MOST_REFUSED:g} %",
-        _drawn_refused,
-    ),
-    never("plates drawn at random: wrong answers", lambda found: _wrong(windows_of(found["drawn plates"]))),
-    never(
-        "plates without grooves: answered",
-        lambda found: [t.status == "ok" for t in found["misfits"] if t.name in GROOVELESS],
-    ),
-    never(
-        "spoiled windows: wrong answers",
-        lambda found: _wrong(t for t in found["misfits"] if t.name not in GROOVELESS),
-    ),
+    never("surfaces without grooves: answered", lambda found: [t.is_wrong for t in found["grooveless"]]),
 )

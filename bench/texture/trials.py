@@ -7,12 +7,13 @@ another lobe of the likelihood, which is what an unresolved integer ambiguity lo
 Slides (`track_trials`) are seen as they would be live, and each of their answers is a window that is counted.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
+from bench.texture import grooveless
 from bench.texture.signal import (
     RATE_HZ,
     Bound,
@@ -23,7 +24,6 @@ from bench.texture.signal import (
     readings,
     scan_times_s,
 )
-from bench.texture.spoiled import GROOVELESS, MISFITS, model_window
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
@@ -39,7 +39,6 @@ GratingAnswer = GrooveAnswer | Refusal | TextureEvent
 QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
 ARRAY = load_array("wang2019-3x3")
 MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
-MISFIT_S = 5.0  # windows that break the model
 MEMORIES = (0.9, 0.97)  # of noise from scan to scan: 0.1 s and 0.33 s at 100 Hz
 COLOURED_WINDOWS_S = (1.0, 2.0)
 COLOURED_SNRS_DB = (10.0, 15.0, 20.0)
@@ -69,7 +68,7 @@ class Estimate:
 class Trial:
     """One window and its answer."""
 
-    name: str  # estimator or preset, noise, or what is wrong with the window
+    name: str  # noise, or surface
     seed: int
     window_s: float
     is_speed_known: bool
@@ -80,19 +79,18 @@ class Trial:
     # snr_db, periods: of a cell of the grid: noise, and number of periods in the window
     snr_db: float = _NAN
     periods: float = _NAN
-    after_s: float = _NAN  # of a first answer: time since the onset of slip; infinite where there was none
 
     def of(self, quantity: Quantity) -> Estimate:
         """Return the estimate of the period or of the angle."""
         return self.period if quantity == "period" else self.angle
 
 
-def compare(answer: GratingAnswer | None, wave: Wave, least: Bound | None = None, /, **fields: Any) -> Trial:
+def compare(answer: GratingAnswer, wave: Wave, least: Bound | None = None, /, **fields: Any) -> Trial:
     """Put an answer beside the truth and the bound; `fields` are the other ones of `Trial`."""
     bounds = (least.period_sd_mm, least.angle_sd_deg) if least is not None else (_NAN, _NAN)
     period, angle = Estimate(wave.period_mm, bound=bounds[0]), Estimate(wave.angle_deg, bound=bounds[1])
-    if answer is None or isinstance(answer, Refusal) or answer.status != "ok":
-        return Trial(status=answer.status if answer else "none", period=period, angle=angle, **fields)
+    if isinstance(answer, Refusal) or answer.status != "ok":
+        return Trial(status=answer.status, period=period, angle=angle, **fields)
     angle_deg = (answer.angle_deg - wave.angle_deg + 90) % 180 - 90  # a groove normal has no sense
     is_wrong = turns_off(wave, answer.period_mm, answer.angle_deg) > _WRONG_TURNS
     return Trial(
@@ -119,14 +117,14 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
 def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> GrooveAnswer | Refusal:
     """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
     speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
-    return joint_fit(volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg, 0.0)
+    return joint_fit(volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg)
 
 
 def joint_fit(
-    volts: FloatArray, offset_s: FloatArray, speed_mm_s: float, direction_deg: float, direction_sd_deg: float
+    volts: FloatArray, offset_s: FloatArray, speed_mm_s: float, direction_deg: float
 ) -> GrooveAnswer | Refusal:
     """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
-    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, direction_sd_deg)
+    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, 0.0)
     time_s = np.arange(len(volts)) / RATE_HZ
     return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(ARRAY), motion, WaveParams()))
 
@@ -164,26 +162,19 @@ def coloured_trial(memory: float, seed: int) -> Trial:
     return compare(answer, grating.wave, name=noise_name(memory), is_speed_known=is_known, **fields)
 
 
-def misfit_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
-    """Ask the online estimator for one of `MISFITS` or `GROOVELESS`, when the window is full."""
-    rng = np.random.default_rng(seed)
-    window = model_window(ARRAY, rng, MISFIT_S)
-    (MISFITS | GROOVELESS)[name](window, rng)
-    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
-    direction_deg = window.wave.direction_deg
-    params = JointParams(
-        max_window_s=MISFIT_S, hop_s=MISFIT_S, answer_after_s=0.0, settle_s=0.0, direction_deg=direction_deg
-    )
-    *_, event = online_answers(
-        params,
-        window.volts(rng),
-        window.sensed.offset_s,
-        slip_at(0.0, direction_deg),
-        given_mm_s=window.given_mm_s if is_speed_known else (),
-    )
-    fields = {"name": name, "seed": seed, "window_s": MISFIT_S, "is_speed_known": is_speed_known}
-    trial = compare(event, window.wave, **fields)
-    return replace(trial, is_wrong=True) if name in GROOVELESS and trial.status == "ok" else trial
+def grooveless_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
+    """Ask the joint fit for the grating of a surface without one: any answer is wrong."""
+    volts, offset_s = grooveless.readings(name, ARRAY, np.random.default_rng(seed))
+    answer = joint_fit(volts, offset_s, grooveless.SPEED_MM_S if is_speed_known else 0.0, 0.0)
+    fields: dict[str, Any] = {
+        "seed": seed,
+        "window_s": grooveless.WINDOW_S,
+        "is_speed_known": is_speed_known,
+    }
+    return Trial(
+        name, status=answer.status, period=Estimate(_NAN), angle=Estimate(_NAN),
+        is_wrong=answer.status == "ok", **fields,
+    )  # fmt: skip
 
 
 def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
@@ -198,15 +189,10 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     sensed = replace(grating.sensed, amplitude_volts=gain * grating.sensed.amplitude_volts)
     grating = replace(grating, sensed=sensed, time_s=time_s)
     is_known = seed % 2 == 1
-    # The direction is configured, as in `misfit_trial`.
+    # The direction is configured: that of a slip is less sure, and would leave a known speed nothing to tie.
     params = _SLIDE_PARAMS.model_copy(update={"direction_deg": wave.direction_deg})
-    events = online_answers(
-        params,
-        readings(grating, rng, memory),
-        sensed.offset_s,
-        slip_at(0.0, wave.direction_deg),
-        given_mm_s=[(0, wave.speed_mm_s)] if is_known else (),
-    )
+    volts = readings(grating, rng, memory)
+    events = online_answers(params, volts, sensed.offset_s, wave, is_speed_known=is_known)
     longest_s, name = params.criteria.max_window_s, f"{noise_name(memory)}, {snr_db:g} dB"
     trials = []
     for event in events:
@@ -220,7 +206,7 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     return trials
 
 
-def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:
+def slip_at(time_s: float, direction_deg: float) -> SlipEvent:
     """Onset of a gross slip, detected when it happened."""
     return SlipEvent(
         time_s=time_s,
@@ -229,7 +215,7 @@ def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) 
         onset_s=time_s,
         onset_sd_s=0.0,
         direction_deg=direction_deg,
-        direction_sd_deg=direction_sd_deg,
+        direction_sd_deg=0.0,
         confidence=1.0,
         taxels=(),
         detector="truth",
@@ -241,24 +227,14 @@ def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) 
 
 
 def online_answers(
-    params: JointParams,
-    volts: FloatArray,
-    offset_s: FloatArray,
-    slip: SlipEvent,
-    *,
-    given_mm_s: Sequence[tuple[int, float]] = (),
-    start_s: float = 0.0,
+    params: JointParams, volts: FloatArray, offset_s: FloatArray, wave: Wave, *, is_speed_known: bool
 ) -> Iterator[TextureEvent]:
-    """Events of the online joint estimator, in blocks of ten scans as they would come live, the slip given.
-
-    Speeds are given from which scan on.
-    """
+    """Events of the online estimator, in blocks of ten scans as they would come live, the slip given."""
     estimator = JointTexture(ARRAY, params)
-    for scan, speed_mm_s in given_mm_s:
-        estimator.set_speed(speed_mm_s, scan)
-    block = regular_block(volts, RATE_HZ, start_s=start_s, channel_offset_s=offset_s)
-    detected = round((slip.detected_s - start_s) * RATE_HZ)
+    if is_speed_known:
+        estimator.set_speed(wave.speed_mm_s, 0)
+    block = regular_block(volts, RATE_HZ, channel_offset_s=offset_s)
     for first in range(0, len(block), 10):
-        part = block[first : first + 10]
-        slips = [slip] if first <= detected < first + len(part) else []
-        yield from (e for e in estimator.process(part, slips) if isinstance(e, TextureEvent))
+        slips = [] if first else [slip_at(0.0, wave.direction_deg)]
+        events = estimator.process(block[first : first + 10], slips)
+        yield from (event for event in events if isinstance(event, TextureEvent))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.texture.plates import ANGLES_DEG, PERIODS_MM, drawn_plate
+from bench.texture.grooveless import SURFACES
 from bench.texture.signal import Grating, Wave, bound, draw_grating
 from bench.texture.tables import TrialSet
 from bench.texture.trials import (
@@ -16,7 +16,7 @@ from bench.texture.trials import (
     coloured_trial,
     compare,
     grid_trial,
-    misfit_trial,
+    grooveless_trial,
     track_trials,
     turns_off,
 )
@@ -114,13 +114,10 @@ def test_coloured_windows_are_slow_ripples_of_three_periods() -> None:
 
 
 def test_an_answer_without_grooves_is_wrong() -> None:
-    found = misfit_trial("flat plate", True, 0)
-    assert found.status != "ok"
-    assert not found.is_wrong
-    clean = misfit_trial("none", True, 0)
-    assert clean.status == "ok"
-    assert not clean.is_wrong
-    assert abs(clean.period.error) < 6 * clean.period.sd
+    for name in SURFACES:
+        found = grooveless_trial(name, True, 0)
+        assert found.status != "ok"
+        assert not found.is_wrong
 
 
 def test_every_answer_of_a_slide_is_a_window_and_some_have_a_bound() -> None:
@@ -135,12 +132,3 @@ def test_every_answer_of_a_slide_is_a_window_and_some_have_a_bound() -> None:
         assert abs(trial.angle.error) < 5 * trial.angle.bound
         assert trial.angle.sd == pytest.approx(trial.angle.bound, rel=0.3)
     assert track_trials(30.0, 0.0, 1) == trials
-
-
-def test_plates_are_drawn_anew_for_each_seed() -> None:
-    plates = [drawn_plate(seed) for seed in range(50)]
-    assert len(set(plates)) == 50
-    assert plates == [drawn_plate(seed) for seed in range(50)]
-    for period_mm, angle_deg in plates:
-        assert PERIODS_MM[0] <= period_mm <= PERIODS_MM[1]
-        assert ANGLES_DEG[0] <= angle_deg <= ANGLES_DEG[1]
