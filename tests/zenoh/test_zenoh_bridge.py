@@ -225,25 +225,6 @@ def test_a_bridge_without_permission_refuses_commands(fleet: Fleet) -> None:
     assert not [command for command in fleet.daemon.commands if command.arguments.get("text") == "no"]
 
 
-def test_an_advanced_subscriber_of_zenoh_that_comes_late_gets_the_slips_before(fleet: Fleet) -> None:
-    heard: list[int] = []
-    with open_session(parse_address(fleet.endpoint)) as session:
-        subscriber = zenoh.ext.declare_advanced_subscriber(
-            session,
-            "tactile/robot7/TS0001/slip",
-            lambda sample: heard.append(msgpack.unpackb(sample.payload.to_bytes())["seq"]),
-            history=zenoh.ext.HistoryConfig(max_samples=5),
-            recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
-        sent = fleet.daemon.slips["TS0001"]
-        end_s = time.monotonic() + PATIENCE_S
-        while len(heard) < 10 and time.monotonic() < end_s:
-            time.sleep(0.02)
-        subscriber.undeclare()
-    assert min(heard) < sent
-    assert heard == list(range(heard[0], heard[0] + len(heard)))
-
-
 def test_the_list_of_boards(fleet: Fleet) -> None:
     boards = FleetList(fleet.endpoint.replace("robot7", "*"))
     end_s = time.monotonic() + PATIENCE_S

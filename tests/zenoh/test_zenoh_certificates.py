@@ -229,7 +229,7 @@ def test_a_robot_publishes_under_its_own_name_only() -> None:
     messages, flows, keys = found["robot-r1"]
     assert {"put", "reply", "declare_queryable", "liveliness_token"} <= messages
     assert flows == {"ingress", "egress"}
-    assert keys == {"tactile/r1/**", "tactile/r1/**/@adv/**"}
+    assert keys == {"tactile/r1/**"}
     assert found["asked"][1] == {"egress"}  # from the router to the robot: it asks nobody
     assert "put" not in found["asked"][0]
 

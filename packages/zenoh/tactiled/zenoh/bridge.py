@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import zenoh
 import zmq
@@ -28,9 +27,6 @@ logger = logging.getLogger(__name__)
 
 PER_SCAN = ("scan", "grip", "force")
 """Topics with a message for each scan: nearly all of the bytes."""
-_RARE = ("slip", "contact", "texture", "command", "recording", "info")
-_CACHED = 256  # messages of each rare topic that zenoh's own advanced subscribers can fetch
-_HEARTBEAT_S = 0.5
 _MOST_WAITING = 1000  # requests that zenoh handed over and that were not looked at yet
 _MOST_AT_ONCE = 500  # messages until requests are looked at again
 _ALIVE_S = 1.0  # ten periods of the status
@@ -109,7 +105,7 @@ class ZenohBridge:
         self._limit = RateLimit(params.scan_rate_hz)
         # Names of the topics of which a part is forwarded, for the subscribers.
         self._thinned = None if params.scan_rate_hz is None else ",".join(PER_SCAN).encode()
-        self._publishers: dict[bytes, Any] = {}
+        self._publishers: dict[bytes, zenoh.Publisher | None] = {}
         self._boards = LivelyBoards(session, params.host)
         # There while no board is: lists show the host as silent, and another bridge cannot take its name.
         self._token = session.liveliness().declare_token(f"tactile/{params.host}/control")
@@ -243,18 +239,11 @@ def host_name() -> str:
     return zenoh_chunk(os.uname().nodename.split(".")[0]) or "host"
 
 
-def _publisher(session: "zenoh.Session", key: str, topic: str) -> Any:
-    """Declare a publisher; zenoh's advanced subscribers can ask that of a rare topic for what they missed."""
-    options: dict[str, Any] = {
-        "encoding": "application/msgpack",
-        "priority": _LAST if topic in PER_SCAN else _FIRST,
-        "congestion_control": zenoh.CongestionControl.DROP,
-        "express": topic not in PER_SCAN,
-    }
-    if topic not in _RARE:
-        return session.declare_publisher(key, **options)
-    cache = zenoh.ext.CacheConfig(_CACHED)
-    misses = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S)
-    return zenoh.ext.declare_advanced_publisher(
-        session, key, cache=cache, sample_miss_detection=misses, publisher_detection=True, **options
+def _publisher(session: "zenoh.Session", key: str, topic: str) -> "zenoh.Publisher":
+    return session.declare_publisher(
+        key,
+        encoding="application/msgpack",
+        priority=_LAST if topic in PER_SCAN else _FIRST,
+        congestion_control=zenoh.CongestionControl.DROP,
+        express=topic not in PER_SCAN,
     )

@@ -125,14 +125,14 @@ def access_control(members: FleetMembers) -> dict[str, Any]:
     give = ["put", "delete", "reply", "declare_queryable", "liveliness_token"]
     everything = [*ask, *give]
     both = ["ingress", "egress"]
-    read = ["tactile/*/*/*", "tactile/*/*/*/@adv/**", "tactile/*/control"]
+    read = ["tactile/*/*/*", "tactile/*/control"]
     rules = [
-        _rule("all", everything, both, ["**", "**/@adv/**"]),
-        _rule("heard", give, ["egress"], ["tactile/**", "tactile/**/@adv/**"]),
+        _rule("all", everything, both, ["**"]),
+        _rule("heard", give, ["egress"], ["tactile/**"]),
         _rule("read", ask, ["ingress"], read),
         _rule("boards", ["liveliness_query", "declare_liveliness_subscriber"], ["ingress"], ["tactile/*/*"]),
         # Questions to all hosts have wildcards, which no robot's own name includes.
-        _rule("asked", ask, ["egress"], ["tactile/**", "tactile/**/@adv/**"]),
+        _rule("asked", ask, ["egress"], ["tactile/**"]),
         _rule("command", ["query"], ["ingress"], ["tactile/*/command"]),
     ]
     policies: list[dict[str, Any]] = [{"rules": ["all"], "subjects": ["routers"]}]
@@ -145,8 +145,7 @@ def access_control(members: FleetMembers) -> dict[str, Any]:
             subjects.append({"id": kind, "cert_common_names": names})
             policies.append({"rules": granted, "subjects": [kind]})
     for robot in members.robots:
-        own = [f"tactile/{robot}/**", f"tactile/{robot}/**/@adv/**"]
-        rules.append(_rule(f"robot-{robot}", everything, both, own))
+        rules.append(_rule(f"robot-{robot}", everything, both, [f"tactile/{robot}/**"]))
         subjects.append({"id": f"robot-{robot}", "cert_common_names": [robot]})
         policies.append({"rules": ["asked", f"robot-{robot}"], "subjects": [f"robot-{robot}"]})
     return {
