@@ -1,18 +1,18 @@
 """Findings on an array alone: contact, slip, direction and grooves that it can measure."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from itertools import groupby
 
-from tactiled.array import Array
+import numpy as np
+
+from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.ambiguity import has_baseline
 from tactiled.detect.grooves.model import ALIASED, WaveMotion, channel_layout
 from tactiled.detect.grooves.params import JointParams
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.ranges import TILTS_DEG, Range, has_direction, ranges
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 _FEW_CHANNELS = 4  # fewer tell no sliding: a hum and a rough surface are alike (detect/sliding/tracker.py)
+_SAME_GAP = 0.02  # relative; less moves the phases of the finest grooves by less than those of a skin deviate
 
 
 def abilities(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
@@ -55,17 +55,15 @@ def _direction(array: Array) -> Finding:
     return Finding("direction", "warn", f"not measured: {lacking}; --direction gives it for a log")
 
 
-_ROUND_MM = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0)  # settings proposed
-
-
 def check_waves(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
-    """Check which grooves the joint fit resolves; a speed of 0 means unknown."""
-    return [_resolved(array, params, rate_hz, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
+    """Check whether taxels give an angle, and which speeds fit; a speed of 0 means unknown."""
+    return [_angle(array, params, speed_mm_s), _speeds(params, rate_hz, speed_mm_s)]
 
 
-def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
+def _angle(array: Array, params: JointParams, speed_mm_s: float) -> Finding:
     name = "grooves"
-    direction_sd_deg = 0.0 if has_direction(array, params) else UNKNOWN_SD_DEG
+    has_direction = params.direction_deg is not None or array.has_shear  # slip events give it
+    direction_sd_deg = 0.0 if has_direction else UNKNOWN_SD_DEG
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
     if not has_baseline(channel_layout(array), motion):
         how = (
@@ -78,56 +76,22 @@ def _resolved(array: Array, params: JointParams, rate_hz: float, speed_mm_s: flo
         if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
             remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
         return Finding(name, "warn", f"no angle (period-only): {how}", remedy)
-    found = ranges(array, params, rate_hz, speed_mm_s)
-    known = f"at {speed_mm_s:g} mm/s" if speed_mm_s > 0 else "at unknown speed"
-    words = f"{array.name}, {known}, resolves {_in_words(found)}"
-    pairs = [one.alike for one in found if one.alike]
-    if not pairs:
+    words = f"period and angle, of {params.min_period_mm:g} to {params.max_period_mm:g} mm"
+    if not (_has_equal_gaps(array.x_mm) or _has_equal_gaps(array.y_mm)):
         return Finding(name, "ok", words)
-    (period_mm, angle_deg), (like_mm, like_deg) = pairs[0]
-    words += (
-        f"; ambiguous: {period_mm:.3g} mm at {angle_deg:.0f} deg gives the same phases as {like_mm:.3g} mm "
-        f"at {like_deg:.0f} deg"
+    return Finding(
+        name,
+        "warn",
+        f"{words}; gaps are equal, so that gratings of different periods have the same phases (ambiguous)",
+        "set speed and direction (detect.texture.speed_mm_s, direction_deg), or raise min_period_mm and "
+        "lower max_tilt_deg; or use an array with unequal gaps (wang2019-3x3)",
     )
-    remedies = []
-    if speed_mm_s <= 0:
-        remedies.append("set the speed (detect.texture.speed_mm_s)")
-    elif params.direction_deg is None:
-        remedies.append("set the direction (detect.texture.direction_deg)")
-    if narrower := _narrower(array, params, rate_hz, speed_mm_s):
-        period_mm, tilt_deg = narrower
-        remedies.append(
-            f"if no finer or more tilted grooves occur, set detect.texture.min_period_mm = {period_mm:g} and "
-            f"max_tilt_deg = {tilt_deg:g}: all within these limits are unambiguous"
-        )
-    remedies.append("use an array with unequal gaps (wang2019-3x3)")
-    return Finding(name, "warn", words, "; or ".join(remedies))
 
 
-def _in_words(found: Sequence[Range]) -> str:
-    """Format ranges, with neighbouring tilts of equal range together."""
-    parts = []
-    for periods, group in groupby(
-        found, lambda one: "" if one.is_empty else f"{one.from_mm:.2g} to {one.to_mm:.2g} mm"
-    ):
-        tilts = [f"{one.tilt_deg:g}" for one in group]
-        span = tilts[0] if len(tilts) == 1 else f"{tilts[0]} to {tilts[-1]}"
-        parts.append(f"{periods or 'no grooves'} at {span} deg")
-    return f"{', '.join(parts)} between groove normal and motion"
-
-
-def _narrower(
-    array: Array, params: JointParams, rate_hz: float, speed_mm_s: float
-) -> tuple[float, float] | None:
-    """Find the least `min_period_mm`, and the largest `max_tilt_deg` for it, without ambiguity."""
-    for period_mm in _ROUND_MM:
-        for tilt_deg in reversed(TILTS_DEG[1:]):
-            if params.min_period_mm < period_mm < params.max_period_mm and tilt_deg <= params.max_tilt_deg:
-                tried = params.model_copy(update={"min_period_mm": period_mm, "max_tilt_deg": tilt_deg})
-                found = ranges(array, tried, rate_hz, speed_mm_s)
-                if not any(one.alike or one.is_empty for one in found):
-                    return period_mm, tilt_deg
-    return None
+def _has_equal_gaps(places_mm: FloatArray) -> bool:
+    """Return True for three or more places at equal distances."""
+    gaps_mm = np.diff(np.unique(places_mm.round(3)))
+    return len(gaps_mm) > 1 and bool(np.ptp(gaps_mm) < _SAME_GAP * gaps_mm.mean())
 
 
 def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:

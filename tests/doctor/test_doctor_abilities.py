@@ -29,12 +29,12 @@ def found(array: str, speed_mm_s: float = 0.0) -> dict[str, Finding]:
 @pytest.mark.parametrize(
     ("name", "slip", "direction", "grooves"),
     [
-        ("wang2019-3x3", "from shear, beside the pressure", "of slip", "resolves 0.5 to 20 mm"),
+        ("wang2019-3x3", "from shear, beside the pressure", "of slip", "period and angle, of 0.5 to 20 mm"),
         (
             "normal-4x4",
             "slip, from load that moves, roughness and ripple",
             "not measured",
-            "normal-4x4, at unknown",
+            "gaps are equal",
         ),
         (
             "load-cell",
