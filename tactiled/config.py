@@ -1,10 +1,11 @@
 """``tactiled.toml``: the parameters of all packages in one schema; no package imports this module."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations
+from itertools import combinations, product
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -180,52 +181,28 @@ def check_together(setups: Sequence[Setup]) -> None:
         for setup in setups
         if setup.config.session.board_serial is None
     ]
-    for key, value in _OWN.items():
+    for key in _OWN:
         faults += [
-            f"{key}: {_shown(value(one.config))} in both {one.source} and {other.source}"
+            f"{key}: {_shown(value)} in both {one.source} and {other.source}"
             for one, other in combinations(setups, 2)
-            if value(one.config) is not None and value(one.config) == value(other.config)
+            if (value := attrgetter(key)(one.config)) is not None and value == attrgetter(key)(other.config)
         ]
     first = setups[0]
-    for setup in setups[1:]:
-        faults += [
-            f"{key}: {_shown(value(first.config))} in {first.source}, but {_shown(value(setup.config))} in "
-            f"{setup.source}; it holds for the whole process"
-            for key, value in _COMMON.items()
-            if value(first.config) != value(setup.config)
-        ]
-    for one, other in combinations(setups, 2):
-        faults += _endpoint_faults(one, other)
+    for setup, key in product(setups[1:], _COMMON):
+        value, other_value = attrgetter(key)(first.config), attrgetter(key)(setup.config)
+        if value != other_value:
+            faults.append(
+                f"{key}: {_shown(value)} in {first.source}, but {_shown(other_value)} in {setup.source}; it "
+                "holds for the whole process"
+            )
     if faults:
         raise ConfigError("several boards in one process", list(dict.fromkeys(faults)))
 
 
-_Value = Callable[["Config"], object]
-_OWN: Mapping[str, _Value] = {
-    "session.board_serial": lambda config: config.session.board_serial,
-    "port.url": lambda config: config.port.url,
-    "record.directory": lambda config: config.record.directory,
-}
+_OWN = ("session.board_serial", "port.url", "record.directory")
 """Options that each board has for itself."""
-_COMMON: Mapping[str, _Value] = {
-    "metrics.port": lambda config: config.metrics.port,
-    "publish.keys": lambda config: config.publish.keys,
-}
-"""Options that hold for the whole process: one metrics page, one identity towards clients."""
-
-
-def _endpoint_faults(one: Setup, other: Setup) -> list[str]:
-    """Return the differences of two `publish` tables with an endpoint in common."""
-    tables = one.config.publish, other.config.publish
-    ends = [{*table.endpoints, *table.control} for table in tables]
-    if tables[0] == tables[1] or not (shared := ends[0] & ends[1]):
-        return []
-    return [
-        f"publish.{key}: {_shown(getattr(tables[0], key))} in {one.source}, but "
-        f"{_shown(getattr(tables[1], key))} in {other.source}; they share {', '.join(sorted(shared))}"
-        for key in PublishParams.model_fields
-        if getattr(tables[0], key) != getattr(tables[1], key)
-    ]
+_COMMON = ("metrics.port", *(f"publish.{key}" for key in PublishParams.model_fields))
+"""Options that hold for the whole process: one metrics page, one set of endpoints."""
 
 
 def _shown(value: object) -> str:

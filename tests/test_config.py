@@ -155,7 +155,7 @@ def test_a_directory_stands_for_the_configurations_in_it(tmp_path: Path) -> None
         (
             "[publish]\nhistory_mb = 1.0",
             "",
-            "publish.history_mb: 1.0 in {0}, but 4.0 in {1}; they share ipc://{{runtime}}/control.ipc, ",
+            "publish.history_mb: 1.0 in {0}, but 4.0 in {1}",
         ),
         (
             '[publish]\nendpoints = ["tcp://127.0.0.1:9872"]',
@@ -176,14 +176,6 @@ def test_what_boards_of_one_process_must_agree_on_is_named(
     with pytest.raises(ConfigError) as caught:
         load_configs(files)
     assert says.format(*files) in str(caught.value)
-
-
-def test_boards_of_one_process_may_have_endpoints_of_their_own(tmp_path: Path) -> None:
-    files = [
-        board_file(tmp_path, "TS0001"),
-        board_file(tmp_path, "TS0002", '[publish]\nendpoints = ["ipc:///tmp/a.ipc"]\nhistory_mb = 1.0\n'),
-    ]
-    assert len(load_configs(files)) == 2
 
 
 def test_boards_of_one_process_have_names_and_ports_of_their_own(tmp_path: Path) -> None:

@@ -1,10 +1,8 @@
 """Commands on a live board: run the daemon, print its messages, send it a request."""
 
 import json
-import logging
 import sys
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 
 import click
@@ -26,13 +24,12 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     """
     need_board(configs[0] if configs else None, port)
     need_toml(*(path for path in configs if not path.is_dir()))
-    from tactiled.config import Setup, config_files, default_config, load_config, load_configs
+    from tactiled.config import config_files, default_config, load_config, load_configs
     from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
     from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.runner import ServedBoard, ServiceParams
+    from tactiled.daemon.runner import ServedBoard
     from tactiled.daemon.service import run_service
-    from tactiled.errors import ConfigError
 
     set_up(10 if verbose else 20)
     files = config_files(configs)
@@ -40,26 +37,6 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         raise click.UsageError(f"--port is for one board, and there are {len(files)} configurations")
     if len(files) > 1 and recording is not None:
         raise click.UsageError("--record is for one board: set record.directory in each configuration")
-
-    logger = logging.getLogger("tactiled")
-
-    def warn_of_new_files() -> None:
-        try:
-            added = set(config_files(configs)) - set(files)
-        except ConfigError as error:
-            logger.warning("%s", error)
-            return
-        for file in sorted(added):
-            logger.warning("%s was added: its board is read from the next start on", file)
-
-    def reload(file: Path, old: Setup) -> ServiceParams:
-        if file == files[0]:  # once for all files
-            warn_of_new_files()
-        new = load_config(file, port).config
-        for name in ("board", "samples", "detect"):
-            if getattr(new, name) != getattr(old.config, name):
-                logger.warning("%s: [%s] changed: takes effect at the next start", file, name)
-        return new
 
     if not files:
         setups = [default_config(port or "")]
@@ -70,11 +47,10 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         boards = [
             ServedBoard(
                 setup.config,
-                partial(setup.make_pipeline, worker.queue()),
+                setup.make_pipeline(worker.queue()),
                 stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
-                partial(reload, files[number], setup) if files else None,
             )
-            for number, setup in enumerate(setups)
+            for setup in setups
         ]
         code = run_service(boards)
     sys.exit(code)

@@ -46,7 +46,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     ):
         pipeline = setup.make_pipeline(worker.queue())
         recorder.check()
-        boards = [ServedBoard(service, lambda: pipeline, recorder)]
+        boards = [ServedBoard(service, pipeline, recorder)]
         run_service(boards, duration_s, has_begun=lambda: pipeline.health().bytes_in > 0)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)

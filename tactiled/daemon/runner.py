@@ -1,7 +1,7 @@
 """One board of the daemon: port, pipeline, session and commands, put together and run.
 
 A daemon has a runner for each board. They share the event loop, the sockets and the wall clock, and nothing
-else: what one of them meets (no port, noise, a wrong board, a full disk, an exception) the others do not see.
+else: what one of them meets (no port, noise, a wrong board, a full disk) the others do not see.
 
 The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
 lock in it, so the age of an event is that of its bytes plus the time of computing.
@@ -73,12 +73,9 @@ class ServedBoard:
     """Board that a service reads."""
 
     params: ServiceParams
-    # Returns a pipeline in its initial state; called at the start, and again after a fault of tactiled
-    make_pipeline: Callable[[], Pipeline]
+    pipeline: Pipeline
     # Takes every read of the port with its outputs, and all events that the daemon itself makes
     recorder: Recorder
-    # Reads the configuration again (SIGHUP) and returns its parameters
-    reload: Callable[[], ServiceParams] | None = None
 
 
 @dataclass(frozen=True)
@@ -93,33 +90,23 @@ class SharedParts:
 
 
 class BoardRunner:
-    """Read one board until stopped.
+    """Read one board until stopped."""
 
-    Parameters
-    ----------
-    params : ServiceParams
-        Those of `board`, or what a reload has made of them.
-    phase_s : float
-        Delay of the first status, so that boards do not publish theirs all at once.
-    """
-
-    def __init__(
-        self, board: ServedBoard, params: ServiceParams, shared: SharedParts, phase_s: float = 0.0
-    ) -> None:
+    def __init__(self, board: ServedBoard, shared: SharedParts) -> None:
+        params, pipeline = board.params, board.pipeline
         check_url(params.port.url)
-        self.params = params
         self.words = ""
         """State of the board and its reason, as logged; empty before the first."""
         self.is_fresh = False
         """True where the newest status says that data are fresh."""
         self._recorder = board.recorder
         self._shared = shared
-        pipeline = self._pipeline = board.make_pipeline()
+        self._pipeline = pipeline
         self._encoder = Encoder(pipeline.layout)
-        others = other_layouts(pipeline.layout)
-        self._link = make_link(pipeline, params.session, self._baud, others, shared.turns)
+        baud = params.port.baud or pipeline.layout.file.baud
+        self._link = make_link(pipeline, params.session, baud, other_layouts(pipeline.layout), shared.turns)
         session = self._session = self._link.session
-        self._connection = Connection(params.port.url, self._baud)
+        self._connection = Connection(params.port.url, baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
         self._commands = Commands(
             pipeline, session, self._tuned, lambda on: board.recorder.switch(on, pipeline.hello)
@@ -131,7 +118,6 @@ class BoardRunner:
         self._warned: dict[str, str] = {}
         self._started_s = time.monotonic()
         self._next_status_s = math.inf
-        self._phase_s = phase_s
         self._next_info_s = self._started_s
         self._described = session.hello
 
@@ -140,15 +126,11 @@ class BoardRunner:
         """Serial number of the board; empty while it is unknown."""
         return self._session.board_serial
 
-    async def run(self, fault: str = "", pause_s: float = 0.0) -> None:
-        """Read the board until `stop`; an error in the data path ends it.
-
-        Until the port is opened after `pause_s`, `fault` is published as the reason for having no board.
-        """
+    async def run(self) -> None:
+        """Read the board until `stop`; an error in the data path ends it."""
         self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        if fault:
-            self._session.lost(fault)
-        tasks = [asyncio.create_task(self._connect(pause_s)), asyncio.create_task(self._watch())]
+        connecting = self._connection.run(self._opened, self._received, self._lost)
+        tasks = [asyncio.create_task(connecting), asyncio.create_task(self._watch())]
         try:
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
             for finished in (self._end, *tasks):
@@ -165,30 +147,6 @@ class BoardRunner:
         """Drain the line and end."""
         if hasattr(self, "_end") and not self._end.done():
             self._end.set_result(None)
-
-    def abandon(self, reason: str) -> None:
-        """Answer the command that waits, and end the recording, after `run` has ended with an error."""
-        self._commands.give_up(reason)
-        if self._recorder.is_on:
-            # The next pipeline knows nothing of what is in the present file: a replay of both would differ.
-            for on in (False, True):
-                if refused := self._recorder.switch(on, None):
-                    logger.error("board %s: recording not begun anew: %s", self.serial, refused)
-
-    def apply(self, new: ServiceParams) -> None:
-        """Take the parameters that can change while running, and log which of the others have changed.
-
-        A `ConfigError` says that the new parameters can never work; the old ones stay.
-        """
-        check_url(new.port.url)
-        self._commands.configure(new.session)
-        for table in ("publish", "metrics"):
-            if getattr(new, table) != getattr(self.params, table):
-                logger.warning("%s has changed: restart tactiled for it to take effect", table)
-        moved = new.port != self.params.port
-        self.params = new
-        if moved:
-            self._connection.move(new.port.url, self._baud)
 
     def settings(self, now_s: float) -> dict[str, Any]:
         """Return the present settings, by the names that requests use."""
@@ -223,10 +181,6 @@ class BoardRunner:
             self._set_deadline(deadline_s)
 
     # ---- called by the connection and by timers ----------------------------------------------------
-
-    async def _connect(self, pause_s: float) -> None:
-        await asyncio.sleep(pause_s)
-        await self._connection.run(self._opened, self._received, self._lost)
 
     def _opened(self, port: SerialPort) -> None:
         now_s = time.monotonic()
@@ -276,7 +230,7 @@ class BoardRunner:
         """Take a step in a callback of the event loop, which would log an exception and continue."""
         try:
             step()
-        except Exception as error:  # a bug: it ends this board's part of the daemon, which begins anew
+        except Exception as error:  # a bug: it ends the daemon, which the service manager starts again
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
@@ -300,7 +254,6 @@ class BoardRunner:
 
     async def _watch(self) -> None:
         """Check the line and publish the status, at 10 Hz in every state."""
-        await asyncio.sleep(self._phase_s)
         self._next_status_s = time.monotonic()
         self._look(self._next_status_s)
         while True:
@@ -402,7 +355,3 @@ class BoardRunner:
     @property
     def _board(self) -> str:
         return f"board {self.serial}".rstrip()
-
-    @property
-    def _baud(self) -> int:
-        return self.params.port.baud or self._pipeline.layout.file.baud

@@ -38,7 +38,7 @@ class World:
 
     def start(self) -> None:
         self.publisher = Publisher(PublishParams(endpoints=(), history_mb=self.history_mb))
-        self.control = Control(self.publisher, list)
+        self.control = Control(self.publisher, [])
         self.sent: dict[str, int] = {}
         self.runs = [*getattr(self, "runs", []), self.publisher.run]
 

@@ -36,7 +36,7 @@ def test_the_program_in_readme_prints_slips_and_a_silent_daemon(tmp_path: Path) 
                 await asyncio.sleep(0.02)
 
     async def main() -> None:
-        network = Network(PublishParams(endpoints=(endpoint,)), list)
+        network = Network(PublishParams(endpoints=(endpoint,)), [])
         serving = asyncio.create_task(network.run())
         program = code.replace("tcp://127.0.0.1:9872", endpoint)
         with printed.open("w") as out:

@@ -3,16 +3,14 @@
 import asyncio
 import errno
 import itertools
-import logging
 import os
 import socket
 import threading
 import time
 import urllib.request
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable
 from contextlib import ExitStack, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +27,7 @@ from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
-from tactiled.daemon.zmq.params import PublishParams
-from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline
-from tactiled.received import Output, Received
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.replay import replay as replay_files
 from tactiled.recording.rotation import RecordParams
@@ -75,7 +70,6 @@ class Boards:
         self.daemon = Daemon(tmp_path)
         self.links = {serial: tmp_path / serial for serial in SERIALS}
         self.sims = {serial: SimBoard(serial, rate_hz=RATE_HZ) for serial in SERIALS}
-        self.pipelines: dict[str, list[Pipeline]] = {serial: [] for serial in SERIALS}
         self.served = [
             ServedBoard(
                 ServiceParams(
@@ -84,17 +78,13 @@ class Boards:
                     publish=self.daemon.params.publish,
                     **params,
                 ),
-                partial(self._make, serial),
+                Pipeline(LAYOUT, ARRAY),
                 no_recorder(),
             )
             for serial in SERIALS
         ]
         self.ptys: dict[str, PtyBoard] = {}
         self.load = HostLoad()
-
-    def _make(self, serial: str) -> Pipeline:
-        self.pipelines[serial].append(Pipeline(LAYOUT, ARRAY))
-        return self.pipelines[serial][-1]
 
     def rows(self, topic: str, serial: str) -> list[Row]:
         return [row for row in self.daemon.rows(topic) if row["board"] == serial]
@@ -262,62 +252,6 @@ def test_a_full_disk_of_one_board_stops_only_its_recording(
     assert verdict.compared >= 20
 
 
-def test_an_exception_of_one_board_starts_that_board_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    boards = Boards(tmp_path)
-
-    def fail(_received: Sequence[Received]) -> list[list[Output]]:
-        raise ZeroDivisionError("a bug in a detector")
-
-    async def story(_: Service) -> None:
-        await boards.until_running()
-        await boards.until_scans("TS0002", 15)
-        boards.pipelines["TS0002"][-1].detect = fail  # type: ignore[method-assign, assignment]
-        await boards.until_state("TS0002", "no-device", "a fault of tactiled itself")
-        await boards.until_running("TS0002")
-        await boards.until_scans("TS0002", 15)
-
-    folder = tmp_path / "recordings"
-    folder.mkdir()
-    with Recorder(RecordParams(directory=str(folder), min_free_mb=0), HEADER) as recorder:
-        boards.served[1] = replace(boards.served[1], recorder=recorder)
-        play(boards, story)
-    boards.check_undisturbed("TS0001", "TS0003")
-    assert caplog.text.count("a bug in a detector") >= 1
-    assert "board TS0002: a fault of tactiled" in caplog.text
-    numbers = [row["seq"] for row in boards.rows("scan", "TS0002")]
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    files = sorted(folder.glob("*.mcap"))
-    assert len(files) == 2  # each with the events of one pipeline
-    assert replay_files([files[1]], lambda _: None).is_good
-
-
-def test_boards_with_endpoints_of_their_own(tmp_path: Path) -> None:
-    boards = Boards(tmp_path)
-    other = Daemon(tmp_path)
-    other.endpoint = f"ipc://{tmp_path}/others.ipc"
-    publish = PublishParams(
-        endpoints=(other.endpoint,), control_endpoints=(f"ipc://{tmp_path}/other-control.ipc",)
-    )
-    last = boards.served[2]
-    boards.served[2] = replace(last, params=last.params.model_copy(update={"publish": publish}))
-
-    async def story(_: Service) -> None:
-        listening = asyncio.create_task(other.listen())
-        await boards.until_running("TS0001", "TS0002")
-        await other.until_state("running")
-        async with AsyncCommander(control=publish.control[0]) as commander:
-            assert (await commander.send("mark", text="the only one here")).ok
-        listening.cancel()
-        await asyncio.gather(listening, return_exceptions=True)
-
-    play(boards, story)
-    boards.check_undisturbed("TS0001", "TS0002")
-    assert {row["board"] for row in boards.daemon.rows("status")} == {"TS0001", "TS0002"}
-    assert {row["board"] for row in other.rows("status")} == {"TS0003"}
-
-
 def test_commands_go_to_the_board_that_they_name(tmp_path: Path) -> None:
     boards = Boards(tmp_path)
 
@@ -399,40 +333,3 @@ def test_the_line_of_status_counts_fresh_boards_and_the_watchdog_is_fed_without_
                     await until_told("STATUS=2 of 3 boards fresh; board TS0003 no-device")
 
         play(boards, story, ())
-
-
-def test_each_configuration_is_read_again_by_itself(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    boards = Boards(tmp_path)
-    new: dict[str, ServiceParams | ConfigError] = {}
-
-    def read_again(serial: str) -> ServiceParams:
-        params = new.get(serial) or boards.served[SERIALS.index(serial)].params
-        if isinstance(params, ConfigError):
-            raise params
-        return params
-
-    boards.served = [
-        replace(board, reload=partial(read_again, serial))
-        for serial, board in zip(SERIALS, boards.served, strict=True)
-    ]
-
-    async def story(service: Service) -> None:
-        await boards.until_running()
-        old = boards.served[1].params
-        new["TS0001"] = ConfigError("one.toml", ["session.rate_hz: input should be greater than 0"])
-        new["TS0002"] = old.model_copy(update={"session": SessionParams(board_serial="TS0002", rate_hz=25.0)})
-        service.reload()
-        await boards.daemon.until(lambda: boards.sims["TS0002"].rate_hz == 25.0, "the new rate")
-        await boards.until_running()
-        assert "the old one stays: one.toml" in caplog.text
-        new["TS0002"] = old.model_copy(update={"port": PortParams(url=str(boards.links["TS0003"]))})
-        service.reload()
-        assert "board TS0003 has this port" in caplog.text
-        new["TS0002"] = old.model_copy(update={"session": SessionParams(board_serial="TS0001")})
-        service.reload()
-        assert "TS0001: each of several boards needs one of its own" in caplog.text
-        await boards.until_running()
-
-    with caplog.at_level(logging.INFO, "tactiled"):
-        play(boards, story)
-    boards.check_undisturbed("TS0001", "TS0003")

@@ -16,7 +16,6 @@ import time
 import tty
 from collections.abc import Sequence
 from contextlib import nullcontext, suppress
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -26,10 +25,8 @@ from patience import PATIENCE_S
 
 from tactiled import limited_log
 from tactiled.daemon import service as service_module
-from tactiled.daemon.runner import BoardRunner, ServiceParams
-from tactiled.daemon.serial.port import PortParams
+from tactiled.daemon.runner import BoardRunner
 from tactiled.daemon.service import Service, serve
-from tactiled.daemon.zmq.params import PublishParams
 from tactiled.received import Received
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Frame
@@ -181,39 +178,15 @@ def test_the_watchdog_is_notified_only_while_the_data_path_runs(
         assert hung == [[]]
 
 
-def test_reload_moves_to_another_port_and_logs_what_needs_a_restart(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    daemon = Daemon(tmp_path)
-    other = tmp_path / "other"
-
-    async def story(service: Service) -> None:
-        with PtyBoard(daemon.link), PtyBoard(other, SimBoard(serial="TS0002")) as second:
-            await daemon.until_state("running")
-            daemon.params = ServiceParams(
-                port=PortParams(url=str(other)), publish=PublishParams(endpoints=("ipc:///elsewhere",))
-            )
-            service.reload()
-            assert "publish has changed: restart tactiled" in caplog.text
-            await daemon.until(lambda: daemon.status["board"] == "TS0002", "the other port")
-            await daemon.until_state("running")
-            assert second.sim.streaming
-
-    play(daemon, story)
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_signals_end_the_daemon_cleanly(tmp_path: Path, number: signal.Signals) -> None:
     daemon = Daemon(tmp_path)
 
     async def main() -> None:
         with PtyBoard(daemon.link) as board:
-            serving = asyncio.create_task(serve([replace(daemon.served(), reload=None)]))
+            serving = asyncio.create_task(serve([daemon.served()]))
             while not board.sim.streaming:
                 await asyncio.sleep(0.01)
-            os.kill(os.getpid(), signal.SIGHUP)  # without a file to read again: noted, survived
-            await asyncio.sleep(0.05)
-            assert not serving.done()
             os.kill(os.getpid(), number)
             await asyncio.wait_for(serving, PATIENCE_S)
             assert not board.sim.streaming

@@ -48,7 +48,7 @@ class Daemon:
         self._changed = asyncio.Event()
 
     def served(self, recorder: Recorder | None = None) -> ServedBoard:
-        return ServedBoard(self.params, lambda: self.pipeline, recorder or no_recorder(), lambda: self.params)
+        return ServedBoard(self.params, self.pipeline, recorder or no_recorder())
 
     def rows(self, topic: str) -> list[Row]:
         return self.heard.get(topic, [])

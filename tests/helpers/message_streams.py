@@ -177,7 +177,7 @@ class _Way:
         """Start a daemon, whose store is empty."""
         self.publisher = Publisher(PublishParams(endpoints=(), history_mb=self.history_mb), n_boards=2)
         self.publisher.run = self.rng.getrandbits(53)
-        self.control = Control(self.publisher, list)
+        self.control = Control(self.publisher, [])
         self.started_s = self.client.now_s
         self.sent: dict[tuple[str, str], int] = {}
 

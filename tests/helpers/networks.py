@@ -26,7 +26,7 @@ class NetworkAlone:
         self._finish = finish
         self.done: list[CommandRequest] = []
         self.requesters: list[Requester] = []
-        self.network = Network(PublishParams(**params), lambda: [self])
+        self.network = Network(PublishParams(**params), [self])
 
     def settings(self, _: float) -> dict[str, Any]:
         return {"speed_mm_s": 0.0}

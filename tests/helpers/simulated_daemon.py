@@ -129,7 +129,7 @@ class SimulatedDaemon:
     async def _main(self) -> None:
         params = PublishParams(endpoints=(self.endpoint,))
         boards = [_SimulatedBoard(serial, self.commands) for serial in self._boards]
-        network = Network(params, lambda: boards, len(boards))
+        network = Network(params, boards, len(boards))
         serving = asyncio.create_task(network.run())
         try:
             await self._publish(network)

@@ -131,21 +131,9 @@ def test_three_boards_in_one_process_and_one_unplugged(tmp_path: Path) -> None:
         assert (done.returncode, "say which one is meant" in done.stderr) == (1, True), done.stderr
         done = command(*mark, "--board", "TS0003")
         assert done.returncode == 0, done.stderr
-        new = configs / "TS0004.toml"
-        new.write_text('[port]\nurl = "/dev/x"\n[session]\nboard_serial = "TS0004"\n')
-        (configs / "TS0003.toml").unlink()
-        daemon.send_signal(signal.SIGHUP)
-        until_s = time.monotonic() + PATIENCE_S
-        while "the old one stays" not in (words := log.read_text()) or words.count("reloaded: board") < 2:
-            assert time.monotonic() < until_s, words
-            time.sleep(0.05)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(PATIENCE_S) == 0, log.read_text()
-        words = log.read_text()
-        assert "Traceback" not in words
-        assert f"{new} was added: its board is read from the next start on" in words
-        assert f"the old one stays: {configs}/TS0003.toml: no such file" in words
-        assert words.count("configuration reloaded") == 2
+        assert "Traceback" not in log.read_text()
     for serial in SERIALS:
         files = sorted((tmp_path / "records" / serial).glob("*.mcap"))
         assert files

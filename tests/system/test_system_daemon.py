@@ -135,21 +135,6 @@ def test_the_watchdog_is_fed_with_and_without_a_board(setup: Setup) -> None:
             end(daemon, signal.SIGINT)
 
 
-def test_reload_from_the_file(setup: Setup) -> None:
-    with setup.run() as daemon, setup.emulate():
-        setup.told("running: 100 Hz")
-        setup.config.write_text(setup.config.read_text() + "rate_hz = 50.0\n")
-        daemon.send_signal(signal.SIGHUP)
-        setup.told("RELOADING=1")
-        setup.told("READY=1")
-        setup.told("running: 50 Hz")
-        setup.config.write_text(setup.config.read_text() + "rate_hz = nonsense\n")
-        daemon.send_signal(signal.SIGHUP)
-        setup.told("RELOADING=1")
-        setup.told("READY=1")
-        assert "configuration not reloaded, the old one stays" in end(daemon)
-
-
 def test_a_second_daemon_is_refused_in_one_line(setup: Setup) -> None:
     with setup.run() as first:
         setup.told("READY=1")

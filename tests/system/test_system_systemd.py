@@ -364,20 +364,6 @@ def test_one_unit_reads_all_boards_and_the_instances_are_skipped(container: Cont
             configure(container, serial)
 
 
-def test_reload_takes_what_the_file_says_now(container: Container) -> None:
-    with started(container), listening(container) as subscription:
-        until_fresh_scans(subscription)
-        (before,) = container.shown(unit(), "MainPID")
-        configure(container, LEFT, "rate_hz = 50.0\n")
-        try:
-            container.run("systemctl", "reload", unit())
-            running = f"board {LEFT} running: 50 Hz"
-            wait_until(lambda: container.shown(unit(), "StatusText") == [running], running, PATIENCE_S)
-            assert container.shown(unit(), "MainPID", "ActiveState", "NRestarts") == [before, "active", "0"]
-        finally:
-            configure(container, LEFT)
-
-
 def test_it_records_where_the_configuration_says(container: Container) -> None:
     """The directory that the shipped configuration names is writable inside the hardening."""
     configure(container, LEFT, f'[record]\ndirectory = "/var/lib/tactiled/{LEFT}"\nmin_free_mb = 1.0\n')

@@ -1,13 +1,8 @@
-"""Notifications to systemd (sd_notify(3)): ready, watchdog, reloading, stopping, and a line of status."""
+"""Notifications to systemd (sd_notify(3)): ready, watchdog, stopping, and a line of status."""
 
 import os
 import socket
-import time
-from collections import deque
 from collections.abc import Mapping
-
-_STATUS = "STATUS="
-_MOST_WAITING = 16  # messages for a busy manager; of lines of status only the newest waits
 
 
 class Notifier:
@@ -21,7 +16,7 @@ class Notifier:
         address = environ.get("NOTIFY_SOCKET", "")
         # An abstract address is written with @ and begins with NUL.
         self._address = "\0" + address[1:] if address.startswith("@") else address
-        self._waiting: deque[str] = deque(maxlen=_MOST_WAITING)
+        self._waiting: dict[str, str] = {}  # newest message of each kind that a busy manager has not taken
         self._socket = None
         if self._address:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
@@ -33,28 +28,20 @@ class Notifier:
         self._next_ping_s = float("-inf")
 
     def ready(self) -> None:
-        """Report that the start or a reload is complete."""
-        self._send("READY=1")
-
-    def reloading(self) -> None:
-        """Report that a reload begins."""
-        # MONOTONIC_USEC is what Type=notify-reload of newer systemd asks for; older ones ignore it.
-        self._send(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
+        """Report that the start is complete."""
+        self._send("READY", "READY=1")
 
     def stopping(self) -> None:
         """Report that the service is ending."""
-        self._send("STOPPING=1\nSTATUS=stopping")
+        self._send("STOPPING", "STOPPING=1\nSTATUS=stopping")
 
     def status(self, text: str) -> None:
         """Set the line that ``systemctl status`` shows."""
-        for older in [message for message in self._waiting if message.startswith(_STATUS)]:
-            self._waiting.remove(older)
-        self._send(_STATUS + text)
+        self._send("STATUS", f"STATUS={text}")
 
     def alive(self, now_s: float) -> None:
         """Report that the data path ran; send a watchdog ping when one is due, and what waits."""
-        if self._waiting:
-            self._send_waiting()
+        self._send_waiting()
         if now_s >= self._next_ping_s and self._ping_every_s < float("inf"):
             self._next_ping_s = now_s + self._ping_every_s
             self._is_taken("WATCHDOG=1")  # never waits: a later one says more
@@ -65,14 +52,16 @@ class Notifier:
             self._socket.close()
             self._socket = None
 
-    def _send(self, message: str) -> None:
-        if self._socket is not None:
-            self._waiting.append(message)
-            self._send_waiting()
+    def _send(self, kind: str, message: str) -> None:
+        self._waiting.pop(kind, None)
+        self._waiting[kind] = message  # behind those of other kinds
+        self._send_waiting()
 
     def _send_waiting(self) -> None:
-        while self._waiting and self._is_taken(self._waiting[0]):
-            self._waiting.popleft()
+        for kind in [*self._waiting]:
+            if not self._is_taken(self._waiting[kind]):
+                return
+            del self._waiting[kind]
 
     def _is_taken(self, message: str) -> bool:
         """Send a message; return False if it has to wait because the manager is busy."""

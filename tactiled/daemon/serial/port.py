@@ -252,11 +252,6 @@ class Connection:
         if reason:
             self._leave(reason)
 
-    def move(self, url: str, baud: int) -> None:
-        """Close this port and open another one."""
-        self._url, self._baud = url, baud
-        self._leave("the configuration names another port")
-
     async def run(
         self,
         opened: Callable[[SerialPort], None],

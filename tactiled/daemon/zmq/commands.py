@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactiled.daemon.board.requirements import SessionParams, is_same_rate
+from tactiled.daemon.board.requirements import is_same_rate
 from tactiled.daemon.board.session import Session
 from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
 from tactiled.errors import ConfigError
@@ -174,7 +174,6 @@ class Commands:
         self._record = record
         self._motion = MotionSenders()
         self._rate: _RateChange | None = None
-        self._commanded_hz: float | None = None
 
     def do(self, command: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
         """Carry out a command; `done` is called at once, or from `poll` when the board has answered."""
@@ -204,7 +203,7 @@ class Commands:
             return
         is_set = session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz)
         if is_set or session.state == "no-device":  # the session sets it when the board is back
-            self._rate, self._commanded_hz = None, change.rate_hz
+            self._rate = None
             change.done("")
         elif session.state == "fault" or now_s >= change.until_s:
             self._rate = None
@@ -218,21 +217,6 @@ class Commands:
             if params.rate_hz is not None:
                 kept = f"{params.rate_hz:g} Hz is set instead"
             change.done(f"{reason}; {kept}")
-
-    def give_up(self, reason: str) -> None:
-        """Refuse the change of rate that waits for the board, if there is one."""
-        if (change := self._rate) is not None:
-            self._rate = None
-            change.done(reason)
-
-    def configure(self, params: SessionParams) -> None:
-        """Apply a configuration that was read again; without a rate in it, a commanded rate stays."""
-        if params.rate_hz is None:
-            rate_hz = self._commanded_hz if self._rate is None else self._rate.rate_hz
-            self._session.configure(params.model_copy(update={"rate_hz": rate_hz}))
-        else:
-            self._session.configure(params)
-            self._commanded_hz = None
 
     def settings(self, now_s: float) -> dict[str, Any]:
         """Return the present settings, by the names that requests use."""

@@ -68,13 +68,10 @@ class CommandedBoard(Protocol):
         """Carry out a command, and say whether it is done or why it is refused."""
 
 
-Boards = Callable[[], Sequence[CommandedBoard]]
-
-
 class Control:
     """Answer requests to the boards that share these endpoints."""
 
-    def __init__(self, publisher: Publisher, boards: Boards) -> None:
+    def __init__(self, publisher: Publisher, boards: Sequence[CommandedBoard]) -> None:
         self.bad = RateLimitedLog(logger, "request refused")
         self.commanded = RateLimitedLog(logger, "command")
         self._publisher = publisher
@@ -107,12 +104,12 @@ class Control:
             "",
             messages=_pack_map(self._publisher.store.latest()),
             settings=msgpack.packb({} if board is None else board.settings(now_s)),
-            boards=msgpack.packb([each.serial for each in self._boards()]),
+            boards=msgpack.packb([each.serial for each in self._boards]),
         )
 
     def _addressed(self, request: Request) -> CommandedBoard | None:
         """Return the board that a request names; without a name, the only one."""
-        boards = self._boards()
+        boards = self._boards
         if not request.board:
             return boards[0] if len(boards) == 1 else None
         return next((board for board in boards if board.serial == request.board), None)
@@ -168,7 +165,7 @@ class Control:
         if (board := self._addressed(command)) is not None:
             board.do(command, requester, now_s, done)
             return
-        known = ", ".join(each.serial for each in self._boards()) or "none yet"
+        known = ", ".join(each.serial for each in self._boards) or "none yet"
         what = f"{command.board} is not read here" if command.board else "say which one is meant"
         done(f"board: {what}; there are: {known}")
 

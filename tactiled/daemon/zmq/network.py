@@ -20,7 +20,7 @@ import zmq
 import zmq.asyncio
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.control import REPLY_BYTES, Boards, Control
+from tactiled.daemon.zmq.control import REPLY_BYTES, CommandedBoard, Control
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, TurnLimit
@@ -109,7 +109,7 @@ class Network:
     def __init__(
         self,
         params: PublishParams,
-        boards: Boards,
+        boards: Sequence[CommandedBoard],
         n_boards: int = 1,
     ) -> None:
         plain = [endpoint for endpoint in params.control if not params.is_guarded(endpoint)]

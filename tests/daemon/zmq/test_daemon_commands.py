@@ -7,18 +7,12 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import pytest
-from boards import LAYOUT, PtyBoard, SimBoard
-from daemons import ARRAY, Daemon, Row, play
+from boards import PtyBoard, SimBoard
+from daemons import Daemon, Row, play
 
 from tactiled.client import AsyncCommander
-from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import SessionParams
-from tactiled.daemon.board.session import Session
 from tactiled.daemon.service import Service
-from tactiled.daemon.zmq.commands import RATE_S, Commands
-from tactiled.daemon.zmq.requests import Rate, Requester
 from tactiled.events.types import EVENT_TYPES, Sent
-from tactiled.pipeline import Pipeline
 
 
 async def audited(daemon: Daemon, id_: str) -> Row:
@@ -164,44 +158,6 @@ def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> Non
             assert reply.reason.endswith("; 50 Hz is set instead")
 
     play_commands(daemon, story)
-
-
-@pytest.mark.parametrize(
-    ("asked_hz", "says"), [(None, "the board keeps the rate that it has"), (500.0, "500 Hz is set instead")]
-)
-def test_a_rate_that_fails_undoes_no_configuration_that_was_read_meanwhile(
-    asked_hz: float | None, says: str
-) -> None:
-    session = Session(SessionParams(board_serial="A"), LAYOUT, lambda _: None, LineWatch(LAYOUT.name, 115200))
-    commands = Commands(Pipeline(LAYOUT, ARRAY), session, lambda *_: None, lambda _: "")
-    reasons: list[str] = []
-    session.opened(0.0)
-    rate = Rate(v=1, id="1", who="test", do="rate", rate_hz=200.0)
-    commands.do(rate, Requester("1", may_command=True), 0.0, reasons.append)
-    assert session.params.rate_hz == 200.0
-    read_again = SessionParams(board_serial="B", rate_hz=asked_hz)
-    commands.configure(read_again)
-    commands.poll(RATE_S)
-    assert [reason.rpartition("; ")[2] for reason in reasons] == [says]
-    assert session.params == read_again
-
-
-def test_a_commanded_rate_holds_where_a_configuration_that_is_read_again_names_none(tmp_path: Path) -> None:
-    daemon = Daemon(tmp_path)
-
-    async def story(service: Service) -> None:
-        with PtyBoard(daemon.link) as board:
-            await daemon.until_state("running")
-            async with AsyncCommander(daemon.endpoint) as commander:
-                assert (await commander.send("rate", rate_hz=50.0)).ok
-            service.reload()
-            board.sim.reboot()
-            await daemon.until(lambda: board.sim.rate_hz == 50.0, "the commanded rate after a reboot")
-            daemon.params = daemon.params.model_copy(update={"session": SessionParams(rate_hz=200.0)})
-            service.reload()
-            await daemon.until(lambda: board.sim.rate_hz == 200.0, "the rate that the configuration names")
-
-    play(daemon, story)
 
 
 def test_a_refused_rate_is_not_the_answer_to_the_next_one(tmp_path: Path) -> None:

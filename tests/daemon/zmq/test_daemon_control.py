@@ -72,7 +72,7 @@ class Desk:
         self.done: list[CommandRequest] = []
         self.refuse = ""
         self.later: list[Done] | None = None
-        self.control = Control(self.publisher, lambda: [self])
+        self.control = Control(self.publisher, [self])
 
     def settings(self, _: float) -> dict[str, Any]:
         return {"speed_mm_s": 0.0}

@@ -42,7 +42,7 @@ from dataclasses import replace
 from tactiled.daemon.zmq import network, peers
 network.BOUNDS = replace(network.BOUNDS, turns_per_s=25.0)
 peers._BURST = 1
-server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), list)
+server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), [])
 print("up", flush=True)
 asyncio.run(server.run())
 """

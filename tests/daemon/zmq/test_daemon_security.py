@@ -299,7 +299,7 @@ def test_network_endpoints_need_keys_or_an_explicit_option(tmp_path: Path) -> No
     with pytest.raises(ConfigError, match=r"tcp://0\.0\.0\.0:1 can be reached"):
         tomlfile.parse({"control_endpoints": ["tcp://0.0.0.0:1"]}, PublishParams, "t.toml")
     with pytest.raises(ConfigError, match=r"daemon\.toml: cannot be read"):
-        Network(parse(keys=str(tmp_path)), list)
+        Network(parse(keys=str(tmp_path)), [])
 
 
 @pytest.mark.parametrize(
