@@ -181,14 +181,12 @@ struct Reply {
 //     tactiled::Commander daemon("ipc:///run/tactiled/all/events.ipc");
 //     daemon.send("inhibit", "duration_s", 0.4);  // our own motion must not count as slip
 //
-// A command without a reply is sent again with the same session and id. The daemon carries it out once,
-// however often it arrives, so the loss of a reply never repeats a command.
+// A command is sent once, as soon as the daemon is connected. Without a reply in time it may have been carried
+// out, or not; the caller decides whether to send it again.
 class Commander {
 public:
     static constexpr double TIMEOUT_S =
-        5.0;  // the slowest reply, to a rate that the board does not accept, takes 3 s
-    static constexpr double AGAIN_S =
-        0.5;  // a reply takes a millisecond, that to a change of rate some 100 ms
+        5.0;  // a reply takes a millisecond; a daemon that is being restarted is back within this time
 
     // `endpoint` is that for events. Commands are accepted over ipc, and over TCP with keys or where the
     // daemon's configuration allows them. Throws Error as for Subscription.
@@ -196,7 +194,7 @@ public:
         : endpoint_(options.control.value_or(control_endpoint(endpoint))),
           who_(options.who),
           socket_(detail::connect_requests(context_, endpoint_, options.keys)),
-          session_(detail::random_hex(32))
+          name_(detail::random_hex(8))
     {
     }
 
@@ -226,7 +224,7 @@ public:
     }
 
     // Reply to the newest command, once; nullptr while there is none. Call it from time to time, because it
-    // sends again what was lost. Throws Error where no reply came in time.
+    // sends what waits for the connection. Throws Error where no reply came in time.
     const Reply* poll()
     {
         if (id_.empty())
@@ -257,15 +255,15 @@ private:
     template <class PackFields>
     void begin_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
     {
-        id_ = session_.substr(0, 8) + "-" + std::to_string(++number_);
+        id_ = name_ + "-" + std::to_string(++number_);
         request_.clear();
         msgpack::packer<msgpack::sbuffer> packer(request_);
-        packer.pack_map(5 + n_fields);
-        packer.pack("v").pack(1).pack("session").pack(session_).pack("id").pack(id_).pack("do").pack(command);
+        packer.pack_map(4 + n_fields);
+        packer.pack("v").pack(1).pack("id").pack(id_).pack("do").pack(command);
         packer.pack("who").pack(who_);
         pack_fields(packer);
         until_s_ = monotonic_s() + TIMEOUT_S;
-        again_s_ = 0.0;
+        is_sent_ = false;
         poll_socket();
     }
 
@@ -281,14 +279,15 @@ private:
 
     double deadline_s() const
     {
-        return id_.empty() ? INF : std::min(until_s_, std::max(again_s_, monotonic_s() + detail::RETRY_S));
+        if (id_.empty())
+            return INF;
+        return is_sent_ ? until_s_ : std::min(until_s_, monotonic_s() + detail::RETRY_S);
     }
 
-    // Send what is due, and take replies until one is that of the newest command.
+    // Send what waits, and take replies until one is that of the newest command.
     bool poll_socket()
     {
-        if (monotonic_s() >= again_s_ && detail::send(socket_, request_))
-            again_s_ = monotonic_s() + AGAIN_S;
+        is_sent_ = is_sent_ || detail::send(socket_, request_);
         while (detail::take(socket_, part_)) {
             while (part_.more() && detail::take(socket_, part_)) {}
             if (is_reply())
@@ -316,9 +315,10 @@ private:
     zmq::context_t context_;
     zmq::socket_t socket_;
     zmq::message_t part_;
-    std::string session_, id_;  // id of the command that waits for its reply; empty for none
+    std::string name_, id_;  // id of the command that waits for its reply; empty for none
     std::uint64_t number_ = 0;
-    double until_s_ = 0.0, again_s_ = 0.0;
+    double until_s_ = 0.0;
+    bool is_sent_ = false;
     msgpack::sbuffer request_;
     msgpack::zone zone_;
     Reply reply_;

@@ -29,7 +29,7 @@ from tactiled.daemon.operations.metrics import Metrics
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial.device import LineErrors
 from tactiled.daemon.serial.port import Connection, PortParams, SerialPort, check_url
-from tactiled.daemon.zmq.commands import Commands, Done
+from tactiled.daemon.zmq.commands import Commands
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
@@ -108,9 +108,7 @@ class BoardRunner:
         session = self._session = self._link.session
         self._connection = Connection(params.port.url, baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
-        self._commands = Commands(
-            pipeline, session, self._tuned, lambda on: board.recorder.switch(on, pipeline.hello)
-        )
+        self._commands = Commands(pipeline, self._tuned, lambda on: board.recorder.switch(on, pipeline.hello))
         self._handover_s: float | None = None  # of the adapter, as the pipeline knows it
         self._deadline: asyncio.TimerHandle | None = None
         self._log = RateLimitedLog(logger)
@@ -152,17 +150,13 @@ class BoardRunner:
         """Return the present settings, by the names that requests use."""
         return self._commands.settings(now_s)
 
-    def do(self, request: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Carry out a command, publish its outcome (of a stream, the first), and answer the client."""
-
-        def finish(reason: str) -> None:
-            event = self._commands.event(request, requester, reason, time.monotonic())
-            if event is not None:
-                self._publish_and_record(event)
-            done(reason)
-
-        self._commands.do(request, requester, now_s, finish)
-        self.act()
+    def do(self, request: CommandRequest, requester: Requester, now_s: float) -> str:
+        """Carry out a command, and publish its outcome (of a stream, the first); return why it is refused."""
+        reason = self._commands.do(request, requester, now_s)
+        event = self._commands.event(request, requester, reason, now_s)
+        if event is not None:
+            self._publish_and_record(event)
+        return reason
 
     def act(self, commands: Sequence[Command] = ()) -> None:
         """Send commands to the board, report a new state, and set the timer for the next deadline."""
@@ -174,7 +168,6 @@ class BoardRunner:
             self._connection.write(data)
         now_s = time.monotonic()
         self._report_state(now_s)
-        self._commands.poll(now_s)
         deadline_s = self._session.deadline_s
         # A timer that is set is replaced only where it would fire too late, which is rare even at 100 Hz.
         if self._deadline is None or self._deadline.when() > deadline_s:

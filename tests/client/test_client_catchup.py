@@ -91,10 +91,8 @@ class World:
         """Answer the requests that are there now."""
         for request in self.inbox.catch_up.unsent:
             self.inbox.catch_up.sent(request)
-            replies: list[bytes] = []
-            self.control.take(msgpack.packb(request), SOMEONE, self.now_s, replies.append)
-            for reply in replies:
-                self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
+            reply = self.control.answer(msgpack.packb(request), SOMEONE, self.now_s)
+            self.items += self.inbox.answer(reply, self.now_s, self.now_s + UNIX_S)
 
     def wait(self, duration_s: float) -> None:
         self.now_s += duration_s
@@ -216,10 +214,8 @@ def test_a_late_answer_changes_nothing() -> None:
     (request,) = world.inbox.catch_up.unsent
     world.inbox.catch_up.sent(request)
     world.wait(HOLD_S)
-    world.control.take(
-        msgpack.packb(request), SOMEONE, world.now_s,
-        lambda reply: world.items.extend(world.inbox.answer(reply, world.now_s, 0.0)),
-    )  # fmt: skip
+    reply = world.control.answer(msgpack.packb(request), SOMEONE, world.now_s)
+    world.items += world.inbox.answer(reply, world.now_s, 0.0)
     assert world.story() == [0, "lost 1", 2]
 
 

@@ -76,7 +76,7 @@ def test_a_request_has_its_arguments_and_its_reply_comes_back(is_async: bool, tm
     ((request),) = asked
     known = {name: request[name] for name in ("v", "do", "who", "board", "text")}
     assert known == {"v": 1, "do": "mark", "who": "gripper", "board": "B", "text": "here"}
-    assert request["id"] == f"{request['session'][:8]}-1"
+    assert request["id"].endswith("-1")
 
 
 @both
@@ -129,12 +129,14 @@ def test_only_the_reply_with_the_id_of_the_request_counts(is_async: bool, tmp_pa
 
 
 @both
-def test_a_request_without_a_reply_is_sent_again_with_the_same_id(is_async: bool, tmp_path: Path) -> None:
-    late: Answer = lambda request, before: [done(request)] if before == 2 else []  # noqa: E731
+def test_a_request_is_sent_once(is_async: bool, tmp_path: Path) -> None:
+    def late(request: dict[str, Any], _before: int) -> list[Any]:
+        time.sleep(1.0)
+        return [done(request)]
+
     with daemon(tmp_path, late) as (control, asked):
         assert send(is_async, control, timeout_s=PATIENCE_S).ok
-    assert len(asked) == 3
-    assert asked[0] == asked[1] == asked[2]
+    assert len(asked) == 1
 
 
 @both

@@ -10,7 +10,6 @@ import time
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -130,7 +129,7 @@ class DaemonOnPty:
             session=SessionParams(rate_hz=RATE_HZ, board_serial=SERIAL),
             publish=PublishParams(endpoints=(self._endpoint,)),
         )
-        self._service = Service([ServedBoard(params, partial(Pipeline, LAYOUT, array), no_recorder())])
+        self._service = Service([ServedBoard(params, Pipeline(LAYOUT, array), no_recorder())])
         self._serving = asyncio.create_task(self._service.run())
         self._listening = asyncio.create_task(self._listen())
         return self

@@ -310,9 +310,9 @@ class _Way:
     def exchange(self) -> None:
         """Send the requests that are there, and deliver those replies that are not lost, now or later."""
         rng, requests = self.rng, self.client.send()
-        replies: list[bytes] = []
-        for request in requests:
-            self.control.take(msgpack.packb(request), _SOMEONE, self.client.now_s, replies.append)
+        replies = [
+            self.control.answer(msgpack.packb(request), _SOMEONE, self.client.now_s) for request in requests
+        ]
         for reply in replies:
             if rng.random() < self.faults.deaf:
                 continue

@@ -7,7 +7,6 @@ from typing import Any
 from boards import descriptors
 from patience import PATIENCE_S
 
-from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.requests import CommandRequest, Requester
@@ -21,7 +20,7 @@ class NetworkAlone:
 
     serial = "b"
 
-    def __init__(self, finish: Callable[[Done], None] = lambda done: done(""), **params: Any) -> None:
+    def __init__(self, finish: Callable[[], str] = lambda: "", **params: Any) -> None:
         self._descriptors = descriptors()
         self._finish = finish
         self.done: list[CommandRequest] = []
@@ -31,10 +30,10 @@ class NetworkAlone:
     def settings(self, _: float) -> dict[str, Any]:
         return {"speed_mm_s": 0.0}
 
-    def do(self, request: CommandRequest, requester: Requester, _: float, done: Done) -> None:
+    def do(self, request: CommandRequest, requester: Requester, _: float) -> str:
         self.done.append(request)
         self.requesters.append(requester)
-        self._finish(done)
+        return self._finish()
 
     def send(self, n: int = 1) -> None:
         for _ in range(n):

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
-from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
@@ -84,9 +83,9 @@ class _SimulatedBoard:
     def settings(self, _: float) -> dict[str, Any]:
         return {}
 
-    def do(self, request: CommandRequest, _requester: Requester, _now_s: float, done: Done) -> None:
+    def do(self, request: CommandRequest, _requester: Requester, _now_s: float) -> str:
         self.commands.append(request)
-        done("")
+        return ""
 
 
 class SimulatedDaemon:

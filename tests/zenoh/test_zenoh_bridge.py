@@ -188,21 +188,18 @@ def test_a_command_reaches_the_daemon_once_with_its_origin(fleet: Fleet) -> None
         {
             "v": 1,
             "id": "1",
-            "session": "s",
             "do": "mark",
-            "text": "repeated",
+            "text": "here",
             "who": "gripper",
             "board": "TS0001",
         }
     )
     with closing(Caller(fleet.endpoint, None)) as caller:
-        for _ in range(2):
-            caller.send(request)
-            reply = msgpack.unpackb(caller.receive(PATIENCE_S) or b"\x80")
-            assert reply["ok"] is True
+        reply = msgpack.unpackb(caller.call(request, PATIENCE_S) or b"\x80")
+        assert reply["ok"] is True
     [command] = fleet.daemon.commands[done:]
     assert command.who == "gripper zenoh"
-    assert command.arguments == {"text": "repeated"}
+    assert command.arguments == {"text": "here"}
 
 
 def test_the_checks_of_the_daemon_hold_through_the_network(fleet: Fleet) -> None:

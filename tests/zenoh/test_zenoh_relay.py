@@ -43,7 +43,7 @@ def test_each_reply_goes_to_its_request() -> None:
 
 def test_a_request_that_is_repeated_gets_every_reply() -> None:
     daemon = Daemon()
-    heard = [daemon.request(id="a", do="mark", text="x", session="s") for _ in range(2)]
+    heard = [daemon.request(id="a", do="mark", text="x") for _ in range(2)]
     payload = daemon.reply("a")
     assert heard == [[payload], [payload]]
 
@@ -60,11 +60,10 @@ def test_a_request_is_not_repeated_for_ever() -> None:
 @pytest.mark.parametrize(
     ("allow", "may_command", "fields", "reason"),
     [
-        (False, True, {"do": "tare", "session": "s"}, "--allow-commands"),
-        (True, False, {"do": "tare", "session": "s"}, "tactile/HOST/command"),
-        (True, True, {"do": "tare", "session": ""}, "session"),
+        (False, True, {"do": "tare"}, "--allow-commands"),
+        (True, False, {"do": "tare"}, "tactile/HOST/command"),
         # for a longer one the daemon would cut the connection
-        (True, True, {"do": "mark", "session": "s", "text": "x" * 16_384}, "longer than"),
+        (True, True, {"do": "mark", "text": "x" * 16_384}, "longer than"),
         (True, True, {"do": "state", "id": "waits", "board": "B"}, "another request"),
         (True, True, {"do": 5}, "id or do is missing"),
     ],
@@ -81,7 +80,7 @@ def test_requests_are_refused_with_the_reason(
 
 def test_a_command_says_that_it_came_through_zenoh() -> None:
     daemon = Daemon()
-    daemon.request(id="a", do="tare", session="s", who="w" * 64)
+    daemon.request(id="a", do="tare", who="w" * 64)
     assert daemon.asked[0]["who"] == "w" * 58 + " zenoh"
 
 

@@ -286,7 +286,7 @@ def make_link(
     others: Mapping[str, Layout] = MappingProxyType({}),
     turns: LoopTurns | None = None,
 ) -> BoardLink:
-    """Make the link to the board that `pipeline` was made for; raises as `Session.configure`.
+    """Make the link to the board that `pipeline` was made for; raises as `Session`.
 
     See `LineWatch` for `others`.
     """

@@ -50,6 +50,11 @@ class Session:
         Returns the reason why a board does not fit layout and array, or None (`pipeline.check_hello`).
     line : LineWatch
         Names the likely cause when no frame arrives.
+
+    Raises
+    ------
+    ConfigError
+        A rate is configured, and the layout cannot set or confirm one.
     """
 
     def __init__(
@@ -66,25 +71,11 @@ class Session:
         self._pinging = Pinging(layout.has("ping") and answers_ticks)
         self.hello: Hello | None = layout.assumed_hello()
         """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
-        self.lost("opening the port")
-        self.configure(params)
-
-    def configure(self, params: SessionParams) -> None:
-        """Take new parameters; the board is identified again, and its settings are restored as needed.
-
-        Raises
-        ------
-        ConfigError
-            A rate is configured, and the layout cannot set or confirm one; the old parameters stay.
-        """
-        if params.rate_hz is not None and not (self._confirms and self._layout.has("set_rate")):
-            fault = f"protocol {self._layout.name} cannot set and confirm a rate: leave rate_hz out"
+        if params.rate_hz is not None and not (self._confirms and layout.has("set_rate")):
+            fault = f"protocol {layout.name} cannot set and confirm a rate: leave rate_hz out"
             raise ConfigError("session.rate_hz", [fault])
         self.params = params
-        self._refused = ""  # the refusal concerned the old parameters
-        self._asking.keep_quiet(-math.inf)  # a wrong or refusing board is asked again at once
-        if self._confirms:
-            self._known = False
+        self.lost("opening the port")
 
     # ---- inputs ------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Execution of commands: detector settings, announced motion, scan rate, recording. No I/O.
+"""Execution of commands: detector settings, announced motion, recording. No I/O.
 
 A command of motion states when it was sent, in the sender's own clock. Its arrival in the daemon's clock,
 minus that, is the offset of the clocks plus the delay of the command, which is never negative. The smallest
@@ -14,16 +14,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from tactiled.daemon.board.requirements import is_same_rate
-from tactiled.daemon.board.session import Session
-from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Rate, Record, Requester, sender_of
-from tactiled.errors import ConfigError
+from tactiled.daemon.zmq.requests import CommandRequest, Mark, Motion, Record, Requester
 from tactiled.events.types import CommandEvent, Event
 from tactiled.pipeline import Pipeline
-
-# Time limit of a change of rate: stop, set_rate, identify and start take some 0.1 s, and three lost answers
-# 0.6 s more.
-RATE_S = 3.0
 
 # Instants lie so far from that of sending at most. A value that is older applies to no scan any more, as it
 # holds for 0.1 s; a plan that reaches further ahead is announced in parts.
@@ -37,18 +30,6 @@ WINDOW_S = 5.0
 # Two crystals of 100 ppm each. A difference is worth that much less with each second of its age, so that an
 # old one never maps an instant to before it was.
 DRIFT = 200e-6
-
-Done = Callable[[str], None]
-"""Takes the reason for a refusal, or an empty string when the command is done."""
-
-
-@dataclass(frozen=True)
-class _RateChange:
-    rate_hz: float
-    before_hz: float | None
-    until_s: float
-    done: Done
-
 
 Course = dict[str, list[float]]
 """Arguments of the pipeline's command: ``time_s`` in the daemon's clock, and ``acceleration_m_s2``."""
@@ -150,6 +131,11 @@ class MotionSenders:
         return sender
 
 
+def _sender(command: Motion, requester: Requester) -> tuple[str, ...]:
+    """Return what identifies the program that sends motion: programs behind a bridge share its connection."""
+    return requester.key, requester.connection, command.who
+
+
 class Commands:
     """Carry out commands.
 
@@ -164,30 +150,24 @@ class Commands:
     def __init__(
         self,
         pipeline: Pipeline,
-        session: Session,
         tuned: Callable[[str, dict[str, Any], Sequence[Event], float], None],
         record: Callable[[bool], str],
     ) -> None:
         self._pipeline = pipeline
-        self._session = session
         self._tuned = tuned
         self._record = record
         self._motion = MotionSenders()
-        self._rate: _RateChange | None = None
 
-    def do(self, command: CommandRequest, requester: Requester, now_s: float, done: Done) -> None:
-        """Carry out a command; `done` is called at once, or from `poll` when the board has answered."""
+    def do(self, command: CommandRequest, requester: Requester, now_s: float) -> str:
+        """Carry out a command; return the reason for a refusal, or an empty string."""
         if isinstance(command, Mark):
-            done("")
-        elif isinstance(command, Record):
-            done(self._record(command.on))
-        elif isinstance(command, Rate):
-            self._set_rate(command.rate_hz, now_s, done)
-        elif isinstance(command, Motion):
-            reason, course = self._motion.course(command, sender_of(command, requester), now_s)
-            done(reason or self._tune(command.do, course, now_s))
-        else:
-            done(self._tune(command.do, command.arguments, now_s))
+            return ""
+        if isinstance(command, Record):
+            return self._record(command.on)
+        if isinstance(command, Motion):
+            reason, course = self._motion.course(command, _sender(command, requester), now_s)
+            return reason or self._tune(command.do, course, now_s)
+        return self._tune(command.do, command.arguments, now_s)
 
     def _tune(self, name: str, arguments: dict[str, Any], now_s: float) -> str:
         """Give a command to the pipeline; return the reason for a refusal."""
@@ -195,28 +175,6 @@ class Commands:
         if not reason:
             self._tuned(name, arguments, events, now_s)
         return reason
-
-    def poll(self, now_s: float) -> None:
-        """Check whether the board has accepted a rate; call it whenever the session may have changed."""
-        change, session = self._rate, self._session
-        if change is None:
-            return
-        is_set = session.state == "running" and is_same_rate(session.rate_hz, change.rate_hz)
-        if is_set or session.state == "no-device":  # the session sets it when the board is back
-            self._rate = None
-            change.done("")
-        elif session.state == "fault" or now_s >= change.until_s:
-            self._rate = None
-            reason = session.reason(now_s) or f"not confirmed by the board within {RATE_S:g} s"
-            params = session.params
-            # A configuration that was reloaded meanwhile keeps its own rate.
-            if params.rate_hz == change.rate_hz:
-                params = params.model_copy(update={"rate_hz": change.before_hz})
-                session.configure(params)
-            kept = "the board keeps the rate that it has"
-            if params.rate_hz is not None:
-                kept = f"{params.rate_hz:g} Hz is set instead"
-            change.done(f"{reason}; {kept}")
 
     def settings(self, now_s: float) -> dict[str, Any]:
         """Return the present settings, by the names that requests use."""
@@ -228,7 +186,6 @@ class Commands:
             "acceleration_m_s2": [] if math.isnan(acceleration_m_s2) else [acceleration_m_s2],
             "inhibited_s": tuning.inhibited_s(now_s),
             "tared": tuning.baseline_volts is not None,
-            "rate_hz": self._session.rate_hz,
             "detect": tuning.params.model_dump(mode="json", exclude_none=True),
         }
 
@@ -236,10 +193,10 @@ class Commands:
         self, command: CommandRequest, requester: Requester, reason: str, now_s: float
     ) -> CommandEvent | None:
         """Make the command event: the requester, the command and its outcome; None for most of a stream."""
-        if isinstance(command, Motion):
-            sender = sender_of(command, requester)
-            if not self._motion.is_event(sender, ok=not reason, now_s=now_s):
-                return None
+        if isinstance(command, Motion) and not self._motion.is_event(
+            _sender(command, requester), ok=not reason, now_s=now_s
+        ):
+            return None
         return CommandEvent(
             time_s=now_s,
             request_id=command.id,
@@ -252,16 +209,3 @@ class Commands:
             reason=reason,
             scan_index=self._pipeline.tuning.next_index,
         )
-
-    def _set_rate(self, rate_hz: float, now_s: float, done: Done) -> None:
-        if self._rate is not None:
-            done(f"{self._rate.rate_hz:g} Hz is being set: wait for it")
-            return
-        before = self._session.params
-        try:
-            self._session.configure(before.model_copy(update={"rate_hz": rate_hz}))
-        except ConfigError as error:
-            done("; ".join(error.faults))
-            return
-        self._rate = _RateChange(rate_hz, before.rate_hz, now_s + RATE_S, done)
-        self.poll(now_s)

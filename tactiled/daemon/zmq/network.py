@@ -61,11 +61,7 @@ class RequestServer(PeerServer):
         peer.is_idle = False
         connection = self._connections.get(peer)
         if connection is None:
-            # A process that chose its identity is the same requester after it has connected anew. The kernel
-            # says 0 for one in another namespace of processes.
-            is_known = bool(peer.identity) and peer.pid != 0
-            own = f"identity {peer.identity.hex()}" if is_known else f"number {next(self._numbers)}"
-            connection = self._connections[peer] = _Connection(f"{own} of {peer} {peer.pid}")
+            connection = self._connections[peer] = _Connection(f"{next(self._numbers)} of {peer}")
         connection.n_parts += 1
         if connection.n_parts <= _MOST_PARTS:
             connection.parts.append(value.body)
@@ -82,16 +78,14 @@ class RequestServer(PeerServer):
             self._control.bad.add(f"{connection.n_parts} frames: send one", now_s)
             return
 
-        def respond(reply: bytes) -> None:
-            self._send(peer, Queued(zmtp.message(*envelope, reply)))
-
         requester = Requester(
             connection=connection.name,
             uid=peer.uid,
             address=peer.address,
             may_command=peer.uid >= 0 or self._commands_over_tcp,
         )
-        self._control.take(payload, requester, now_s, respond)
+        reply = self._control.answer(payload, requester, now_s)
+        self._send(peer, Queued(zmtp.message(*envelope, reply)))
 
     def _gone(self, peer: Peer) -> None:
         self._connections.pop(peer, None)
@@ -196,12 +190,9 @@ class GuardedRequestServer:
             self._control.bad.add(f"{n_parts} frames: send one", now_s)
             return
 
-        def respond(reply: bytes) -> None:
-            # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
-            with contextlib.suppress(zmq.ZMQError):  # the daemon ends, and the socket is closed
-                sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
-
-        self._control.take(payload, self._requester(envelope[0], frames[-1]), now_s, respond)
+        reply = self._control.answer(payload, self._requester(envelope[0], frames[-1]), now_s)
+        # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
+        sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
 
     def _requester(self, routing_id: bytes, frame: zmq.Frame) -> Requester:
         key, peer = _property(frame, "User-Id"), _property(frame, "Peer-Address")

@@ -92,18 +92,15 @@ class Peer:
     def __init__(self, sock: socket.socket, bounds: Bounds, dropped: Counter[str]) -> None:
         self.sock = sock
         self.uid = -1
-        self.pid = -1
-        """User and process of a peer over ipc, from the kernel; -1 over TCP."""
+        """User of a peer over ipc, from the kernel; -1 over TCP."""
         self.address = ""
         """Address of a peer over TCP."""
         if sock.family == socket.AF_UNIX:
-            self.pid, self.uid, _ = _UCRED.unpack(
+            _, self.uid, _ = _UCRED.unpack(
                 sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size)
             )
         else:
             self.address = str(sock.getpeername()[0])
-        self.identity = b""
-        """Name that the peer gives itself; empty where it gives none."""
         self.decoder = ZmtpDecoder(bounds.frame_bytes)
         self.values: deque[Value] = deque()
         """Values that wait for the next turn of this peer."""
@@ -311,7 +308,7 @@ class PeerServer:
         elif not isinstance(value, Ready):
             return self._take(peer, value)
         elif value.socket_type in self._peer_types:
-            peer.is_ready, peer.identity = True, value.identity
+            peer.is_ready = True
         else:
             wanted = " or ".join(sorted(self._peer_types))
             reason = f"a socket {shown(value.socket_type)} where {wanted} may connect"

@@ -36,9 +36,7 @@ SenderTime = Annotated[float, Field(ge=0, le=1e10)]
 class Requester:
     """Sender of a request, as far as the transport identifies it."""
 
-    # Identifies the connection. Connections of a client that chose its routing id (over ipc: of one process)
-    # share it
-    connection: str
+    connection: str  # identifies the connection
     may_command: bool  # commands are accepted over this connection
     key: str = ""  # name of the CURVE key that the client proved to own; empty on endpoints without keys
     uid: int = -1  # user id from the kernel; -1 for a request that did not come over ipc
@@ -64,14 +62,9 @@ class Request(Params):
     id: str = Field(
         min_length=1,
         max_length=64,
-        description="echoed in the reply; a command is done once for a session and an id",
+        description="chosen by the client, echoed in the reply",
     )
     do: str
-    session: str = Field(
-        default="",
-        max_length=64,
-        description="drawn at random by the client when it starts; left out: the connection is the session",
-    )
     who: str = Field(default="", max_length=64, description="how the client calls itself, for the record")
 
 
@@ -99,7 +92,7 @@ class CommandRequest(Request):
     @property
     def arguments(self) -> dict[str, Any]:
         """Fields of the command, without those of every request."""
-        return self.model_dump(exclude={"v", "id", "who", "do", "session", "board"}, exclude_none=True)
+        return self.model_dump(exclude={"v", "id", "who", "do", "board"}, exclude_none=True)
 
 
 class Tare(CommandRequest):
@@ -171,13 +164,6 @@ class Thresholds(CommandRequest):
     )
 
 
-class Rate(CommandRequest):
-    """Set the scan rate."""
-
-    do: Literal["rate"]
-    rate_hz: float = Field(gt=0, le=10_000)
-
-
 class Record(CommandRequest):
     """Start or stop the recording."""
 
@@ -205,17 +191,10 @@ REQUESTS: dict[str, type[Request]] = {
         Inhibit,
         ExpectLoadChange,
         Thresholds,
-        Rate,
         Record,
         Mark,
     )
 }
-
-
-def sender_of(command: CommandRequest, requester: Requester) -> tuple[str, ...]:
-    """Return what identifies the sender of a command: its session, or the connection where it names none."""
-    session = ("session", command.session) if command.session else ("connection", requester.connection)
-    return (requester.key, *session)
 
 
 @dataclass(frozen=True)

@@ -32,10 +32,9 @@ class Greeted:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """The peer is ready; it says what it is, for example ``SUB``, and may have chosen an identity."""
+    """The peer is ready; it says what it is, for example ``SUB``."""
 
     socket_type: str
-    identity: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,16 +219,15 @@ def _greeting_fault(head: bytes | bytearray) -> str:
 
 
 def _ready_of(data: bytes) -> Ready | Refused:
-    """Read those properties of a READY command that are needed."""
-    known = {b"socket-type": b"", b"identity": b""}
+    """Read the type of the socket from the properties of a READY command."""
+    socket_type = b""
     while data:
         name_end = 1 + data[0]
         size = int.from_bytes(data[name_end : name_end + 4])
         end = name_end + 4 + size
         if end > len(data):
             return Refused("a READY whose properties are cut off")
-        name = data[1:name_end].lower()
-        if name in known:
-            known[name] = data[name_end + 4 : end]
+        if data[1:name_end].lower() == b"socket-type":
+            socket_type = data[name_end + 4 : end]
         data = data[end:]
-    return Ready(known[b"socket-type"].decode(errors="replace"), known[b"identity"])
+    return Ready(socket_type.decode(errors="replace"))

@@ -310,12 +310,12 @@ def test_a_running_board_is_pinged_about_once_a_second_out_of_step_with_everythi
 
 
 def test_no_ping_goes_while_a_command_waits_for_its_answer() -> None:
-    bench = Bench()
+    bench = Bench(SessionParams(rate_hz=50.0))
     bench.plug()
     bench.run(0.1)
     bench.down_broken = True
-    bench.session.configure(SessionParams(rate_hz=50.0))
-    bench.exchange(bench.session.tick(bench.now_s))
+    bench.board.reboot()  # at a rate that is not the configured one
+    bench.exchange(bench.hear([bench.board.hello()]))
     before = len(pings(bench))
     bench.run(5.0)
     assert len(pings(bench)) == before
@@ -327,14 +327,14 @@ def test_no_ping_goes_while_a_command_waits_for_its_answer() -> None:
 
 
 def test_unanswered_pings_delay_no_command() -> None:
-    bench = Bench()
+    bench = Bench(SessionParams(rate_hz=50.0))
     bench.plug()
     bench.run(0.1)
     bench.board.refuses["ping"] = "busy"
     bench.run(10.0)
     assert (bench.state(), bench.reason) == ("running", "")
-    bench.session.configure(SessionParams(rate_hz=50.0))
-    bench.exchange(bench.session.tick(bench.now_s))
+    bench.board.reboot()
+    bench.exchange(bench.hear([bench.board.hello()]))
     bench.run(0.3)
     assert (bench.state(), bench.board.rate_hz) == ("running", 50.0)
 
@@ -372,19 +372,6 @@ def test_the_last_stop_waits_for_its_own_answer_or_the_loss_of_the_port() -> Non
     assert not bench.session.is_stopping
     assert not bench.session.stop()
     assert not bench.session.is_stopping
-
-
-def test_new_parameters_take_effect_while_running() -> None:
-    bench = Bench()
-    bench.plug()
-    bench.run(0.1)
-    bench.session.configure(SessionParams(rate_hz=50.0))
-    bench.exchange(bench.session.tick(bench.now_s))
-    bench.run(0.3)
-    assert (bench.state(), bench.board.rate_hz) == ("running", 50.0)
-    bench.session.configure(SessionParams(board_serial="TS0009"))
-    bench.exchange(bench.session.tick(bench.now_s))
-    assert bench.state() == "fault"
 
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:

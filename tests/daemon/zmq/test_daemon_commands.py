@@ -62,8 +62,6 @@ def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
     async def story(commander: AsyncCommander) -> None:
         with PtyBoard(daemon.link) as board:
             await daemon.until_state("running")
-            assert (await commander.send("rate", rate_hz=200.0)).ok
-            assert board.sim.rate_hz == 200.0
             assert (await commander.send("speed", speed_mm_s=5.0)).ok
             assert (await commander.send("friction", value=0.8)).ok
             assert (await commander.send("thresholds", values={"grip.incipient_p": 0.5})).ok
@@ -73,11 +71,10 @@ def test_settings_survive_a_replug_and_are_in_state(tmp_path: Path) -> None:
             board.sim.reboot()
             await asyncio.to_thread(board.plug)
             await daemon.until_state("running")
-            assert (board.sim.rate_hz, board.sim.streaming) == (200.0, True)
+            assert board.sim.streaming
             reply = (await commander.send("state")).data
             assert reply["settings"]["speed_mm_s"] == 5.0
             assert reply["settings"]["friction"] == [0.8, 0.1]
-            assert reply["settings"]["rate_hz"] == 200.0
             assert reply["settings"]["inhibited_s"] > 30.0
             assert reply["settings"]["detect"]["grip"]["incipient_p"] == 0.5
             assert daemon.status["inhibited_s"] > 30.0
@@ -134,63 +131,6 @@ def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
         with PtyBoard(daemon.link, SimBoard(serial="TS0002")):
             await daemon.until(lambda: daemon.status["board"] == "TS0002", "the other board")
             assert not await tared(commander)
-
-    play_commands(daemon, story)
-
-
-def test_a_rate_that_the_board_refuses_leaves_the_old_one(tmp_path: Path) -> None:
-    daemon = Daemon(tmp_path)
-
-    async def story(commander: AsyncCommander) -> None:
-        sim = SimBoard()
-        with PtyBoard(daemon.link, sim):
-            await daemon.until_state("running")
-            sim.refuses = {"set_rate": "bad_argument"}
-            reply = await commander.send("rate", rate_hz=9000.0)
-            assert not reply.ok
-            assert reply.reason.endswith("; the board keeps the rate that it has")
-            sim.refuses = {}
-            await daemon.until_state("running")
-            assert sim.rate_hz == 100.0
-            assert (await commander.send("rate", rate_hz=50.0)).ok
-            sim.refuses = {"set_rate": "bad_argument"}
-            reply = await commander.send("rate", rate_hz=9000.0)
-            assert reply.reason.endswith("; 50 Hz is set instead")
-
-    play_commands(daemon, story)
-
-
-def test_a_refused_rate_is_not_the_answer_to_the_next_one(tmp_path: Path) -> None:
-    daemon = Daemon(tmp_path)
-
-    async def story(commander: AsyncCommander) -> None:
-        await daemon.until(lambda: "status" in daemon.heard, "a status")
-        assert (await commander.send("rate", rate_hz=5000.0)).ok  # nobody there to know better
-        sim = SimBoard()
-        sim.refuses = {"set_rate": "bad_argument"}
-        with PtyBoard(daemon.link, sim):
-            await daemon.until(lambda: "refused set_rate to 5000" in daemon.status["reason"], "a refusal")
-            sim.refuses = {}
-            assert (await commander.send("rate", rate_hz=50.0)).ok
-            await daemon.until_state("running")
-            assert sim.rate_hz == 50.0
-            sim.refuses = {"set_rate": "bad_argument"}
-            assert not (await commander.send("rate", rate_hz=9000.0)).ok
-            sim.refuses = {}
-            assert (await commander.send("rate", rate_hz=100.0)).ok
-            assert sim.rate_hz == 100.0
-
-    play_commands(daemon, story)
-
-
-def test_a_rate_without_a_board_is_kept_for_when_one_comes(tmp_path: Path) -> None:
-    daemon = Daemon(tmp_path)
-
-    async def story(commander: AsyncCommander) -> None:
-        assert (await commander.send("rate", rate_hz=50.0)).ok
-        with PtyBoard(daemon.link) as board:
-            await daemon.until_state("running")
-            assert board.sim.rate_hz == 50.0
 
     play_commands(daemon, story)
 

@@ -4,7 +4,6 @@ import asyncio
 import contextlib
 import json
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,6 @@ from ports import free_pair
 from tactiled import resources
 from tactiled.client import AsyncCommander
 from tactiled.daemon.zmq import network, zmtp
-from tactiled.daemon.zmq.commands import Done
 from tactiled.daemon.zmq.control import REPLY_BYTES, Control
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
@@ -51,7 +49,6 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "inhibit": {"duration_s": 0.5},
     "expect-load-change": {"duration_s": 0.5},
     "thresholds": {"values": {"grip.incipient_p": 0.5}},
-    "rate": {"rate_hz": 200.0},
     "record": {"on": True},
     "mark": {"text": "now"},
 }
@@ -71,29 +68,24 @@ class Desk:
         self.publisher = Publisher(PublishParams(endpoints=()))
         self.done: list[CommandRequest] = []
         self.refuse = ""
-        self.later: list[Done] | None = None
         self.control = Control(self.publisher, [self])
 
     def settings(self, _: float) -> dict[str, Any]:
         return {"speed_mm_s": 0.0}
 
-    def do(self, request: CommandRequest, _requester: Requester, _now_s: float, done: Done) -> None:
+    def do(self, request: CommandRequest, _requester: Requester, _now_s: float) -> str:
         self.done.append(request)
-        if self.later is None:
-            done(self.refuse)
-        else:
-            self.later.append(done)
+        return self.refuse
 
-    def ask(self, payload: bytes, requester: Requester = SOMEONE, now_s: float = 0.0) -> list[dict[str, Any]]:
-        replies: list[bytes] = []
-        self.control.take(payload, requester, now_s, replies.append)
-        return [msgpack.unpackb(reply) for reply in replies]
+    def ask(self, payload: bytes, requester: Requester = SOMEONE, now_s: float = 0.0) -> dict[str, Any]:
+        reply: dict[str, Any] = msgpack.unpackb(self.control.answer(payload, requester, now_s))
+        return reply
 
 
 @pytest.mark.parametrize("do", REQUESTS)
 def test_every_request_is_answered_with_its_id(do: str) -> None:
     desk = Desk()
-    (reply,) = desk.ask(request(do, "my-id", **EXAMPLES[do]))
+    reply = desk.ask(request(do, "my-id", **EXAMPLES[do]))
     assert (reply["v"], reply["id"], reply["do"], reply["ok"], reply["reason"]) == (1, "my-id", do, True, "")
     assert reply["run"] == desk.publisher.run
     assert len(desk.done) == (do not in ("state", "events"))
@@ -103,7 +95,7 @@ def test_state_is_the_newest_of_each_topic_as_it_was_published() -> None:
     desk = Desk()
     for _ in range(3):
         desk.publisher.send(CONTACT, board="b", unix_offset_s=0.0)
-    (reply,) = desk.ask(request("state"))
+    reply = desk.ask(request("state"))
     (message,) = reply["messages"].values()
     assert list(reply["messages"]) == ["tactile/b/contact"]
     assert (message["seq"], message["run"], message["state"]) == (2, desk.publisher.run, "loading")
@@ -118,10 +110,9 @@ def test_events_come_in_parts_of_bounded_size() -> None:
     first_seq, parts = 5, 0
     while True:
         payload = request("events", board="b", topic="contact", first_seq=first_seq)
-        replies: list[bytes] = []
-        desk.control.take(payload, SOMEONE, 0.0, replies.append)
-        assert len(replies[0]) < REPLY_BYTES + 1000
-        reply = msgpack.unpackb(replies[0])
+        packed = desk.control.answer(payload, SOMEONE, 0.0)
+        assert len(packed) < REPLY_BYTES + 1000
+        reply = msgpack.unpackb(packed)
         seqs += [message["seq"] for message in reply["messages"]]
         parts += 1
         if not reply["more"]:
@@ -129,82 +120,25 @@ def test_events_come_in_parts_of_bounded_size() -> None:
         first_seq = reply["next_seq"]
     assert seqs == list(range(5, 3000))
     assert parts > 1
-    (reply,) = desk.ask(request("events", board="b", topic="no", first_seq=0))
+    reply = desk.ask(request("events", board="b", topic="no", first_seq=0))
     assert not reply["ok"]
     assert "slip" in reply["reason"]
 
 
-def test_a_command_is_done_once_for_an_id() -> None:
-    desk = Desk()
-    first = desk.ask(request("speed", speed_mm_s=5.0))
-    assert desk.ask(request("speed", speed_mm_s=5.0)) == first
-    assert len(desk.done) == 1
-    (reply,) = desk.ask(request("speed", speed_mm_s=6.0))
-    assert (reply["ok"], reply["reason"]) == (False, "id: was used for another request")
-    assert desk.ask(request("speed", "r2", speed_mm_s=6.0))[0]["ok"]
-    other = Requester("1", may_command=True, key="other")  # ids are each key's own
-    assert desk.ask(request("speed", speed_mm_s=7.0), other)[0]["ok"]
-    assert len(desk.done) == 3
-
-
-@pytest.mark.parametrize("is_answered", [False, True])
-def test_a_command_that_met_a_fault_is_done_once_when_it_is_sent_again(
-    is_answered: bool,
-) -> None:
-    desk = Desk()
-    do = desk.do
-
-    def broken(*arguments: Any) -> None:
-        if is_answered:
-            do(*arguments)
-        raise ZeroDivisionError("a bug")
-
-    with patch.object(desk, "do", broken):
-        assert len(desk.ask(request("speed", speed_mm_s=5.0))) == is_answered
-    assert desk.control.bad.count == 1
-    (reply,) = desk.ask(request("speed", speed_mm_s=5.0))
-    assert reply["ok"]
-    assert len(desk.done) == 1
-
-
-def test_a_refusal_is_repeated_too() -> None:
+def test_a_refusal_is_answered_with_its_reason() -> None:
     desk = Desk()
     desk.refuse = "something is in contact"
-    assert desk.ask(request("tare"))[0]["reason"] == "something is in contact"
-    desk.refuse = ""
-    assert desk.ask(request("tare"))[0]["reason"] == "something is in contact"
-    assert desk.ask(request("tare", "r2"))[0]["ok"]
+    reply = desk.ask(request("tare"))
+    assert (reply["ok"], reply["reason"]) == (False, "something is in contact")
 
 
-def test_a_repeated_command_in_progress_is_answered_when_done() -> None:
+def test_a_request_that_meets_a_fault_of_tactiled_is_refused_and_logged() -> None:
     desk = Desk()
-    desk.later = []
-    replies: list[bytes] = []
-    for _ in range(30):
-        desk.control.take(request("rate", rate_hz=200.0), SOMEONE, 0.0, replies.append)
-    assert replies == []
-    (done,) = desk.later
-    done("the board refused")
-    assert 1 < len(replies) < 10
-    assert {msgpack.unpackb(reply)["reason"] for reply in replies} == {"the board refused"}
-
-
-def test_request_ids_use_bounded_memory() -> None:
-    desk = Desk()
-    for number in range(3000):
-        desk.ask(request("mark", f"id-{number}", text="x"))
-    assert len(desk.control._asked) <= 1000  # noqa: SLF001  the bound on memory
-
-
-def test_a_stream_of_motion_displaces_no_other_command_from_memory() -> None:
-    desk = Desk()
-    first = desk.ask(request("speed", "before", speed_mm_s=5.0))
-    for number in range(3000):
-        desk.ask(request("motion", f"id-{number}", acceleration_m_s2=9.81))
-    assert len(desk.control._asked_motion) <= 200  # noqa: SLF001  the bound on memory
-    assert desk.ask(request("speed", "before", speed_mm_s=5.0)) == first
-    desk.ask(request("motion", "id-2990", acceleration_m_s2=9.81))  # sent again: done once
-    assert len(desk.done) == 3001
+    with patch.object(desk, "do", side_effect=ZeroDivisionError("a bug")):
+        reply = desk.ask(request("speed", "my-id", speed_mm_s=5.0))
+    assert (reply["id"], reply["ok"]) == ("my-id", False)
+    assert "a fault of tactiled" in reply["reason"]
+    assert desk.control.bad.count == 1
 
 
 @pytest.mark.parametrize(
@@ -223,7 +157,6 @@ def test_a_stream_of_motion_displaces_no_other_command_from_memory() -> None:
         (request("state").replace(b"\xa1v\x01", b"\xa1v\xc3"), "v: True"),
         (request("state", ""), "id: "),
         (request("state", "x" * 65), "id: "),
-        (request("state", session="x" * 65), "session: "),
         (request("state", surplus=1), "surplus: unknown key"),
         (request("speed", speed=5), "use speed_mm_s"),
         (request("speed", speed_mm_s="5"), "speed_mm_s: "),
@@ -247,12 +180,11 @@ def test_a_stream_of_motion_displaces_no_other_command_from_memory() -> None:
         (request("mark", text="x" * 1001), "text: "),
         (request("events", board="b", topic="slip", first_seq=-1), "first_seq: "),
         (request("events", board="b", topic="slip", first_seq=2**63), "first_seq: "),
-        (request("rate", rate_hz=0.0), "rate_hz: "),
     ],
 )
 def test_an_invalid_request_is_refused_with_its_field(payload: bytes, says: str) -> None:
     desk = Desk()
-    (reply,) = desk.ask(payload)
+    reply = desk.ask(payload)
     assert not reply["ok"]
     assert says in reply["reason"]
     assert len(reply["reason"]) <= 500
@@ -283,7 +215,7 @@ fields = st.dictionaries(
 def test_any_bytes_are_answered_once_and_never_raise(payloads: list[bytes]) -> None:
     desk = Desk()
     for payload in payloads:
-        (reply,) = desk.ask(payload)
+        reply = desk.ask(payload)
         assert reply["ok"] == (reply["reason"] == "")
         VALIDATORS["reply"].validate(reply)
 
@@ -353,77 +285,6 @@ def rss_bytes() -> int:
 async def until(condition: Callable[[], bool]) -> None:
     while not condition():
         await asyncio.sleep(0.005)
-
-
-def test_a_command_that_is_sent_again_over_a_new_connection_is_done_once(tmp_path: Path) -> None:
-    """And one of a client that was started anew is done, though it has the same id."""
-    server = served(tmp_path)
-
-    async def ask(id_: str, **head: str) -> dict[str, Any]:
-        with zmq.asyncio.Context() as context, context.socket(zmq.REQ) as sock:
-            sock.linger = 0
-            sock.connect(control(tmp_path))
-            await sock.send(request("inhibit", id_, duration_s=1.0, **head))
-            reply: dict[str, Any] = msgpack.unpackb(await sock.recv())
-            return reply
-
-    async def story() -> None:
-        for session in ("first", "first", "second", "second"):
-            assert (await ask("1", session=session))["ok"]
-        assert len(server.done) == 2
-        for _ in range(2):
-            assert (await ask("1"))["ok"]
-        assert len(server.done) == 4
-
-    server.run(story)
-
-
-ASK_WITH_IDENTITY = """
-import sys, zmq
-with zmq.Context() as context, context.socket(zmq.DEALER) as sock:
-    sock.linger, sock.rcvtimeo, sock.routing_id = 0, 60_000, b"arm"
-    sock.connect(sys.argv[1])
-    sock.send(bytes.fromhex(sys.argv[2]))
-    sock.recv()
-"""
-
-
-def test_an_identity_is_a_session_within_one_process_only(tmp_path: Path) -> None:
-    server = served(tmp_path)
-    ask = request("inhibit", "1", duration_s=2.0)
-
-    async def here(context: zmq.asyncio.Context) -> None:
-        with context.socket(zmq.DEALER) as sock:
-            sock.linger, sock.routing_id = 0, b"arm"
-            sock.connect(control(tmp_path))
-            await sock.send(ask)
-            await sock.recv()
-
-    async def story() -> None:
-        with zmq.asyncio.Context() as context:
-            await here(context)
-            await here(context)
-            assert len(server.done) == 1
-        code = [sys.executable, "-c", ASK_WITH_IDENTITY, control(tmp_path), ask.hex()]
-        other = await asyncio.create_subprocess_exec(*code)
-        assert await other.wait() == 0
-        assert len(server.done) == 2
-
-    server.run(story)
-
-
-def test_two_commanders_never_share_a_session_and_one_numbers_its_commands(tmp_path: Path) -> None:
-    server = served(tmp_path)
-
-    async def story() -> None:
-        for _ in range(2):
-            async with AsyncCommander(endpoint(tmp_path)) as daemon:
-                for _ in range(2):
-                    assert (await daemon.send("inhibit", duration_s=1.0)).ok
-
-    server.run(story)
-    assert len({(command.session, command.id) for command in server.done}) == 4
-    assert len({command.session for command in server.done}) == 2
 
 
 @pytest.mark.parametrize(
@@ -512,15 +373,16 @@ def test_a_request_without_a_last_part_is_not_kept(tmp_path: Path, caplog: pytes
 
 
 def test_an_internal_error_fails_only_its_request(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    def broken(_: Done) -> None:
+    def broken() -> str:
         raise ZeroDivisionError("a bug")
 
     server = NetworkAlone(broken, endpoints=(endpoint(tmp_path),))
 
     async def story() -> None:
         async with AsyncCommander(endpoint(tmp_path)) as daemon:
-            with pytest.raises(Exception, match="no answer"):
-                await daemon.send("mark", text="x", timeout_s=0.2)
+            reply = await daemon.send("mark", text="x")
+            assert not reply.ok
+            assert "a fault of tactiled, please report it: ZeroDivisionError" in reply.reason
             assert (await daemon.send("state")).ok
         assert "report it" in caplog.text
 

@@ -11,7 +11,7 @@ from tactiled.daemon.zmq.commands import DRIFT, EVENT_PERIOD_S, WINDOW_S, Motion
 from tactiled.daemon.zmq.requests import Motion
 
 ROUNDING_S = 1e-6  # of clocks that count from 1970
-ME = ("", "session", "me")
+ME = ("", "1", "me")
 commands = st.lists(  # time since the one before, and delay
     st.tuples(st.floats(0.001, 3.0), st.floats(0.0, 0.05)), min_size=1, max_size=60
 )
@@ -66,7 +66,7 @@ def test_each_sender_has_a_clock_of_its_own_and_few_are_kept() -> None:
     senders = MotionSenders()
     for k in range(100):
         command = motion(acceleration_m_s2=9.81, time_s=float(k), sent_s=float(k))
-        _, course = senders.course(command, ("", "session", str(k)), 200.0)
+        _, course = senders.course(command, ("", "1", str(k)), 200.0)
         assert course["time_s"] == [200.0]
     assert len(senders._senders) <= 8  # noqa: SLF001  the bound on memory
 
@@ -113,4 +113,4 @@ def test_of_a_stream_one_command_in_ten_seconds_is_an_event() -> None:
     assert EVENT_PERIOD_S == 0.01 * 1000
     assert senders.is_event(ME, ok=False, now_s=20.5)
     assert not senders.is_event(ME, ok=False, now_s=20.6)
-    assert senders.is_event(("", "session", "other"), ok=True, now_s=20.6)
+    assert senders.is_event(("", "1", "other"), ok=True, now_s=20.6)

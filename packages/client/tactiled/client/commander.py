@@ -1,7 +1,7 @@
 """Commands to the daemon, and their replies: `Commander`, `AsyncCommander`.
 
-A command without a reply is sent again with the same session and id. The daemon carries it out once, however
-often it arrives, so the loss of a reply never repeats a command.
+A command is sent once, as soon as the daemon is connected. Without a reply within the time limit it may have
+been carried out, or not; the caller decides whether to send it again.
 """
 
 import asyncio
@@ -28,8 +28,7 @@ from tactiled.outside import json_of
 if TYPE_CHECKING:
     from tactiled.client.over_zenoh import Caller
 
-TIMEOUT_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
-_AGAIN_S = 0.5  # a reply takes a millisecond, that to a change of rate some 100 ms
+TIMEOUT_S = 5.0  # a reply takes a millisecond; a daemon that is being restarted is back within this time
 
 
 @dataclass(frozen=True)
@@ -42,35 +41,26 @@ class Reply:
 
 
 class _Request:
-    """Request until it is answered; identified by `session` and `number`."""
+    """Request until it is answered."""
 
-    def __init__(self, do: str, session: str, number: int, rest: dict[str, Any], timeout_s: float) -> None:
-        self.id = f"{session[:8]}-{number}"
+    def __init__(self, do: str, id_: str, rest: dict[str, Any], timeout_s: float) -> None:
+        self.id = id_
         try:
-            self.payload = msgpack.packb({"v": 1, "session": session, "id": self.id, "do": do, **rest})
+            self.payload = msgpack.packb({"v": 1, "id": id_, "do": do, **rest})
         except OverflowError:
             raise OperatorError(f"{do}: a whole number is beyond 64 bits (-2^63 to 2^64 - 1)") from None
         except ValueError as error:  # nested too deeply, or a lone surrogate
             raise OperatorError(f"{do}: a value cannot be sent: {error}") from None
         self.until_s = time.monotonic() + timeout_s
-        self.again_s = 0.0
 
     def wait_ms(self, endpoint: str) -> int:
         """Return the time to wait for the reply, milliseconds; raises OperatorError after the time limit."""
-        now_s = time.monotonic()
-        if now_s >= self.until_s:
+        left_s = self.until_s - time.monotonic()
+        if left_s <= 0:
             raise OperatorError(
                 f"{endpoint}: no answer; is tactiled running there, and has it the key of this client?"
             )
-        return max(1, round(1000 * (min(self.until_s, self.again_s) - now_s)))
-
-    def is_due(self) -> bool:
-        """Return True when the request must be sent now, for the first time or again."""
-        now_s = time.monotonic()
-        if now_s < self.again_s:
-            return False
-        self.again_s = now_s + _AGAIN_S
-        return True
+        return max(1, round(1000 * left_s))
 
     def reply(self, payload: bytes) -> Reply | None:
         """Return the reply to this request, or None for another message."""
@@ -81,7 +71,7 @@ class _Request:
 
 
 class _Connected:
-    """Socket for requests, with session and request numbers."""
+    """Socket for requests, with their numbers."""
 
     def __init__(
         self,
@@ -91,7 +81,7 @@ class _Connected:
         keys: Path | str | None = None,
     ) -> None:
         self._who = who
-        self._session = secrets.token_hex(16)
+        self._name = secrets.token_hex(4)  # a relay of several clients tells them apart by their ids
         self._numbers = itertools.count(1)
         if control is not None:
             self._endpoint = control
@@ -115,14 +105,12 @@ class _Connected:
 
     def _request(self, do: str, arguments: dict[str, Any], timeout_s: float) -> _Request:
         rest = {"who": self._who, **arguments}
-        return _Request(do, self._session, next(self._numbers), rest, timeout_s)
+        return _Request(do, f"{self._name}-{next(self._numbers)}", rest, timeout_s)
 
     def _call(self, caller: "Caller", request: _Request) -> Reply:
-        """Send a request through zenoh until it is answered."""
+        """Send a request through zenoh, and wait for its reply."""
         while True:
-            if request.is_due():
-                caller.send(request.payload)
-            payload = caller.receive(1e-3 * request.wait_ms(self._endpoint))
+            payload = caller.call(request.payload, 1e-3 * request.wait_ms(self._endpoint))
             if payload is not None and (reply := request.reply(payload)) is not None:
                 return reply
 
@@ -176,9 +164,10 @@ class Commander(_Connected):
         request = self._request(do, arguments, timeout_s)
         if self._caller is not None:
             return self._call(self._caller, request)
+        while not self._socket.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):
+            pass  # until the daemon is connected, or the time limit
+        self._socket.send(request.payload)
         while True:
-            if request.is_due() and self._socket.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):
-                self._socket.send(request.payload)
             if self._socket.poll(request.wait_ms(self._endpoint)):
                 reply = request.reply(self._socket.recv_multipart()[-1])
                 if reply is not None:
@@ -222,11 +211,11 @@ class AsyncCommander(_Connected):
         if self._caller is not None:
             return await asyncio.to_thread(self._call, self._caller, request)
         sock: zmq.asyncio.Socket = zmq.asyncio.Socket(shadow=self._socket)
+        # pyzmq's stub lacks the flags.
+        while not await sock.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):  # type: ignore[call-arg]
+            pass  # as in `Commander.send`
+        self._socket.send(request.payload)
         while True:
-            wait_ms = request.wait_ms(self._endpoint) if request.is_due() else 0
-            # pyzmq's stub lacks the flags.
-            if wait_ms and await sock.poll(wait_ms, zmq.POLLOUT):  # type: ignore[call-arg]
-                self._socket.send(request.payload)
             if await sock.poll(request.wait_ms(self._endpoint)):
                 reply = request.reply(self._socket.recv_multipart()[-1])
                 if reply is not None:

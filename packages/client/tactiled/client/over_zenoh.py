@@ -340,19 +340,19 @@ class Caller:
     def __init__(self, endpoint: str, keys: Path | None) -> None:
         address = parse_address(endpoint, keys)
         self._key = address.command
-        self._replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._session = open_session(address)
 
-    def send(self, payload: bytes) -> None:
-        """Send a request."""
-        ask(self._session, self._key, payload, self._replies.put, lambda: None)  # the commander repeats it
-
-    def receive(self, timeout_s: float) -> bytes | None:
-        """Wait for a reply; None after `timeout_s`."""
-        try:
-            return self._replies.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
+    def call(self, payload: bytes, timeout_s: float) -> bytes | None:
+        """Send a request, again while it reaches no host, and return its reply; None after `timeout_s`."""
+        until_s = time.monotonic() + timeout_s
+        replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        while (left_s := until_s - time.monotonic()) > 0:
+            ask(self._session, self._key, payload, replies.put, lambda: replies.put(b""))
+            with suppress(queue.Empty):
+                if reply := replies.get(timeout=left_s):
+                    return reply
+                time.sleep(_AGAIN_S)
+        return None
 
     def close(self) -> None:
         """Close the session."""

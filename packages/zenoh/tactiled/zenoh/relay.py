@@ -1,8 +1,7 @@
 """Requests of zenoh to the daemon, and their replies back. No sockets: `bridge` has these.
 
 Payloads pass unchanged, so that the daemon checks and records them as over ZeroMQ. A reply is matched to its
-request by ``id``, which clients draw at random. Commands need a ``session``: all requests of a bridge share
-one connection to the daemon, which would otherwise be their session.
+request by ``id``, which clients draw at random.
 """
 
 from collections.abc import Callable
@@ -16,12 +15,11 @@ from tactiled.client.parse import parse_map
 
 _QUESTIONS = ("state", "events")
 _MOST_WAITING = 256  # requests at once; the daemon takes 500 in a second
-_MOST_REPEATS = 32  # of one request: a client repeats a command ten times
-_PATIENCE_S = 5.0  # the slowest reply, to a rate that the board does not accept, takes 3 s
+_MOST_REPEATS = 32  # of one request
+_PATIENCE_S = 5.0  # a reply takes milliseconds; a daemon that is being restarted is back within this time
 _LONGEST_WHO = 64
 _LONGEST_BYTES = 16 * 1024 - 256  # the daemon cuts the connection of all for one byte more than 16 kB
 _NO_COMMANDS = "this bridge takes no commands: its owner may start it with --allow-commands"
-_NO_SESSION = "session: commands through zenoh need one (protocols/control.md)"
 
 Respond = Callable[[bytes], None]
 """Takes the reply; an empty one ends the request without any."""
@@ -61,7 +59,7 @@ class Relay:
             self._refuse({}, "id or do is missing, or no text", respond)
             return
         if do not in _QUESTIONS:
-            if reason := self._fault_of_command(request, may_command=may_command):
+            if reason := self._fault_of_command(may_command=may_command):
                 self._refuse(request, reason, respond)
                 return
             request["who"] = f"{str(request.get('who', ''))[: _LONGEST_WHO - 6]} zenoh".strip()
@@ -76,13 +74,11 @@ class Relay:
             waiting.respond.append(respond)
             waiting.until_s = now_s + _PATIENCE_S
 
-    def _fault_of_command(self, request: dict[str, Any], *, may_command: bool) -> str:
+    def _fault_of_command(self, *, may_command: bool) -> str:
         """Return why a command is refused; empty where it is not."""
         if not self._allow_commands:
             return _NO_COMMANDS
-        if not may_command:
-            return "commands go to the key tactile/HOST/command"
-        return "" if request.get("session") else _NO_SESSION
+        return "" if may_command else "commands go to the key tactile/HOST/command"
 
     def reply(self, payload: bytes) -> None:
         """Take a reply of the daemon."""
