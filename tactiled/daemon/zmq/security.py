@@ -13,14 +13,14 @@ alone stay plain, because PlotJuggler has no CURVE; the kernel controls access t
 
 libzmq asks a REP socket at ``inproc://zeromq.zap.01`` about each client (ZAP, rfc.zeromq.org/spec/27), and
 accepts every client when none is bound there. The ZAP server is therefore bound before any endpoint. A
-refused client gets no answer; only the log tells of it.
+refused client gets no answer; only the log tells of it. A client without the public key of the daemon fails
+before libzmq asks, and is in no log.
 """
 
 import asyncio
 import logging
 import os
 import re
-import socket
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +30,6 @@ import zmq
 import zmq.asyncio
 from pydantic import Field
 from zmq.utils import z85
-from zmq.utils.monitor import parse_monitor_message
 
 from tactiled import tomlfile
 from tactiled.errors import ConfigError, DataError, OperatorError
@@ -45,76 +44,6 @@ _ZAP = "inproc://zeromq.zap.01"
 _ZAP_DOMAIN = b"tactiled"  # not empty: without a domain libzmq would not ask
 _KEY = r"[0-9a-zA-Z.\-:+=^!/*?&<>()\[\]{}@%$#]{40}"  # Z85, rfc.zeromq.org/spec/32: 32 bytes
 _NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}"
-
-_FAILED = (zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL, zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL)
-_EVENTS = zmq.EVENT_ACCEPTED | _FAILED[0] | _FAILED[1] | zmq.EVENT_DISCONNECTED
-_CAUSES: dict[int, str] = {
-    zmq.PROTOCOL_ERROR_ZMTP_MECHANISM_MISMATCH: "without a key",
-    zmq.PROTOCOL_ERROR_ZMTP_CRYPTOGRAPHIC: "with the key of another daemon",
-}
-# A handshake may fail before the monitor has reported the connection.
-_GONE = "an unknown address (gone at once)"
-
-
-class Handshakes:
-    """Log clients that fail before authentication; make it before the socket is bound.
-
-    libzmq sends a ZAP request only for a client that uses CURVE with the public key of this daemon. Other
-    clients it reports to a monitor of the socket: ACCEPTED with the descriptor of the connection,
-    HANDSHAKE_FAILED_PROTOCOL with the cause, and DISCONNECTED with the descriptor (zmq_socket_monitor(3)).
-    """
-
-    def __init__(self, context: zmq.Context[Any], guarded: zmq.Socket[Any], denied: RateLimitedLog) -> None:
-        self._denied = denied
-        self._addresses: dict[int, str] = {}
-        self._cause = ""
-        endpoint = f"inproc://tactiled.handshakes.{id(guarded)}"
-        guarded.monitor(endpoint, _EVENTS)
-        self._socket = zmq.asyncio.Socket(context, zmq.PAIR)
-        self._socket.setsockopt(zmq.LINGER, 0)
-        self._socket.connect(endpoint)
-
-    async def run(self) -> None:
-        """Read the monitor until cancelled."""
-        loop = asyncio.get_running_loop()
-        while True:
-            told = parse_monitor_message(await self._socket.recv_multipart())
-            self._take(told["event"], told["value"], loop.time())
-
-    def close(self) -> None:
-        """Close the monitor socket."""
-        self._socket.close()
-
-    def _take(self, event: int, value: int, now_s: float) -> None:
-        """Handle an event of the monitor.
-
-        All events come from one I/O thread, so the next DISCONNECTED belongs to the handshake that failed.
-        """
-        if event == zmq.EVENT_ACCEPTED:
-            self._addresses[value] = _peer(value)
-        elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
-            self._cause = "without a key, it seems: it left when it was asked for one"
-        elif event == zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL:
-            self._cause = _CAUSES.get(value, f"with a handshake that is none (ZMTP error {value:#x})")
-        else:
-            address = self._addresses.pop(value, _GONE)
-            if self._cause:
-                self._denied.add(f"{address} {self._cause}", now_s)
-            self._cause = ""
-
-
-def _peer(descriptor: int) -> str:
-    """Peer address of a connection of libzmq, which may have closed it by now."""
-    try:
-        connection = socket.socket(fileno=descriptor)
-    except OSError:
-        return _GONE
-    try:
-        return str(connection.getpeername()[0]).removeprefix("::ffff:")
-    except (OSError, IndexError):
-        return _GONE
-    finally:
-        connection.detach()
 
 
 class _Client(Params):
@@ -216,7 +145,6 @@ class CurveAuthenticator:
 
     def __init__(self, context: zmq.Context[Any], keys: KeyFolder) -> None:
         self.context = context
-        self._handshakes: list[Handshakes] = []
         self._keys = keys
         self._public, self._secret = keys.pair()
         self.denied = RateLimitedLog(logger, "client denied")
@@ -235,16 +163,9 @@ class CurveAuthenticator:
         sock.setsockopt(zmq.CURVE_PUBLICKEY, self._public)
         sock.setsockopt(zmq.CURVE_SECRETKEY, self._secret)
         sock.setsockopt(zmq.ZAP_DOMAIN, _ZAP_DOMAIN)
-        self._handshakes.append(Handshakes(self.context, sock, self.denied))
 
     async def run(self) -> None:
         """Answer ZAP requests until cancelled."""
-        async with asyncio.TaskGroup() as group:
-            for handshakes in self._handshakes:
-                group.create_task(handshakes.run())
-            group.create_task(self._answer_all())
-
-    async def _answer_all(self) -> None:
         loop = asyncio.get_running_loop()
         while True:
             request = await self._socket.recv_multipart()
@@ -272,7 +193,5 @@ class CurveAuthenticator:
         return [b"1.0", number, b"200", b"OK", name.encode(), b""]
 
     def close(self) -> None:
-        """Close the ZAP socket and the monitors of handshakes."""
-        for handshakes in self._handshakes:
-            handshakes.close()
+        """Close the ZAP socket."""
         self._socket.close()

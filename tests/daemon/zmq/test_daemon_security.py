@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,10 +16,8 @@ from networks import NetworkAlone
 from patience import PATIENCE_S
 from ports import free_pair
 
-from tactiled import limited_log as limited_log_module
 from tactiled import tomlfile
 from tactiled.client import AsyncCommander, Client, Message
-from tactiled.daemon.zmq import network as network_module
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
@@ -226,35 +223,6 @@ def test_a_client_without_a_valid_key_receives_nothing_and_is_logged(
                 await daemon.send("mark", timeout_s=0.3, text="x")
         assert server.keys_used == []
         assert await server.hears(server.wide, tmp_path / "left.toml", PATIENCE_S)
-
-    server.run(story, 3 * PATIENCE_S)
-
-
-def test_a_client_without_any_key_is_logged_despite_the_rate_limit(
-    server: Server, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Library libzmq never asks about those, and what is rate-limited is reported all the same."""
-    monkeypatch.setattr(limited_log_module, "PERIOD_S", 0.5)
-    monkeypatch.setattr(network_module, "_LOG_PERIOD_S", 0.1)
-    text = (tmp_path / "left.toml").read_text()
-    other = zmq.curve_keypair()[0].decode()
-    denied = re.compile(r"client denied: (127\.0\.0\.1|an unknown address \(gone at once\)) without a key")
-    misled = tmp_path / "misled.toml"
-    misled.write_text(text[: text.index("daemon_key")] + f'daemon_key = "{other}"\n')
-    misled.chmod(0o600)
-
-    async def story() -> None:
-        async with asyncio.timeout(PATIENCE_S):  # each client may need more time to be denied
-            while "with the key of another daemon" not in caplog.text:
-                assert not await server.hears(server.wide, misled, 0.3)
-            while not denied.search(caplog.text):
-                assert not await server.hears(server.wide, None, 0.3)
-        caplog.clear()
-        async with asyncio.timeout(PATIENCE_S):
-            while not denied.search(caplog.text):
-                async with AsyncCommander(server.wide) as daemon:
-                    with pytest.raises(OperatorError, match="no answer"):
-                        await daemon.send("mark", timeout_s=0.3, text="x")
 
     server.run(story, 3 * PATIENCE_S)
 
