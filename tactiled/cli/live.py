@@ -47,7 +47,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         boards = [
             ServedBoard(
                 setup.config,
-                setup.make_pipeline(worker.queue()),
+                setup.make_pipeline(worker),
                 stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
             )
             for setup in setups
@@ -103,7 +103,7 @@ def listen(
 def command(name: str, fields: tuple[str, ...], endpoint: str | None, board: str, keys: Path | None) -> None:
     """Send a request to a running daemon and print its reply as JSON; exit code 1 if it is refused.
 
-    NAME is tare, speed, friction, object-changed, motion, inhibit, expect-load-change, thresholds, rate,
+    NAME is tare, speed, friction, object-changed, motion, inhibit, expect-load-change, thresholds,
     record, mark or state; for the fields see protocols/control.md.
 
     Example: tactiled command thresholds grip.incipient_p=0.5

@@ -44,7 +44,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
         BackgroundWorker() as worker,
         Recorder(setup.config.record, setup.recording_header(), file) as recorder,
     ):
-        pipeline = setup.make_pipeline(worker.queue())
+        pipeline = setup.make_pipeline(worker)
         recorder.check()
         boards = [ServedBoard(service, pipeline, recorder)]
         run_service(boards, duration_s, has_begun=lambda: pipeline.health().bytes_in > 0)

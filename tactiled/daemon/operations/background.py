@@ -51,32 +51,16 @@ class _ThreadJob(Generic[T]):
         return self._result
 
 
-_Queue = deque[_ThreadJob[object]]
-
-
-class JobQueue:
-    """Jobs of one board for a worker that serves several."""
-
-    def __init__(self, submit: Callable[[_ThreadJob[object]], None]) -> None:
-        self._submit = submit
-
-    def submit(self, work: Callable[[], T]) -> Job[T]:
-        """Hand over a computation."""
-        job = _ThreadJob(work)
-        self._submit(job)  # type: ignore[arg-type] # results pass through unchanged
-        return job
-
-
 class BackgroundWorker:
     """Compute jobs in a thread, which ends with the block; a job that was given up is ended or never begun.
 
-    Each board has a queue. The boards are served in turn, and of each the newest job comes first, so that a
-    board whose skin slides all the time does not keep the others waiting for more than one fit each.
+    The newest job comes first. All boards hand over jobs at the same rate while they slide, so none keeps
+    the others waiting, and a host that is too slow for all is late with old jobs only.
     """
 
     def __enter__(self) -> Self:
         self._changed = threading.Condition()
-        self._queues: deque[_Queue] = deque()
+        self._jobs: deque[_ThreadJob[object]] = deque()
         self._running: _ThreadJob[object] | None = None
         self._is_open = True
         self._thread = threading.Thread(target=self._run, name="groove fits", daemon=True)
@@ -91,36 +75,15 @@ class BackgroundWorker:
             self._changed.notify()
         self._thread.join()
 
-    def queue(self) -> JobQueue:
-        """Return a new queue, for one board."""
-        jobs: _Queue = deque()
-        with self._changed:
-            self._queues.append(jobs)
-        return JobQueue(lambda job: self._put(jobs, job))
-
-    @property
-    def is_busy(self) -> bool:
-        """True while a job is computed or waits."""
-        with self._changed:
-            waits = any(job.is_wanted for jobs in self._queues for job in jobs)
-            return self._running is not None or waits
-
-    def _put(self, jobs: _Queue, job: _ThreadJob[object]) -> None:
+    def submit(self, work: Callable[[], T]) -> Job[T]:
+        """Hand over a computation."""
+        job = _ThreadJob(work)
         with self._changed:
             # Without those that were given up meanwhile: a host that is too slow keeps no list of them.
-            wanted = [other for other in jobs if other.is_wanted]
-            jobs.clear()
-            jobs.extend([*wanted, job])
+            self._jobs = deque(other for other in self._jobs if other.is_wanted)
+            self._jobs.append(job)  # type: ignore[arg-type] # results pass through unchanged
             self._changed.notify()
-
-    def _next(self) -> _ThreadJob[object] | None:
-        """Take the newest job of the queue whose turn it is; that queue is the last then."""
-        for _ in range(len(self._queues)):
-            jobs = self._queues[0]
-            self._queues.rotate(-1)
-            if jobs:
-                return jobs.pop()
-        return None
+        return job
 
     def _run(self) -> None:
         with contextlib.suppress(OSError):  # a container may forbid it; the pauses matter more
@@ -129,11 +92,11 @@ class BackgroundWorker:
         set_pause(self._pause)
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: any(self._queues) or not self._is_open)
+                self._changed.wait_for(lambda: self._jobs or not self._is_open)
                 if not self._is_open:
                     return
-                self._running = self._next()
-            if self._running is not None and self._running.is_wanted:
+                self._running = self._jobs.pop()
+            if self._running.is_wanted:
                 self._running.run()
             with self._changed:
                 self._running = None

@@ -29,18 +29,24 @@ def until(condition: Callable[[], bool], what: str) -> None:
         time.sleep(0.001)
 
 
+def is_idle(background: BackgroundWorker) -> bool:
+    """Return True while no wanted job is computed or waits."""
+    with background._changed:  # noqa: SLF001  nothing else needs to know
+        waits = any(job.is_wanted for job in background._jobs)  # noqa: SLF001
+        return background._running is None and not waits  # noqa: SLF001
+
+
 def test_a_job_gives_its_result_and_an_error_comes_to_the_caller() -> None:
     with BackgroundWorker() as background:
-        worker = background.queue()
         done = threading.Event()
 
         def fail() -> None:
             done.set()
             raise ZeroDivisionError
 
-        good, bad = worker.submit(lambda: 7), worker.submit(fail)
+        good, bad = background.submit(lambda: 7), background.submit(fail)
         assert done.wait(20)
-        until(lambda: not background.is_busy, "idle")
+        until(lambda: is_idle(background), "idle")
         assert good.result() == 7
         with pytest.raises(ZeroDivisionError):
             bad.result()
@@ -48,7 +54,6 @@ def test_a_job_gives_its_result_and_an_error_comes_to_the_caller() -> None:
 
 def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
     with BackgroundWorker() as background:
-        worker = background.queue()
         began = threading.Event()
 
         def endless() -> int:
@@ -56,37 +61,35 @@ def test_a_job_that_is_given_up_ends_at_its_next_pause() -> None:
                 began.set()
                 pause()
 
-        job = worker.submit(endless)
+        job = background.submit(endless)
         assert began.wait(20)
-        waiting = [worker.submit(lambda: 1) for _ in range(3)]
+        waiting = [background.submit(lambda: 1) for _ in range(3)]
         assert [each.result() for each in waiting] == [None] * 3
         assert job.result() is None
-        assert worker.submit(lambda: 2) is not None
-        until(lambda: not background.is_busy, "the endless job has ended")
+        assert background.submit(lambda: 2) is not None
+        until(lambda: is_idle(background), "the endless job has ended")
 
 
-def test_boards_are_served_in_turn_and_of_each_the_newest_job_comes_first() -> None:
-    order: list[str] = []
-    with BackgroundWorker() as worker:
-        busy, calm = worker.queue(), worker.queue()
+def test_the_newest_job_comes_first() -> None:
+    order: list[int] = []
+    with BackgroundWorker() as background:
         began, may_go_on = threading.Event(), threading.Event()
 
         def first() -> None:
             began.set()
             assert may_go_on.wait(20)
 
-        busy.submit(first)
+        running = background.submit(first)
         assert began.wait(20)
-        jobs = [busy.submit(lambda name=name: order.append(name)) for name in ("busy 1", "busy 2", "busy 3")]  # type: ignore[misc]
-        jobs += [calm.submit(lambda name=name: order.append(name)) for name in ("calm 1", "calm 2")]  # type: ignore[misc]
+        jobs = [background.submit(lambda number=number: order.append(number)) for number in range(3)]  # type: ignore[misc]
         may_go_on.set()
-        until(lambda: not worker.is_busy, "all jobs are done")
-        assert order == ["calm 2", "busy 3", "calm 1", "busy 2", "busy 1"]
+        until(lambda: is_idle(background), "all jobs are done")
+        assert order == [2, 1, 0]
+        assert [job.result() for job in (running, *jobs)] == [None] * 4
 
 
 def test_leaving_the_block_ends_a_running_job() -> None:
     with BackgroundWorker() as background:
-        worker = background.queue()
         began = threading.Event()
 
         def endless() -> None:
@@ -94,7 +97,7 @@ def test_leaving_the_block_ends_a_running_job() -> None:
                 began.set()
                 pause()
 
-        worker.submit(endless)
+        background.submit(endless)
         assert began.wait(20)
     assert not any(thread.name == "groove fits" for thread in threading.enumerate())
 
@@ -129,14 +132,11 @@ def test_events_are_those_of_fits_in_place(reads: list[Read]) -> None:
     in_place = events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
     assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in in_place)
     with BackgroundWorker() as background:
-        worker = background.queue()
-        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
+        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=background)
         beside: list[Event] = []
         for read in reads:
             beside += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
-            until(
-                lambda: not background.is_busy, "the fit is done"
-            )  # the scans come faster than in real time
+            until(lambda: is_idle(background), "the fit is done")  # the scans come faster than in real time
         assert pipeline.health().fits_late == 0
     assert beside == in_place
 
@@ -156,16 +156,15 @@ def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
     late: dict[int, list[int]] = {}
     live: list[Event] = []
     with monkeypatch.context() as patched, BackgroundWorker() as background:
-        worker = background.queue()
         patched.setattr(estimator, "fit_wave", slow)
-        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=worker)
+        pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=background)
         for number, read in enumerate(reads):
             live += [e for e in pipeline.receive_data(read.data, read.arrival_s) if isinstance(e, Event)]
             if pipeline.late_fits:
                 late[number] = pipeline.late_fits
             if len(late) == 3:
                 is_blocked.clear()
-                until(lambda: not background.is_busy, "the fit is done")
+                until(lambda: is_idle(background), "the fit is done")
     health = pipeline.health()
     assert health.fits_late == 3
     assert health.scans == sum(isinstance(e, ScanEvent) for e in live) > 1500
