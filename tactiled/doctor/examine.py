@@ -8,11 +8,9 @@ from tactiled.doctor.abilities import abilities
 from tactiled.doctor.board import check_board
 from tactiled.doctor.finding import Finding
 from tactiled.doctor.host import (
-    check_compiled_path,
     check_daemon,
     check_disk,
     check_endpoints,
-    check_installation,
     running_daemon,
 )
 from tactiled.doctor.port import check_port
@@ -21,7 +19,7 @@ from tactiled.errors import ConfigError
 
 
 def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> list[Finding]:
-    """Run all checks; with an invalid configuration, check only port and installation."""
+    """Run all checks; with an invalid configuration, check only the port."""
     try:
         setup = default_config(port or "") if config is None else load_config(config, port)
     except ConfigError as error:
@@ -29,7 +27,7 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
         words = "board, array, endpoints, keys and disk were not checked because the configuration is invalid"
         broken.append(Finding("the rest", "warn", words, "correct the configuration, then run doctor again"))
         url = port or _named_port(config)
-        return [*broken, *(check_port(url) if url else []), check_compiled_path(), *check_installation()]
+        return [*broken, *(check_port(url) if url else [])]
     source = str(config) if config is not None else "defaults"
     rest = _with_setup(setup, speed_mm_s, is_configured=config is not None)
     return [Finding("configuration", "ok", f"{source}: valid"), *rest]
@@ -53,7 +51,7 @@ def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list
         findings += abilities(setup.array, detect.texture, rate_hz or 100.0, speed_mm_s)
     findings += check_endpoints(publish, is_running, is_configured=is_configured)
     findings += check_keys(publish)
-    return [*findings, *check_disk(setup.config.record), check_compiled_path(), *check_installation()]
+    return [*findings, *check_disk(setup.config.record)]
 
 
 def _named_port(config: Path | None) -> str:

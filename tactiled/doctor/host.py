@@ -1,4 +1,4 @@
-"""Checks of the host: running daemon, endpoints, disk, systemd."""
+"""Checks of the host: running daemon, endpoints, disk."""
 
 import contextlib
 import os
@@ -10,7 +10,6 @@ from typing import Any
 
 import zmq
 
-from tactiled import compiled, resources
 from tactiled.client import Message, Subscription
 from tactiled.daemon.serial import device
 from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
@@ -20,22 +19,6 @@ from tactiled.errors import TactiledError
 from tactiled.recording.rotation import RecordParams
 
 _STATUS_S = 0.5  # a running daemon sends five in that time
-_SYSTEMD = "run/systemd/system"  # sd_booted(3)
-# Name of the check, folders, files there, file of ours, and how to install it.
-_INSTALLED = (
-    ("systemd unit", ("etc/systemd/system", "usr/lib/systemd/system", "lib/systemd/system"),
-     "tactiled*.service", "tactiled@.service",
-     "for a daemon that starts with its board: sudo install -m 644 {file} /etc/systemd/system/ "
-     "&& sudo systemctl daemon-reload"),
-    ("systemd user", ("etc/sysusers.d", "usr/lib/sysusers.d", "lib/sysusers.d"),
-     "*tactiled*.conf", "tactiled.sysusers",
-     "for the unit's user and group: sudo install -D -m 644 {file} /etc/sysusers.d/tactiled.conf "
-     "&& sudo systemd-sysusers"),
-    ("udev rule", ("etc/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d"),
-     "*tactiled*.rules", "99-tactiled.rules",
-     "for permissions, stable names and 1 ms latency: sudo install -m 644 {file} /etc/udev/rules.d/ "
-     "&& sudo udevadm control --reload && sudo udevadm trigger --action=add"),
-)  # fmt: skip
 
 
 def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
@@ -114,36 +97,6 @@ def check_disk(record: RecordParams) -> list[Finding]:
         else:
             verdict = "ok"
     return [Finding("disk", verdict, f"{directory}: {words}", remedy)]
-
-
-def check_compiled_path() -> Finding:
-    """Say which path a scan takes here; both have the same results."""
-    if not compiled.reason_plain:
-        return Finding("path of a scan", "ok", "compiled")
-    words = f"{compiled.path_words()}; the results are the same, a scan in contact takes 2 ms, not 0.1 ms"
-    return Finding(
-        "path of a scan", "warn", words, "sudo apt install gcc python3-dev, then install tactiled again"
-    )
-
-
-def check_installation(root: Path = Path("/")) -> list[Finding]:
-    """Check that unit, user and udev rule are installed."""
-    if not (root / _SYSTEMD).is_dir():
-        words = (
-            "systemd does not run here, so the daemon is not started and the port is not set up automatically"
-        )
-        return [
-            Finding("systemd", "warn", words, "start `tactiled run` with the service manager of this host")
-        ]
-    findings = []
-    for check, places, pattern, name, why in _INSTALLED:
-        found = [path for place in places for path in sorted((root / place).glob(pattern))]
-        if found:
-            findings.append(Finding(check, "ok", f"{found[0]} is installed"))
-        else:
-            remedy = why.format(file=resources.shipped("systemd", name))
-            findings.append(Finding(check, "warn", "not installed", remedy))
-    return findings
 
 
 def _filled(endpoint: str) -> str:

@@ -1,11 +1,9 @@
 """Checks of a configuration that need no board."""
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from tactiled.config import Setup
-from tactiled.daemon.zmq.endpoints import RUNTIME
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.security import KeyFolder
 from tactiled.doctor.abilities import check_waves
@@ -14,12 +12,11 @@ from tactiled.doctor.host import check_disk
 from tactiled.errors import ConfigError
 
 _RATE_HZ = 100.0  # of the published board, where the configuration leaves the rate to the board
-_VOLATILE = "/run"  # empty at each start of the host
 _STARTS = "the daemon starts without recording, and records as soon as this has been corrected"
 
 
 def check_files(setup: Setup, source: str) -> list[str]:
-    """Check the keys, the folders of sockets and the record directory that a configuration names.
+    """Check the keys and the record directory that a configuration names.
 
     Returns
     -------
@@ -29,53 +26,16 @@ def check_files(setup: Setup, source: str) -> list[str]:
     Raises
     ------
     ConfigError
-        The daemon does not start with such keys or sockets.
+        The daemon does not start with such keys.
     """
-    publish, record = setup.config.publish, setup.config.record
-    found = check_keys(publish) + _check_sockets((*publish.endpoints, *publish.control))
-    lines: dict[str, dict[str, None]] = {"fail": {}, "warn": {}, "ok": {}}  # each line once
-    for one in found:
-        remedy = f"; {one.remedy}" if one.remedy else ""
-        lines[one.verdict][f"publish.{one.check}: {one.words}{remedy}"] = None
-    if lines["fail"]:
-        raise ConfigError(source, list(lines["fail"]))
-    return list(lines["warn"]) + [
-        f"record.directory: {one.words}; {_STARTS}; {one.remedy}"
-        for one in (check_disk(record) if record.directory is not None else [])
-        if one.verdict == "fail"
+    record = setup.config.record
+    keys = [(f"publish.{one.line}", one.verdict) for one in check_keys(setup.config.publish)]
+    if faults := [line for line, verdict in keys if verdict == "fail"]:
+        raise ConfigError(source, faults)
+    disk = [] if record.directory is None else check_disk(record)
+    return [line for line, verdict in keys if verdict == "warn"] + [
+        f"record.directory: {one.words}; {_STARTS}; {one.remedy}" for one in disk if one.verdict == "fail"
     ]
-
-
-def _check_sockets(endpoints: Sequence[str]) -> list[Finding]:
-    """Find faults of the places of ipc sockets, with which the daemon does not start, and warnings."""
-    found: list[Finding] = []
-
-    def find(verdict: Severity, words: str, remedy: str = "") -> None:
-        found.append(Finding("endpoints", verdict, words, remedy))
-
-    ours = f"use ipc://{RUNTIME}/events.ipc"
-    for endpoint in endpoints:
-        if not endpoint.startswith("ipc://") or RUNTIME in endpoint:
-            continue
-        path = Path(endpoint.removeprefix("ipc://"))
-        folder = path.absolute().parent
-        try:
-            if path.exists() and not path.is_socket():
-                find("fail", f"{path}: something stands there that is no socket", f"name another, or {ours}")
-            elif folder == Path("/"):
-                words = f"{path}: only root may make a socket in the root folder"
-                find("fail", words, f"name another, or {ours}")
-            elif folder.is_dir():
-                if not os.access(folder, os.W_OK | os.X_OK):
-                    find("warn", f"{folder}: this user may not make a socket there")
-            elif folder.is_relative_to(_VOLATILE):  # the unit, or another one, may make it at its start
-                words = "no such folder: the daemon ends with status 1, and systemd starts it again"
-                find("warn", f"{folder}: {words}", f"make it, or {ours}")
-            else:
-                find("fail", f"{folder}: no such folder", f"make it, or {ours}")
-        except OSError as error:
-            find("warn", f"{folder}: not checked: {error.strerror}")
-    return found
 
 
 def check_keys(publish: PublishParams) -> list[Finding]:

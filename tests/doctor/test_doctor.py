@@ -27,7 +27,6 @@ from tactiled.doctor.host import (
     check_daemon,
     check_disk,
     check_endpoints,
-    check_installation,
     running_daemon,
 )
 from tactiled.doctor.port import check_port
@@ -327,7 +326,7 @@ def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Set
         tables = {"publish": publish, "record": config.record.model_copy(update=record)}
         return check_files(replace(setup, config=config.model_copy(update=tables)), "t.toml")
 
-    with pytest.raises(ConfigError, match=rf"t\.toml: publish\.keys: {folder}: no such folder; make one"):
+    with pytest.raises(ConfigError, match=rf"t\.toml: publish\.keys: {folder}: no such folder -> make one"):
         check(folder)
     KeyFolder(folder).make("left", tmp_path / "left.toml")
     assert check(folder) == []
@@ -339,43 +338,3 @@ def test_files_that_a_configuration_names_are_checked_without_a_board(setup: Set
     )
     (full,) = check(None, "tcp://127.0.0.1:9872", directory=str(tmp_path), min_free_mb=1e12)
     assert "the daemon starts without recording" in full
-    (homeless,) = check(None, "ipc:///run/no-such/events.ipc")
-    assert homeless.startswith(
-        "publish.endpoints: /run/no-such: no such folder: the daemon ends with status 1"
-    )
-    (tmp_path / "file").touch()
-    for place, fault in {
-        f"{tmp_path}/run/events.ipc": f"{tmp_path}/run: no such folder; make it",
-        "/nonexistent/events.ipc": "/nonexistent: no such folder; make it",
-        "/nonexistent": "/nonexistent: only root may make a socket in the root folder",
-        f"{tmp_path}/file": f"{tmp_path}/file: something stands there that is no socket",
-        f"{tmp_path}/file/events.ipc": f"{tmp_path}/file: no such folder",
-    }.items():
-        with pytest.raises(ConfigError, match=rf"t\.toml:\s+publish\.endpoints: {fault}"):
-            check(None, f"ipc://{place}")
-    assert check(None, "ipc://{runtime}/events.ipc") == []
-
-
-def test_installed_files_are_searched_in_the_directories_of_systemd_and_udev(tmp_path: Path) -> None:
-    assert [finding.check for finding in check_installation(tmp_path)] == ["systemd"]
-    (tmp_path / "run/systemd/system").mkdir(parents=True)
-    bare = by_check(check_installation(tmp_path))
-    for finding in bare.values():  # a command that can be pasted, wherever one stands
-        (file,) = [
-            word
-            for word in finding.remedy.split()
-            if word.startswith("/") and word.endswith((".service", ".rules", ".sysusers"))
-        ]
-        assert Path(file).is_file()
-    assert {finding.verdict for finding in bare.values()} == {"warn"}
-    assert set(bare) == {"systemd unit", "systemd user", "udev rule"}
-    for name in (
-        "etc/systemd/system/tactiled@.service",
-        "etc/sysusers.d/tactiled.conf",
-        "usr/lib/udev/rules.d/99-tactiled.rules",
-    ):
-        path = tmp_path / name
-        path.parent.mkdir(parents=True)
-        path.touch()
-    done = by_check(check_installation(tmp_path))
-    assert {finding.verdict for finding in done.values()} == {"ok"}
