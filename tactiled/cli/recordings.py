@@ -19,7 +19,7 @@ RECORDINGS = click.argument("files", type=FILE, nargs=-1, required=True)
     "--seconds",
     "duration_s",
     type=click.FloatRange(0, min_open=True),
-    help="Stop so many seconds after the first byte; after 30 s if none comes.",
+    help="Stop after so many seconds.",
 )
 def record(file: Path, config: Path | None, port: str | None, duration_s: float | None) -> None:
     """Record a board into FILE (.mcap) without publishing, until stopped.
@@ -47,7 +47,7 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
         pipeline = setup.make_pipeline(worker)
         recorder.check()
         boards = [ServedBoard(service, pipeline, recorder)]
-        run_service(boards, duration_s, has_begun=lambda: pipeline.health().bytes_in > 0)
+        run_service(boards, duration_s)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)
     sys.exit(0 if n_scans else 1)

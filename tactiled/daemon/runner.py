@@ -46,9 +46,6 @@ logger = logging.getLogger(__name__)
 
 STATUS_PERIOD_S = 0.1
 INFO_PERIOD_S = 1.0
-# A status that is due so soon is published directly behind a scan. On its own, it would now and then hold up
-# the next scan of a board at 100 Hz or more.
-_EARLY_S = 0.01
 # Wait for the last scans when the daemon stops, where no answer tells which is the last: longer than an FTDI
 # bucket (16 ms).
 _DRAIN_S = 0.1
@@ -115,7 +112,6 @@ class BoardRunner:
         self._logged = (session.state, session.reason(0.0))
         self._warned: dict[str, str] = {}
         self._started_s = time.monotonic()
-        self._next_status_s = math.inf
         self._next_info_s = self._started_s
         self._described = session.hello
 
@@ -191,8 +187,6 @@ class BoardRunner:
             end_s = time.monotonic()
             self.metrics.handled(end_s - now_s)
             self._shared.turns.add(end_s, end_s - now_s)
-            if end_s >= self._next_status_s - _EARLY_S:
-                self._look(end_s)
         except Exception as error:  # as in `_attempt`, without a call between bytes and scan
             self._failed(error)
 
@@ -247,20 +241,16 @@ class BoardRunner:
 
     async def _watch(self) -> None:
         """Check the line and publish the status, at 10 Hz in every state."""
-        self._next_status_s = time.monotonic()
-        self._look(self._next_status_s)
+        due_s = time.monotonic()
         while True:
-            due_s = self._next_status_s
             await asyncio.sleep(due_s - time.monotonic())
-            if due_s == self._next_status_s:  # there was no scan shortly before
-                now_s = time.monotonic()
-                self._shared.turns.add(now_s, now_s - due_s)
-                self._look(now_s)
+            now_s = time.monotonic()
+            self._shared.turns.add(now_s, now_s - due_s)
+            self._look(now_s)
+            due_s = max(due_s + STATUS_PERIOD_S, now_s)  # after a hang, statuses that were missed are skipped
 
     def _look(self, now_s: float) -> None:
         """Check line and deadlines, close a dead port, and publish what is due."""
-        # After a hang, statuses that were missed are skipped.
-        self._next_status_s = max(self._next_status_s + STATUS_PERIOD_S, now_s)
         self.act(self._link.watch(now_s, self._framing_errors()))
         if self._session.state != "running":
             self._connection.check(self._link.expire_silence(now_s))

@@ -5,13 +5,12 @@ the service manager restarts it.
 """
 
 import asyncio
-import contextlib
 import gc
 import logging
 import os
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from tactiled import compiled
@@ -27,8 +26,6 @@ from tactiled.limited_log import RateLimitedLog
 logger = logging.getLogger(__name__)
 
 CLOCK_PERIOD_S = 1.0  # a step of the wall clock is followed within this
-BEGIN_S = 30.0  # for what a limited run counts from; longer than a board takes to boot and a port to be found
-_LOOK_S = 0.02  # period of looking for it: two scans
 _NAMED = 3  # boards that the line of status names; the log has all of them
 
 
@@ -124,21 +121,11 @@ class Service:
 
     def _close(self) -> None:
         self._network.close()
-        if self._exporter is not None:
-            self._exporter.close()
         self._notifier.close()
 
 
-async def serve(
-    boards: Sequence[ServedBoard],
-    duration_s: float | None = None,
-    has_begun: Callable[[], bool] = lambda: True,
-) -> None:
-    """Run the daemon for `duration_s`, or until SIGTERM, SIGINT or SIGHUP.
-
-    The duration counts from the instant at which `has_begun` returns True; without that, the daemon ends
-    `BEGIN_S` after it was started.
-    """
+async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) -> None:
+    """Run the daemon for `duration_s`, or until SIGTERM, SIGINT or SIGHUP."""
     service = Service(boards)
     loop = asyncio.get_running_loop()
     # Closing a port may block its thread for a while, which must not delay the ports of other boards.
@@ -146,36 +133,21 @@ async def serve(
     signals = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)  # the last where its terminal is closed
     for number in signals:
         loop.add_signal_handler(number, service.stop)
-    stopping = None
-    if duration_s is not None:
-        stopping = asyncio.create_task(_stop_after(duration_s, service.stop, has_begun))
+    timer = None if duration_s is None else loop.call_later(duration_s, service.stop)
     try:
         await service.run()
     finally:
-        if stopping is not None:
-            stopping.cancel()
+        if timer is not None:
+            timer.cancel()
         for number in signals:
             loop.remove_signal_handler(number)
 
 
-async def _stop_after(duration_s: float, stop: Callable[[], None], has_begun: Callable[[], bool]) -> None:
-    with contextlib.suppress(TimeoutError):
-        async with asyncio.timeout(BEGIN_S):
-            while not has_begun():
-                await asyncio.sleep(_LOOK_S)
-        await asyncio.sleep(duration_s)
-    stop()
-
-
-def run_service(
-    boards: Sequence[ServedBoard],
-    duration_s: float | None = None,
-    has_begun: Callable[[], bool] = lambda: True,
-) -> int:
+def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) -> int:
     """Run the daemon in a new event loop; returns exit code 0 after a requested end, raises as `Service`."""
     # What was made until here lives as long as the daemon. A collection that looked through it (80,000
     # objects) would stop the event loop for 15 to 40 ms.
     gc.collect()
     gc.freeze()
-    asyncio.run(serve(boards, duration_s, has_begun))
+    asyncio.run(serve(boards, duration_s))
     return 0

@@ -5,21 +5,15 @@ import itertools
 import logging
 import math
 import os
-import pty
-import select
 import signal
 import socket
-import subprocess
-import sys
-import threading
 import time
-import tty
 from collections.abc import Sequence
-from contextlib import nullcontext, suppress
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from boards import LAYOUT, PtyBoard, SimBoard
+from boards import PtyBoard, SimBoard
 from daemons import Daemon, play
 from patience import PATIENCE_S
 
@@ -28,7 +22,6 @@ from tactiled.daemon import service as service_module
 from tactiled.daemon.runner import BoardRunner
 from tactiled.daemon.service import Service, serve
 from tactiled.received import Received
-from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command, Frame
 
 
@@ -228,37 +221,3 @@ def test_the_daemon_does_not_spin(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     with PtyBoard(daemon.link, board) if plugged else nullcontext():
         play(daemon, story)
     assert turns < 10 * len(daemon.rows("status"))
-
-
-def test_a_recording_of_so_many_seconds_counts_from_the_first_byte(tmp_path: Path) -> None:
-    """The board is silent for 1 s after it was first asked, three times as long as it is recorded."""
-    sim, encode = SimBoard(), Encoder(LAYOUT).encode
-    ours, theirs = pty.openpty()
-    tty.setraw(theirs)
-    os.set_blocking(ours, False)
-    stop = threading.Event()
-
-    def board() -> None:
-        select.select([ours], [], [], PATIENCE_S)
-        stop.wait(1.0)
-        os.write(ours, encode(sim.hello()) + encode(sim.scan(0)))  # a scan, however late the next one is
-        while not stop.wait(0.01):
-            sent.append(1)
-            with suppress(BlockingIOError):  # nobody reads any more
-                os.write(ours, encode(sim.scan(10_000 * len(sent))))
-
-    sent: list[int] = []
-    thread = threading.Thread(target=board)
-    thread.start()
-    arguments = ["record", str(tmp_path / "a.mcap"), "--port", os.ttyname(theirs), "--seconds", "0.3"]
-    command = [sys.executable, "-m", "tactiled", *arguments]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
-    finally:
-        stop.set()
-        thread.join()
-        os.close(ours)
-        os.close(theirs)
-    assert done.returncode == 0, done.stderr
-    assert " scans" in done.stderr
-    assert ": 0 scans" not in done.stderr

@@ -20,7 +20,6 @@ _HOST = "127.0.0.1"  # other hosts reach it through a proxy, node_exporter or ss
 _REQUEST_BYTES = 4096  # Prometheus sends some 300
 _PATIENCE_S = 2.0  # for request and response together
 _CLIENTS = 8  # connections at once; further ones are closed
-RETRY_S = 10.0  # period of trying a port that is in use; the daemon senses without the page
 _KIND = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -43,40 +42,28 @@ class Exporter:
         self._text = text
         self._writers: set[asyncio.StreamWriter] = set()
         self._port = params.port
-        self._socket: socket.socket | None = None
 
     async def run(self) -> None:
-        """Serve until cancelled, then close all connections."""
-        await self._bind()
-        server = await asyncio.start_server(self._serve, sock=self._socket, limit=_REQUEST_BYTES)
+        """Serve until cancelled, then close all connections; without its port, the daemon senses on."""
         try:
-            await server.serve_forever()
-        finally:
-            server.close()
-            for writer in self._writers:
-                writer.transport.abort()
-            while self._writers:
-                await asyncio.sleep(0)
-
-    def close(self) -> None:
-        """Free the TCP port, also when `run` was cancelled before it served."""
-        if self._socket is not None:
-            self._socket.close()
-
-    async def _bind(self) -> None:
-        """Bind the TCP port, as soon as it is free."""
-        fault = ""
-        while self._socket is None:
+            listening = socket.create_server((_HOST, self._port))
+        except OSError as error:
+            logger.error(  # noqa: TRY400  the cause is enough, a traceback would not help
+                "no metrics: metrics.port: %s:%d cannot be had (%s); free it (ss -tlnp 'sport = :%d'), and "
+                "restart tactiled", _HOST, self._port, error.strerror, self._port,
+            )  # fmt: skip
+            await asyncio.Event().wait()
+            return
+        with listening:
+            server = await asyncio.start_server(self._serve, sock=listening, limit=_REQUEST_BYTES)
             try:
-                self._socket = socket.create_server((_HOST, self._port))
-            except OSError as error:
-                if fault != (fault := error.strerror or str(error)):
-                    logger.error(  # noqa: TRY400  the cause is enough, a traceback would not help
-                        "no metrics: metrics.port: %s:%d cannot be had (%s), tried again every %g s; "
-                        "see who has it: ss -tlnp 'sport = :%d'",
-                        _HOST, self._port, fault, RETRY_S, self._port,
-                    )  # fmt: skip
-                await asyncio.sleep(RETRY_S)
+                await server.serve_forever()
+            finally:
+                server.close()
+                for writer in self._writers:
+                    writer.transport.abort()
+                while self._writers:
+                    await asyncio.sleep(0)
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._writers) >= _CLIENTS:
