@@ -105,7 +105,9 @@ class BoardRunner:
         session = self._session = self._link.session
         self._connection = Connection(params.port.url, baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
-        self._commands = Commands(pipeline, self._tuned, lambda on: board.recorder.switch(on, pipeline.hello))
+        self._commands = Commands(
+            pipeline, self._took_input, lambda on: board.recorder.switch(on, pipeline.hello)
+        )
         self._handover_s: float | None = None  # of the adapter, as the pipeline knows it
         self._deadline: asyncio.TimerHandle | None = None
         self._log = RateLimitedLog(logger)
@@ -147,7 +149,7 @@ class BoardRunner:
         return self._commands.settings(now_s)
 
     def do(self, request: CommandRequest, requester: Requester, now_s: float) -> str:
-        """Carry out a command, and publish its outcome (of a stream, the first); return why it is refused."""
+        """Carry out a client's command, and publish its outcome; return why it is refused."""
         reason = self._commands.do(request, requester, now_s)
         event = self._commands.event(request, requester, reason, now_s)
         if event is not None:
@@ -155,12 +157,12 @@ class BoardRunner:
         return reason
 
     def act(self, commands: Sequence[Command] = ()) -> None:
-        """Send commands to the board, report a new state, and set the timer for the next deadline."""
+        """Send `commands` to the board, report a new state, and set the timer for the next deadline."""
         for command in commands:
             data = self._encoder.encode(command)
             now_s = time.monotonic()
             if (arguments := self._link.sending(command, now_s)) is not None:
-                self._tuned(command.name, arguments, (), now_s)
+                self._took_input(command.name, arguments, (), now_s)
             self._connection.write(data)
         now_s = time.monotonic()
         self._report_state(now_s)
@@ -177,7 +179,7 @@ class BoardRunner:
             self._handover_s = port.handover_s
             arguments = {"handover_s": port.handover_s}
             _, events = self._pipeline.command("adapter", arguments, now_s)
-            self._tuned("adapter", arguments, events, now_s)
+            self._took_input("adapter", arguments, events, now_s)
         self.act(self._link.opened(now_s, self._framing_errors(), is_pty=port.is_pty))
 
     def _received(self, data: bytes) -> None:
@@ -308,8 +310,10 @@ class BoardRunner:
         self._publish(event)
         self._recorder.record_event(event, self.serial, self._shared.clock.offset_s)
 
-    def _tuned(self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float) -> None:
-        """Record a command to the pipeline, and publish the events that it caused."""
+    def _took_input(
+        self, name: str, arguments: Mapping[str, Any], events: Sequence[Event], now_s: float
+    ) -> None:
+        """Record an input that the pipeline has taken, and publish the events that it caused."""
         self._record(name, arguments, events, now_s)
         for event in events:
             self._publish(event)

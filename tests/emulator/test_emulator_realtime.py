@@ -265,6 +265,24 @@ def test_addresses_for_a_controller_of_another_form_are_refused(address: str) ->
         make_control_link(address)
 
 
+def test_a_socket_of_a_living_process_is_not_taken_over(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    first, second = make_control_link(f"unix://{path}"), make_control_link(f"unix://{path}")
+    first.open()
+    with pytest.raises(
+        ConfigError, match=r"control: cannot listen on .*control: another process listens there"
+    ):
+        second.open()
+    second.close()
+    assert path.is_socket()
+    first.close()
+    assert not path.exists()
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(path))
+    second.open()
+    second.close()
+
+
 def test_ports_that_cannot_be_made_are_refused_before_tables_are_solved(tmp_path: Path) -> None:
     plate = {"kind": "grooves", "period_mm": 1.13, "angle_deg": 0.0}
     press = {"kind": "press", "duration_s": 0.5, "force_n": 0.2}

@@ -185,7 +185,7 @@ class BoardLink:
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
         """Tell the pipeline of a ping that is about to be written.
 
-        No board receives it before `now_s`. Returns the arguments of the pipeline's command of the same name,
+        No board receives it before `now_s`. Returns the arguments of the pipeline's input of the same name,
         for the recording; None if none was given.
         """
         if command.name != "ping":

@@ -1,4 +1,4 @@
-"""Execution of commands: detector settings, announced motion, recording. No I/O.
+"""Execution of the commands of clients: detector settings, announced motion, recording. No I/O.
 
 A command of motion states when it was sent, in the sender's own clock. Its arrival in the daemon's clock,
 minus that, is the offset of the clocks plus the delay of the command, which is never negative. The smallest
@@ -137,12 +137,12 @@ def _sender(command: Motion, requester: Requester) -> tuple[str, ...]:
 
 
 class Commands:
-    """Carry out commands.
+    """Carry out the commands of clients.
 
     Parameters
     ----------
-    tuned : callable
-        Takes a change of the detectors and the events caused by it: (name, arguments, events, now_s).
+    took_input : callable
+        Takes an input of the pipeline, and the events that it has caused: (name, arguments, events, now_s).
     record : callable
         Starts (True) or stops (False) the recording; returns the reason for a refusal.
     """
@@ -150,11 +150,11 @@ class Commands:
     def __init__(
         self,
         pipeline: Pipeline,
-        tuned: Callable[[str, dict[str, Any], Sequence[Event], float], None],
+        took_input: Callable[[str, dict[str, Any], Sequence[Event], float], None],
         record: Callable[[bool], str],
     ) -> None:
         self._pipeline = pipeline
-        self._tuned = tuned
+        self._took_input = took_input
         self._record = record
         self._motion = MotionSenders()
 
@@ -170,10 +170,10 @@ class Commands:
         return self._tune(command.do, command.arguments, now_s)
 
     def _tune(self, name: str, arguments: dict[str, Any], now_s: float) -> str:
-        """Give a command to the pipeline; return the reason for a refusal."""
+        """Give an input to the pipeline; return the reason for a refusal."""
         reason, events = self._pipeline.command(name, arguments, now_s)
         if not reason:
-            self._tuned(name, arguments, events, now_s)
+            self._took_input(name, arguments, events, now_s)
         return reason
 
     def settings(self, now_s: float) -> dict[str, Any]:

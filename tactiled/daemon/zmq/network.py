@@ -23,7 +23,7 @@ from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, CommandedBoard, Control
 from tactiled.daemon.zmq.endpoints import bind, is_wide
 from tactiled.daemon.zmq.params import PublishParams
-from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, TurnLimit
+from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, StepLimit
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import LONGEST_BYTES, Requester
 from tactiled.daemon.zmq.security import CurveAuthenticator, KeyFolder
@@ -35,7 +35,7 @@ _HIGH_WATER = 16
 # Parts of a request: number of a correlating REQ, empty part of a REQ, payload.
 _MOST_PARTS = 3
 # Four of the longest replies are kept for a client. A request costs at most some 0.3 ms.
-BOUNDS = Bounds(LONGEST_BYTES, 4 * REPLY_BYTES, turns_per_s=500.0)
+BOUNDS = Bounds(LONGEST_BYTES, 4 * REPLY_BYTES, steps_per_s=500.0)
 
 
 @dataclass
@@ -171,7 +171,7 @@ class GuardedRequestServer:
     async def run(self) -> None:
         """Serve until cancelled."""
         plain: zmq.Socket[bytes] = zmq.Socket.shadow(self._socket.underlying)
-        limit = TurnLimit(BOUNDS.turns_per_s)
+        limit = StepLimit(BOUNDS.steps_per_s)
         while True:
             await self._socket.poll()
             frames = await _receive(plain)

@@ -2,9 +2,9 @@
 
 A server never waits for a peer, and what one peer sends or leaves unread costs the others nothing:
 
-- The peers of a server take turns, some hundred a second in all. In one turn at most `READ_BYTES` are read,
-  some values are handled, and at most one request is answered. A flood fills the kernel's buffer of its own
-  connection and no more.
+- The peers of a server take steps one after another, some hundred a second in all. In one step at most
+  `READ_BYTES` are read, some values are handled, and at most one request is answered. A flood fills the
+  kernel's buffer of its own connection and no more.
 - An endpoint has at most `MOST_PEERS` peers. A new one takes the place of the oldest that has sent no request
   and has no subscription; where there is none, it is refused.
 - A peer that is not ready after `HANDSHAKE_S`, or sends what the protocol does not have, is closed.
@@ -35,8 +35,8 @@ logger = logging.getLogger(__name__)
 MOST_PEERS = 64  # of an endpoint; a robot has some ten: controller, recorder, page, viewers, bridges
 HANDSHAKE_S = 5.0  # a handshake takes milliseconds, or as long as the peer's host is stopped
 READ_BYTES = 512
-_VALUES_A_TURN = 16  # of the 256 that a read may hold: 0.1 ms instead of 1 ms
-# Turns at once before their rate is limited: a dozen peers that start together, or a client that catches up
+_VALUES_A_STEP = 16  # of the 256 that a read may hold: 0.1 ms instead of 1 ms
+# Steps at once before their rate is limited: a dozen peers that start together, or a client that catches up
 # on every topic.
 _BURST = 50
 # Messages that are handed to the kernel at once. The rest of a piece that the kernel took in part is kept
@@ -62,20 +62,20 @@ class Bounds:
 
     frame_bytes: int  # of a frame from a peer
     queue_bytes: int  # of what waits to be sent to a peer
-    turns_per_s: float  # of all peers together: a read, a request, or a new connection
+    steps_per_s: float  # of all peers together: a read, a request, or a new connection
 
 
-class TurnLimit:
-    """Limit of the rate of turns, after some that may come at once."""
+class StepLimit:
+    """Limit of the rate of steps, after some that may come at once."""
 
-    def __init__(self, turns_per_s: float) -> None:
-        self._turn_s = 1 / turns_per_s
+    def __init__(self, steps_per_s: float) -> None:
+        self._step_s = 1 / steps_per_s
         self._next_s = -math.inf
 
     async def wait(self) -> None:
-        """Wait until the next turn may begin; the event loop runs in any case."""
+        """Wait until the next step may begin; the event loop runs in any case."""
         now_s = asyncio.get_running_loop().time()
-        self._next_s = max(self._next_s, now_s - _BURST * self._turn_s) + self._turn_s
+        self._next_s = max(self._next_s, now_s - _BURST * self._step_s) + self._step_s
         await asyncio.sleep(max(0.0, self._next_s - now_s))
 
 
@@ -103,7 +103,7 @@ class Peer:
             self.address = str(sock.getpeername()[0])
         self.decoder = ZmtpDecoder(bounds.frame_bytes)
         self.values: deque[Value] = deque()
-        """Values that wait for the next turn of this peer."""
+        """Values that wait for the next step of this peer."""
         self.is_ready = False
         self.is_idle = True
         """True while the peer has nothing here: its place may be given to another."""
@@ -176,11 +176,11 @@ class PeerServer:
         self._loop = asyncio.get_running_loop()
         for listener in self._listeners:
             self._watch(listener)
-        limit = TurnLimit(self._bounds.turns_per_s)
+        limit = StepLimit(self._bounds.steps_per_s)
         while True:
             source = await self._readable.get()
             if isinstance(source, Peer):
-                self._turn(source)
+                self._step(source)
             else:
                 self._accept(source)
             await limit.wait()
@@ -215,7 +215,7 @@ class PeerServer:
         self._listeners.clear()
 
     def _take(self, peer: Peer, value: Value) -> bool:
-        """Handle what a peer says when it is ready; returns True when this was all for one turn."""
+        """Handle what a peer says when it is ready; returns True when this was all for one step."""
         raise NotImplementedError
 
     def _gone(self, peer: Peer) -> None:
@@ -269,11 +269,11 @@ class PeerServer:
         self._watch(peer)
         self._send(peer, Queued(zmtp.GREETING))
 
-    def _turn(self, peer: Peer) -> None:
+    def _step(self, peer: Peer) -> None:
         """Handle what is left of the last read, or read."""
         if not peer.values and not self._read(peer):
             return
-        for _ in range(_VALUES_A_TURN):
+        for _ in range(_VALUES_A_STEP):
             if not peer.values or self._handle(peer, peer.values.popleft()):
                 break
         if peer.values:

@@ -35,8 +35,8 @@ _TOPIC_FLAGS, _PAYLOAD_FLAGS = int(zmq.NOBLOCK | zmq.SNDMORE), int(zmq.NOBLOCK)
 _LONGEST_SUBSCRIPTION = 1024
 
 QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in contact; the store has the rest
-# A turn costs 0.05 ms, and 0.6 ms where a peer fills its read with the shortest messages.
-BOUNDS = Bounds(zmtp.LONGEST_BYTES, QUEUE_BYTES, turns_per_s=200.0)
+# A step costs 0.05 ms, and 0.6 ms where a peer fills its read with the shortest messages.
+BOUNDS = Bounds(zmtp.LONGEST_BYTES, QUEUE_BYTES, steps_per_s=200.0)
 MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; prefixes need fewer
 _MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
 # Boards in the store beside those that the daemon reads: another after an exchange, and one without a name

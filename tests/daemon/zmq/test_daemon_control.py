@@ -307,7 +307,7 @@ def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, .
 
 def test_hostile_clients_do_not_affect_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Floods, junk, many frames, oversize, clients that never read: others are served, memory stays."""
-    monkeypatch.setattr(network, "BOUNDS", replace(network.BOUNDS, turns_per_s=5000.0))
+    monkeypatch.setattr(network, "BOUNDS", replace(network.BOUNDS, steps_per_s=5000.0))
     server = served(tmp_path)
     server.send(3000)
 

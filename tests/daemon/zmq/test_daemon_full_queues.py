@@ -40,7 +40,7 @@ SLOW_SERVER = """
 import asyncio, sys
 from dataclasses import replace
 from tactiled.daemon.zmq import network, peers
-network.BOUNDS = replace(network.BOUNDS, turns_per_s=25.0)
+network.BOUNDS = replace(network.BOUNDS, steps_per_s=25.0)
 peers._BURST = 1
 server = network.Network(network.PublishParams(endpoints=(sys.argv[1],)), [])
 print("up", flush=True)

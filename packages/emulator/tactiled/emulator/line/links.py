@@ -186,6 +186,8 @@ class UnixLink(TcpLink):
         self._path = path
 
     def open(self) -> None:
+        if self._path.is_socket() and self._is_served():
+            raise ConfigError(self._option, [f"cannot listen on {self._path}: another process listens there"])
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             if self._path.is_socket():
@@ -198,6 +200,10 @@ class UnixLink(TcpLink):
         listener.listen()
         listener.setblocking(False)
         self._listener = listener
+
+    def _is_served(self) -> bool:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            return probe.connect_ex(str(self._path)) == 0
 
     def close(self) -> None:
         if self._listener is not None:
