@@ -87,7 +87,7 @@ def bind(sock: zmq.Socket[Any], endpoint: str) -> None:
 
 
 def listen(endpoint: str) -> list[socket.socket]:
-    """Return sockets of the kernel, not blocking, that listen at an endpoint: one for each of its addresses.
+    """Return sockets of the kernel, not blocking, that listen at a plain endpoint: one for each address.
 
     It raises as `bind`.
     """
@@ -101,7 +101,7 @@ def listen(endpoint: str) -> list[socket.socket]:
             except OSError as error:
                 if error.errno not in (errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT):
                     raise
-                fault = error  # a name may have an address that this host lacks, mostly one of IPv6
+                fault = error  # localhost may have an address that this host lacks, mostly that of IPv6
         if fault is not None and not listeners:
             raise fault
     except OSError as error:
@@ -118,8 +118,6 @@ def _listener(family: int, address: Any) -> socket.socket:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER_BYTES)
         if family != socket.AF_UNIX:
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if family == socket.AF_INET6:
-            sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)  # IPv4 has a listener of its own
         with _socket_umask():
             sock.bind(address)
         sock.listen(_BACKLOG)
@@ -172,8 +170,7 @@ def _not_bound(endpoint: str, error: zmq.ZMQError | OSError) -> UnavailableError
             f"{endpoint}: in use, by another tactiled perhaps (see who: ss -tlnp 'sport = :{port}'); "
             "stop it, or give this one another port in endpoints"
         )
-    hint = "; give an address or a name of this host" if isinstance(error, socket.gaierror) else ""
-    return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}{hint}")
+    return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}")
 
 
 def _addresses(endpoint: str) -> list[tuple[int, Any]]:
@@ -183,8 +180,7 @@ def _addresses(endpoint: str) -> list[tuple[int, Any]]:
         return [(socket.AF_UNIX, address)]
     host, _, port = address.rpartition(":")
     host = host.strip("[]")
-    every = None if host in ("*", "::") else host  # None: every address, of IPv4 and IPv6
-    found = socket.getaddrinfo(every, int(port), type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    found = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)
     return list(dict.fromkeys((family, where) for family, _, _, _, where in found))
 
 

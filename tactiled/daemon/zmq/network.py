@@ -21,7 +21,7 @@ import zmq.asyncio
 
 from tactiled.daemon.zmq import zmtp
 from tactiled.daemon.zmq.control import REPLY_BYTES, CommandedBoard, Control
-from tactiled.daemon.zmq.endpoints import bind, is_wide
+from tactiled.daemon.zmq.endpoints import bind
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, StepLimit
 from tactiled.daemon.zmq.publisher import Publisher
@@ -118,10 +118,7 @@ class Network:
             self.publisher = Publisher(params, authenticator, n_boards)
             opened.callback(self.publisher.close)
             self.control = Control(self.publisher, boards)
-            # With a plain endpoint on the network anyone there may command, so a limit at loopback would
-            # protect nothing.
-            commands_over_tcp = params.allow_commands_over_tcp or any(map(is_wide, plain))
-            requests = RequestServer(self.control, commands_over_tcp=commands_over_tcp)
+            requests = RequestServer(self.control, commands_over_tcp=params.allow_commands_over_tcp)
             opened.callback(requests.close)
             for endpoint in plain:
                 requests.listen(endpoint)

@@ -263,9 +263,6 @@ def test_network_endpoints_need_keys_or_an_explicit_option(tmp_path: Path) -> No
     with pytest.raises(ConfigError, match="tactiled keys make"):
         parse()
     assert parse(keys="/etc/tactiled/keys").control == ("tcp://0.0.0.0:9873",)
-    parse(allow_plaintext_on_network=True)
-    with pytest.raises(ConfigError, match=r"tcp://0\.0\.0\.0:1 can be reached"):
-        tomlfile.parse({"control_endpoints": ["tcp://0.0.0.0:1"]}, PublishParams, "t.toml")
     with pytest.raises(ConfigError, match=r"daemon\.toml: cannot be read"):
         Network(parse(keys=str(tmp_path)), [])
 
