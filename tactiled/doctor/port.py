@@ -1,4 +1,4 @@
-"""Checks of the closed port: existence, permission, other users, stable name, latency timer."""
+"""Checks of the closed port: existence, permission, stable name, latency timer."""
 
 import os
 from pathlib import Path
@@ -26,21 +26,13 @@ def check_port(url: str) -> list[Finding]:
         return [Finding("port", "fail", f"{url}: not a serial port", f"correct port.url{others}")]
     node = path.resolve()
     there = Finding("port", "ok", f"{url} is {node}" if str(node) != url else f"{url} is there")
-    return [there, _permission(url), _holders(url), _name(url), _latency(url)]
+    return [there, _permission(url), _name(url), _latency(url)]
 
 
 def _permission(url: str) -> Finding:
     if os.access(url, os.R_OK | os.W_OK):
         return Finding("permission", "ok", "this user may read and write the port")
     return Finding("permission", "fail", "this user may not read and write it", device.permission(url))
-
-
-def _holders(url: str) -> Finding:
-    who = device.holders(url)
-    words = f"open in {', '.join(who)}" if who else "no visible process has it open"
-    if all(name.startswith("tactiled ") for name in who):
-        return Finding("in use", "ok", words)
-    return Finding("in use", "warn", words, "stop that program unless it is tactiled")
 
 
 def _name(url: str) -> Finding:

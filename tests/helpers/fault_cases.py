@@ -15,7 +15,7 @@ from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Hello, Scan
 
 CALM_S = 0.3
-_SETTLED_S = 1.2  # a port that was open for 1 s is tried again quickly
+_SETTLED_S = 1.2  # the next fault begins when the one before has passed
 _LASTING_S = 1.2  # of noise and of a wrong baud rate: the daemon reports a cause after 1 s
 _MISSED_SCANS = 30  # a third of a second, much longer than a stall
 _SEQUENCE_JUMP = 20_000  # of 65536: far from 0 and from a whole turn

@@ -137,28 +137,6 @@ def is_free(url: str) -> bool:
         os.close(fd)
 
 
-def holders(url: str) -> list[str]:
-    """Return the processes that have the device open, as "name (pid)", as far as this user may see them."""
-    found = []
-    with contextlib.suppress(OSError):
-        device = Path(url).resolve()
-        for process in Path("/proc").iterdir():
-            if process.name.isdecimal() and int(process.name) != os.getpid() and _holds(process, device):
-                with contextlib.suppress(OSError):
-                    found.append(f"{(process / 'comm').read_text().strip()} ({process.name})")
-    return found
-
-
-def _holds(process: Path, device: Path) -> bool:
-    with contextlib.suppress(OSError):  # a process of another user, or one that has ended
-        for entry in (process / "fd").iterdir():
-            with contextlib.suppress(OSError):
-                # The name alone is not enough: /dev/pts/1 of another container is another pty.
-                if entry.readlink() == device and entry.samefile(device):
-                    return True
-    return False
-
-
 def stable_name(url: str, folder: Path = BY_ID) -> Path | None:
     """Return the udev name of the adapter at `url`, or None.
 
@@ -181,8 +159,7 @@ def explain(url: str, error: Exception) -> str:
     if number == errno.ENOENT:
         return f"{url}: no such port{available()}"
     if number in (errno.EAGAIN, errno.EBUSY):
-        who = ", ".join(holders(url)) or "another program"
-        return f"{url}: busy, {who} has it (another tactiled?); see who: lsof {url}"
+        return f"{url}: busy, another program has it (another tactiled?); see who: lsof {url}"
     if number in (errno.EACCES, errno.EPERM):
         return f"{url}: permission denied; {permission(url)}"
     if number in (errno.ENXIO, errno.ENODEV, errno.EIO):

@@ -30,11 +30,7 @@ logger = logging.getLogger(__name__)
 
 _READ_BYTES = 4096  # buffer of a tty; small enough that a flood of bytes does not delay the status
 _POLL_S = 0.1  # period at which the reading thread of a port without descriptor checks for its end
-_QUICK_TRIES = 20  # attempts at `_QUICK_S`: a bumped cable is back within a second
-_QUICK_S = 0.05
-_SLOWEST_S = 0.5  # longest interval; a board then runs with its settings within 1 s of its device node
-_SLOWER = 1.5  # factor between later intervals
-_SETTLED_S = 1.0  # a port that was open for so long gets quick attempts again after a loss
+_RETRY_S = 0.2  # between attempts to open: a board runs with its settings within 1 s of its device node
 
 
 class PortParams(Params):
@@ -262,8 +258,6 @@ class Connection:
 
         `lost` takes the reason of each loss and of each failed attempt.
         """
-        tries, delay_s = 0, _QUICK_S
-        loop = asyncio.get_running_loop()
         while True:
             url = self._url
             try:
@@ -271,15 +265,9 @@ class Connection:
             except PortError as error:
                 lost(str(error))
             else:
-                opened_s = loop.time()
                 reason = await self._serve(port, opened, received)
                 lost(f"{url}: {reason}")
-                if loop.time() - opened_s > _SETTLED_S:
-                    tries, delay_s = 0, _QUICK_S
-            tries += 1
-            if tries > _QUICK_TRIES:
-                delay_s = min(delay_s * _SLOWER, _SLOWEST_S)
-            await asyncio.sleep(delay_s)
+            await asyncio.sleep(_RETRY_S)
 
     async def _serve(
         self, port: SerialPort, opened: Callable[[SerialPort], None], received: Callable[[bytes], None]

@@ -30,7 +30,6 @@ from tactiled.events.types import Event, Sent
 # occupies at most about 2 MB.
 _SEND_HIGH_WATER = 2000
 _LINGER_S = 0.3  # enough to send queued events over loopback; a dead subscriber delays the end by no more
-_TOPIC_FLAGS, _PAYLOAD_FLAGS = int(zmq.NOBLOCK | zmq.SNDMORE), int(zmq.NOBLOCK)
 # Longest message of a subscriber: a topic is some 30 bytes, the largest step of a CURVE handshake some 600.
 _LONGEST_SUBSCRIPTION = 1024
 
@@ -38,7 +37,6 @@ QUEUE_BYTES = 2**20  # 7 s of scans, force, grip and status of one board in cont
 # A step costs 0.05 ms, and 0.6 ms where a peer fills its read with the shortest messages.
 BOUNDS = Bounds(zmtp.LONGEST_BYTES, QUEUE_BYTES, steps_per_s=200.0)
 MOST_SUBSCRIPTIONS = 100  # of a subscriber: ten topics of ten boards by name; prefixes need fewer
-_MOST_TOPICS = 1000  # whose subscribers are remembered: ten of each of 100 boards
 # Boards in the store beside those that the daemon reads: another after an exchange, and one without a name
 # before any hello.
 MORE_BOARDS = 2
@@ -55,17 +53,10 @@ class EventServer(PeerServer):
     def __init__(self) -> None:
         super().__init__("PUB", ("SUB", "XSUB"), BOUNDS)
         self._wanted: dict[Peer, Counter[bytes]] = {}
-        self._audience: dict[bytes, tuple[Peer, ...]] = {}
 
     def send(self, topic: bytes, payload: bytes, board: str) -> None:
         """Queue a message for everyone who wants it, counted under `board` if it is dropped; never waits."""
-        audience = self._audience.get(topic)
-        if audience is None:
-            if len(self._audience) >= _MOST_TOPICS:
-                self._audience.clear()
-            audience = tuple(peer for peer, wanted in self._wanted.items() if topic.startswith((*wanted,)))
-            self._audience[topic] = audience
-        if audience:
+        if audience := [peer for peer, wanted in self._wanted.items() if topic.startswith((*wanted,))]:
             message = Queued(zmtp.message(topic, payload), board)
             for peer in audience:
                 self._send(peer, message)
@@ -86,12 +77,10 @@ class EventServer(PeerServer):
         else:
             return False
         peer.is_idle = not wanted
-        self._audience.clear()
         return False
 
     def _gone(self, peer: Peer) -> None:
-        if self._wanted.pop(peer, None):
-            self._audience.clear()
+        self._wanted.pop(peer, None)
 
 
 @dataclass(frozen=True)
@@ -217,9 +206,7 @@ class Publisher:
         frames = codec.encode(event, seq=seq, board=board, unix_offset_s=unix_offset_s, run=self.run)
         self.server.send(*frames, board)
         if self._guarded is not None:
-            # Two thirds of the time of `send_multipart`; a PUB socket takes both parts or drops both.
-            self._guarded.send(frames[0], _TOPIC_FLAGS)
-            self._guarded.send(frames[1], _PAYLOAD_FLAGS)
+            self._guarded.send_multipart(frames, zmq.NOBLOCK)
         self.store.add(board, event.topic, seq, frames[1])
 
     def sent(self, board: str) -> Sent:

@@ -5,7 +5,6 @@ import fcntl
 import os
 import pty
 import struct
-import subprocess
 import termios
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -124,14 +123,3 @@ def test_a_port_is_free_until_a_daemon_locks_it(tmp_path: Path) -> None:
         assert device.is_free(name)  # looking does not take it
         fcntl.flock(slave, fcntl.LOCK_EX)
         assert not device.is_free(name)
-
-
-def test_the_process_that_holds_the_port_is_named() -> None:
-    with open_pty() as (slave, name), subprocess.Popen(["sleep", "60"], stdin=slave) as other:
-        try:
-            assert device.holders(name) == [f"sleep ({other.pid})"]
-            busy = device.explain(name, OSError(errno.EBUSY, "busy"))
-            assert f"busy, sleep ({other.pid}) has it" in busy
-        finally:
-            other.kill()
-    assert device.holders(name) == []

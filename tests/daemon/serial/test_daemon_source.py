@@ -186,7 +186,6 @@ def test_a_port_that_opens_too_late_is_closed_again(monkeypatch: pytest.MonkeyPa
 def test_a_second_open_fails_with_busy() -> None:
     with raw_pty() as (_, name):
         first = open_port(name, 115200)
-        # Who has it is not told here: it is this very process, and pty numbers are shared with the machine's.
         with pytest.raises(PortError, match=f"{name}: busy, .+ has it .*lsof {name}"):
             open_port(name, 115200)
         first.close()
