@@ -206,7 +206,7 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     return trials
 
 
-def slip_at(time_s: float, direction_deg: float) -> SlipEvent:
+def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:
     """Onset of a gross slip, detected when it happened."""
     return SlipEvent(
         time_s=time_s,
@@ -215,7 +215,7 @@ def slip_at(time_s: float, direction_deg: float) -> SlipEvent:
         onset_s=time_s,
         onset_sd_s=0.0,
         direction_deg=direction_deg,
-        direction_sd_deg=0.0,
+        direction_sd_deg=direction_sd_deg,
         confidence=1.0,
         taxels=(),
         detector="truth",

@@ -91,12 +91,12 @@ class Node:
         except DDSException as error:
             raise OperatorError(f"DDS domain {domain_id} cannot be joined: {error}") from None
         load_cyclonedds().dds_set_log_mask(_LOGGED)
-        self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched", self._type_hash(_INFO_TYPE))
+        self._info = self._writer(_INFO_TOPIC, _INFO_TYPE, "latched")
         self._announce()
 
     def writer(self, topic: str, kind: str, delivery: Delivery) -> TopicWriter:
         """Create a writer of a ROS topic with leading slash, by the full name of its type."""
-        made = self._writer(f"rt{topic}", kind, delivery, self._type_hash(kind))
+        made = self._writer(f"rt{topic}", kind, delivery)
         self._announce()
         return made
 
@@ -106,17 +106,14 @@ class Node:
         if self._domain is not None:
             self._domain._delete(self._domain._ref)  # noqa: SLF001
 
-    def _writer(self, topic: str, kind: str, delivery: Delivery, own: bytes) -> TopicWriter:
-        struct = self._struct(kind)
+    def _writer(self, topic: str, kind: str, delivery: Delivery) -> TopicWriter:
+        struct, own = self._struct(kind), f"typehash={rihs01(kind, self._types)};".encode()
         writer = DataWriter(
             self._participant, Topic(self._participant, topic, struct), _policies(delivery, own)
         )
         self._writers.append(writer)
         encoded = partial(encode, kind, self._types)
         return TopicWriter(writer, lambda values: struct(encoded(values)), delivery)
-
-    def _type_hash(self, kind: str) -> bytes:
-        return f"typehash={rihs01(kind, self._types)};".encode()
 
     def _struct(self, name: str) -> Any:
         """Class of Cyclone DDS for a type: its description, around data that are encoded already."""
