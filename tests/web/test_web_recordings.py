@@ -83,6 +83,16 @@ def test_a_recording_is_opened_beside_the_live_boards(folder: Path, monkeypatch:
     assert "larger" in large.json["reason"]
 
 
+def test_a_recording_that_vanishes_while_the_list_is_made_costs_only_itself(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    present = [*folder.iterdir()]
+    with monkeypatch.context() as patched:
+        patched.setattr(Path, "iterdir", lambda _: iter([folder / "archived.mcap", *present]))
+        listed = recordings.RecordingFolder(folder).listed()
+    assert {row["name"] for row in listed} == {NAME, "no.mcap"}
+
+
 @pytest.mark.system
 def test_a_person_opens_a_recording_and_comes_back(folder: Path, page: Page, tmp_path: Path) -> None:
     with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as made.endpoint:

@@ -5,7 +5,9 @@ a path, so that no name leads out of it. Links are not followed.
 """
 
 import asyncio
+import contextlib
 import os
+import stat
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -42,14 +44,12 @@ class RecordingFolder:
 
     def files(self) -> dict[str, tuple[Path, os.stat_result]]:
         """Return the finished recordings by name, the newest first; none where it cannot be read."""
-        try:
-            found = [
-                (path, path.stat())
-                for path in self._directory.iterdir()
-                if path.suffix == _SUFFIX and path.is_file() and not path.is_symlink()
-            ]
-        except OSError:  # gone, not allowed, or a file was removed meanwhile
-            return {}
+        found = []
+        with contextlib.suppress(OSError):  # the directory is gone, or not allowed
+            for path in self._directory.iterdir():
+                with contextlib.suppress(OSError):  # this file was removed meanwhile
+                    if path.suffix == _SUFFIX and stat.S_ISREG((status := path.lstat()).st_mode):
+                        found.append((path, status))
         found.sort(key=lambda file: file[1].st_mtime, reverse=True)
         return {path.name: (path, status) for path, status in found[:_LISTED]}
 
