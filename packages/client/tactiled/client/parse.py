@@ -19,7 +19,7 @@ def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
         Exception
     ) as error:  # msgpack raises half a dozen kinds of exception, and perhaps others for forged data
         return Malformed(f"{name}: not msgpack ({type(error).__name__})")
-    if not isinstance(data, dict) or not all(isinstance(key, str) for key in data):
+    if not isinstance(data, dict) or not {*map(type, data)} <= {str}:
         return Malformed(f"{name}: not a map with string keys")
     version = data.get("v")
     if type(version) is not int or version != MESSAGE_VERSION:
