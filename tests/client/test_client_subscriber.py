@@ -176,6 +176,32 @@ def test_a_wait_of_limited_length(endpoint: str) -> None:
         assert time.monotonic() - began_s >= 0.15
 
 
+def test_what_has_arrived_is_read_at_once_and_of_some_topics_the_newest(
+    endpoint: str, publisher: Publisher
+) -> None:
+    with limit(), Subscription(endpoint) as subscription:
+        assert isinstance(subscription.next_item(time.monotonic() + PATIENCE_S), Fresh | Message)
+        head = {"v": 1, "timestamp": time.time(), "run": 1}
+        publisher.extra += [
+            [f"tactile/{board}/grip".encode(), msgpack.packb(head | {"board": board, "seq": seq})]
+            for seq in reversed(range(5))
+            for board in ("TS0002", "TS0001")
+        ]
+        while publisher.extra:
+            time.sleep(0.01)
+        time.sleep(0.5)
+        items = subscription.arrived(1000, frozenset({"grip"}))
+    found = [item for item in items if isinstance(item, Message)]
+    assert [(item.board, item.seq) for item in found if item.topic == "grip"] == [
+        ("TS0001", 4),
+        ("TS0002", 4),
+    ]
+    slips = [item.seq for item in found if item.topic == "slip"]
+    assert len(slips) > 2
+    assert slips == [*range(slips[0], slips[0] + len(slips))]
+    assert not any(isinstance(item, Lost) for item in items)
+
+
 def test_a_hostile_message_is_an_item_like_any_other(endpoint: str, publisher: Publisher) -> None:
     with limit(), Subscription(endpoint, topics=("slip",)) as subscription:
         while not isinstance(subscription.next_item(), Message):

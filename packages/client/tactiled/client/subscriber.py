@@ -1,9 +1,11 @@
 """Subscriptions: `Client` for asyncio, `Subscription` without; both are a `Transport` around an `Inbox`."""
 
+import itertools
 import math
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any, Self
 
@@ -73,12 +75,19 @@ class _SubscriptionBase:
         for pollable in self._transport.pollables:
             poller.register(pollable, zmq.POLLIN)
 
-    def _read(self) -> None:
-        """Read the replies and at most one message, then act on passed deadlines."""
+    def _read(self, most: int = 1, newest_of: AbstractSet[str] = frozenset()) -> None:
+        """Read the replies and at most `most` messages, then act on passed deadlines."""
         while (reply := self._transport.take_reply()) is not None:
             self._items += self._inbox.answer(reply, time.monotonic(), time.time())
-        if parts := self._transport.receive():
-            self._items += self._inbox.receive(parts, time.monotonic(), time.time(), self._transport.thinned)
+        received = [
+            (parts, self._transport.thinned)
+            for parts in itertools.islice(iter(self._transport.receive, []), most)
+        ]
+        newest = {parts[0]: parts for parts, _ in received}
+        for parts, thinned in received:
+            topic = parts[0].rpartition(b"/")[2].decode(errors="replace")
+            if topic not in newest_of or parts is newest[parts[0]]:
+                self._items += self._inbox.receive(parts, time.monotonic(), time.time(), thinned | newest_of)
         self._items += self._inbox.tick(time.monotonic())
         for request in self._inbox.catch_up.unsent:
             if not self._transport.send(msgpack.packb(request)):
@@ -160,6 +169,18 @@ class Subscription(_SubscriptionBase):
             if not self._items and time.monotonic() >= end_s:
                 return None
         return self._items.popleft()
+
+    def arrived(self, most: int, newest_of: AbstractSet[Topic] = frozenset()) -> list[Item]:
+        """Return the items of the messages that have arrived, at most `most` of these, without waiting.
+
+        Of the topics `newest_of`, whose messages replace one another, only the newest message of each board
+        is read: a program that draws now and then saves the time of the others. It does not learn which of
+        these topics were lost.
+        """
+        self._read(most, newest_of)
+        items = list(self._items)
+        self._items.clear()
+        return items
 
     def close(self) -> None:
         """Close the connection."""

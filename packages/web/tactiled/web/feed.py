@@ -11,14 +11,13 @@ whatever the number of browsers. Readings are 32-bit floats; what no page shows 
 import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import msgpack
 
 from tactiled.array import Array
 from tactiled.board_geometry import geometry_of
-from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
+from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted, Topic
 from tactiled.errors import ContractError
 from tactiled.events.incoming import checked_map
 
@@ -27,6 +26,8 @@ _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points 
 _HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
 LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
+NEWEST_ALONE: frozenset[Topic] = frozenset({"grip", "force"})
+"""Topics of each scan, of whose messages a frame has the newest: no other one need be read."""
 _FLOATS = 1
 """MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
 _UNSEEN = {"scan": {"time_sd_s", "age_s"}, "force": {"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}}
@@ -155,18 +156,18 @@ class Feed:
 
     def _message(self, source: int, message: Message, *, recovered: bool) -> None:
         try:
-            message = replace(message, data=checked_map(message.topic, message.data))
+            data = checked_map(message.topic, message.data)
         except ContractError:
             self.unreadable += 1
             return
         if message.topic == "info":
-            known = (str(message.data.get("array_id", "")), int(message.data.get("channels", 0)))
+            known = (str(data.get("array_id", "")), int(data.get("channels", 0)))
             key = (source, message.board)
             if self._array_ids.get(key) != known:
                 self._array_ids[key] = known
-                geometry = geometry_of(message.data, self._arrays.get(known[0]))
+                geometry = geometry_of(data, self._arrays.get(known[0]))
                 self.add(source, "geometry", {"board": message.board, **geometry})
-        self.add(source, message.topic, message.data, recovered)
+        self.add(source, message.topic, data, recovered)
 
 
 def _packed(source: int, topic: str, data: Mapping[str, Any], recovered: bool) -> bytes:

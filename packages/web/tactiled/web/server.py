@@ -26,7 +26,7 @@ from tactiled.version import __version__
 from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
 from tactiled.web.commands import GUIDED, DaemonCommands, check_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
-from tactiled.web.feed import Feed
+from tactiled.web.feed import NEWEST_ALONE, Feed
 from tactiled.web.guard import Guard
 from tactiled.web.guided import GuidedVerbs
 from tactiled.web.recordings import RecordingFolder, RecordingRoutes, answer
@@ -36,7 +36,7 @@ logger = logging.getLogger(__name__)
 
 STATIC = Path(__file__).parent / "static"
 MOST_BROWSERS = 64
-_MOST_ITEMS = 500  # of one endpoint in a frame, some 20 ms: more wait for the next frame
+_MOST_MESSAGES = 500  # of one endpoint in a frame, some 20 ms: more wait for the next frame
 _LARGEST_REQUEST_BYTES = 16 * 1024  # as the daemon's own limit for a request
 _LINGERING_S = 1.0  # for the rest of a request that was refused before its end
 _SETTINGS_S = 1.0  # interval at which a daemon is asked for its settings, which other clients change as well
@@ -213,9 +213,7 @@ class PageServer:
         for turn in itertools.count():
             await asyncio.sleep(1 / FRAMES_PER_S)
             for source, subscription in enumerate(subscriptions):
-                for _ in range(_MOST_ITEMS):
-                    if (item := subscription.next_item(0.0)) is None:
-                        break
+                for item in subscription.arrived(_MOST_MESSAGES, NEWEST_ALONE):
                     self._feed.take(source, item)
             with_live = turn % TURNS_PER_LIVE_FRAME == 0
             frames = self._feed.frames(time.time(), time.monotonic(), with_live=with_live)
