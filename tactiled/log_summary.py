@@ -29,8 +29,14 @@ def percent(part: float) -> str:
 class LogTally:
     """Figures of a log of any length, taken while it is processed; its memory is bounded."""
 
-    def __init__(self, array: Array) -> None:
+    def __init__(self, array: Array, board: str) -> None:
         self.array = array
+        self.board = board
+        """Serial number of the board whose recording it is; else the name of the file."""
+        self.keeps_events = False
+        self.events: list[Event] = []
+        """All events, where `keeps_events`."""
+        self.n_events = self.n_printed = 0
         self.n_scans = 0
         self.n_repeats = 0
         self.first_s = self.last_s = math.nan
@@ -65,6 +71,8 @@ class LogTally:
 
     def add_event(self, event: Event) -> None:
         """Take the next event."""
+        if self.keeps_events:
+            self.events.append(event)
         if isinstance(event, TextureEvent):
             self.textures[event.status] += 1
         self.has_grip = self.has_grip or isinstance(event, GripEvent)

@@ -3,8 +3,8 @@
 import json
 import logging
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled import log_summary, tomlfile
-from tactiled.array import Array, load_array
+from tactiled import tomlfile
+from tactiled.array import Array
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
@@ -24,14 +24,14 @@ from tactiled.events.types import Event, ForceEvent, GripEvent
 from tactiled.events.words import EventLines
 from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
-from tactiled.log_summary import LogTally
+from tactiled.log_summary import LogTally, summary
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.plots import PICTURES
-from tactiled.recording.bag import BAGS, is_bag, read_bag
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, read_header, read_inputs
-from tactiled.recording.rows import TableOptions, TimeUnit
-from tactiled.recording.table import TABLES, BlockSplitter, Checked, TableStream, spacing_of
+from tactiled.recording.spacing import to_blocks
+from tactiled.recording.table import TableOptions, TimeUnit
+from tactiled.recording.whole import DEFAULT_ARRAY, WholeLog, kind_of, read_whole
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse
 from tactiled.wire.frames import Hello
@@ -115,54 +115,19 @@ class Choices:
             force = ForceEstimator(array, load_calibration(self.calibration))
         return TunedSuite(array, params, build, force)
 
+    def summary(self, log: LogTally) -> Iterator[str]:
+        """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
+        params = self.params()
+        told = self.topics
+        if params.setting == "wang2019":  # the published methods have no grip messages
+            told = tuple(topic for topic in told if topic != "grip")
+        return summary(log, told, params.texture.speed_mm_s, sliding_is_given=self.sliding is not None)
+
     def array_of(self, array: Array) -> Array:
         """Return the array with the zero that the user asks for."""
         if self.tare_s is None:
             return array
         return replace(array, zero=np.zeros(array.n_channels), zero_first_s=self.tare_s)
-
-
-class Log(LogTally):
-    """Figures of a file, taken while it is processed."""
-
-    def __init__(self, array: Array, board: str) -> None:
-        super().__init__(array)
-        self.board = board
-        """Serial number of the board whose recording it is; else the name of the file."""
-        self.held: HeldLog | None = None
-        self.n_events = self.n_printed = 0
-
-    def add_scans(self, time_s: FloatArray, readings: FloatArray) -> None:
-        """Take consecutive scans: times (n,), readings (n, channels)."""
-        super().add_scans(time_s, readings)
-        if self.held is not None:
-            self.held.time_s += time_s.tolist()
-            self.held.volts += list(readings)
-
-    def add_event(self, event: Event) -> None:
-        """Take the next event."""
-        super().add_event(event)
-        if self.held is not None:
-            self.held.events.append(event)
-
-    def summary(self, choices: Choices) -> Iterator[str]:
-        """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
-        params = choices.params()
-        told = choices.topics
-        if params.setting == "wang2019":  # the published methods have no grip messages
-            told = tuple(topic for topic in told if topic != "grip")
-        return log_summary.summary(
-            self, told, params.texture.speed_mm_s, sliding_is_given=choices.sliding is not None
-        )
-
-
-@dataclass
-class HeldLog:
-    """All readings and events of a file, for a picture; the size of the file bounds the memory."""
-
-    time_s: list[float] = field(default_factory=list)
-    volts: list[FloatArray] = field(default_factory=list)  # (channels,) float64 each
-    events: list[Event] = field(default_factory=list)
 
 
 def detect_file(
@@ -174,7 +139,7 @@ def detect_file(
     reached: Reached | None = None,
     *,
     as_json: bool = True,
-) -> Log:
+) -> LogTally:
     """Print the events of a file, and return the log with them; see `detect_messages`.
 
     Every event is a JSON line; without `as_json` there are lines for people (`EventLines`).
@@ -183,7 +148,7 @@ def detect_file(
     if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
         raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     log, messages = detect_messages(path, array, rate_hz, choices, reached)
-    held = log.held = HeldLog() if plot is not None else None
+    log.keeps_events = plot is not None
     lines = EventLines("{:8.3f} s".format, choices.topics)
     for message in messages:
         log.n_events += 1
@@ -191,12 +156,11 @@ def detect_file(
         if line is not None:
             click.echo(line)
             log.n_printed += 1
-    if plot is not None and held is not None:
+    if plot is not None:
         from tactiled.plots.log import draw_log
 
-        time_s, volts = np.array(held.time_s), np.array(held.volts)
         try:
-            draw_log(plot, log.array, time_s, volts, held.events, path.name)
+            draw_log(plot, log.array, log.time_s, log.readings, log.events, path.name)
         except OSError as error:
             raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
     return log
@@ -208,10 +172,10 @@ def detect_messages(
     rate_hz: float | None = None,
     choices: Choices | None = None,
     reached: Reached | None = None,
-) -> tuple[Log, Iterator[dict[str, Any]]]:
+) -> tuple[LogTally, Iterator[dict[str, Any]]]:
     """Return the log of a file, and its messages, which are computed while the file is read.
 
-    Neither readings nor events are kept, whatever the length of the file; but a bag or an npz is read whole.
+    A recording is read in parts: neither readings nor events are kept. A log of others is read as a whole.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
     `choices.grip_hz` a second become messages, and those at which the state changes; of the force events,
@@ -224,32 +188,23 @@ def detect_messages(
     """
     choices = choices or Choices()
     params = choices.params()
-    is_of_ros = is_bag(path, choices.topic)
-    is_ours = path.suffix == ".mcap" and not is_of_ros
-    if choices.layout is not None and not is_ours:
+    kind = kind_of(path, choices.topic)
+    if choices.layout is not None and kind != "recording":
         raise ConfigError("command line", ["--layout is for our recordings (.mcap), which hold bytes"])
-    if is_of_ros and (choices.columns or choices.time_unit):
-        fault = "--columns and --time-unit are for tables; --topic TOPIC.FIELD chooses the channels of a bag"
-        raise ConfigError("command line", [fault])
-    if is_ours:
-        if rate_hz is not None or choices.columns or choices.time_unit:
-            fault = "--rate, --columns and --time-unit are for tables; a recording contains them"
-            raise ConfigError("command line", [fault])
+    options = TableOptions(rate_hz, choices.columns, choices.time_unit)
+    named = None if kind == "recording" else array or array_of_config(choices.config)
+    whole = read_whole(path, named, choices.topic, options)
+    if whole is None:
         source = choices.source_of(path, array)
-        log = Log(choices.array_of(source.array), path.stem)
+        log = LogTally(choices.array_of(source.array), path.stem)
         found = _run_recording(path, log, source.layout, params, choices, reached)
-    elif is_of_ros or path.suffix in TABLES:
-        log = Log(choices.array_of(load_array(array or array_of_config(choices.config))), path.stem)
-        found = _run_table(path, log, rate_hz, params, choices, reached)
     else:
-        known = (
-            f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
-        )
-        raise DataError(f"{path}: unknown kind of file; known are {known}")
+        log = LogTally(choices.array_of(whole.array), path.stem)
+        found = _run_whole(path, log, whole, rate_hz, params, choices, reached)
     return log, _messages(log, found, choices)
 
 
-def _messages(log: Log, found: Iterator[Event], choices: Choices) -> Iterator[dict[str, Any]]:
+def _messages(log: LogTally, found: Iterator[Event], choices: Choices) -> Iterator[dict[str, Any]]:
     """Count every event, and yield the messages of the topics that are asked for."""
     seqs: dict[str, int] = {}
     for event in _thinned(found, choices.grip_hz, choices.force_hz):
@@ -264,12 +219,12 @@ def _messages(log: Log, found: Iterator[Event], choices: Choices) -> Iterator[di
 def array_of_config(config: Path | None) -> str:
     """Return the array that a configuration names, or that of the published board."""
     board = {} if config is None else tomlfile.read(config).get("board", {})
-    return str(board.get("array", "wang2019-3x3"))
+    return str(board.get("array", DEFAULT_ARRAY))
 
 
 def _run_recording(
     path: Path,
-    log: Log,
+    log: LogTally,
     layout: Layout,
     params: DetectParams,
     choices: Choices,
@@ -322,45 +277,29 @@ def _change(pipeline: Pipeline, item: Input) -> None:
         pipeline.command(item.name, item.values(), item.time_s)
 
 
-def _run_table(
+def _run_whole(
     path: Path,
-    log: Log,
+    log: LogTally,
+    whole: WholeLog,
     rate_hz: float | None,
     params: DetectParams,
     choices: Choices,
     reached: Reached | None,
 ) -> Iterator[Event]:
     """Run the rows of a table, or the messages of a bag, through the detectors."""
-    batches: Iterable[Checked]
-    if path.suffix in TABLES and path.is_file():
-        batches = table = TableStream(path, TableOptions(rate_hz, choices.columns, choices.time_unit))
-        n_channels, spacing = table.n_channels, table.spacing
-        choice = "which columns with --columns"
-    else:
-        time_s, volts = read_bag(path, choices.topic, rate_hz)
-        batches = [(time_s, volts, 1.0)]
-        n_channels, spacing = volts.shape[1], spacing_of(time_s, volts)
-        choice = "which field of the message with --topic TOPIC.FIELD"
-    if n_channels != log.array.n_channels:
-        raise DataError(
-            f"{path}: {n_channels} channels, but array {log.array.name} has {log.array.n_channels} "
-            f"({log.array.n_taxels} taxels); say which array with --array NAME or --array FILE.toml, or "
-            f"{choice}"
-        )
-    suite = choices.suite(log.array, params)
-    splitter = BlockSplitter(spacing, rate_hz)
-    for time_s, volts, share in batches:
-        _check_range(path, volts, log.array, log.n_scans)
-        if choices.sliding is not None and not log.n_scans:
-            _check_sliding(path, float(time_s[0]), math.inf, choices.sliding)
-        log.add_scans(time_s, volts)
-        for item in splitter.split(time_s, volts, log.array.in_range(volts)):
-            for part in _parts(item):
-                yield from suite.process(part)
-        if reached is not None:
-            reached(share)
-    log.n_repeats = splitter.n_repeats
+    _, time_s, readings = whole
+    _check_range(path, readings, log.array)
+    log.add_scans(time_s, readings)
     _check_sliding(path, log.first_s, log.last_s, choices.sliding)
+    items = to_blocks(time_s, readings, rate_hz, log.array.in_range(readings))
+    log.n_repeats = len(time_s) - sum(len(item) for item in items if isinstance(item, ScanBlock))
+    suite = choices.suite(log.array, params)
+    n_done = 0
+    for part in (part for item in items for part in _parts(item)):
+        yield from suite.process(part)
+        if isinstance(part, ScanBlock) and reached is not None:
+            n_done += len(part)
+            reached(n_done / len(time_s))
 
 
 def _check_sliding(path: Path, first_s: float, last_s: float, sliding: KnownSliding | None) -> None:
@@ -372,7 +311,7 @@ def _check_sliding(path: Path, first_s: float, last_s: float, sliding: KnownSlid
     )
 
 
-def _check_range(path: Path, readings: FloatArray, array: Array, n_before: int) -> None:
+def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
     """Refuse readings that are far outside the range of the array: they are in another unit."""
     low, high, unit = array.low, array.high, array.unit
     margin = _NO_READING_PART * (high - low)
@@ -382,7 +321,7 @@ def _check_range(path: Path, readings: FloatArray, array: Array, n_before: int) 
     row, channel = impossible[0].tolist()
     of = {"V": "volts", "N": "newtons", "count": "counts"}.get(unit, unit)
     raise DataError(
-        f"{path}: row {n_before + row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but "
+        f"{path}: row {row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but "
         f"{array.name} reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
         '(unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
         "If that is no reading, leave the cell empty"

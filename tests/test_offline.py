@@ -288,7 +288,7 @@ def test_a_log_in_counts_and_milliseconds_gives_its_period(
     assert answers[-1]["timestamp"] == pytest.approx(8.3, abs=0.2)
     contact = [e for e in events if e["topic"] == "contact"]
     assert (contact[0]["state"], contact[0]["timestamp"]) == ("loading", pytest.approx(0.55, abs=0.1))
-    lines = list(log.summary(choices))
+    lines = list(choices.summary(log))
     assert lines[0].startswith("300 scans in 8.397 s: 35.61 Hz, spacing varies by 8.1 %")
     assert lines[1].endswith("% of the range")
     assert lines[2].startswith("in contact 7.8 s")
@@ -329,7 +329,7 @@ def test_the_summary_says_why_nothing_came(tmp_path: Path, capsys: pytest.Captur
     ridges_under_a_pad(tmp_path / "still.csv", ripple=0.0)
     log = detect_file(tmp_path / "still.csv", str(tmp_path / "pad.toml"), choices=choices)
     assert capsys.readouterr().out == ""
-    said = " ".join(log.summary(choices))
+    said = " ".join(choices.summary(log))
     assert "no contact: is the zero right? --tare-s" in said
     assert "no texture: nothing slides; --sliding" in said
 
@@ -342,7 +342,7 @@ def test_a_slide_shows_though_the_zero_is_wrong(tmp_path: Path, capsys: pytest.C
     (slip,) = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert (slip["topic"], slip["detector"], slip["state"]) == ("slip", "sliding", "onset")
     assert abs(slip["onset"] - 0.75) < 2 * slip["onset_sd_s"]  # the load comes from 0.5 to 1 s, with ripple
-    assert "no contact: is the zero right? --tare-s" in " ".join(log.summary(choices))
+    assert "no contact: is the zero right? --tare-s" in " ".join(choices.summary(log))
 
 
 @pytest.mark.parametrize("reading", [1e300, -1e300, 38_000.0])
@@ -488,7 +488,7 @@ def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
     }
     array = build(parse(table, ArrayFile, "fingers"))
     time_s = np.arange(100) / 50
-    tally = log_summary.LogTally(array)
+    tally = log_summary.LogTally(array, "log")
     tally.add_scans(time_s, readings)
     said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
     opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
@@ -498,7 +498,7 @@ def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
 
 def said_of_a_pad(readings: FloatArray) -> list[str]:
     """Lines on a log of 16 pressures in counts, whose zero are its first 0.3 s."""
-    tally = log_summary.LogTally(build(parse(tomllib.loads(PAD), ArrayFile, "pad")))
+    tally = log_summary.LogTally(build(parse(tomllib.loads(PAD), ArrayFile, "pad")), "log")
     tally.add_scans(np.arange(len(readings)) / 36, readings)
     return list(log_summary.summary(tally, ("contact",), 0.0, sliding_is_given=False))
 

@@ -17,7 +17,7 @@ from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError
 from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
-from tactiled.recording.table import to_blocks
+from tactiled.recording.spacing import to_blocks
 
 Ridge = Callable[[Log, FloatArray, FloatArray, Sequence[int]], FloatArray]
 

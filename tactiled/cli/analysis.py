@@ -150,7 +150,7 @@ def detect(
 ) -> None:
     """Find slip, contact, grip, texture and force in a recording, a table or a bag of ROS.
 
-    Tables (.csv, .npz, .parquet): a header with `time_s` in seconds, then one column per channel in channel
+    Tables (.csv, .npz): a header with `time_s` in seconds, then one column per channel in channel
     order, in the unit that the array file states. Bags: the folder of a rosbag2, or a file .mcap, .db3 or
     .bag. Every event is one line on stdout, in a terminal words, else JSON, with times in the file's own
     clock. Late scans of a recording are used like others; `tactiled replay` reproduces the live events.
@@ -194,7 +194,7 @@ def detect(
     n_events = f"{log.n_events} events"
     if log.n_printed < log.n_events:
         n_events += f", {log.n_printed} of them shown; all with --json"
-    for line in (*log.summary(asked), n_events):
+    for line in (*asked.summary(log), n_events):
         tell(f"{file}: {line}")
 
 

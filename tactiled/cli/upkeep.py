@@ -30,7 +30,7 @@ from tactiled.progress import tell
 
 if TYPE_CHECKING:
     from tactiled.array import Array
-    from tactiled.recording.rows import TableOptions, TimeUnit
+    from tactiled.recording.table import TableOptions, TimeUnit
 
 _RATE_HZ = 100.0  # of the published board
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
@@ -48,7 +48,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.option(
     "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for the same; 0: unknown."
 )  # fmt: skip
-@click.option("--log", type=FILE, help="Table of the array (.csv, .npz, .parquet): say how the file fits it.")
+@click.option("--log", type=FILE, help="Table of the array (.csv, .npz): say how the file fits it.")
 @COLUMNS
 @TIME_UNIT
 @JSON
@@ -111,7 +111,7 @@ def check_config(
     elif kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
-        from tactiled.recording.rows import TableOptions
+        from tactiled.recording.table import TableOptions
 
         array = build(tomlfile.load(file, ArrayFile))
         show_valid(file, array.in_words(), array.summary())
@@ -149,7 +149,7 @@ def _tell_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
     from tactiled.doctor.log_fit import log_fit
     from tactiled.recording.table import read_table
 
-    time_s, readings = read_table(log, options.rate_hz, options.columns, options.time_unit)
+    time_s, readings = read_table(log, options)
     if readings.shape[1] != array.n_channels:
         raise DataError(
             f"{log}: {readings.shape[1]} channels, but array {array.name} has {array.n_channels} "

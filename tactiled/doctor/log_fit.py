@@ -7,7 +7,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.doctor.finding import Finding
 from tactiled.errors import DataError
 from tactiled.log_summary import channels_without_zero, percent
-from tactiled.recording.table import spacing_of
+from tactiled.recording.spacing import spacing_of
 
 _AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
 _PRESSED = 0.95  # quantile of the change of all channels beyond which a log is taken as pressed

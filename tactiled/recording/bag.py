@@ -17,19 +17,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
-from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.errors import ConfigError, DataError, OperatorError, install_command
 from tactiled.recording.chunks import FAULTS
 from tactiled.recording.reader import is_recording
-from tactiled.recording.rows import MOST_BYTES, MOST_CHANNELS
+from tactiled.recording.table import MOST_BYTES, MOST_CHANNELS
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 logger = logging.getLogger(__name__)
-
-FloatArray = NDArray[np.float64]
 
 BAGS = (".mcap", ".db3", ".bag")
 
@@ -206,7 +204,7 @@ def _read(
         if 8 * (len(values) + n_channels) > MOST_BYTES:
             raise DataError(
                 f"{path}: {_named(name, field)} has more than {MOST_BYTES / 1e9:g} GB of numbers, the most "
-                "that is read of a bag; split it, or export it as CSV, which has no limit"
+                "that is read of a bag; split it"
             )
         values.frombytes(row.tobytes())
         log_ns.append(recorded_ns)

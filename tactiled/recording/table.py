@@ -1,172 +1,91 @@
-"""Logs from other sources: CSV with a header, npz, or Parquet."""
+"""Tables of others, CSV with a header or npz, read as a whole: at most `MOST_BYTES`."""
 
+import csv
+import fnmatch
+import io
+import math
+import tokenize
+import zipfile
+import zlib
 from array import array
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import IO, Literal, TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tactiled.errors import DataError
+from tactiled.array import FloatArray
+from tactiled.errors import ConfigError, DataError
 from tactiled.pipeline import RATES_HZ
-from tactiled.recording.repeats import LATE, RepeatFilter, rows_of_a_reading
-from tactiled.recording.rows import MOST_BYTES, SECONDS, FloatArray, TableOptions, TimeUnit, rows_of
-from tactiled.samples.block import Gap, ScanBlock
+from tactiled.recording.spacing import spacing_of
 
-TABLES = (".csv", ".npz", ".parquet")
+TABLES = (".csv", ".npz")
+TimeUnit = Literal["s", "ms", "us", "ns"]
+SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-# Part of a stamp's deviation that the schedule of scans follows: a tenth averages jitter over some 20 scans,
-# and follows a rate that is wrong by 4 % with a lag of 0.4 scans.
-_FOLLOW = 0.1
-
-# Quantile of the steps that is the longest usual one, and how much longer than the median it is in an uneven
-# log: a regular log has fewer missing scans than a tenth, and jitters by less than half a period.
-_USUAL, _UNEVEN = 0.9, 1.5
-_MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans differ from a whole one
+# Of the readings as float64: 19 h of 36 channels at 100 Hz. An npz of 18 MB may claim twice as much.
+MOST_BYTES = 2 * 10**9
+# An array of 4096 taxels with four sides has them.
+MOST_CHANNELS = 4 * 4096
+_MOST_HEADER_BYTES = 10_000  # of an array in an npz: a hundred are enough, and numpy would read 4 GB
+_MOST_LINE = 4 * 2**20  # characters of a CSV: 12,000 channels have 300,000
+_READ_VALUES = 1 << 16  # of an npz at once: zlib holds twice what it is asked for
 
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
 
-_LEAST_AGREED = 0.8  # a rate that is given, over that of the stamps: waiting times would be wrong by as much
 
-# Rows whose median spacing is the scan period, read before the first event: 17 minutes at 100 Hz, and no more
-# readings than 32 MB.
-_AHEAD_ROWS = 100_000
-_AHEAD_VALUES = 1 << 22
+@dataclass(frozen=True)
+class TableOptions:
+    """What the user says of a table."""
 
-Checked = tuple[FloatArray, FloatArray, float]
-"""Times in seconds (n,), readings (n, channels), and the share of the file that has been read."""
+    # Rate of the rows. Without it, a log slower than 10 Hz is refused: its times may not be in seconds
+    rate_hz: float | None = None
+    # Names of the columns of a CSV in channel order, ``*`` for several; all but the time if left out
+    columns: Sequence[str] = ()
+    # Unit of the times; their column or array may then be called ``time``, ``t`` or ``timestamp``
+    time_unit: TimeUnit | None = None
 
 
-def read_table(
-    path: Path,
-    rate_hz: float | None = None,
-    columns: Sequence[str] = (),
-    time_unit: TimeUnit | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """Read the times (n,) in seconds and the readings (n, channels) of a log.
+def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatArray, FloatArray]:
+    """Read the times (n,) in seconds and the readings (n, channels) of a log, NaN where missing.
 
     ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
     semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any reading
-    a missing scan. Without a column of times, `rate_hz` spaces the rows.
+    a missing scan, which is left out. Without a column of times, the rate spaces the rows.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
-    ``.parquet``: columns as of a CSV, or lists of numbers, one list for each scan; a column of instants is
-    the time whatever its name.
-
-    Parameters
-    ----------
-    rate_hz : float, optional
-        Rate that the user gives. Without it, a log slower than 10 Hz is refused: its times may not be in
-        seconds.
-    columns : sequence of str
-        Names of the columns of a CSV or Parquet file in channel order, ``*`` for several; all but the time if
-        left out.
-    time_unit : str, optional
-        Unit of the times; their column or array may then be called ``time``, ``t`` or ``timestamp``.
 
     Raises
     ------
     DataError
         The file is not a valid log (the message names the line or the array), or too large to be held.
-    OperatorError
-        A library that the file needs is not installed.
     """
-    times, readings = array("d"), array("d")  # they grow in place: a list of parts is held twice when joined
-    stream = TableStream(path, TableOptions(rate_hz, columns, time_unit))
-    for time_s, volts, _ in stream:
-        times.frombytes(time_s.tobytes())
-        readings.frombytes(volts.tobytes())
-        if readings.itemsize * len(readings) > MOST_BYTES:
-            raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
-    return np.frombuffer(times), np.frombuffer(readings).reshape(-1, stream.n_channels)
-
-
-class TableStream:
-    """Rows of a log in batches, checked; iterate once.
-
-    The first rows are read at once, for the scan period and the number of channels.
-
-    Attributes
-    ----------
-    spacing : Spacing
-        Of the first 100,000 rows, fewer of arrays of many channels.
-
-    Raises
-    ------
-    DataError
-        The file is not a valid log; raised by the iteration, too.
-    """
-
-    def __init__(self, path: Path, options: TableOptions) -> None:
-        self._path = path
-        self._options = options
-        self._n_rows = 0
-        self._last_s = -np.inf
-        self._rest = self._scans()
-        self._ahead = self._read_ahead()
-        if (n := _n_rows(self._ahead)) < 2:
-            raise DataError(
-                f"{path}: {n} scans (rows with a reading); at least two are needed to compute the rate"
-            )
-        self.n_channels = self._ahead[0][1].shape[1]
-        time_s, readings = (np.concatenate(part) for part in list(zip(*self._ahead, strict=True))[:2])
-        self.spacing = spacing_of(time_s, readings)
-        if fault := _rate_fault(spacing_of(time_s).period_s, options):
-            raise DataError(f"{path}: {fault}")
-
-    def __iter__(self) -> Iterator[Checked]:
-        """Yield times (n,), readings (n, channels) and the share of the file that has been read."""
-        while self._ahead:
-            yield self._ahead.pop(0)
-        yield from self._rest
-
-    def _read_ahead(self) -> list[Checked]:
-        """Read the first rows, two at least if there are so many."""
-        batches: list[Checked] = []
-        n_values = 0
-        for batch in self._rest:
-            batches.append(batch)
-            n_values += batch[1].size
-            n_rows = _n_rows(batches)
-            if n_rows >= _AHEAD_ROWS or (n_values >= _AHEAD_VALUES and n_rows > 1):
-                break
-        return batches
-
-    def _scans(self) -> Iterator[Checked]:
-        """Yield the rows that have a reading, with times in seconds and NaN for what is no number.
-
-        The other rows are missing scans, which detectors bridge.
-        """
-        path, options = self._path, self._options
-        unit_s = SECONDS[options.time_unit or "s"]
-        for stamps, volts, share in rows_of(path, options):
-            n, first = len(volts), self._n_rows
-            if not n:
-                continue
-            if options.rate_hz is not None and np.isnan(stamps).all():
-                stamps = np.arange(first, first + n) / options.rate_hz / unit_s
-            time_s = stamps * unit_s
-            if not np.all(np.isfinite(time_s)):
-                row = first + int(np.argmin(np.isfinite(time_s))) + 1
-                raise DataError(f"{path}: time_s is not a number in row {row}")
-            backwards = np.flatnonzero(np.diff(time_s, prepend=self._last_s) <= 0)
-            if backwards.size:
-                at = int(backwards[0])
-                before_s = time_s[at - 1] if at else self._last_s
-                raise DataError(
-                    f"{path}: time_s does not grow at row {first + at + 1} ({before_s} to {time_s[at]})"
-                )
-            self._n_rows, self._last_s = first + n, float(time_s[-1])
-            is_number = np.isfinite(volts)
-            if (is_scan := is_number.any(axis=1)).any():
-                yield time_s[is_scan], np.where(is_number, volts, np.nan)[is_scan], share
-
-
-def _n_rows(batches: Sequence[Checked]) -> int:
-    return sum(len(time_s) for time_s, _, _ in batches)
+    options = options or TableOptions()
+    stamps, readings = (_read_npz if path.suffix == ".npz" else _read_csv)(path, options)
+    if stamps is None:
+        assert options.rate_hz is not None  # which stands for the times
+        time_s = np.arange(len(readings)) / options.rate_hz
+    else:
+        time_s = stamps * SECONDS[options.time_unit or "s"]
+    if not (is_number := np.isfinite(time_s)).all():
+        raise DataError(f"{path}: time_s is not a number in row {int(np.argmin(is_number)) + 1}")
+    if (backwards := np.flatnonzero(np.diff(time_s) <= 0)).size:
+        at = int(backwards[0])
+        raise DataError(f"{path}: time_s does not grow at row {at + 2} ({time_s[at]} to {time_s[at + 1]})")
+    is_reading = np.isfinite(readings)
+    readings[~is_reading] = np.nan
+    if not (is_scan := is_reading.any(axis=1)).all():
+        time_s, readings = time_s[is_scan], readings[is_scan]
+    if len(time_s) < 2:
+        raise DataError(
+            f"{path}: {len(time_s)} scans (rows with a reading); at least two are needed to compute the rate"
+        )
+    if fault := _rate_fault(spacing_of(time_s).period_s, options):
+        raise DataError(f"{path}: {fault}")
+    return time_s, readings
 
 
 def _rate_fault(spacing_s: float, options: TableOptions) -> str:
@@ -179,8 +98,8 @@ def _rate_fault(spacing_s: float, options: TableOptions) -> str:
     is_known = options.rate_hz is not None or options.time_unit is not None
     if rate_hz >= (slowest if is_known else _SLOWEST_LIKELY_HZ):
         return ""
-    unit_hz = rate_hz * SECONDS[options.time_unit or "s"]
     given = options.time_unit or "s"
+    unit_hz = rate_hz * SECONDS[given]
     likely = [unit for unit in SECONDS if _SLOWEST_LIKELY_HZ <= unit_hz / SECONDS[unit] <= fastest]
     unit = next((unit for unit in likely if unit != given), "")
     other = f"if they are in {unit} say --time-unit {unit}, " if unit else ""
@@ -191,145 +110,201 @@ def _rate_fault(spacing_s: float, options: TableOptions) -> str:
     )
 
 
-class Spacing(NamedTuple):
-    """Spacing of the scans of a log."""
-
-    period_s: float  # time from scan to scan
-    longest_s: float  # longest usual step; a longer one has missing scans or is a pause
-    rows: int = 1  # rows of a scan: more than 1 where the sensor is slower than its log, and rows repeat it
+def _check_size(path: Path, n_bytes: int) -> None:
+    if n_bytes > MOST_BYTES:
+        raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
 
 
-def spacing_of(time_s: FloatArray, readings: FloatArray | None = None) -> Spacing:
-    """Describe the spacing of stamps (n,), two at least, of the scans among them if readings are given.
-
-    A log whose steps are mostly even, or multiples of one, has the median as its period: longer steps are
-    missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is
-    uneven, as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
-    So is a log with rows that repeat a scan.
-    """
-    rows = 1 if readings is None else rows_of_a_reading(readings)
-    if readings is not None and rows > 1:
-        time_s = time_s[RepeatFilter(rows).take(readings)]
-    steps_s = np.diff(time_s)
-    median_s, usual_s = float(np.median(steps_s)), float(np.quantile(steps_s, _USUAL, method="higher"))
-    periods = usual_s / median_s
-    if rows > 1:
-        longest_s = max(usual_s, LATE * median_s)
-        return Spacing(float(steps_s[steps_s <= longest_s].mean()), longest_s, rows)
-    if periods < _UNEVEN or abs(periods - round(periods)) < _MULTIPLE * periods:
-        return Spacing(median_s, median_s)
-    return Spacing(float(steps_s[steps_s < _UNEVEN * usual_s].mean()), usual_s)
+def _time_names(time_unit: TimeUnit | None) -> list[str]:
+    """Return the names that a column of times may have."""
+    return ["time_s"] if time_unit is None else ["time_s", f"time_{time_unit}", "time", "t", "timestamp"]
 
 
-class BlockSplitter:
-    """Split a log into blocks at missing scans, batch by batch; batches do not change the blocks' scans.
+# ---- CSV -----------------------------------------------------------------------------------------
 
-    Rows are compared with a schedule that follows their stamps slowly: a stamp that jitters by less than half
-    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. In an
-    uneven log, scans are missing where a step is half as long again as the longest usual one.
 
-    Parameters
-    ----------
-    rate_hz : float or None
-        Rate of the scans, or of the rows where these repeat them; None to use their times.
-
-    Attributes
-    ----------
-    n_repeats : int
-        Rows that repeat the scan before, and are none.
-    """
-
-    def __init__(self, spacing: Spacing, rate_hz: float | None) -> None:
-        self._rate_hz = 1 / spacing.period_s if rate_hz is None else rate_hz
-        if rate_hz is not None and (rate_hz * spacing.period_s) ** 2 > spacing.rows:  # nearer to that of rows
-            self._rate_hz = rate_hz / spacing.rows
-        if not _LEAST_AGREED < self._rate_hz * spacing.period_s < 1 / _LEAST_AGREED:
-            raise DataError(
-                f"a rate of {rate_hz:g} Hz, but rows are {spacing.period_s / spacing.rows:g} s apart: "
-                "omit the rate, or correct time_s"
-            )
-        self._repeats = RepeatFilter(spacing.rows)
-        self.n_repeats = 0
-        self._is_uneven = spacing.longest_s > spacing.period_s
-        self._longest_s = spacing.longest_s
-        self._expected_s: float | None = None
-        self._index = -1
-
-    def split(self, time_s: FloatArray, volts: FloatArray, valid: NDArray[np.bool_]) -> list[ScanBlock | Gap]:
-        """Return the blocks and gaps of the next rows; parameters as of `to_blocks`."""
-        is_scan = self._repeats.take(volts)
-        if not is_scan.all():
-            self.n_repeats += int((~is_scan).sum())
-            time_s, volts, valid = time_s[is_scan], volts[is_scan], valid[is_scan]
-        if not len(time_s):
-            return []
-        is_first = self._expected_s is None
-        steps = self._steps(time_s)
-        index = self._index + np.cumsum(steps)
-        items: list[ScanBlock | Gap] = []
-        holes = np.flatnonzero(steps > 1).tolist()
-        ends = [*(hole for hole in holes if hole), len(time_s)]
-        start = 0
-        for end in ends:
-            if steps[start] > 1 and not (is_first and start == 0):
-                items.append(Gap(int(steps[start]) - 1, "missing", int(index[start])))
-            part = slice(start, end)
-            n = end - start
-            items.append(
-                ScanBlock(
-                    volts=np.ascontiguousarray(volts[part]),
-                    time_s=time_s[part],
-                    time_sd_s=np.zeros(n),
-                    index=index[part],
-                    valid=valid[part],
-                    rate_hz=self._rate_hz,
-                    channel_offset_s=np.zeros(volts.shape[1]),
-                    late=np.zeros(n, dtype=np.bool_),
+def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, FloatArray]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            first_line = stream.readline(_MOST_LINE)
+            stream.seek(0)
+            reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
+            header = [name.strip() for name in next(reader, [])]
+            if header and all(map(_is_number, header)) and not _counts(header):
+                raise DataError(
+                    f"{path}: the first line has numbers only; write a line of names above it, or in its "
+                    "place where it is the header"
                 )
-            )
-            start = end
-        self._index = int(index[-1])
-        return items
-
-    def _steps(self, time_s: FloatArray) -> NDArray[np.int64]:
-        """Number of scan periods (n,) from the row before to each row, 1 where none is missing."""
-        steps = np.ones(len(time_s), dtype=np.int64)
-        spacing_s = 1 / self._rate_hz
-        expected_s = self._expected_s
-        for row, stamp_s in enumerate(time_s.tolist()):
-            if expected_s is None:
-                expected_s = stamp_s
-                continue
-            if self._is_uneven:  # no schedule: each step counts by itself
-                steps[row] += self._missing(stamp_s - expected_s)
-                expected_s = stamp_s
-                continue
-            expected_s += spacing_s
-            missing = round((stamp_s - expected_s) * self._rate_hz)
-            if missing > 0:
-                steps[row] += missing
-                expected_s += missing * spacing_s
-            expected_s += _FOLLOW * (stamp_s - expected_s)
-        self._expected_s = expected_s
-        return steps
-
-    def _missing(self, step_s: float) -> int:
-        """Scans that an uneven log lacks in a step."""
-        is_gap = step_s > _UNEVEN * self._longest_s
-        return max(round(step_s * self._rate_hz) - 1, 1) if is_gap else 0
+            time_column = _time_column(path, header, options)
+            needed = _chosen(path, header, options.columns, time_column)
+            numbers = array("d")  # it grows in place
+            for cells in reader:
+                if not cells:
+                    continue
+                line = reader.line_num
+                if len(cells) != len(header):
+                    raise DataError(
+                        f"{path}: line {line} has {len(cells)} cells, the header has {len(header)}"
+                    )
+                if time_column is not None:
+                    numbers.append(_number(cells[time_column], path, line))
+                numbers.extend([_number(cells[column], path, line) for column in needed])
+                _check_size(path, numbers.itemsize * len(numbers))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from None
+    if time_column is None:
+        return None, np.frombuffer(numbers).reshape(-1, max(len(needed), 1))
+    table = np.frombuffer(numbers).reshape(-1, 1 + len(needed))
+    return table[:, 0], table[:, 1:]
 
 
-def to_blocks(
-    time_s: FloatArray, volts: FloatArray, rate_hz: float | None, valid: NDArray[np.bool_]
-) -> list[ScanBlock | Gap]:
-    """Split a log into blocks at missing scans.
+def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a file, none beyond the limit."""
+    while line := stream.readline(_MOST_LINE):
+        if len(line) == _MOST_LINE:
+            raise DataError(f"{path}: a line has more than {_MOST_LINE} characters")
+        yield line
 
-    Parameters
-    ----------
-    time_s : (n,) float64
-        Strictly increasing.
-    volts : (n, channels) float64
-    valid : (n, channels) bool
-        False for readings that are missing or saturated.
-    """
-    return BlockSplitter(spacing_of(time_s, volts), rate_hz).split(time_s, volts, valid)
+
+def _time_column(path: Path, header: list[str], options: TableOptions) -> int | None:
+    """Return the number of the column of times; None where the rate stands for it."""
+    for name in _time_names(options.time_unit):
+        if name in header:
+            return header.index(name)
+    if options.rate_hz is not None:
+        return None
+    found = ", ".join(header[:6]) or "nothing"
+    raise DataError(
+        f"{path}: the header lacks the column time_s (found: {found}); "
+        "a column time, t or timestamp needs --time-unit, and a log without times needs --rate"
+    )
+
+
+def _chosen(path: Path, header: list[str], columns: Sequence[str], time_column: int | None) -> list[int]:
+    """Return the numbers of the columns of the channels, in channel order."""
+    if not columns:
+        return [number for number in range(len(header)) if number != time_column]
+    chosen: list[int] = []
+    for pattern in columns:
+        matching = [
+            k for k, name in enumerate(header) if fnmatch.fnmatchcase(name, pattern) and k != time_column
+        ]
+        if not matching:
+            raise DataError(f"{path}: no column {pattern!r} of --columns; the header has {', '.join(header)}")
+        chosen += matching
+    return chosen
+
+
+def _number(cell: str, path: Path, line: int) -> float:
+    if not cell.strip():
+        return float("nan")
+    try:
+        return float(cell)
+    except ValueError:
+        comma = "; write decimals with a point" if "," in cell else ""
+        raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
+
+
+def _counts(header: Sequence[str]) -> bool:
+    """Return True for the numbers of columns, from 0 or from 1, which programs write in place of names."""
+    return any(list(header) == [str(first + k) for k in range(len(header))] for first in (0, 1))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+# ---- npz -----------------------------------------------------------------------------------------
+
+
+def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, FloatArray]:
+    if options.columns:
+        raise ConfigError("command line", ["--columns is for CSV; an npz file has the array volts"])
+    try:
+        with path.open("rb") as stream:
+            if not zipfile.is_zipfile(stream):
+                raise DataError(f"{path}: not a complete npz file; write one with numpy.savez")
+            with zipfile.ZipFile(stream) as archive:
+                return _from_archive(path, archive, options)
+    except ValueError:  # of numpy, on a header; its message may suggest unpickling, which is unsafe
+        raise DataError(f"{path}: time_s and volts must be arrays of numbers") from None
+    except (
+        OSError,
+        TypeError,
+        EOFError,
+        NotImplementedError,
+        RuntimeError,
+        zipfile.BadZipFile,
+        zlib.error,
+        tokenize.TokenError,  # of numpy, on a header of brackets
+    ) as error:
+        raise DataError(f"{path}: cannot be read as npz: {error}") from None
+
+
+def _from_archive(
+    path: Path, archive: zipfile.ZipFile, options: TableOptions
+) -> tuple[FloatArray | None, FloatArray]:
+    names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+    time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
+    others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
+    name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
+    lacks_time = time_name is None and options.rate_hz is None
+    if lacks_time or name is None:
+        missing = [*(["time_s"] if lacks_time else []), *(["volts"] if name is None else [])]
+        raise DataError(
+            f"{path}: lacks the array {' and '.join(missing)}; it has {names}; an array time, t "
+            "or timestamp needs --time-unit, and a log without times needs --rate"
+        )
+    readings = _read_array(path, archive, name)
+    n_channels = math.prod(readings.shape[1:])
+    if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number
+        raise DataError(f"{path}: {name} has {n_channels} channels; 1 to {MOST_CHANNELS} are read")
+    time = None if time_name is None else _read_array(path, archive, time_name)
+    if readings.ndim < 2 or (time is not None and time.shape != readings.shape[:1]):
+        raise DataError(
+            f"{path}: {time_name} {'' if time is None else time.shape} and {name} {readings.shape} should be "
+            "(n,) and (n, channels)"
+        )
+    if "valid" in names:  # written by `calibrate --guide`: invalid readings become NaN
+        valid = _read_array(path, archive, "valid")
+        if valid.shape != readings.shape:
+            raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
+        readings[valid == 0] = np.nan
+    return time, readings.reshape(-1, n_channels)
+
+
+def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:
+    """Read an array of numbers; refuse it by its header where it claims too much."""
+    if archive.getinfo(f"{name}.npy").compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise DataError(f"{path}: {name} is compressed as numpy compresses nothing; write it by numpy.savez")
+    with archive.open(f"{name}.npy") as stream:
+        shape, is_fortran, dtype = _npy_header(stream)
+        if not np.can_cast(dtype, np.float64, "same_kind") or any(length < 0 for length in shape):
+            raise DataError(f"{path}: time_s and volts must be arrays of numbers")
+        _check_size(path, math.prod(shape) * max(8, dtype.itemsize))
+        whole = np.empty(math.prod(shape))
+        for at in range(0, whole.size, _READ_VALUES):
+            part = whole[at : at + _READ_VALUES]
+            data = stream.read(part.size * dtype.itemsize)
+            if len(data) < part.size * dtype.itemsize:
+                raise EOFError("an array ends before the shape that it claims")
+            part[:] = np.frombuffer(data, dtype)
+        if stream.read(1):  # at the end, zipfile compares the checksum
+            raise zipfile.BadZipFile("an array has more bytes than the shape that it claims")
+    return whole.reshape(shape, order="F" if is_fortran else "C")
+
+
+def _npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    version = np.lib.format.read_magic(stream)
+    is_first = version == (1, 0)
+    length = stream.read(2 if is_first else 4)
+    if (n_bytes := int.from_bytes(length, "little")) > _MOST_HEADER_BYTES:
+        raise ValueError(f"the header of an array claims {n_bytes} bytes")
+    header = io.BytesIO(length + stream.read(n_bytes))
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, is_fortran, dtype = read(header)
+    return tuple(int(length) for length in shape), bool(is_fortran), dtype

@@ -1,15 +1,14 @@
-"""Logs of others that are read as a whole: the array, and all times and readings of a table or a bag."""
+"""Logs of others: the array, and all times and readings of a table or a bag."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.errors import ConfigError, DataError
 from tactiled.recording.bag import BAGS, is_bag, read_bag
-from tactiled.recording.rows import TableOptions
-from tactiled.recording.table import TABLES, read_table
+from tactiled.recording.table import TABLES, TableOptions, read_table
 
-_DEFAULT_ARRAY = "wang2019-3x3"
+DEFAULT_ARRAY = "wang2019-3x3"
 
 
 class WholeLog(NamedTuple):
@@ -18,6 +17,28 @@ class WholeLog(NamedTuple):
     array: Array
     time_s: FloatArray  # (n,)
     readings: FloatArray  # (n, channels): NaN where missing
+
+
+def kind_of(path: Path, topic: str | None) -> Literal["recording", "table", "bag"]:
+    """Return the kind of a file: a recording of ours, a table, or a bag of ROS or MCAP of others.
+
+    Raises
+    ------
+    DataError
+        The file is of no known kind, or cannot be read.
+    ConfigError
+        A topic is named, but the file can be no bag.
+    """
+    if is_bag(path, topic):
+        return "bag"
+    if path.suffix == ".mcap":
+        return "recording"
+    if path.suffix not in TABLES:
+        known = (
+            f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
+        )
+        raise DataError(f"{path}: unknown kind of file; known are {known}")
+    return "table"
 
 
 def read_whole(
@@ -38,31 +59,27 @@ def read_whole(
         The array is not known, or an option is not for files of this kind.
     """
     given = options or TableOptions()
-    is_of_ros = is_bag(path, topic)
-    if is_of_ros and (given.columns or given.time_unit is not None):
-        raise ConfigError("command line", ["--columns and --time-unit are for tables; a bag has --topic"])
-    if path.suffix == ".mcap" and not is_of_ros:
+    kind = kind_of(path, topic)
+    if kind == "recording":
         if array is not None or given != TableOptions():
             fault = "--array, --columns, --rate and --time-unit are for tables; a recording contains them"
             if options is None:
                 fault = "--array is for tables and bags; a recording contains its array"
             raise ConfigError("command line", [fault])
         return None
-    if not is_of_ros and path.suffix not in TABLES:
-        known = (
-            f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
-        )
-        raise DataError(f"{path}: unknown file type; known are {known}")
-    loaded = load_array(array or _DEFAULT_ARRAY)
-    if is_of_ros:
+    loaded = load_array(array or DEFAULT_ARRAY)
+    if kind == "bag":
+        if given.columns or given.time_unit is not None:
+            fault = "--columns and --time-unit are for tables; a bag has --topic TOPIC.FIELD"
+            raise ConfigError("command line", [fault])
         time_s, readings = read_bag(path, topic, given.rate_hz)
         choice = ", or the field of the message with --topic TOPIC.FIELD"
     else:
-        time_s, readings = read_table(path, given.rate_hz, given.columns, given.time_unit)
+        time_s, readings = read_table(path, given)
         choice = "" if options is None else ", or the columns with --columns"
     if readings.shape[1] != loaded.n_channels:
         raise DataError(
-            f"{path}: {readings.shape[1]} channels, but array {loaded.name} has {loaded.n_channels}; name "
-            f"the array with --array NAME or --array FILE.toml{choice}"
+            f"{path}: {readings.shape[1]} channels, but array {loaded.name} has {loaded.n_channels} "
+            f"({loaded.n_taxels} taxels); name the array with --array NAME or --array FILE.toml{choice}"
         )
     return WholeLog(loaded, time_s, readings)

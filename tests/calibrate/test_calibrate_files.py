@@ -77,7 +77,7 @@ def test_a_log_of_another_array_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", time_s=np.arange(50) / 100, volts=np.zeros((50, 5)))
     with pytest.raises(DataError, match="5 channels"):
         read_log(tmp_path / "log.npz")
-    with pytest.raises(DataError, match="unknown file type"):
+    with pytest.raises(DataError, match="unknown kind of file"):
         read_log(tmp_path / "log.txt")
 
 

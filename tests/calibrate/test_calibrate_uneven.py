@@ -16,7 +16,7 @@ from tactiled.calibrate.uncertainty import axis_uncertainty
 from tactiled.errors import DataError
 from tactiled.force.estimator import ForceEstimator
 from tactiled.force.model import low_passed
-from tactiled.recording.table import to_blocks
+from tactiled.recording.spacing import to_blocks
 
 SKIN = load_array("magnetometers-5")
 CELL = load_array("load-cell")

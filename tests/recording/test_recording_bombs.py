@@ -27,8 +27,7 @@ from tactiled.recording.contents import Header, Read
 from tactiled.recording.reader import read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
-from tactiled.recording.rows import MOST_CHANNELS
-from tactiled.recording.table import read_table
+from tactiled.recording.table import MOST_CHANNELS, read_table
 from tactiled.web.replay import ReplayFile
 
 CLAIMED = 200_000_000

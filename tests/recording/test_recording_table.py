@@ -3,15 +3,13 @@
 from pathlib import Path
 
 import numpy as np
-import pyarrow
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyarrow import parquet
 
 from tactiled.errors import DataError
-from tactiled.recording.rows import TimeUnit
-from tactiled.recording.table import read_table, to_blocks
+from tactiled.recording.spacing import to_blocks
+from tactiled.recording.table import TableOptions, TimeUnit, read_table
 from tactiled.samples.block import Gap, ScanBlock
 
 
@@ -38,13 +36,13 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
     np.savez(tmp_path / "named.npz", t=[0, 10], taxels=readings)
     np.savez(tmp_path / "alone.npz", taxels=readings)
     np.savez(tmp_path / "two.npz", t=[0, 10], left=readings, right=readings)
-    named_s, named = read_table(tmp_path / "named.npz", time_unit="ms")
-    alone_s, alone = read_table(tmp_path / "alone.npz", rate_hz=100.0)
+    named_s, named = read_table(tmp_path / "named.npz", TableOptions(time_unit="ms"))
+    alone_s, alone = read_table(tmp_path / "alone.npz", TableOptions(rate_hz=100.0))
     assert named_s.tolist() == alone_s.tolist() == [0, 0.01]
     assert named.tolist() == alone.tolist() == readings.reshape(2, 12).tolist()
     for name, says in (("named", "lacks the array time_s;"), ("two", "lacks the array volts;")):
         with pytest.raises(DataError, match=says):
-            read_table(tmp_path / f"{name}.npz", time_unit=None if name == "named" else "ms")
+            read_table(tmp_path / f"{name}.npz", TableOptions(time_unit=None if name == "named" else "ms"))
 
 
 @pytest.mark.parametrize(
@@ -93,22 +91,22 @@ def test_implausible_times_are_refused_with_a_remedy(tmp_path: Path, spacing_s: 
 
 
 def test_a_slow_log_is_read_where_its_rate_is_stated(tmp_path: Path) -> None:
-    time_s, _ = read_table(table(tmp_path / "t.npz", 0.2), 5.0)
+    time_s, _ = read_table(table(tmp_path / "t.npz", 0.2), TableOptions(5.0))
     assert time_s[1] == 0.2
     for spacing_s in (1e-12, 28.0):
         with pytest.raises(DataError, match="rows are"):
-            read_table(table(tmp_path / "t.npz", spacing_s), 1 / spacing_s)
+            read_table(table(tmp_path / "t.npz", spacing_s), TableOptions(1 / spacing_s))
 
 
 def test_a_unit_that_is_given_wrongly_is_answered_by_another(tmp_path: Path) -> None:
     path = table(tmp_path / "t.npz", 1.2e4)  # 83 Hz in microseconds
     with pytest.raises(DataError, match="times are taken in ms: if they are in us say --time-unit us"):
-        read_table(path, time_unit="ms")
+        read_table(path, TableOptions(time_unit="ms"))
 
 
 def test_a_header_that_counts_the_columns_is_one(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text("0,1\n5.5,6\n7,8.5\n9,9\n")
-    _, readings = read_table(tmp_path / "t.csv", rate_hz=100.0)
+    _, readings = read_table(tmp_path / "t.csv", TableOptions(rate_hz=100.0))
     np.testing.assert_array_equal(readings, [[5.5, 6.0], [7.0, 8.5], [9.0, 9.0]])
 
 
@@ -141,34 +139,34 @@ def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
 def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("note,t,b2,b1,a\nx,0,1,2,3\ny,10,4,5,6\nz,20,7,8,9\n")
-    time_s, volts = read_table(path, columns=("a", "b*"), time_unit="ms")
+    time_s, volts = read_table(path, TableOptions(columns=("a", "b*"), time_unit="ms"))
     assert time_s == pytest.approx([0.0, 0.01, 0.02])
     assert volts.tolist() == [[3.0, 1.0, 2.0], [6.0, 4.0, 5.0], [9.0, 7.0, 8.0]]
     with pytest.raises(DataError, match=r"no column 'c' of --columns; the header has note, t, b2, b1, a"):
-        read_table(path, columns=("c",), time_unit="ms")
+        read_table(path, TableOptions(columns=("c",), time_unit="ms"))
     with pytest.raises(DataError, match=r"a column time, t or timestamp needs --time-unit"):
-        read_table(path, columns=("a",))
+        read_table(path, TableOptions(columns=("a",)))
 
 
 @pytest.mark.parametrize(("unit", "of_unit_s"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)])
 def test_times_have_the_unit_that_is_stated(tmp_path: Path, unit: TimeUnit, of_unit_s: float) -> None:
     path = tmp_path / "t.csv"
     path.write_text("t,a\n" + "".join(f"{k / 100 / of_unit_s:.0f},{k}\n" for k in range(0, 400, 100)))
-    time_s, _ = read_table(path, columns=("a",), time_unit=unit)
+    time_s, _ = read_table(path, TableOptions(columns=("a",), time_unit=unit))
     assert time_s == pytest.approx([0.0, 1.0, 2.0, 3.0])
 
 
 def test_a_log_with_times_keeps_them_though_a_rate_is_stated(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("time_s,a\n0.00,1\n0.02,3\n0.05,5\n")
-    time_s, _ = read_table(path, rate_hz=50.0)
+    time_s, _ = read_table(path, TableOptions(rate_hz=50.0))
     assert time_s == pytest.approx([0.0, 0.02, 0.05])
 
 
 def test_a_log_without_times_has_those_of_its_rate(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("a,b\n1,2\n3,4\n5,6\n")
-    time_s, volts = read_table(path, rate_hz=50.0)
+    time_s, volts = read_table(path, TableOptions(rate_hz=50.0))
     assert time_s == pytest.approx([0.0, 0.02, 0.04])
     assert volts.shape == (3, 2)
 
@@ -183,36 +181,6 @@ def test_stamps_that_jitter_are_no_missing_scans(seed: int) -> None:
     items = to_blocks(time_s[kept], np.zeros((len(kept), 1)), None, valid[kept])
     gaps = [(item.n_missing, item.index) for item in items if isinstance(item, Gap)]
     assert gaps == [(2, 702), (1, 1501)]
-
-
-def test_parquet_is_the_same_table(tmp_path: Path) -> None:
-    rows = np.random.default_rng(0).normal(size=(20, 3))
-    rows[4, 1] = np.nan
-    time_s = np.arange(20) * 0.02
-    columns = {"time_ms": 1e3 * time_s, "tax0": rows[:, 0], "temperature": time_s, "tax1": rows[:, 1]}
-    parquet.write_table(pyarrow.table(columns), tmp_path / "a.parquet")
-    got_s, got = read_table(tmp_path / "a.parquet", columns=("tax*",), time_unit="ms")
-    assert got_s == pytest.approx(time_s, abs=1e-12)
-    assert np.array_equal(got, rows[:, :2], equal_nan=True)
-    instants = pyarrow.array((1e6 * time_s).astype(np.int64) + 1_700_000_000_000_000).cast("timestamp[us]")
-    lists = {"stamp": instants, "taxels": rows.tolist(), "__index_level_0__": np.arange(20)}
-    parquet.write_table(pyarrow.table(lists), tmp_path / "b.parquet")
-    got_s, got = read_table(tmp_path / "b.parquet")
-    assert got_s == pytest.approx(1.7e9 + time_s, abs=1e-6)
-    assert np.array_equal(got, rows, equal_nan=True)
-
-
-def test_parquet_without_numbers_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.parquet"
-    parquet.write_table(pyarrow.table({"time_s": [0.0, 0.1], "hand": ["left", "right"]}), path)
-    with pytest.raises(DataError, match=r"a\.parquet: column hand holds string, not numbers.*--columns"):
-        read_table(path)
-    parquet.write_table(pyarrow.table({"time_s": [0.0, 0.1], "taxels": [[1.0], [1.0, 2.0]]}), path)
-    with pytest.raises(DataError, match=r"column taxels holds list.*one length"):
-        read_table(path)
-    path.write_bytes(b"PAR1 and no more")
-    with pytest.raises(DataError, match="cannot be read as Parquet"):
-        read_table(path)
 
 
 @given(st.integers(0, 2**32 - 1))

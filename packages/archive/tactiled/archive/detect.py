@@ -101,7 +101,7 @@ def _analysed_events(job: FileJob) -> bytes:
     with pyarrow.parquet.ParquetWriter(sink, schema()) as writer:
         while group := list(itertools.islice(messages, _GROUP_EVENTS)):
             writer.write_table(event_rows(job.file, group))
-        writer.write_table(file_row(job.file, "\n".join(log.summary(job.choices))))
+        writer.write_table(file_row(job.file, "\n".join(job.choices.summary(log))))
     return sink.getvalue()
 
 

@@ -13,8 +13,8 @@ from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
 from tactiled.force.calibration import OUTPUTS
 from tactiled.outside import need_regular
-from tactiled.recording.rows import TableOptions, TimeUnit
 from tactiled.recording.steps import Replay
+from tactiled.recording.table import TableOptions, TimeUnit
 from tactiled.recording.whole import read_whole
 
 COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)

@@ -14,7 +14,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.progress import ProgressBar, tell
-from tactiled.recording.rows import TimeUnit
+from tactiled.recording.table import TimeUnit
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
 _LONGEST = 64  # characters of the field `calibration` of messages

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
+from tactiled.recording.spacing import to_blocks
 from tactiled.recording.steps import Replay
-from tactiled.recording.table import to_blocks
 from tactiled.recording.whole import read_whole
 from tactiled.tune.hold import Collector, Recording
 

@@ -1,4 +1,4 @@
-"""Tables are read a batch at a time: the same events, in bounded memory, and no size that a file claims."""
+"""Logs of others: rows that repeat a scan, and no size that a file claims."""
 
 import json
 import tracemalloc
@@ -10,23 +10,18 @@ import numpy as np
 import pyarrow
 import pytest
 from bombs import npz_that_claims
-from hypothesis import given
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pyarrow import parquet
 
 from tactiled.archive.detect import FileJob, analyse
-from tactiled.array import load_array
+from tactiled.array import FloatArray, load_array
 from tactiled.errors import DataError
 from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
-from tactiled.recording import rows, table
-from tactiled.recording.repeats import rows_of_a_reading
-from tactiled.recording.rows import FloatArray, TableOptions
-from tactiled.recording.table import BlockSplitter, TableStream, read_table, spacing_of, to_blocks
+from tactiled.recording import table
+from tactiled.recording.spacing import rows_of_a_reading, to_blocks
+from tactiled.recording.table import TableOptions, read_table
 from tactiled.samples.block import Gap, ScanBlock
-
-FORMATS = ("csv", "npz", "parquet")
 
 
 def write(path: Path, time_s: FloatArray, volts: FloatArray) -> Path:
@@ -34,8 +29,6 @@ def write(path: Path, time_s: FloatArray, volts: FloatArray) -> Path:
     names = ["time_s", *[f"c{k}" for k in range(volts.shape[1])]]
     if path.suffix == ".npz":
         np.savez_compressed(path, time_s=time_s, volts=volts)
-    elif path.suffix == ".parquet":
-        parquet.write_table(pyarrow.table([time_s, *volts.T], names=names), path)
     else:
         lines = (",".join(map(repr, row)) for row in np.column_stack([time_s, volts]).tolist())
         path.write_text("\n".join([",".join(names), *lines]))
@@ -54,70 +47,14 @@ def pressed(n: int) -> tuple[FloatArray, FloatArray]:
     return time_s, volts
 
 
-@pytest.mark.parametrize("kind", FORMATS)
-def test_a_table_in_small_batches_gives_the_same_events(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = write(tmp_path / f"log.{kind}", *pressed(1300))
-    found = []
-    for batch in (10_000, 37):
-        monkeypatch.setattr(rows, "_BATCH_ROWS", batch)
-        monkeypatch.setattr("tactiled.offline._PART_SCANS", batch)
-        log = detect_file(path)
-        found.append((capsys.readouterr().out, list(log.summary(Choices()))))
-    assert found[0][0].count('"topic": "contact"') > 2
-    assert found[1] == found[0]
-
-
-@pytest.mark.parametrize("kind", FORMATS)
-def test_all_formats_give_the_same_rows_in_any_batches(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("kind", ["csv", "npz"])
+def test_all_formats_give_the_same_rows(kind: str, tmp_path: Path) -> None:
     time_s, volts = pressed(300)
     volts[7] = np.nan
     volts[9, 3] = np.inf
-    path = write(tmp_path / f"log.{kind}", time_s, volts)
-    monkeypatch.setattr(rows, "_BATCH_ROWS", 7)
-    got_s, got = read_table(path)
+    got_s, got = read_table(write(tmp_path / f"log.{kind}", time_s, volts))
     assert np.array_equal(got_s, np.delete(time_s, 7))
     assert np.array_equal(got, np.delete(np.where(np.isfinite(volts), volts, np.nan), 7, 0), equal_nan=True)
-    shares = [share for *_, share in TableStream(path, TableOptions())]
-    assert shares == sorted(shares)
-    assert shares[-1] == 1.0
-
-
-@given(
-    holes=st.sets(st.integers(1, 99), max_size=20),
-    cuts=st.sets(st.integers(1, 79), max_size=10),
-    jitter=st.floats(0, 0.4),
-    n_rows=st.integers(1, 4),
-    missing=st.sampled_from([0.0, 0.1]),
-)
-def test_batches_change_no_scan_and_no_gap(
-    holes: set[int], cuts: set[int], jitter: float, n_rows: int, missing: float
-) -> None:
-    rng = np.random.default_rng(1)
-    n = 100 * n_rows
-    time_s = np.arange(n) + rng.uniform(-jitter, jitter, n) * 0.9
-    volts = np.repeat(rng.normal(size=(100, 2)), n_rows, axis=0)
-    volts[rng.random(volts.shape) < missing] = np.nan
-    is_there = np.repeat(~np.isin(np.arange(100), sorted(holes)), n_rows)
-    time_s, volts = time_s[is_there], volts[is_there]
-    valid = np.ones(volts.shape, dtype=np.bool_)
-    splitter = BlockSplitter(spacing_of(time_s, volts), None)
-    ends = [*sorted(cut for cut in cuts if cut < len(time_s)), len(time_s)]
-    items = []
-    for start, end in zip([0, *ends], ends, strict=False):
-        part = slice(start, end)
-        items += splitter.split(time_s[part], volts[part], valid[part])
-    whole = to_blocks(time_s, volts, None, valid)
-    assert [i for i in items if isinstance(i, Gap)] == [i for i in whole if isinstance(i, Gap)]
-    for name in ("index", "time_s", "volts"):
-        ours, theirs = (
-            np.concatenate([getattr(i, name) for i in found if isinstance(i, ScanBlock)])
-            for found in (items, whole)
-        )
-        assert np.array_equal(ours, theirs, equal_nan=name == "volts")
 
 
 def polled(seed: int, n: int, *, resting: slice) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
@@ -186,27 +123,7 @@ def test_coarse_readings_that_repeat_by_chance_are_scans() -> None:
     assert len(block) == 3000
 
 
-@pytest.mark.parametrize("kind", FORMATS)
-def test_the_memory_does_not_grow_with_the_length(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(table, "_AHEAD_ROWS", 1000)
-    peaks = []
-    for n in (6000, 24_000):
-        volts = np.random.default_rng(0).integers(0, 9, (n, 16)).astype(np.float64)
-        path = write(tmp_path / f"{n}.{kind}", np.arange(n, dtype=np.float64) / 100, volts)
-        del volts
-        tracemalloc.start()
-        assert sum(len(time_s) for time_s, _, _ in TableStream(path, TableOptions())) == n
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 1.3 * peaks[0] + 200_000  # 24,000 rows have 3 MB
-
-
-def test_a_log_that_is_read_as_a_whole_is_held_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, memory: Callable[[], int]
-) -> None:
-    monkeypatch.setattr(table, "_AHEAD_ROWS", 1000)
+def test_a_log_that_is_read_as_a_whole_is_held_once(tmp_path: Path, memory: Callable[[], int]) -> None:
     path = tmp_path / "log.npz"
     np.savez_compressed(path, time_s=np.arange(40_000) / 100, volts=np.arange(40_000 * 32.0).reshape(-1, 32))
     tracemalloc.reset_peak()
@@ -216,7 +133,7 @@ def test_a_log_that_is_read_as_a_whole_is_held_once(
 
 def test_the_summary_of_a_long_log_keeps_an_even_part_of_its_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tactiled.log_summary._MOST_VALUES", 36 * 100)
-    tally = LogTally(load_array("wang2019-3x3"))
+    tally = LogTally(load_array("wang2019-3x3"), "log")
     time_s = np.arange(1700, dtype=np.float64) / 100
     for start in range(0, 1700, 43):
         tally.add_scans(time_s[start : start + 43], np.ones((len(time_s[start : start + 43]), 36)))
@@ -231,7 +148,7 @@ def test_an_array_that_claims_more_than_the_limit_is_not_read(
     tmp_path: Path, shape: tuple[int, ...], memory: Callable[[], int]
 ) -> None:
     path = npz_that_claims(tmp_path / "bomb.npz", shape, 4 << 20)
-    with pytest.raises(DataError, match=r"at most 2 GB are read from an npz; split it"):
+    with pytest.raises(DataError, match="has more than 2 GB of readings; split it"):
         detect_file(path)
     assert memory() < 10_000_000
 
@@ -260,33 +177,23 @@ def test_a_header_of_an_array_that_claims_gigabytes_is_not_read(
 def test_an_array_with_less_or_more_than_it_claims_is_refused(tmp_path: Path, n: int, words: str) -> None:
     path = npz_that_claims(tmp_path / "other.npz", (n, 36), 1 << 20)
     with pytest.raises(DataError, match=rf"other\.npz: cannot be read as npz: .*{words}"):
-        list(rows.rows_of(path, TableOptions()))
+        read_table(path)
 
 
 def test_the_limit_counts_an_array_of_bytes_as_the_numbers_that_it_becomes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez(tmp_path / "a.npz", volts=np.zeros((1000, 36), np.uint8))
-    monkeypatch.setattr(rows, "MOST_BYTES", 100_000)
-    with pytest.raises(DataError, match=r"volts \(1000, 36\) has 0\.0 GB, and at most 0\.0001 GB"):
-        list(rows.rows_of(tmp_path / "a.npz", TableOptions(rate_hz=100.0)))
+    monkeypatch.setattr(table, "MOST_BYTES", 100_000)
+    with pytest.raises(DataError, match=r"has more than 0\.0001 GB of readings"):
+        read_table(tmp_path / "a.npz", TableOptions(rate_hz=100.0))
 
 
 def test_rows_without_a_channel_are_refused(tmp_path: Path) -> None:
     """Any number of them costs no byte."""
     path = npz_that_claims(tmp_path / "rows.npz", (10**8, 0), 0)
     with pytest.raises(DataError, match="volts has 0 channels"):
-        list(rows.rows_of(path, TableOptions(rate_hz=100.0)))
-
-
-def test_lists_in_parquet_have_the_limit_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lists = pyarrow.array([[1.0] * 36] * 50)
-    path = tmp_path / "lists.parquet"
-    parquet.write_table(pyarrow.table({"time_s": np.arange(50) * 0.01, "row": lists}), path)
-    assert read_table(path)[1].shape == (50, 36)
-    monkeypatch.setattr(rows, "MOST_BYTES", 10_000)
-    with pytest.raises(DataError, match="the lists of column row have"):
-        detect_file(path)
+        read_table(path, TableOptions(rate_hz=100.0))
 
 
 def test_a_whole_table_is_read_up_to_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -297,7 +204,7 @@ def test_a_whole_table_is_read_up_to_the_limit(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_line_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "_MOST_LINE", 1000)
+    monkeypatch.setattr(table, "_MOST_LINE", 1000)
     (tmp_path / "log.csv").write_text("time_s,a\n0,1\n" + "1," * 600)
     with pytest.raises(DataError, match="a line has more than 1000 characters"):
         read_table(tmp_path / "log.csv")
