@@ -1,14 +1,13 @@
 """Chunks of a recording that may be cut or damaged: every chunk with a valid checksum is read.
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
-that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. Damage in
-the middle costs only the chunks that it hits: reading resumes where the length field of the damaged chunk
-points or, if that is wrong too, at the next bytes that form a valid chunk. A finished file repeats its
-schemas and channels after the data, so they survive the loss of the chunk in which they first appeared.
+that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. A damaged
+chunk costs itself: reading resumes where its length points. Where a length is damaged, which is one byte in
+some thousand, nothing behind it is read. A finished file repeats its schemas and channels after the data, so
+they survive the loss of the chunk in which they first appeared.
 """
 
 import json
-import mmap
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
@@ -28,17 +27,13 @@ from tactiled.outside import shown
 from tactiled.recording.contents import Input
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.STATISTICS: Statistics.read,
+    Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read,
 }  # fmt: skip
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
-_INDEX, _INDEX_ENTRY_BYTES = struct.Struct("<HI"), 16  # channel, bytes of the entries
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
-_DATA_END_BYTES = 4
-# Bytes that every tactiled chunk holds after two times, a size and a checksum: they locate a chunk whose
-# predecessor has a damaged length.
-_ANCHOR = struct.pack("<I", 4) + b"zstd"
-_ANCHOR_AT = _HEAD.size + 8 + 8 + 8 + 4
+# Records that tactiled writes outside chunks; at any other opcode, the length before it was damaged.
+_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
 # A tactiled chunk is closed at 256 KiB and holds at most one message more; recovered ones are no larger, and
 # other tools that rewrite a recording close theirs at 4 MiB. What claims more is passed over as damage,
 # before anything is decompressed or allocated.
@@ -83,7 +78,6 @@ class Extent:
     size_bytes: int = 0
     is_complete: bool = False  # the end-of-data record was found: nothing is cut off
     damages: list[Damage] = field(default_factory=list)  # unreadable stretches before the end
-    orphans: int = 0  # number of messages whose channel description is lost
 
     @property
     def share_read(self) -> float:
@@ -93,12 +87,7 @@ class Extent:
     @property
     def is_whole(self) -> bool:
         """The file is complete and undamaged."""
-        return self.is_complete and not self.is_damaged
-
-    @property
-    def is_damaged(self) -> bool:
-        """Data before the end is missing."""
-        return bool(self.damages or self.orphans)
+        return self.is_complete and not self.damages
 
     def words(self) -> str:
         """Describe what could not be read; empty where everything was read."""
@@ -108,12 +97,11 @@ class Extent:
             duration_s = sum(damage.duration_s for damage in self.damages)
             places = "one place" if len(self.damages) == 1 else f"{len(self.damages)} places"
             words.append(f"{n_bytes} bytes in {places} are damaged: about {duration_s:.2f} s are missing")
-        if self.orphans:
-            words.append(f"{self.orphans} messages have no channel description")
         if not self.is_complete:
             rest = self.size_bytes - self.good_bytes
             words.append(
-                f"the file was not finished or was truncated; {rest} bytes at its end cannot be read"
+                "the file was not finished or was truncated, or a length in it is damaged; "
+                f"{rest} bytes at its end cannot be read"
             )
         return "; ".join(words)
 
@@ -131,41 +119,38 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     size = extent.size_bytes = stream.seek(0, 2)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    n_damaged = at = 0  # n_damaged: bytes of a stretch that is not reported yet
-    last_ns = newest_ns = 0  # ends of the chunk before, and of the latest: the wall clock may be set back
-    while not extent.is_complete:
-        record = _record_at(stream, at, size)
-        if record is None:
-            resumed = _resume(stream, at, size, last_ns)
-            if resumed is None:
-                break
-            n_damaged += resumed - at
-            at = resumed
-            if (summary := _summary(stream, size)) is not None:
-                _entries(summary.records, schemas, channels)
-                extent.is_complete = at == summary.start
-            continue
-        at, records = record
-        extent.is_complete = records is None
-        entries = _entries(records or [], schemas, channels)
-        extent.orphans += sum(isinstance(r, Message) for r in records or ()) - len(entries)
-        instants_ns = [entry.message.log_time for entry in entries]
-        if n_damaged and instants_ns:
-            yield _damage(extent, n_damaged, last_ns or min(instants_ns), min(instants_ns))
-            n_damaged = 0
+    _entries(_summary(stream, size), schemas, channels)
+    n_damaged = 0  # bytes of a stretch that is not reported yet
+    last_ns = 0
+    stream.seek(0)
+    at = len(MCAP0_MAGIC) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else size
+    while at + _HEAD.size <= size and not extent.is_complete:
+        stream.seek(at)
+        opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
+        end = at + _HEAD.size + length
+        if end > size or opcode not in _RECORDS:
+            break
+        extent.is_complete = opcode == Opcode.DATA_END
+        entries: list[ChannelMessage] = []
+        if opcode in (Opcode.CHUNK, Opcode.METADATA):
+            records = _records(opcode, stream.read(length)) if length <= _MOST_RECORD_BYTES else []
+            yield from (record for record in records if isinstance(record, Metadata))
+            entries = _entries(records, schemas, channels)
+            n_damaged += 0 if records else end - at
+        at = end
+        if entries:
+            instants_ns = [entry.message.log_time for entry in entries]
+            if n_damaged:
+                yield _damage(extent, n_damaged, last_ns or min(instants_ns), min(instants_ns))
+                n_damaged = 0
+            last_ns = max(instants_ns)
+            yield entries
         if not n_damaged:
             extent.good_bytes = at
-        last_ns = max(instants_ns, default=last_ns)
-        newest_ns = max(newest_ns, last_ns)
-        yield from (record for record in records or () if isinstance(record, Metadata))
-        if entries:
-            yield entries
     if extent.is_complete:
         extent.good_bytes = at
         if n_damaged:
-            summary = _summary(stream, size)
-            end_ns = max(newest_ns, summary.end_ns if summary else 0)
-            yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
+            yield _damage(extent, n_damaged, last_ns, last_ns)
 
 
 def _entries(
@@ -189,49 +174,17 @@ def _damage(extent: Extent, n_bytes: int, first_ns: int, last_ns: int) -> Damage
     return damage
 
 
-def _record_at(stream: BinaryIO, at: int, size: int) -> tuple[int, list[McapRecord] | None] | None:
-    """Read the record at an offset: its end and its content; None where no whole record begins there.
-
-    The content is None, not a list, at the end of the data. The magic counts as a record.
-    """
-    stream.seek(at)
-    if at == 0:
-        return (len(MCAP0_MAGIC), []) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else None
-    head = stream.read(_HEAD.size)
-    if len(head) < _HEAD.size:
-        return None
-    opcode, length = _HEAD.unpack(head)
-    end = at + _HEAD.size + length
-    if end > size or length > _MOST_RECORD_BYTES:
-        return None
-    if opcode == Opcode.DATA_END:
-        return (end, None) if length == _DATA_END_BYTES else None
-    body = ReadDataStream(BytesIO(stream.read(length)))
+def _records(opcode: int, body: bytes) -> list[McapRecord]:
+    """Read a chunk or metadata; nothing where it is damaged."""
     try:
-        if opcode == Opcode.CHUNK:
-            records = _records_of(Chunk.read(body))
-        elif opcode == Opcode.METADATA:
-            records = [Metadata.read(body)]
-        elif opcode == Opcode.MESSAGE_INDEX:
-            index = body.read(length)
-            n_bytes = _INDEX.unpack_from(index)[1]
-            if n_bytes % _INDEX_ENTRY_BYTES or _INDEX.size + n_bytes != length:
-                return None
-            records = []
-        elif opcode == Opcode.HEADER and at == len(MCAP0_MAGIC):
-            return end, []
-        else:  # tactiled writes no others: the opcode of a chunk is damaged
-            return None
+        if opcode == Opcode.METADATA:
+            return [Metadata.read(ReadDataStream(BytesIO(body)))]
+        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+        _check_size(chunk)
+        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        return _parsed(stream.read(size))
     except FAULTS:
-        return None
-    return (end, records) if body.count == length else None  # otherwise the length is damaged
-
-
-def _records_of(chunk: Chunk) -> list[McapRecord]:
-    """Read the records of a chunk."""
-    _check_size(chunk)
-    stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    return _parsed(stream.read(size))
+        return []
 
 
 def _parsed(data: bytes) -> list[McapRecord]:
@@ -266,73 +219,21 @@ def _check_size(chunk: Chunk) -> None:
         raise McapError(f"a chunk of {n_bytes} bytes, more than {MOST_CHUNK_BYTES}")
 
 
-def _resume(stream: BinaryIO, at: int, size: int, last_ns: int) -> int | None:
-    """Offset at which to resume after a damaged record; None where nothing whole follows.
-
-    After a power cut, old disk blocks behind the end may hold chunks of other files: a chunk that ends before
-    `last_ns` is therefore skipped. The chunk to which the length of the damaged record points is of this
-    file, whatever its times: the wall clock may have been set back.
-    """
-    end = len(MCAP0_MAGIC)
-    if at:
-        stream.seek(at)
-        head = stream.read(_HEAD.size)
-        end = at + _HEAD.size + int(_HEAD.unpack(head)[1]) if len(head) == _HEAD.size else size
-    # A damaged length may lead beyond chunks that are whole.
-    is_whole = end < size and _record_at(stream, end, size) is not None
-    chunk_at = _next_chunk(stream, at, end if is_whole else size, last_ns)
-    if chunk_at is not None:
-        return chunk_at
-    if is_whole:
-        return end
-    summary = _summary(stream, size)
-    return summary.start if summary is not None and summary.start > at else None
-
-
-def _next_chunk(stream: BinaryIO, at: int, before: int, last_ns: int) -> int | None:
-    """Offset of the next whole chunk that begins after `at` and before an offset."""
-    size = stream.seek(0, 2)
-    if not size:
-        return None
-    with mmap.mmap(stream.fileno(), size, access=mmap.ACCESS_READ) as view:
-        last = before + _ANCHOR_AT + len(_ANCHOR) - 1
-        found = view.find(_ANCHOR, at + 1 + _ANCHOR_AT, last)
-        while found >= 0:
-            start = found - _ANCHOR_AT
-            (end_ns,) = struct.unpack_from("<Q", view, start + _HEAD.size + 8)
-            is_later = view[start] == Opcode.CHUNK and end_ns >= last_ns
-            if is_later and _record_at(stream, start, size) is not None:
-                return start
-            found = view.find(_ANCHOR, found + 1, last)
-    return None
-
-
-@dataclass(frozen=True)
-class _Summary:
-    """Summary of a finished file: its offset, schemas, channels and time of the last message."""
-
-    start: int
-    records: list[McapRecord]
-    end_ns: int
-
-
-def _summary(stream: BinaryIO, size: int) -> _Summary | None:
-    """Read the summary; None where it is absent or its checksum is wrong (MCAP specification, Footer)."""
+def _summary(stream: BinaryIO, size: int) -> list[McapRecord]:
+    """Read the summary of a finished file; nothing where its checksum (in the footer) is wrong."""
     footer_at = size - len(MCAP0_MAGIC) - _FOOTER.size
     if footer_at < 0:
-        return None
+        return []
     stream.seek(footer_at)
     footer = stream.read(_FOOTER.size)
     opcode, _, start, _, checksum = _FOOTER.unpack(footer)
     if opcode != Opcode.FOOTER or not 0 < start <= footer_at or footer_at - start > _MOST_SUMMARY_BYTES:
-        return None
+        return []
     stream.seek(start)
     text = stream.read(footer_at - start)
     if zlib.crc32(footer[:-4], zlib.crc32(text)) != checksum:
-        return None
+        return []
     try:
-        records = _parsed(text)
+        return _parsed(text)
     except FAULTS:
-        return None
-    ends_ns = [record.message_end_time for record in records if isinstance(record, Statistics)]
-    return _Summary(start, records, max(ends_ns, default=0))
+        return []
