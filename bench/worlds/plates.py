@@ -98,7 +98,6 @@ def _slides(rng: np.random.Generator, scene: Document, left_s: float) -> None:
 
 
 def _grooves(rng: np.random.Generator, scene: Document, left_s: float) -> None:
-    scene["needs"] = ["direction", "groove-phase"]
     period_mm = log_uniform(rng, 0.6, 4.0)
     angle_deg = rng.uniform(-60.0, 60.0)
     scene["surface"] |= {

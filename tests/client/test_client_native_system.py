@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -122,6 +123,7 @@ def test_keys_that_others_can_read_are_refused(native_client: Path, tmp_path: Pa
 
 
 FILLED_S = 7.5  # of the scene `hold`
+TOO_LATE_S = 0.5  # of a scan: longer than a hiccup of a busy host
 LEAST_N = 3.6 / (0.45 * 1.1)  # load over friction, once it is filled; the press of 6 N does not bear that
 
 
@@ -144,7 +146,7 @@ def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
         t0_s = next(report["t0_s"] for report in reports if report["what"] == "scene")
         scan = next(reports)
         while scan["what"] != "scan" or scan["began_s"] < t0_s + FILLED_S:
-            if scan["what"] == "overrun":
+            if scan["what"] == "scan" and time.monotonic() - scan["began_s"] > TOO_LATE_S:
                 pytest.skip("this host is too slow for an emulated board in real time")
             scan = next(reports)
         assert not scan["fallen"]

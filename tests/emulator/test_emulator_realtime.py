@@ -21,7 +21,7 @@ from patience import PATIENCE_S
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink, TcpLink, make_control_link, make_link
 from tactiled.emulator.realtime import Emulator, run_emulator
-from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Hello, Scan
@@ -283,16 +283,9 @@ def test_a_socket_of_a_living_process_is_not_taken_over(tmp_path: Path) -> None:
     second.close()
 
 
-def test_ports_that_cannot_be_made_are_refused_before_tables_are_solved(tmp_path: Path) -> None:
-    plate = {"kind": "grooves", "period_mm": 1.13, "angle_deg": 0.0}
-    press = {"kind": "press", "duration_s": 0.5, "force_n": 0.2}
-    slide = {"kind": "slide", "duration_s": 0.5, "speed_mm_s": 1.0}
-    scene = Scene.model_validate(
-        {"name": "t", "contact": "periodic", "surface": plate, "phases": [press, slide]}
-    )
-
+def test_ports_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
     def report(what: dict[str, Any]) -> None:
-        raise AssertionError(what)  # of the first table
+        raise AssertionError(what)  # that it is ready
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
@@ -304,5 +297,5 @@ def test_ports_that_cannot_be_made_are_refused_before_tables_are_solved(tmp_path
         )
         for ports, says in asked:
             with pytest.raises(ConfigError, match=says):
-                run_emulator(scene, V1, report=report, **ports)
+                run_emulator(DEMO, V1, report=report, **ports)
     assert not os.path.lexists(tmp_path / "board")

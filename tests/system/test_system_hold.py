@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 pytestmark = [pytest.mark.system, pytest.mark.alone]
 ROOT = Path(__file__).parents[2]
 FILLED_S = 7.5  # of the scene `hold`
+TOO_LATE_S = 0.5  # of a scan: longer than a hiccup of a busy host
 LEAST_N = 3.6 / (0.45 * 1.1)  # load over friction, once it is filled; the press of 6 N does not bear that
 
 
@@ -41,7 +43,7 @@ def test_the_example_holds_what_it_does_not_know(tmp_path: Path) -> None:
         t0_s = next(report["t0_s"] for report in reports if report["what"] == "scene")
         scan = next(reports)
         while scan["what"] != "scan" or scan["began_s"] < t0_s + FILLED_S:
-            if scan["what"] == "overrun":
+            if scan["what"] == "scan" and time.monotonic() - scan["began_s"] > TOO_LATE_S:
                 pytest.skip("this host is too slow for an emulated board in real time")
             scan = next(reports)
         assert controller.poll() is None

@@ -33,8 +33,7 @@ PEER = Path(__file__).parents[1] / "ros2" / "peer.cpp"
 SCENE = """
 name = "ros2"
 description = "a press and a slide"
-contact = "auto"
-needs = ["direction", "gross-slip"]
+contact = "mechanics"
 [[phases]]
 kind = "rest"
 duration_s = 4.0

@@ -65,11 +65,10 @@ def test_a_hold_and_a_motion_are_recorded_from_a_daemon(tmp_path: Path) -> None:
     (line,) = tuner.stdout.splitlines()
     found = json.loads(line)
     assert found["array"] == "wang2019-3x3"
-    is_overrun = '"overrun"' in (tmp_path / "board.out").read_text()  # a busy host makes the board miss scans
     for phase in ("quiet", "motion"):
         lost = found[phase]["lost"]
-        assert lost == 0 or is_overrun
-        assert 4.5 <= found[phase]["contact_s"] + lost / 100.0 <= 5.5
+        assert lost == 0
+        assert 4.5 <= found[phase]["contact_s"] <= 5.5
         assert found["settings"]["balanced"][phase] == {"incipient": 0, "gross": 0}
 
 

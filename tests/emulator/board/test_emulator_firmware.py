@@ -27,8 +27,7 @@ class Echo:
 
     reacts = False
 
-    def __init__(self, *, has_memory: bool = False) -> None:
-        self.has_memory = has_memory
+    def __init__(self) -> None:
         self.asked: dict[int, NDArray[np.float64]] = {}
 
     def counts(self, first: int, time_s: NDArray[np.float64]) -> NDArray[np.int64]:

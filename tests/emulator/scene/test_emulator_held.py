@@ -38,7 +38,7 @@ def load(tangential_n: float, duration_s: float = 0.5, **rest: Any) -> dict[str,
 
 
 def held(*phases: dict[str, Any], **rest: Any) -> Scene:
-    document = {"name": "held", "contact": "lumped", "held_object": {}, "phases": list(phases), **rest}
+    document = {"name": "held", "contact": "mechanics", "held_object": {}, "phases": list(phases), **rest}
     return Scene.model_validate(document)
 
 
@@ -271,8 +271,8 @@ def test_friction_that_falls_lets_go_where_friction_no_longer_bears_the_load() -
     moved_mm = np.hypot(*model.state(np.array([1.4, 1.7])).travel_mm.T)
     assert moved_mm[0] < 0.2
     assert moved_mm[1] > 1.0
-    with pytest.raises(ValueError, match='contact = "lumped" only'):
-        held(PRESS, contact="compliance", disturbances=[eases])
+    with pytest.raises(ValueError, match="a held object has a flat one"):
+        held(PRESS, surface={"kind": "grooves", "period_mm": 1.2})
 
 
 def test_a_press_alone_does_not_hold_what_is_lifted_and_filled() -> None:

@@ -44,7 +44,7 @@ def test_a_disturbance_of_the_load_enters_creep(contact: str) -> None:
 
 def test_a_controllers_grip_enters_creep() -> None:
     load = {"kind": "load", "duration_s": 3.0, "tangential_n": 0.0}
-    held = {"contact": "lumped", "held_object": {}, "phases": [PRESS, load]}
+    held = {"contact": "mechanics", "held_object": {}, "phases": [PRESS, load]}
 
     def conductance(**electronics: float) -> dict[float, float]:
         worn = sensor(**held, electronics={"dead_zone_n": 0.0, "noise_v": 0.0, **electronics})

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
 from tactiled.emulator.board.sensor import Sensor
-from tactiled.emulator.scene.contact import explain, make_contact, model_name
-from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.contact import make_contact
+from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
@@ -27,7 +27,7 @@ SLIDE = {"kind": "slide", "duration_s": 3.0, "speed_mm_s": 1.0}
 
 
 def scene(*phases: dict[str, Any], **rest: Any) -> Scene:
-    document = {"name": "test", "contact": "lumped", "surface": EVEN, "phases": list(phases), **rest}
+    document = {"name": "test", "contact": "mechanics", "surface": EVEN, "phases": list(phases), **rest}
     return Scene.model_validate(document)
 
 
@@ -102,7 +102,7 @@ def test_shear_and_normal_channels_carry_the_forces() -> None:
 
 def test_rotation_slips_without_direction() -> None:
     rotate = {"kind": "rotate", "duration_s": 4.0, "angle_deg": 40.0}
-    truth = Truth(scene(PRESS, rotate, contact="auto"))
+    truth = Truth(scene(PRESS, rotate, contact="mechanics"))
     (slip,) = truth.episodes
     assert slip.direction_deg is None
     state = truth.state(np.array([4.5]))
@@ -156,15 +156,9 @@ def test_a_tap_on_an_untouched_skin_is_contact_and_no_slip() -> None:
     assert truth.episodes == []
 
 
-def test_a_load_beyond_the_bump_is_flagged() -> None:
-    truth = Truth(scene(PRESS | {"force_n": 200.0}, HOLD))
-    (words,) = [words for words in truth.warnings if "load curve is extrapolated" in words]
-    assert 0 < truth.warnings[words] < 1.0
-
-
 def test_grooves_as_deep_as_the_bump_are_refused() -> None:
     played = scene(
-        PRESS, SLIDE, contact="compliance", surface={"kind": "grooves", "period_mm": 1.2, "depth_mm": 0.4}
+        PRESS, SLIDE, contact="mechanics", surface={"kind": "grooves", "period_mm": 1.2, "depth_mm": 0.4}
     )
     with pytest.raises(ConfigError, match="as deep as the bump"):
         contact(played)
@@ -182,20 +176,7 @@ def test_motion_that_needs_mechanics_is_refused_on_signal(change: dict[str, Any]
         Scene.model_validate({"name": "t", "contact": "signal", "phases": [PRESS], **change})
 
 
-def test_auto_takes_the_cheapest_contact_model_that_meets_the_needs() -> None:
-    flat = load_scene("flat-simulation").with_changes(contact="auto", tolerance=0.15)
-    assert model_name(flat) == "signal"
-    assert model_name(flat.with_changes(needs=["direction"])) == "lumped"
-    tight = flat.with_changes(needs=["tangential-force", "transients"], tolerance=0.02)
-    words = explain(flat.with_changes(needs=["absolute-force"], tolerance=0.03))
-    assert words.startswith("contact: compliance\n")
-    assert "not lumped: absolute-force is 7.5 % off" in words
-    for refused in (tight, flat.with_changes(needs=["incipient-slip"], tolerance=0.12)):
-        with pytest.raises(ConfigError, match="no contact model delivers this"):
-            model_name(refused)
-
-
-@pytest.mark.parametrize("model", ["signal", "lumped"])
+@pytest.mark.parametrize("model", ["signal", "mechanics"])
 def test_truth_of_a_simulation_is_json(model: str) -> None:
     simulation = Simulation(scene(PRESS, HOLD, SLIDE, contact=model), load_layout("board-v1"))
     for _ in simulation:

@@ -61,9 +61,6 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 @click.option(
     "--rig-s", default=60.0, show_default=True, type=click.FloatRange(5, 3600), help="Its duration."
 )
-@click.option(
-    "--explain", "explains", is_flag=True, help="Only print which contact model the scene uses, and why."
-)
 def emulate(
     scene: str,
     link: Path | None,
@@ -77,7 +74,6 @@ def emulate(
     control: str | None,
     rig: Path | None,
     rig_s: float,
-    explains: bool,
 ) -> None:
     """Emulate a board: play a scene on a pty or TCP port, and print its ground truth to stdout.
 
@@ -90,7 +86,7 @@ def emulate(
     if rig is not None:
         _write_rig(rig, array or "wang2019-3x3", seed, rig_s)
         return
-    if not explains and (link is None) == (tcp is None):
+    if (link is None) == (tcp is None):
         raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     need_named(protocol, "protocols")
     if array is not None:
@@ -99,24 +95,20 @@ def emulate(
     from tactiled import tomlfile
     from tactiled.emulator.board.identity import EmulatedBoardParams
     from tactiled.emulator.line.faults import FaultParams
-    from tactiled.emulator.realtime import run_emulator, words_for_people
+    from tactiled.emulator.realtime import run_emulator
     from tactiled.emulator.scene.named import named_scene
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)
     if array is not None:
         played = played.model_copy(update={"array": array})
-    if explains:
-        from tactiled.emulator.board.identity import emulated_array
-        from tactiled.emulator.prepare import explain_in_real_time
-
-        click.echo(explain_in_real_time(played, emulated_array(played, load_layout(protocol))))
-        return
 
     def report(what: dict[str, Any]) -> None:
         print(json.dumps(what), flush=True)
-        if words := words_for_people(what):
-            click.echo(f"emulate: {words}", err=True)
+        if what["what"] == "preparing":
+            played_s, duration_s = what["played_s"], what["duration_s"]
+            done = f"{played_s:.1f} of {duration_s:.1f} s of the scene"
+            click.echo(f"emulate: solving grooves before the port appears: {done}", err=True)
 
     run_emulator(
         played,

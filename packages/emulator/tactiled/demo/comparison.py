@@ -50,13 +50,11 @@ class Host:
     lost: int = 0
     oldest_s: float = 0.0  # largest age of a scan when the daemon had handled it
     fits_late: int = 0  # groove fits that were not ready in time
-    missed: int = 0  # scan instants that the emulated board missed because it was not computed in time
-    held_s: float = 0.0  # for how long its scene stood still meanwhile
 
     def __str__(self) -> str:
         return (
             f"{self.scans} scans, {self.late} of them late (the latest {self.oldest_s:.2f} s old), "
-            f"{self.lost} lost, {self.missed} missed by the emulated board, {self.fits_late} groove fits late"
+            f"{self.lost} lost, {self.fits_late} groove fits late"
         )
 
     def too_slow(self, *, is_wrong: bool = True) -> str:
@@ -65,15 +63,12 @@ class Host:
         Late fits are a reason where an estimate is wrong or missing (`is_wrong`).
         """
         shown = []
-        if self.missed:
-            held = f" and its scene stood still for {self.held_s:.2f} s" if self.held_s else ""
-            shown.append(f"the emulated board missed {self.missed} scan instants (overrun){held}")
         if self.late > MAX_LATE_SHARE * self.scans:
             shown.append(f"{self.late} of {self.scans} scans were late, the latest {self.oldest_s:.2f} s old")
         if is_wrong and self.fits_late > MAX_LATE_FITS:
             shown.append(f"{self.fits_late} groove fits were not ready in time")
-        if self.lost - self.missed > MAX_LOST_SHARE * self.scans:
-            shown.append(f"{self.lost - self.missed} scans were lost on the way")
+        if self.lost > MAX_LOST_SHARE * self.scans:
+            shown.append(f"{self.lost} scans were lost on the way")
         return "; ".join(shown)
 
 

@@ -112,8 +112,6 @@ def run_demo(picture: Path) -> bool:
                 if message is None:
                     played_s = time.monotonic() - t0_s
                     cut_short = f"the {name} process ended after {played_s:.1f} of {end_s:.1f} s"
-                elif name == "board" and message["what"] == "overrun":
-                    seen.host.missed, seen.host.held_s = message["missed"], message["held_s"]
                 elif name == "subscriber":
                     _receive(message, unix_offset_s, seen)
             while true_events and time.monotonic() >= t0_s + true_events[0][0]:

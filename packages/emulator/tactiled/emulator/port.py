@@ -71,12 +71,6 @@ class EmulatedPort:
         out, self._out = self._out, []
         return out
 
-    def skip_until(self, now_s: float) -> int:
-        """Leave out overdue scans, see `Board.skip_until`, and return their number."""
-        n = self.board.skip_until(now_s)
-        self.counts.overruns_of_host += n
-        return n
-
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes that the host wrote; they reach the board at once."""
         self._run_until(now_s)

@@ -82,7 +82,7 @@ class Board:
         if not self._fits(hello.rate_hz):
             fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
             raise ConfigError("board", [fault])
-        # True instant of scene time 0, which is the first start; `skip_until` moves it.
+        # True instant of scene time 0, which is the first start.
         self.scene_start_s: float | None = None
         self._index = 0
         self._out: list[Outgoing] = []
@@ -99,11 +99,6 @@ class Board:
         """True instant of the next event in `advance`."""
         due_s = self._next_hello_s if self._scanning is None else self._scanning.end_s
         return min(due_s, self._pongs[0][0]) if self._pongs else due_s
-
-    @property
-    def next_scene_s(self) -> float:
-        """Scene time of the coming scan; 0 while idle."""
-        return self._scanning.scene_s if self._scanning is not None else 0.0
 
     def advance(self, now_s: float) -> list[Outgoing]:
         """Advance to an instant and return the frames that became ready, in order."""
@@ -147,23 +142,6 @@ class Board:
         """Miss the next scan instant, as delayed firmware does; an idle board misses none."""
         self._out = self.advance(now_s)
         self._to_miss += self.running
-
-    def skip_until(self, now_s: float) -> int:
-        """Leave out all scans that should have ended by `now_s`, and return their number.
-
-        The source is not read: this is for a board in real time on a host that is too slow. The next scan
-        carries the overrun flag.
-        """
-        scanning, n = self._scanning, 0
-        if scanning is None or self.scene_start_s is None:
-            return 0
-        while scanning.end_s <= now_s:
-            began_s = self._crystal.true_s(scanning.begin_board_s)
-            scene_s = scanning.scene_s
-            self.scene_start_s += scanning.skip(1)
-            self._missed(began_s, scene_s)
-            n += 1
-        return n
 
     def _power_up(self, now_s: float, start_ticks: int, start_sequence: int) -> None:
         tick_s, bits = self._layout.tick_s or 1e-6, self._layout.bits("scan", "ticks") or 32
@@ -228,17 +206,14 @@ class Board:
         began_s = self._crystal.true_s(begin_board_s)
         if self._to_miss > 0:
             self._to_miss -= 1
-            self._missed(began_s, scene_s)
+            self._overrun = True
+            self._attempted(began_s, scene_s, sent=False)
             return
         flags = self._layout.flag("first_after_start") * self._first_after_start
         flags |= self._layout.flag("overrun") * self._overrun
         self._send(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
         self._first_after_start = self._overrun = False
         self._attempted(began_s, scene_s, sent=True)
-
-    def _missed(self, began_s: float, scene_s: float) -> None:
-        self._overrun = True
-        self._attempted(began_s, scene_s, sent=False)
 
     def _attempted(self, began_s: float, scene_s: float, *, sent: bool) -> None:
         """Report a scan instant and use up its sequence number."""

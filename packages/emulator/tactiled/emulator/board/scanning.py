@@ -46,7 +46,6 @@ class ScanSource(Protocol):
     """Source of the ADC's readings, see `sensor.Sensor`."""
 
     reacts: bool  # a controller may still change coming scans, which are then not read ahead
-    has_memory: bool  # an instant can be read only after all instants before it are computed
 
     def counts(self, first: int, time_s: NDArray[np.float64]) -> Readings:
         """Counts (n, channels) of scans ``first``, ... sampled at scene times `time_s` (n, channels)."""
@@ -108,22 +107,6 @@ class Scanning:
     def scene_s(self) -> float:
         """Instant of scene time at which the coming scan begins."""
         return self._crystal.true_s(self.begin_board_s) - self._scene_start_s
-
-    def skip(self, n: int) -> float:
-        """Leave out n scan instants; return the seconds by which the scene now begins later than it did.
-
-        A source with memory would have to compute them all the same and never catch up. Therefore the scene
-        stands still over these instants.
-        """
-        before_s = self._crystal.true_s(self.begin_board_s)
-        self._k += n
-        self._n_ahead = 1  # scans computed together are sent late together
-        if not self._source.has_memory:
-            self._ahead = self._ahead[n:]
-            return 0.0
-        held_s = self._crystal.true_s(self.begin_board_s) - before_s
-        self._scene_start_s += held_s
-        return held_s
 
     def take(self, index: int) -> Readings:
         """Sample the coming scan, which has number `index`, and go on to the next one."""

@@ -37,8 +37,7 @@ class Sensor:
         self._params = params
         self._motion = SceneMotion(scene)
         self.contact = make_contact(self._motion, array)
-        self.has_memory = isinstance(self.contact, PhysicalContact)
-        self.reacts = self.has_memory and scene.held_object is not None
+        self.reacts = scene.held_object is not None
         self._noise = ScanNoise(scene.seed, array.n_channels)
         self._bits, self._reference_v = adc_bits, adc_reference_v
         self._span = span

@@ -52,8 +52,8 @@ class FaultCounts:
     """Counts of the faults that happened.
 
     ``frames_in`` and ``bytes_in`` were sent on the line, each copy of a duplicate included, before damage;
-    ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``. ``overruns`` are all
-    scan instants that the board missed, ``overruns_of_host`` those among them that a slow host caused.
+    ``bytes_in == bytes_cut + bytes_dropped + bytes_pulled_out + bytes that arrive``. ``overruns`` are scan
+    instants that the board missed.
     """
 
     frames_in: int = 0
@@ -70,7 +70,6 @@ class FaultCounts:
     bursts: int = 0
     stalls: int = 0
     overruns: int = 0
-    overruns_of_host: int = 0
     reboots: int = 0
     unplugs: int = 0
 

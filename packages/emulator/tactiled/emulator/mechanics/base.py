@@ -8,28 +8,17 @@ place of that origin over the surface (taxel place plus travel of the skin). For
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 
 # Area under a side electrode. ``edge``: the chip beyond 1 mm from its axis, which reproduces the paper's 0.07
 # N a side and its change of almost 100 %; ``half``: half the chip, for comparison with finite elements.
 Readout = Literal["edge", "half"]
-
-# Bits of `TaxelForces.warnings`; the forces are then the best that the model can compute.
-BEYOND_REFERENCES = 1  # more load than in any finite-element run: the errors are not known
-NOT_CONVERGED = 2  # the solver stopped at its iteration limit
-BOTTOMED = 4  # pressed deeper than the bump is high: the load curve is extrapolated
-
-# Largest loads on a taxel in the finite-element references (config/contact/fem-*.json), pressed and sheared.
-# Up to there every material is within its stable range (their columns `continued_*` are 0).
-PRESSED_REFERENCE_N, SHEARED_REFERENCE_N = 3.94, 2.5
-_SHEARED = 0.01  # tangential over normal force; a press alone causes less
 
 
 @dataclass(frozen=True)
@@ -61,7 +50,6 @@ class TaxelForces:
     side_n: FloatArray
     slipping: FloatArray  # (t,): share of the contact area that slips, 0 to 1; 0 without contact
     indentation_mm: FloatArray  # (t,): approach since first touch of a flat plate
-    warnings: NDArray[np.int64]  # (t,): bits `BEYOND_REFERENCES`, `NOT_CONVERGED`, `BOTTOMED`
 
 
 class TaxelModel(ABC):
@@ -70,8 +58,6 @@ class TaxelModel(ABC):
     The constructor raises `ConfigError` for a surface that the model cannot play.
     """
 
-    # Measured relative error of each need (`description.Need`); what is absent is not modelled.
-    provides: ClassVar[Mapping[str, float]]
     step_s: ClassVar[float]  # of the grid on which scenes run it
 
     @abstractmethod
@@ -99,10 +85,3 @@ class TaxelModel(ABC):
 def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
     """Stack steps along a leading axis."""
     return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})
-
-
-def beyond_references(felt: TaxelForces) -> NDArray[np.bool_]:
-    """Flag taxels that bear more than any reference does; the shape of ``felt.normal_n``."""
-    shear_n = np.linalg.norm(felt.tangential_n, axis=-1)
-    limit_n = np.where(shear_n > _SHEARED * felt.normal_n, SHEARED_REFERENCE_N, PRESSED_REFERENCE_N)
-    return np.asarray(felt.normal_n > limit_n * (1 + 1e-9))

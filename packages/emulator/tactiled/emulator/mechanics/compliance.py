@@ -1,4 +1,4 @@
-"""Contact model `compliance`: surface compliance of the taxel, unilateral contact and Coulomb friction.
+"""Solver behind `periodic`: surface compliance of the taxel, unilateral contact and Coulomb friction.
 
 The body responds linearly to forces on its surface, with a matrix from finite elements
 (`config/contact/compliance-*.npz`); contact, friction and their lateral coupling are solved on the surface
@@ -10,21 +10,11 @@ friction, the neighbours' bumps, edges of ridges sharper than the nodes' spacing
 """
 
 import math
-from collections.abc import Mapping
-from typing import ClassVar
 
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import (
-    BOTTOMED,
-    NOT_CONVERGED,
-    Readout,
-    Surface,
-    TaxelForces,
-    TaxelModel,
-    stacked,
-)
+from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel, stacked
 from tactiled.emulator.mechanics.skin import (
     DisplacementEffects,
     SkinCompliance,
@@ -33,8 +23,6 @@ from tactiled.emulator.mechanics.skin import (
     stiffening,
 )
 from tactiled.emulator.mechanics.solver import ContactSolver, Solution
-from tactiled.emulator.mechanics.taxel_shape import CAP_MM
-from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
 
 # Longest travel of a substep: the surface is linearised over it, and friction depends on the path.
@@ -42,9 +30,9 @@ _SUBSTEP_MM = 0.03
 _SUBSTEP_OF_PERIOD = 1 / 30
 # Friction depends on the last 0.3 mm (presliding) only: of a longer jump the last substeps are computed.
 _SUBSTEPS = 32
-_HALVINGS = 4  # of a substep that does not converge, before it is flagged
+_HALVINGS = 4  # of a substep that does not converge, before it is taken as it is
 # Failed solves in one step of one taxel. A taxel that has more is jammed (unbounded friction between
-# ridges); it is flagged, and the step ends.
+# ridges), and the step ends.
 _FAILURES = 6
 _ROUNDS = 8  # of contact and couples in turn; two or three suffice
 # Change between rounds at which they end: a thousandth of the displacement by friction.
@@ -64,33 +52,21 @@ class TaxelState:
         self.approach_mm = 0.0
         self.base_mm: FloatArray | None = None
         self.load_n: float | None = None
-        self.warning = 0
         self.failures = 0  # solves of this step that did not converge
 
 
 class Compliance(TaxelModel):
     """Compliance of the whole surface with contact and friction on its nodes.
 
-    Indentation counts from the plane of the ridges. Friction depends on the path and not on time.
+    Indentation counts from the plane of the ridges. Friction depends on the path and not on time. It takes a
+    second of processor for a second of nine sliding taxels and more: scenes play tables of it (`periodic`).
+
+    Attributes
+    ----------
+    unsolved : int
+        Substeps since `reset` that did not converge; their forces are the last ones, scaled to the load.
     """
 
-    # Worst against finite elements, coarse mesh (`tests/emulator/mechanics/test_mechanics_errors.py`, and
-    # the light, heavy, diagonal and back runs): flat plates with friction 0.3 to 0.9, loads of 0.1 to 3 N a
-    # taxel; grooves of 0.9 to 1.5 mm at 0 to 60 degrees. The error of incipient slip is that of the slipping
-    # share: rings of nodes, a fifth of the contact, slip at once; the mean error is 0.03. Ripple and its
-    # phase are worst at 60 degrees, where they are smallest: 0.24 and 0.04 up to 30 degrees. The mesh is not
-    # the reason: coarse and medium finite elements agree within 2 % and 4 degrees. Transients were not
-    # compared, and are not provided.
-    provides: ClassVar[Mapping[str, float]] = {
-        "direction": 0.035,
-        "gross-slip": 0.11,
-        "incipient-slip": 0.22,
-        "absolute-force": 0.02,
-        "left-right": 0.05,
-        "tangential-force": 0.08,
-        "groove-ripple": 0.46,
-        "groove-phase": 0.08,
-    }
     step_s = 0.01  # a scan: shorter steps only cost more
 
     def __init__(
@@ -98,7 +74,7 @@ class Compliance(TaxelModel):
     ) -> None:
         if surface.static_ratio != 1.0:
             raise ConfigError(
-                "contact compliance", ["surface.static_ratio: must be 1, or choose contact lumped"]
+                "scene", ["surface.static_ratio: must be 1 on each plate of a scene with grooves"]
             )
         self._surface = surface
         self._skin = shipped_skin(readout)
@@ -110,6 +86,7 @@ class Compliance(TaxelModel):
         self.reset()
 
     def reset(self) -> None:
+        self.unsolved = 0
         self._taxels = [TaxelState(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 
     def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
@@ -127,7 +104,7 @@ class Compliance(TaxelModel):
             taxel.base_mm = base_mm.copy()
         if taxel.load_n == load_n and np.array_equal(taxel.base_mm, base_mm):
             return
-        taxel.warning = taxel.failures = 0
+        taxel.failures = 0
         start, way = taxel.base_mm, base_mm - taxel.base_mm
         first = taxel.load_n or 0.0
         wanted = math.ceil(float(np.hypot(*way)) / self._substep_mm)
@@ -143,9 +120,6 @@ class Compliance(TaxelModel):
         """Solve one substep, or halve it where Newton's method fails."""
         before_n, here_mm = float(taxel.force_n[0].sum()), taxel.base_mm
         assert here_mm is not None  # `_advance` has set it
-        if self._surface.unevenness:
-            factor = float(friction_factor(self._surface.unevenness, base_mm))
-            taxel.solver.friction = self._surface.friction * factor
         solution, frame = self._solve(taxel, load_n, base_mm, base_mm - here_mm)
         taxel.failures += not solution.converged
         if not solution.converged and halvings and taxel.failures < _FAILURES:
@@ -156,7 +130,7 @@ class Compliance(TaxelModel):
             taxel.force_n = np.einsum("ijk,ik->jk", frame, solution.force_n)
             taxel.approach_mm += solution.approach_mm
         else:  # the last state, scaled to this load, is the best approximation
-            taxel.warning |= NOT_CONVERGED
+            self.unsolved += 1
             taxel.force_n *= load_n / max(before_n, 1e-9)
         taxel.moved_mm = (self._flat @ taxel.force_n.ravel()).reshape(3, -1) + taxel.turned_mm
         taxel.slips = solution.slips
@@ -213,15 +187,12 @@ class Compliance(TaxelModel):
         gain = stiffening(total[:, 0])
         touching = (force[:, 0] > 0) * self._skin.area_mm2
         slips = np.array([t.slips for t in self._taxels])
-        approach = np.array([t.approach_mm for t in self._taxels])
-        warnings = np.array([t.warning for t in self._taxels], dtype=np.int64)
         return TaxelForces(
             normal_n=gain * total[:, 0],
             tangential_n=gain[:, None] * total[:, 1:],
             side_n=gain[:, None] * self._displaced.side_n(force, moved),
             slipping=(slips * touching).sum(axis=1) / np.maximum(touching.sum(axis=1), 1e-12),
-            indentation_mm=approach,
-            warnings=warnings | np.where(approach > CAP_MM, BOTTOMED, 0),
+            indentation_mm=np.array([t.approach_mm for t in self._taxels]),
         )
 
 

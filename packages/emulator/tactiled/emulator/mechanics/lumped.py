@@ -22,13 +22,10 @@ Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))`` with the spe
 it slips, so that a slide that begins fast has no static peak.
 """
 
-from collections.abc import Mapping
-from typing import ClassVar
-
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import BOTTOMED, Readout, Surface, TaxelForces, TaxelModel
+from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.sides import growth, mean_side_weights
 from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.emulator.mechanics.unevenness import friction_factor
@@ -59,19 +56,6 @@ class Lumped(TaxelModel):
         Friction over that of the surface; may be changed between steps.
     """
 
-    # Largest errors against finite elements (config/contact/fem-coarse-flat-*.json: friction 0.3, 0.6, 0.9 at
-    # 1.667 N, light and heavy loads, a reversal; left-right on half chips; incipient slip is the slipping
-    # share at any instant under constant load). Transients are the friction force, relative to its limit,
-    # against `compliance` (a reversal, a turn, a fall and a growth of the load within presliding).
-    provides: ClassVar[Mapping[str, float]] = {
-        "direction": 0.045,
-        "gross-slip": 0.06,
-        "incipient-slip": 0.13,
-        "absolute-force": 0.075,
-        "left-right": 0.045,
-        "tangential-force": 0.015,
-        "transients": 0.03,
-    }
     step_s = 2.5e-3  # four steps a scan, interpolated between them
 
     def __init__(
@@ -116,7 +100,6 @@ class Lumped(TaxelModel):
             side_n=np.maximum(side, 0.0),
             slipping=np.where(normal > _TOUCHING, slipping, 0.0),
             indentation_mm=depth,
-            warnings=np.where(depth > BUMP_MM, BOTTOMED, 0),
         )
 
     def _slide(

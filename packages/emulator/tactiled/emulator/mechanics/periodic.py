@@ -11,26 +11,16 @@ between the loads of the tables, directions finer than a degree.
 """
 
 import dataclasses
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
-from typing import ClassVar
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import (
-    BOTTOMED,
-    NOT_CONVERGED,
-    Readout,
-    Surface,
-    TaxelForces,
-    TaxelModel,
-)
+from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.compliance import Compliance
 from tactiled.emulator.mechanics.lumped import Lumped
-from tactiled.emulator.mechanics.taxel_shape import CAP_MM
 from tactiled.resources import shipped
 
 IntArray = NDArray[np.int64]
@@ -49,26 +39,12 @@ _RUN_IN_MM = 0.8  # travel before the period that counts: over twice the preslid
 _PRESSING = 6  # steps in which the load grows
 _MOST_PART = 2.0  # of sliding friction: where friction is uneven, more than 1
 _MOVING = 1e-6  # part of sliding friction below which no table of sliding is needed
-_FLAG, _SIDES = (
-    4,
-    5,
-)  # columns of a table: normal, tangential (2), indentation, not converged; then side forces
+_SIDES = 4  # columns of a table before the side forces: normal, tangential (2), indentation
 
 
 class Periodic(TaxelModel):
     """Interpolation of tables."""
 
-    # As for `compliance`; onset of slip and slipping share are those of `lumped` on a flat plate. Errors are
-    # largest in the onset over grooves, which is a blend: slip is gross a tenth to a fifth too early.
-    provides: ClassVar[Mapping[str, float]] = {
-        "direction": 0.035,
-        "gross-slip": 0.21,
-        "absolute-force": 0.05,
-        "left-right": 0.11,
-        "tangential-force": 0.17,
-        "groove-ripple": 0.46,
-        "groove-phase": 0.08,
-    }
     step_s = 0.01  # a scan: 12 samples of the shortest period of the paper at 10 mm/s
 
     def __init__(
@@ -105,14 +81,12 @@ class Periodic(TaxelModel):
                 ends.append(felt)
             mixed = ends[0] + share * (ends[1] - ends[0])
             rows[chosen] = mixed * (load_n[chosen] / inside)[:, None]
-        failed = np.where(rows[..., _FLAG] > 0, NOT_CONVERGED, 0)
         return TaxelForces(
             normal_n=np.maximum(load_n, 0.0),
             tangential_n=rows[..., 1:3],
             side_n=np.maximum(rows[..., _SIDES:], 0.0),
             slipping=np.where(touching, onset.slipping, 0.0),
             indentation_mm=rows[..., 3],
-            warnings=np.asarray(failed | np.where(rows[..., 3] > CAP_MM, BOTTOMED, 0), dtype=np.int64),
         )
 
     def _table_places(self, load_n: FloatArray, onset: TaxelForces) -> tuple[FloatArray, IntArray]:
@@ -125,33 +99,6 @@ class Periodic(TaxelModel):
         low = np.clip(np.floor(level), _LOWEST, _HIGHEST - 1).astype(np.int64)
         moving = part > _MOVING
         return part, np.stack([low, np.where(moving, direction_deg, 0), moving], axis=-1)
-
-
-class TableCollector(Periodic):
-    """Collect the tables that a `Periodic` would need and that are not solved; its forces are of the onset.
-
-    Attributes
-    ----------
-    missing : dict
-        Table key to the function that solves it, in the order of need.
-    """
-
-    def __init__(
-        self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, readout: Readout = "edge"
-    ) -> None:
-        super().__init__(surface, azimuth_deg, n_taxels, readout)
-        self.missing: dict[str, Callable[[], FloatArray]] = {}
-
-    def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
-        onset = self._onset.run(load_n, base_mm, dt_s)
-        _, keys = self._table_places(load_n, onset)
-        for low, heading, moves in np.unique(keys[load_n > 0], axis=0).tolist():
-            for level in (low, low + 1):
-                for direction_deg in (None, heading) if moves else (None,):
-                    key = self._case.key(level, direction_deg)
-                    if key not in tables():
-                        self.missing[key] = partial(table, self._case, level, direction_deg)
-        return onset
 
 
 @dataclass(frozen=True)
@@ -179,12 +126,6 @@ def tables() -> dict[str, FloatArray]:
         return {}
     with np.load(SHIPPED, allow_pickle=False) as file:
         return {str(key): file[f"table_{k}"] for k, key in enumerate(file["keys"])}
-
-
-def ship_tables() -> None:
-    """Write all tables, with an array of keys: a key is no valid file name."""
-    arrays = {f"table_{k}": rows for k, rows in enumerate(tables().values())}
-    np.savez_compressed(SHIPPED, allow_pickle=False, keys=np.array(list(tables())), **arrays)
 
 
 @lru_cache(maxsize=1024)
@@ -252,20 +193,17 @@ def _slide(
 def _row(model: Compliance, load_n: FloatArray, place_mm: FloatArray) -> FloatArray:
     """Step a model of one taxel, and return its row of a table."""
     felt = model.step(load_n, place_mm[None], Periodic.step_s)
-    flag = float(felt.warnings[0] & NOT_CONVERGED > 0)
-    return np.concatenate([felt.normal_n, felt.tangential_n[0], felt.indentation_mm, [flag], felt.side_n[0]])
+    return np.concatenate([felt.normal_n, felt.tangential_n[0], felt.indentation_mm, felt.side_n[0]])
 
 
 def _refine(rows: FloatArray) -> FloatArray:
     """Interpolate a period to `_FINE` phases by a periodic cubic spline; the first is repeated at the end."""
     from scipy.interpolate import CubicSpline  # half a second, not needed over a flat surface
 
-    fine = rows.copy()
-    if len(rows) > 1:
-        spline = CubicSpline(np.arange(len(rows) + 1) / len(rows), [*rows, rows[0]], bc_type="periodic")
-        fine = spline(np.arange(_FINE + 1) / _FINE)
-    fine[:, _FLAG] = rows[:, _FLAG].max()
-    return np.asarray(fine)
+    if len(rows) == 1:
+        return rows
+    spline = CubicSpline(np.arange(len(rows) + 1) / len(rows), [*rows, rows[0]], bc_type="periodic")
+    return np.asarray(spline(np.arange(_FINE + 1) / _FINE))
 
 
 def _look_up(rows: FloatArray, turn: FloatArray) -> FloatArray:

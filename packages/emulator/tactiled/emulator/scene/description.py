@@ -14,6 +14,7 @@ from tactiled.emulator.board.electronics import ElectronicsParams
 from tactiled.emulator.scene.phases import (
     Disturbance,
     FlatPlate,
+    GroovedPlate,
     HeldObject,
     HoldPhase,
     LiftPhase,
@@ -27,24 +28,6 @@ from tactiled.emulator.scene.phases import (
 )
 from tactiled.tomlfile import Params
 
-# Contact models in growing cost; "auto" takes the cheapest that meets `needs`.
-Contact = Literal["auto", "signal", "lumped", "compliance", "periodic"]
-# Quantities that a scene can require of its contact model. `provides` of a contact model has the relative
-# error of each that it models (direction: of 90 degrees; phase: of a turn; slip instants: of the travel from
-# first shear to gross slip).
-Need = Literal[
-    "direction",  # of slip
-    "gross-slip",  # instant at which the whole contact slips
-    "incipient-slip",  # share of the contact area that slips before
-    "absolute-force",  # normal force against indentation
-    "left-right",  # split between opposite read-out areas
-    "tangential-force",  # friction force, also at the onset of slip
-    "groove-ripple",  # amplitude
-    "groove-phase",
-    "transients",  # changes of load, speed and direction while in contact
-]
-
-
 # A tenfold load within a millimetre; no array is on a steeper surface.
 Gradient = Annotated[float, Field(ge=-10, le=10)]
 
@@ -55,9 +38,9 @@ class Scene(Params):
     name: str = Field(min_length=1)
     description: str = ""
     array: str = Field(default="wang2019-3x3", description="name or file of the array")
-    contact: Contact = Field(default="signal", description="contact model: its name, or auto")
-    needs: list[Need] = Field(default=[], description="quantities that contact model auto must provide")
-    tolerance: float = Field(default=0.1, gt=0, le=1, description="largest relative error of each need")
+    contact: Literal["signal", "mechanics"] = Field(
+        default="signal", description="prescribed signals, or mechanics of skin and plates"
+    )
     seed: int = Field(
         default=1, ge=0, lt=2**63, description="of the noise and of the differences between taxels"
     )
@@ -92,6 +75,8 @@ class Scene(Params):
     def _held(self) -> Self:
         """Refuse phases that do not fit a held object, that need one, or that signals cannot prescribe."""
         held = self.held_object
+        if held is not None and isinstance(self.surface, GroovedPlate):
+            raise ValueError('surface: a held object has a flat one; give kind = "flat"')
         for index, phase in enumerate(self.phases):
             if isinstance(phase, LoadPhase) and held is None:
                 raise ValueError(f"phases[{index}]: a load pulls at an object; add [held_object]")
@@ -106,10 +91,8 @@ class Scene(Params):
         for index, extra in enumerate(self.disturbances):
             if extra.on in ("pull_n", "friction") and held is None:
                 raise ValueError(f"disturbances[{index}]: {extra.on} is of an object; add [held_object]")
-            if extra.on == "friction" and self.contact != "lumped":
-                raise ValueError(f'disturbances[{index}]: friction changes with contact = "lumped" only')
         if self.contact == "signal" and (reason := self.needs_mechanics):
-            raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "auto"')
+            raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "mechanics"')
         return self
 
     @property

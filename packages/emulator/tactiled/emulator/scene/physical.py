@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, TaxelForces, TaxelModel, beyond_references
+from tactiled.emulator.mechanics.base import TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.lumped import Lumped
+from tactiled.emulator.mechanics.periodic import Periodic
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.held import HeldMotion
 from tactiled.emulator.scene.loading import CreepLag
@@ -50,9 +50,9 @@ class PhysicalContact:
         self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
 
     @property
-    def models(self) -> list[TaxelModel]:
-        """The model of each plate of the scene."""
-        return self._source.models
+    def has_tables(self) -> bool:
+        """Return whether the plates of the scene are played from tables, which may have to be solved."""
+        return isinstance(self._source.models[0], Periodic)
 
     @property
     def has_fallen(self) -> bool:
@@ -63,11 +63,6 @@ class PhysicalContact:
     def watch(self) -> SlipEpisodeTracker:
         """Slip up to `played_s`."""
         return self._source.watch
-
-    @property
-    def warnings(self) -> dict[int, float]:
-        """Warning bits of the model with the first instant of each, up to `played_s`."""
-        return self._source.warnings
 
     @property
     def played_s(self) -> float:
@@ -146,7 +141,6 @@ class ContactStepper:
         self._before_mm: FloatArray | None = None
         self._lag.reset()
         self.watch = SlipEpisodeTracker()
-        self.warnings: dict[int, float] = {}
         if self.held:
             self.held.reset()
 
@@ -164,10 +158,11 @@ class ContactStepper:
 
     def _step_held(self, load_n: float, place_mm: FloatArray, friction_part: float) -> TaxelForces:
         """Step once on a held object, which has one surface."""
-        if isinstance(self.models[0], Lumped):
-            self.models[0].friction_part = friction_part
+        (model,) = self.models
+        assert isinstance(model, Lumped)  # a held object has a flat surface
+        model.friction_part = friction_part
         base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
-        return self.models[0].step(load_n * self._share, base_mm, self.step_s)
+        return model.step(load_n * self._share, base_mm, self.step_s)
 
     def _step(
         self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray
@@ -200,7 +195,6 @@ class ContactStepper:
         self._before_mm = travel_mm[-1]
         shear_n = np.linalg.norm(felt.tangential_n, axis=-1).sum(axis=1)
         self.watch.feed(time_s, slipping_share, felt.normal_n.sum(axis=1), shear_n, travel_mm)
-        self._note_warnings(time_s, felt.warnings | np.where(beyond_references(felt), BEYOND_REFERENCES, 0))
         return np.concatenate(
             [
                 self._read.channels(felt),
@@ -216,12 +210,6 @@ class ContactStepper:
             ],
             axis=1,
         )
-
-    def _note_warnings(self, time_s: FloatArray, bits: NDArray[np.int64]) -> None:
-        of_step = np.bitwise_or.reduce(bits, axis=1)
-        for bit in (1 << k for k in range(8)):
-            if bit not in self.warnings and (of_step & bit).any():
-                self.warnings[bit] = float(time_s[np.argmax((of_step & bit) > 0)])
 
 
 def _slipping_share(felt: TaxelForces) -> FloatArray:
@@ -242,5 +230,4 @@ def _blended(parts: list[tuple[FloatArray, TaxelForces]]) -> TaxelForces:
         )
 
     names = ("normal_n", "tangential_n", "side_n", "slipping", "indentation_mm")
-    warnings = np.bitwise_or.reduce([felt.warnings for _, felt in parts])
-    return TaxelForces(**{name: blend(name) for name in names}, warnings=warnings)
+    return TaxelForces(**{name: blend(name) for name in names})

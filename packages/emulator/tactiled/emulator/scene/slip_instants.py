@@ -40,7 +40,6 @@ class SlipEpisodeTracker:
 
     def __init__(self) -> None:
         self.episodes: list[SlipEpisode] = []  # the newest ones; the last may continue
-        self.count = 0
         self._last = (0.0, 0.0, 0.0, 0.0)  # instant, share, x, y
         self._low_s = self._low_n = self._peak_n = 0.0
 
@@ -78,7 +77,6 @@ class SlipEpisodeTracker:
         if now is None and share >= INCIPIENT_SHARE:
             instant = crossed(INCIPIENT_SHARE)
             now = SlipEpisode(min(self._low_s, instant), instant)
-            self.count += 1
             self.episodes = [*self.episodes[1 - _MOST_EPISODES :], now]
         if now is None:
             return

@@ -7,18 +7,11 @@ from typing import Any
 import numpy as np
 
 from tactiled.array import Array, FloatArray, load_array
-from tactiled.emulator.mechanics.base import BEYOND_REFERENCES, BOTTOMED, NOT_CONVERGED
 from tactiled.emulator.scene.contact import SceneContact, make_contact
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.emulator.scene.physical import ContactState, PhysicalContact
-
-_WARNINGS = {
-    BEYOND_REFERENCES: "a taxel bears more than in any finite-element reference: errors are not known there",
-    NOT_CONVERGED: "the contact solver did not converge",
-    BOTTOMED: "pressed deeper than the bump is high: the load curve is extrapolated",
-}
 
 
 @dataclass(frozen=True)
@@ -108,14 +101,6 @@ class Truth:
             for e in self.contact.watch.episodes
         ]
 
-    @property
-    def warnings(self) -> dict[str, float]:
-        """Warnings of the contact model, with the first instant of each."""
-        if not isinstance(self.contact, PhysicalContact):
-            return {}
-        first = self.contact.warnings
-        return {words: self.t0_s + first[bit] for bit, words in _WARNINGS.items() if bit in first}
-
     def state(self, time_s: FloatArray) -> ContactState:
         """Forces, slipping shares and motion at instants (n,)."""
         return self.contact.state(time_s - self.t0_s)
@@ -148,7 +133,6 @@ class Truth:
             "duration_s": self.scene.duration_s,
             "phases": [vars(p) | {"surface": p.surface.model_dump()} for p in self.phases],
             "slips": [plain_slip(slip) for slip in self.slips],
-            "warnings": self.warnings,
         }
 
     def _surface_at(self, scene_s: float) -> FlatPlate | GroovedPlate:

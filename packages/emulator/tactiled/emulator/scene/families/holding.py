@@ -43,7 +43,7 @@ def hold(seed: int) -> Scene:
     pull = {"kind": "load", "tangential_n": weight_n, "direction_deg": down_deg}
     scene: Document = {
         "name": f"hold-{seed}",
-        "contact": "lumped",
+        "contact": "mechanics",
         "seed": seed,
         "surface": {
             "kind": "flat",

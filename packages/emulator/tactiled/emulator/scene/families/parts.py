@@ -15,9 +15,7 @@ def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
     rng = np.random.default_rng([seed, *name.encode()])
     scene: Document = {
         "name": f"{name}-{seed}",
-        "contact": "auto",
-        "needs": ["gross-slip", "transients"],
-        "tolerance": 0.15,
+        "contact": "mechanics",
         "seed": seed,
         "surface": {"kind": "flat", "friction": rng.uniform(0.3, 0.9)},
         "phases": [

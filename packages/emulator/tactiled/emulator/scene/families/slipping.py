@@ -96,8 +96,6 @@ def partial_contact(seed: int) -> Scene:
 def grooves(seed: int) -> Scene:
     """A slide over grooves of random period, angle and offset."""
     rng, scene = begin("grooves", seed)
-    # No contact model has the ripple's amplitude to better than 60 %.
-    scene["needs"] = ["direction", "groove-phase"]
     period_mm = rng.uniform(0.8, 2.0)
     scene["surface"] |= {
         "kind": "grooves",
