@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactiled.calibrate.files import read_log, read_reference
+from tactiled.calibrate.reference import read_reference
 from tactiled.cli.entry import cli
 from tactiled.errors import ConfigError, DataError
 from tactiled.force.calibration import load_calibration
+from tactiled.scan_log import read_log
 
 GOOD = "time_s,fz_n\n" + "".join(f"{0.1 * k:.1f},{k % 7}\n" for k in range(40))
 

@@ -9,12 +9,12 @@ import pytest
 
 from tactiled.array import load_array
 from tactiled.calibrate import guide
-from tactiled.calibrate.files import read_log
 from tactiled.calibrate.guide import GOOD, Guide, GuidedLog
 from tactiled.client.items import Message
 from tactiled.emulator.rig.motion import Motion
 from tactiled.emulator.rig.session import draw_rig
 from tactiled.errors import ConfigError, DataError
+from tactiled.scan_log import read_log
 
 ARRAY = load_array("wang2019-3x3")
 

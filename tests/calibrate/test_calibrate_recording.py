@@ -7,7 +7,6 @@ import pytest
 from click.testing import CliRunner
 from recordings import SOURCE, record, simulated_reads, write_step
 
-from tactiled.calibrate.files import read_log
 from tactiled.cli.entry import cli
 from tactiled.errors import ConfigError
 from tactiled.events.types import ForceEvent
@@ -17,6 +16,7 @@ from tactiled.recording.contents import Header
 from tactiled.recording.reader import read_header
 from tactiled.recording.steps import Replay
 from tactiled.recording.writer import RecordingWriter
+from tactiled.scan_log import read_log
 
 
 @pytest.fixture(scope="module")

@@ -15,10 +15,10 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tactiled.calibrate.files import read_log
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.bag import is_bag, read_bag
-from tactiled.tune.files import read_recording
+from tactiled.samples.block import ScanBlock
+from tactiled.scan_log import read_log
 
 Floats = NDArray[np.float64]
 
@@ -126,25 +126,23 @@ def test_bags_are_logs_of_calibrate_and_tune(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "bag", readings(), StoragePlugin.MCAP, stamps_ns())
     for source in (path, path / "bag.mcap"):
         assert np.array_equal(read_log(source, str(array), topic="/array").readings, 64 * readings())
-        recording = read_recording(source, str(array), "/array")
-        assert sum(len(block) for block in recording.blocks) == 20
+        (block,) = read_log(source, str(array), topic="/array").blocks()
+        assert isinstance(block, ScanBlock)
+        assert len(block) == 20
     with pytest.raises(DataError, match="--topic TOPIC"):
-        read_recording(path, str(array))
+        read_log(path, str(array))
     with pytest.raises(ConfigError, match="a bag has --topic"):
         read_log(path, str(array), ("a",), topic="/array")
     with pytest.raises(DataError, match=r"4 channels, .* or the field .* --topic TOPIC\.FIELD"):
         read_log(path, "wang2019-3x3", topic="/array")
 
 
-def test_errors_on_a_table_name_only_options_that_the_verb_has(tmp_path: Path) -> None:
+def test_errors_on_a_table_name_the_options(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", time_s=np.arange(50) / 100, volts=np.zeros((50, 5)))
-    with pytest.raises(DataError, match=r"5 channels, .* --array FILE\.toml$"):
-        read_recording(tmp_path / "log.npz")
     with pytest.raises(DataError, match=r"5 channels, .* or the columns with --columns$"):
         read_log(tmp_path / "log.npz")
-    for read in (read_recording, read_log):
-        with pytest.raises(ConfigError, match=r"--topic is for bags \(\.mcap, \.db3, \.bag or the folder"):
-            read(tmp_path / "log.npz", topic="/pad")
+    with pytest.raises(ConfigError, match=r"--topic is for bags \(\.mcap, \.db3, \.bag or the folder"):
+        read_log(tmp_path / "log.npz", topic="/pad")
 
 
 def test_types_without_a_definition_are_named_and_others_are_read(tmp_path: Path) -> None:

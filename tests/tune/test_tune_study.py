@@ -1,4 +1,4 @@
-"""Recordings with known truth: noise, shear and contact that were put in come out again."""
+"""Recordings with known truth: shear and contact that were put in come out again."""
 
 import json
 import tomllib
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import poisson
 
-from bench.slip.scenes import play, read_sd_v
+from bench.slip.scenes import play
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.suite import DetectParams
@@ -24,11 +24,11 @@ from tactiled.events.types import ScanEvent
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, Input, Read, load_board
 from tactiled.recording.writer import RecordingWriter
-from tactiled.samples.block import Gap, regular_block
-from tactiled.tune.files import read_pair, read_recording
-from tactiled.tune.hold import Collector, Recording, noise_sd_v, quiet_part
+from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.scan_log import read_log
+from tactiled.tune.recordings import read_pair
 from tactiled.tune.run import as_toml, in_words, judge
-from tactiled.tune.study import Friction, ReportCount, Study, rate_interval, study
+from tactiled.tune.study import Friction, Recording, ReportCount, Study, rate_interval, study
 from tactiled.wire.layout import load_layout
 
 ARRAY = load_array("wang2019-3x3")
@@ -63,21 +63,6 @@ def shaken(sizes: Floats, noise_v: float = 3e-4) -> Recording:
 
 def quietly(quiet: Recording, motion: Recording, accepted_per_hour: float = 60.0) -> Study:
     return study(quiet, motion, accepted_per_hour, lambda _: None)
-
-
-@pytest.mark.parametrize("noise_v", [3e-4, 3e-3])
-def test_noise_of_each_channel_is_what_was_put_in(noise_v: float) -> None:
-    volts = held(20, noise_v)
-    volts[:, 7] += held(20, 5 * noise_v, seed=2)[:, 7] - 1.2
-    volts += 0.01 * np.arange(len(volts))[:, np.newaxis] / RATE_HZ  # creep is no noise
-    volts[500:520] += 0.3  # nor is a knock
-    volts[:, 3] = np.nan
-    sd_v = noise_sd_v(recording(volts))
-    wanted = np.full(36, noise_v)
-    wanted[7] *= np.sqrt(26)
-    known = np.arange(36) != 3
-    assert np.isnan(sd_v[3])
-    assert sd_v[known] == pytest.approx(wanted[known], rel=0.1)
 
 
 @pytest.fixture(scope="module")
@@ -161,8 +146,8 @@ def test_on_an_array_without_shear_every_setting_has_the_same_reports() -> None:
 @pytest.mark.parametrize(
     ("volts", "says"),
     [
-        (held(6, 3e-4) - 1.2, "no contact in 6.0 s .*: grip an object"),
-        (held(2, 3e-4), "1.0 s of unbroken contact in 2.0 s, at least 4 s are needed"),
+        (held(6, 3e-4) - 1.2, "no contact .* in 6.0 s, at least 4 s are needed: grip an object"),
+        (held(2, 3e-4), "2.0 s of contact in 2.0 s, at least 4 s are needed"),
     ],
 )
 def test_too_little_contact_names_what_to_do(volts: Floats, says: str) -> None:
@@ -171,45 +156,6 @@ def test_too_little_contact_names_what_to_do(volts: Floats, says: str) -> None:
     if "no contact" in says:
         with pytest.raises(DataError, match=f"it: {says}"):
             quietly(recording(held(6, 3e-4)), recording(volts))
-
-
-def test_the_press_is_no_part_of_the_hold() -> None:
-    volts = np.concatenate([held(2, 3e-4) - 1.2, held(8, 3e-4), held(2, 3e-4) - 1.2])
-    stuck, grazed = volts.copy(), volts.copy()
-    stuck[:, 17] = 2.9  # one side alone is no contact
-    grazed[1100:1130] += 1.2  # a touch that ends while it loads
-    for seen in (volts, stuck, grazed):
-        (block,) = quiet_part(recording(seen)).blocks
-        assert (block.index[0], block.index[-1]) == (300, 999)
-
-
-def test_lost_scans_of_the_hold_are_reported() -> None:
-    whole, torn = regular_block(held(12, 3e-4), RATE_HZ), Gap(7, "missing", 507)
-    late = replace(whole[507:], late=np.arange(693) < 3)
-    found = quietly(Recording("it", ARRAY, (whole[:500], torn, late)), recording(held(6, 3e-4)))
-    assert found.hold_s == pytest.approx(5.93)  # the longer part, without the second after its touch
-    assert "quiet hold: 5.9 s of contact in 11.9 s (it); 7 scans lost, 3 late" in in_words(found)
-
-
-def test_lost_and_late_scans_are_counted() -> None:
-    scans = Collector(ARRAY)
-    for k in (*range(10), *range(13, 20), *range(3)):
-        volts, valid = tuple(k + c / 36 for c in range(36)), tuple(c != k for c in range(36))
-        scans.add(
-            ScanEvent(
-                time_s=k / 100, index=k, volts=volts, valid=valid, time_sd_s=1e-4, age_s=0.0, late=k in (5, 6)
-            )
-        )
-    found = scans.recording("it", RATE_HZ, (0.0,) * 36)
-    block = found.blocks[1]
-    assert (block.time_s[2], block.time_sd_s[2], block.index[2]) == (0.15, 1e-4, 15)
-    assert block.volts[2].tolist() == [15 + c / 36 for c in range(36)]
-    assert np.flatnonzero(~block.valid[2]).tolist() == [15]
-    assert [(g.n_missing, g.cause) for g in found.items if isinstance(g, Gap)] == [
-        (3, "missing"), (0, "restart"),
-    ]  # fmt: skip
-    assert (found.lost, found.late) == (3, 2)
-    assert found.seconds == pytest.approx(0.2)
 
 
 def test_a_recording_that_was_ended_regularly_gives_the_scans_that_were_live(tmp_path: Path) -> None:
@@ -221,11 +167,12 @@ def test_a_recording_that_was_ended_regularly_gives_the_scans_that_were_live(tmp
             scans += [out for out in live.receive_data(data, now_s) if isinstance(out, ScanEvent)]
         hello = live.hello
         writer.input(Input(now_s, 1.7e9, "disconnected"))
-    (block,) = read_recording(tmp_path / "demo.mcap").blocks
+    (block,) = read_log(tmp_path / "demo.mcap").blocks()
+    assert isinstance(block, ScanBlock)
     assert block.volts.tolist() == [list(scan.volts) for scan in scans]
     assert block.time_s.tolist() == [scan.time_s for scan in scans]
     assert hello is not None
-    assert block.rate_hz == hello.rate_hz
+    assert block.rate_hz == pytest.approx(hello.rate_hz, rel=1e-4)  # by the times: a crystal is not exact
     assert block.channel_offset_s.tolist() == list(hello.channel_offset_s)
 
 
@@ -246,8 +193,7 @@ def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     judge(*read_pair(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz"), 60.0)
     out, err = capsys.readouterr()
     found = json.loads(out)
-    sd_v = np.array(list(found["noise_sd_v"].values()))
-    assert sd_v == pytest.approx(np.full(36, read_sd_v(noise_v)), rel=0.1)
+    assert {found[name]["name"] for name in ("quiet", "motion")} == {f"{name}.npz" for name in scenes}
     for name, at in SETTINGS.items():
         some = found["settings"][name]
         assert (some["incipient_p"], some["gross_p"]) == (at.incipient, at.gross)

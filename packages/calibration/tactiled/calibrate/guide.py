@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tactiled.array import Array, FloatArray, load_array
-from tactiled.client.items import Message, Recovered, Stale
-from tactiled.client.subscriber import Subscription, first_info
+from tactiled.array import Array, FloatArray
+from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError
+from tactiled.scan_log import LiveScans
 
 GOOD, TAXEL_GOOD = 0.05, 0.15
 """Relative standard deviations of a sensitivity, and of one taxel's, at which no more is asked for."""
@@ -165,35 +165,16 @@ def record_guided(
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])
     with Subscription(endpoint, ("scan", "info"), board=board or None, keys=keys) as subscription:
-        described = first_info(subscription, endpoint)
-        info, serial = described.data, described.board
-        known = load_array(array or str(info["array_id"]))
-        if known.n_channels != info["channels"]:
-            fault = f"{known.name} has {known.n_channels} channels, the board {info['channels']}"
-            raise ConfigError("--array", [fault])
-        guide = Guide(known)
+        scans = LiveScans(subscription, endpoint, array, report)
+        guide = Guide(scans.array)
         report("Start the record of the force sensor now. Let nothing touch the array for the first second.")
-        time_s: list[float] = []
-        volts: list[list[float]] = []
-        valid: list[list[bool]] = []
         said, is_good, seen = "", False, 0
         began_s = time.monotonic()
         while not is_good and time.monotonic() - began_s < most_s:
-            until_s = time.monotonic() + _LOOK_S
-            while (item := subscription.next_item(until_s)) is not None:
-                message = item.message if isinstance(item, Recovered) else item
-                if isinstance(message, Message) and (message.topic, message.board) == ("scan", serial):
-                    if not time_s or message.data["timestamp"] > time_s[-1]:
-                        time_s.append(message.data["timestamp"])
-                        volts.append(message.data["volts"])
-                        valid.append(message.data["valid"])
-                elif isinstance(item, Stale):
-                    report(f"stale: {item.reason}")
-                if time.monotonic() >= until_s:
-                    break
-            if len(volts) > seen:
-                guide.add(np.where(valid[seen:], volts[seen:], np.nan))
-                seen = len(volts)
+            scans.listen(_LOOK_S)
+            if len(scans.readings) > seen:
+                guide.add(np.array(scans.readings[seen:]))
+                seen = len(scans.readings)
             advice = guide.advice()
             elapsed_s = time.monotonic() - began_s
             is_good = not advice.motion and elapsed_s >= _LEAST_S
@@ -201,9 +182,9 @@ def record_guided(
             if motion != said and not is_good:
                 report(f"{elapsed_s:4.0f} s  {motion} (now {100 * advice.worst:.0f} %)")
                 said = motion
-    if len(time_s) < 2:
-        raise DataError(f"no scans from {endpoint}; see the state with `tactiled listen -t status`")
-    np.savez_compressed(log, time_s=time_s, volts=volts, valid=valid)
+    recorded = scans.log()
+    np.savez_compressed(log, time_s=recorded.time_s, volts=recorded.readings)
     lacking = "" if is_good else f"; still lacking: {advice.motion}"
-    report(f"{log}: {len(time_s)} scans{lacking}. Stop the record of the force sensor.")
-    return GuidedLog(len(time_s), time_s[-1] - time_s[0], "" if is_good else advice.motion)
+    report(f"{log}: {len(recorded.time_s)} scans{lacking}. Stop the record of the force sensor.")
+    duration_s = float(recorded.time_s[-1] - recorded.time_s[0])
+    return GuidedLog(len(recorded.time_s), duration_s, "" if is_good else advice.motion)

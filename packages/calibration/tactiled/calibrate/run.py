@@ -8,13 +8,14 @@ from typing import Any
 
 import click
 
-from tactiled.calibrate.files import COLUMNS, read_log, read_reference
+from tactiled.calibrate.reference import COLUMNS, read_reference
 from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.progress import ProgressBar, tell
 from tactiled.recording.table import TimeUnit
+from tactiled.scan_log import read_log
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
 _LONGEST = 64  # characters of the field `calibration` of messages

@@ -21,6 +21,13 @@ from tactiled.cli.options import (
 )
 from tactiled.progress import tell
 
+RATE = click.option(
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Scans a second of a table without times.",
+)
+
 
 @click.command()
 @click.argument("log", type=FILE)
@@ -34,12 +41,7 @@ from tactiled.progress import tell
 @click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @COLUMNS
 @TIME_UNIT
-@click.option(
-    "--rate",
-    "rate_hz",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Scans a second of a table without times.",
-)
+@RATE
 @click.option(
     "--same-clock", "is_same_clock", is_flag=True, help="Times of LOG and reference are of one clock."
 )

@@ -1,18 +1,22 @@
 """The verb that proposes a setting and the friction from a hold and a motion."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from tactiled.cli.options import (
     BOARD,
+    COLUMNS,
     FILE,
     JSON,
     KEYS,
+    TIME_UNIT,
     TOPIC,
     need_named,
     need_readable,
 )
+from tactiled.commands.calibration import RATE
 from tactiled.progress import tell
 
 
@@ -35,12 +39,15 @@ from tactiled.progress import tell
     "--motion-s",
     default=30.0,
     show_default=True,
-    type=click.FloatRange(5, 14_400),
+    type=click.FloatRange(5, 3600),
     help="Duration of the motion.",
 )
 @click.option(
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
+@COLUMNS
+@TIME_UNIT
+@RATE
 @BOARD
 @TOPIC
 @JSON
@@ -54,9 +61,9 @@ def tune(
     motion_s: float,
     array: str | None,
     board: str,
-    topic: str | None,
     as_json: bool,
     keys: Path | None,
+    **of_files: Any,
 ) -> None:
     """Count what each setting reports in your own hold and motion; propose a setting and the friction.
 
@@ -69,12 +76,11 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
-    from tactiled.tune.files import read_pair
-    from tactiled.tune.live import record_live
+    from tactiled.tune.recordings import read_pair, record_live
     from tactiled.tune.run import judge
 
     if quiet is not None and motion is not None:
-        recordings = read_pair(quiet, motion, array, topic)
+        recordings = read_pair(quiet, motion, array, **of_files)
     else:
         recordings = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
     judge(*recordings, per_hour, as_json=as_json)

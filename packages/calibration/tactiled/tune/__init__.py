@@ -1,4 +1,4 @@
 """`tactiled tune`: count slip reports in the user's own hold and motion, and propose setting and friction.
 
-`hold` and `study` are numerics, `files` and `live` read recordings, `run` judges them and says the result.
+`study` is numerics, `recordings` reads or records, `run` judges and says the result.
 """

@@ -4,12 +4,10 @@ import json
 from typing import Any
 
 import click
-import numpy as np
 
 from tactiled.detect.contact.gate import SETTINGS
 from tactiled.progress import ProgressBar, tell
-from tactiled.tune.hold import Recording
-from tactiled.tune.study import N_STAGES, ReportCount, Study, rate_interval, study
+from tactiled.tune.study import N_STAGES, Recording, ReportCount, Study, rate_interval, study
 
 
 def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_json: bool = True) -> None:
@@ -23,7 +21,7 @@ def judge(quiet: Recording, motion: Recording, accepted_per_hour: float, *, as_j
 
 def in_words(found: Study) -> str:
     """Format the report as text, one paragraph per subject."""
-    return "\n\n".join([_recordings(found), _noise(found), _settings(found), _proposal(found)])
+    return "\n\n".join([_recordings(found), _settings(found), _proposal(found)])
 
 
 def as_toml(found: Study) -> str:
@@ -39,16 +37,14 @@ def as_toml(found: Study) -> str:
 
 def as_map(found: Study) -> dict[str, Any]:
     """Map of all results for JSON; unknown values are null."""
-    names = found.quiet.array.channel_name
+    recordings = {"quiet": (found.quiet, found.hold_s), "motion": (found.motion, found.motion_s)}
     return {
         "array": found.quiet.array.name,
         "accepted_per_hour": found.accepted_per_hour,
         "toml": as_toml(found),
-        "quiet": _recording_map(found.quiet, found.hold_s),
-        "motion": _recording_map(found.motion, found.motion_s),
-        "noise_sd_v": {
-            name: sd_v if np.isfinite(sd_v) else None
-            for name, sd_v in zip(names, found.noise_sd_v.tolist(), strict=True)
+        **{
+            what: {"name": one.name, "seconds": one.seconds, "contact_s": contact_s}
+            for what, (one, contact_s) in recordings.items()
         },
         "settings": {
             name: {
@@ -74,30 +70,13 @@ def _recordings(found: Study) -> str:
     lines = []
     judged = (("quiet hold", found.quiet, found.hold_s), ("motion", found.motion, found.motion_s))
     for what, recording, contact_s in judged:
-        lines.append(
-            f"{what}: {contact_s:.1f} s of contact in {recording.seconds:.1f} s ({recording.name}); "
-            f"{recording.lost} scans lost, {recording.late} late"
-        )
+        lines.append(f"{what}: {contact_s:.1f} s of contact in {recording.seconds:.1f} s ({recording.name})")
     if least := min(reports.quiet.total for reports in found.settings.values()):
         lines.append(
             f"the hold was not quiet: every setting reports {least} slips or more in it; support the hand, "
             "hold still and run again"
         )
     return "\n".join(lines)
-
-
-def _noise(found: Study) -> str:
-    sd_v, names = found.noise_sd_v, found.quiet.array.channel_name
-    known = np.isfinite(sd_v)
-    if not known.any():
-        return "noise: no channel is valid"
-    worst = int(np.nanargmax(sd_v))
-    words = (
-        f"noise of a channel: median {np.nanmedian(sd_v) * 1e3:.2f} mV rms, largest "
-        f"{sd_v[worst] * 1e3:.2f} mV ({names[worst]}, channel {worst})"
-    )
-    never = [names[c] for c in np.flatnonzero(~known)]
-    return words + (f"; never valid: {', '.join(never)}" if never else "")
 
 
 def _settings(found: Study) -> str:
@@ -149,16 +128,6 @@ def _reports(count: ReportCount) -> str:
 
 def _rate(per_hour: float) -> str:
     return f"{per_hour:.0f}" if per_hour >= 10 else f"{per_hour:.2g}"
-
-
-def _recording_map(recording: Recording, contact_s: float) -> dict[str, Any]:
-    return {
-        "name": recording.name,
-        "seconds": recording.seconds,
-        "contact_s": contact_s,
-        "lost": recording.lost,
-        "late": recording.late,
-    }
 
 
 def _interval_map(found: Study, count: int) -> dict[str, float]:

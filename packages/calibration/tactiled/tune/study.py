@@ -12,14 +12,19 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import Array
 from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.signal.contact_gate import ContactTracker
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
+from tactiled.errors import DataError
 from tactiled.events.types import Event, GripEvent, SlipEvent
-from tactiled.tune.hold import Recording, check_motion, noise_sd_v, quiet_part
+from tactiled.samples.block import Gap, ScanBlock
 
 N_STAGES = 3  # progress steps: hold, motion, the end of the motion
 # Log friction of one object differs from contact to contact by 15 % (dry rubber on one surface): a prior.
@@ -27,8 +32,46 @@ _CONTACT_SD = 0.15
 _KNOWN = 0.95  # of the spread before any contact: friction that is known no better is not proposed
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
-Report = Callable[[str], None]
+# A shorter contact shows less than the model needs: 0.6 s for its zero, then a second to settle.
+_LEAST_S = 4.0
 _LEVEL = 0.95  # of the intervals of a rate, as in trials of reliability
+
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Scans of a held object."""
+
+    name: str  # name in the report: a file name, or "quiet hold"
+    array: Array
+    items: tuple[ScanBlock | Gap, ...]
+
+    @property
+    def seconds(self) -> float:
+        """Duration of all blocks."""
+        return sum(len(block) / block.rate_hz for block in self._blocks())
+
+    def contact_s(self) -> float:
+        """Return the time in contact of some taxel (s); raise `DataError` where it is too little."""
+        held_s = sum(float(touching(one, self.array).sum()) / one.rate_hz for one in self._blocks())
+        if held_s < _LEAST_S:
+            least_v = PUBLISHED_CONTACT.contact_volts
+            found = f"{held_s:.1f} s of contact" if held_s else f"no contact (no taxel above {least_v:g} V)"
+            raise DataError(
+                f"{self.name}: {found} in {self.seconds:.1f} s, at least {_LEAST_S:g} s are needed: grip an "
+                "object and hold it for the whole recording"
+            )
+        return held_s
+
+    def _blocks(self) -> list[ScanBlock]:
+        return [item for item in self.items if isinstance(item, ScanBlock)]
+
+
+def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
+    """Flags (n,) of scans in which some taxel is above the contact threshold."""
+    tracker = ContactTracker(array, PUBLISHED_CONTACT, block.rate_hz)
+    return tracker.measure(block, Quantiser(array).process(block)).touches
 
 
 def rate_interval(count: int, hours: float) -> tuple[float, float]:
@@ -79,10 +122,9 @@ class Study:
     accepted_per_hour: float
     quiet: Recording
     motion: Recording
-    # hold_s, motion_s: evaluated time: the longest contact without its first second; all contact
+    # hold_s, motion_s: time in contact
     hold_s: float
     motion_s: float
-    noise_sd_v: FloatArray  # (channels,)
     settings: Mapping[str, SettingReports]
     proposed: str
     is_accepted: bool  # False where even the proposed setting reports more than is accepted
@@ -102,7 +144,7 @@ def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report:
     DataError
         There is too little contact in one of them.
     """
-    hold, motion_s = quiet_part(quiet), check_motion(motion)
+    hold_s, motion_s = quiet.contact_s(), motion.contact_s()
     reports = _Reports(quiet.array)
     report("counting reports in the hold")
     in_hold = reports.of(quiet)
@@ -113,15 +155,14 @@ def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report:
         name
         for name, found in settings.items()
         if found.motion.total <= accepted_per_hour * motion_s / 3600
-        and found.quiet.total <= accepted_per_hour * hold.seconds / 3600
+        and found.quiet.total <= accepted_per_hour * hold_s / 3600
     ]
     return Study(
         accepted_per_hour=accepted_per_hour,
         quiet=quiet,
         motion=motion,
-        hold_s=hold.seconds,
+        hold_s=hold_s,
         motion_s=motion_s,
-        noise_sd_v=noise_sd_v(hold),
         settings=settings,
         proposed=accepted[0] if accepted else list(SETTINGS)[-1],
         is_accepted=bool(accepted),

@@ -18,7 +18,7 @@ from aiohttp import web
 
 from tactiled.web.recordings import answer
 
-_LEFT = re.compile(r" +(\d+) s")  # countdown of `tune.live`
+_LEFT = re.compile(r" +(\d+) s")  # countdown of `tune.recordings`
 _LIFE_SIGN_S = 1.0  # a browser that has gone is found by writing to it
 _ENDED_S = 2.5  # within which a run that was cancelled has ended
 _LARGEST_REFERENCE_BYTES = 64 * 2**20  # an hour of a force sensor of 100 Hz has half of that

@@ -1,74 +1,19 @@
-"""Files of a calibration: the log of the array, and the record of the force sensor."""
+"""Record of the force sensor of a calibration."""
 
 import csv
 import math
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import FloatArray
 from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
 from tactiled.errors import DataError
-from tactiled.events.types import ScanEvent
 from tactiled.force.calibration import OUTPUTS
 from tactiled.outside import need_regular
-from tactiled.recording.steps import Replay
-from tactiled.recording.table import TableOptions, TimeUnit
-from tactiled.recording.whole import read_whole
 
 COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)
 _LEAST_ROWS = 20
-
-
-@dataclass(frozen=True, eq=False)
-class ArrayLog:
-    """Readings of an array."""
-
-    array: Array
-    time_s: FloatArray  # (n,)
-    readings: FloatArray  # (n, channels): NaN where missing or not valid
-    board: str = ""  # serial number; empty where it is not known
-
-
-def read_log(
-    path: Path,
-    array: str | None = None,
-    columns: tuple[str, ...] = (),
-    time_unit: TimeUnit | None = None,
-    topic: str | None = None,
-    rate_hz: float | None = None,
-) -> ArrayLog:
-    """Read a recording, or a table or bag (see `read_whole`).
-
-    Raises
-    ------
-    DataError, ConfigError
-    """
-    whole = read_whole(path, array, topic, TableOptions(rate_hz, columns, time_unit))
-    if whole is None:
-        return _from_mcap(path)
-    known, time_s, readings = whole
-    return ArrayLog(known, time_s, np.where(known.in_range(readings), readings, np.nan))
-
-
-def _from_mcap(path: Path) -> ArrayLog:
-    """Replay a recording through the pipeline and keep its scans."""
-    replay = Replay([path])
-    array, board = replay.header.source.array, ""
-    time_s: list[float] = []
-    readings: list[FloatArray] = []
-    for step in replay:
-        for replayed in step.now:
-            event = replayed.event
-            if isinstance(event, ScanEvent) and (not time_s or event.time_s > time_s[-1]):
-                time_s.append(event.time_s)
-                readings.append(np.where(event.valid, event.volts, np.nan))
-        if replay.pipeline.hello is not None:
-            board = replay.pipeline.hello.board_serial
-    if len(time_s) < 2:
-        raise DataError(f"{path}: contains no scans; was the board started, and did its hello arrive?")
-    return ArrayLog(array, np.array(time_s), np.array(readings), board)
 
 
 def read_reference(path: Path, n_taxels: int) -> ReferenceTable:

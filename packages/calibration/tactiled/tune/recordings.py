@@ -1,0 +1,119 @@
+"""The two recordings of ``tactiled tune``: from files, or from a running daemon with prompts for the user."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tactiled.client.commander import Commander
+from tactiled.client.subscriber import Subscription
+from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
+from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.recording.rows import TimeUnit
+from tactiled.scan_log import LiveScans, read_log
+from tactiled.tune.study import Recording
+
+_GRIP_S = 60.0  # time for the user to pick up an object
+_READY_S = 3.0  # from the prompt to move to the first scan used
+_PROGRESS_S = 10.0  # interval of progress messages
+
+Report = Callable[[str], None]
+Pair = tuple[Recording, Recording]
+
+
+def read_pair(
+    quiet: Path,
+    motion: Path,
+    array: str | None = None,
+    columns: tuple[str, ...] = (),
+    time_unit: TimeUnit | None = None,
+    topic: str | None = None,
+    rate_hz: float | None = None,
+) -> Pair:
+    """Read the files of a quiet hold and of motion without slip; see `read_log`.
+
+    Raises
+    ------
+    DataError, ConfigError
+        A file is invalid, or they are of different arrays.
+    """
+    logs = [read_log(path, array, columns, time_unit, topic, rate_hz) for path in (quiet, motion)]
+    first, second = (
+        Recording(path.name, log.array, log.blocks()) for path, log in zip((quiet, motion), logs, strict=True)
+    )
+    if first.array.channel_name != second.array.channel_name:
+        fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
+        raise ConfigError("command line", [f"{fault}: record both with one board"])
+    return first, second
+
+
+def record_live(
+    endpoint: str,
+    quiet_s: float,
+    motion_s: float,
+    array: str | None,
+    board: str,
+    keys: Path | None,
+    report: Report,
+) -> Pair:
+    """Record a quiet hold and a motion from a daemon; `report` is called with prompts for the user.
+
+    `array` is the file of an array that is not shipped; without `board`, the first one is taken.
+
+    Raises
+    ------
+    DataError, ConfigError
+        No daemon, no board, no contact; the endpoint is invalid, or the array does not match the board.
+    """
+    with Subscription(endpoint, ("scan", "info"), board or None, keys=keys) as subscription:
+        scans = LiveScans(subscription, endpoint, array, report)
+        if warning := _warning_of_tare(endpoint, scans.board, keys):
+            report(warning)
+        report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
+        _await_touch(scans)
+        quiet = _record(scans, "quiet hold", quiet_s, report)
+        report(
+            f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
+            f"starts in {_READY_S:g} s."
+        )
+        scans.listen(_READY_S)
+        motion = _record(scans, "motion", motion_s, report)
+        report("Done; you may release the object.")
+    return quiet, motion
+
+
+def _await_touch(scans: LiveScans) -> None:
+    """Wait until an object is in contact."""
+    until_s = time.monotonic() + _GRIP_S
+    least_v = PUBLISHED_CONTACT.contact_volts
+    weights = scans.array.normal_weights()
+    while time.monotonic() < until_s:
+        scans.drop()
+        scans.listen(0.1)
+        if scans.readings and (weights @ np.nan_to_num(scans.readings[-1])).max() > least_v:
+            return
+    raise DataError(
+        f"no contact within {_GRIP_S:g} s (no taxel above {least_v:g} V): run again and grip an object"
+    )
+
+
+def _record(scans: LiveScans, name: str, seconds: float, report: Report) -> Recording:
+    """Record the scans of the next `seconds`, with a countdown."""
+    scans.drop()
+    until_s = time.monotonic() + seconds
+    while (left_s := until_s - time.monotonic()) > 0:
+        report(f"  {left_s:.0f} s")
+        scans.listen(min(_PROGRESS_S, left_s))
+    return Recording(name, scans.array, scans.log().blocks())
+
+
+def _warning_of_tare(endpoint: str, board: str, keys: Path | None) -> str:
+    """Warn of a tared daemon: it publishes untared scans, while its detectors use tared ones."""
+    try:
+        with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
+            is_tared = daemon.send("state", board=board).data["settings"]["tared"]
+    except OperatorError:
+        return "the daemon does not answer requests: if it was tared, the proposed values do not apply"
+    words = "the daemon was tared: the proposed values apply to an untared daemon; restart it first"
+    return words if is_tared else ""
