@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bench.slip.scenes import play
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import poisson
 
-from bench.slip.scenes import play
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.gate import SETTINGS
 from tactiled.detect.suite import DetectParams

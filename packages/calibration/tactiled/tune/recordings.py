@@ -10,7 +10,7 @@ from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
 from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import ConfigError, DataError, OperatorError
-from tactiled.recording.rows import TimeUnit
+from tactiled.recording.table import TimeUnit
 from tactiled.scan_log import LiveScans, read_log
 from tactiled.tune.study import Recording
 
