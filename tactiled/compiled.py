@@ -17,10 +17,8 @@ MODULES = (
     "tactiled.wire.good_scans",
     "tactiled.detect.signal.front_end",
     "tactiled.detect.signal.pressure",
-    "tactiled.detect.contact.memory",
-    "tactiled.detect.contact.posterior",
+    "tactiled.detect.contact.filter",
     "tactiled.detect.contact.signs",
-    "tactiled.detect.contact.trees",
 )
 SETTING = "TACTILED_COMPILED"
 _ROOT = Path(__file__).parents[1]

@@ -22,7 +22,7 @@ from bench.report import (
 )
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent

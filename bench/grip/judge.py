@@ -70,7 +70,7 @@ def course(
             :: max(1, round(_ANNOUNCED_S * world.rate_hz))
         ]
         if len(at):
-            detector.announce_motion(world.block.time_s[at], world.acceleration_m_s2[at])
+            detector.motion.announce(world.block.time_s[at], world.acceleration_m_s2[at])
     rows, scans = [], []
     for scan, event in enumerate(detector.scans(world.block)):
         contact = detector.contact
@@ -78,7 +78,7 @@ def course(
             continue
         scans.append(scan)
         used = event.utilisation_low, event.utilisation, event.utilisation_high
-        p = contact.filter.p_sliding
+        p = contact.p_sliding
         rows.append((p, *used, event.p_gross_300ms, event.state == "gross", contact.size))
     table = np.array(rows, dtype=np.float64).reshape(len(rows), 7)
     seen = np.array(scans, dtype=np.int64)

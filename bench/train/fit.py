@@ -9,11 +9,16 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from bench.train.rows import Looks
 from tactiled.array import FloatArray
-from tactiled.detect.contact import memory
 from tactiled.detect.contact.fast import Memory
-from tactiled.detect.contact.filter import LOAD_CHANGE, ROW_NAMES, STATE_SIGNS
-from tactiled.detect.contact.friction import kept_load
-from tactiled.detect.contact.posterior import EDGES, N_STATES
+from tactiled.detect.contact.filter import (
+    EDGES,
+    LOAD_CHANGE,
+    MEMORY_NAMES,
+    N_STATES,
+    ROW_NAMES,
+    STATE_SIGNS,
+    kept_load,
+)
 from tactiled.detect.contact.signs import NAMES
 
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
@@ -128,7 +133,7 @@ def state_rows(worlds: Sequence[Looks], p: FloatArray, base_odds: float) -> Floa
 
 def _memory_rows(world: Looks, p: FloatArray, base_odds: float) -> FloatArray:
     one = Memory(base_odds)
-    rows = np.empty((len(p), len(memory.NAMES)))
+    rows = np.empty((len(p), len(MEMORY_NAMES)))
     ratio, load_change = world.ratio.tolist(), world.signs[:, LOAD_CHANGE].tolist()
     for k, (begins, odds) in enumerate(zip(world.begins.tolist(), p.tolist(), strict=True)):
         if begins:
@@ -203,7 +208,7 @@ def _rounded(rows: FloatArray, n_levels: int) -> FloatArray:
 
 
 def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
-    """Return the trees as arrays, in the form of `tactiled.detect.contact.trees.Trees`."""
+    """Return the trees as arrays, in the form of `tactiled.detect.contact.filter.Trees`."""
     roots, outputs = [], []
     links: list[tuple[int, int]] = []
     values: list[float] = []

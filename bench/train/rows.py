@@ -65,15 +65,12 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
         block = block[first:]
     detector = GripDetector(world.array, learnt=silent())
     signs, scans, begins = [], [], []
-    contact: object = None  # signs of the contact that the newest look is of
     for scan, _ in enumerate(detector.scans(block)):
         found = detector.contact
         if found is None or not found.is_look:
             continue
-        now = found.filter.signs
-        begins.append(now is not contact)
-        contact = now
-        signs.append(np.array(now.row))
+        begins.append(found.signs.n == 1)
+        signs.append(np.array(found.signs.row))
         scans.append(first + scan)
     at = np.array(scans, dtype=np.int64)
     table = np.array(signs).reshape(len(at), len(NAMES))

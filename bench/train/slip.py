@@ -16,9 +16,8 @@ from bench.train.data import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, a
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
 from bench.train.rows import Looks
 from bench.worlds.generators import GENERATORS
-from tactiled.detect.contact.filter import STATE_SIGNS
+from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE
-from tactiled.detect.contact.posterior import EDGES
 from tactiled.detect.contact.signs import NAMES
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from tactiled.array import Array
 from tactiled.detect.base import ContactDetector, in_order
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.grooves.estimator import JointTexture, WindowFit
 from tactiled.detect.grooves.fit import fit_wave

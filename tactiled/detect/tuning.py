@@ -6,6 +6,7 @@ boundary. A change of the zero or of thresholds is a `Gap` to the detectors, so 
 from before and after it. Replaying the same calls between the same blocks gives the same events.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -17,7 +18,6 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
-from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.suite import DetectParams, Suite, build_suite
@@ -151,7 +151,6 @@ class TunedSuite:
         """Speed last set; None while that of the configuration is used."""
         self.friction: tuple[float, float] | None = None
         """Friction last stated, and the sd of its logarithm; None while that of the configuration is used."""
-        self._motion = AnnouncedMotion()
         self.next_index = 0
         """Index of the first scan that a command given now applies to."""
         self._suite = self._build(self._array, self.params)
@@ -286,18 +285,12 @@ class TunedSuite:
         """
         if self._suite.grip is None:
             return _NO_MODEL
-        self._motion.announce(time_s, acceleration_m_s2)
-        self._suite.grip.announce_motion(time_s, acceleration_m_s2)
+        self._suite.grip.motion.announce(time_s, acceleration_m_s2)
         return ""
 
     def acceleration_m_s2(self, now_s: float) -> float:
         """Return the acceleration that is announced for now; NaN for none."""
-        return self._motion.at(now_s)
-
-    def _pass_motion(self) -> None:
-        time_s, acceleration_m_s2 = self._motion.course
-        if time_s.size and self._suite.grip is not None:
-            self._suite.grip.announce_motion(time_s, acceleration_m_s2)
+        return math.nan if self._suite.grip is None else self._suite.grip.motion.at(now_s)
 
     def expect_late_fit(self, due_index: int) -> None:
         """Treat the fit that is due at a scan as not ready, as it was in the live run."""
@@ -343,10 +336,11 @@ class TunedSuite:
             return "", []
         events = self._insert_gap()
         self.params = params
-        self._suite = self._build(self._array, params)
+        before, self._suite = self._suite.grip, self._build(self._array, params)
+        if before is not None and self._suite.grip is not None:
+            self._suite.grip.motion = before.motion
         self._pass_speed()
         self._pass_friction()
-        self._pass_motion()
         return "", events
 
     def _pass_speed(self) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import poisson
 
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.families import QUIET

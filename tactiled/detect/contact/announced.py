@@ -32,10 +32,6 @@ class AnnouncedMotion:
     """
 
     def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything announced."""
         self._time_s: list[float] = []  # never decreasing
         self._acceleration_m_s2: list[float] = []
 
@@ -61,11 +57,6 @@ class AnnouncedMotion:
         if n_before == 0 or time_s - self._time_s[n_before - 1] > HOLD_S:
             return math.nan
         return self._acceleration_m_s2[n_before - 1]
-
-    @property
-    def course(self) -> tuple[FloatArray, FloatArray]:
-        """Instants and accelerations that are kept, as `announce` takes them."""
-        return np.array(self._time_s), np.array(self._acceleration_m_s2)
 
 
 def course_of(arguments: Mapping[str, Any]) -> tuple[FloatArray, FloatArray]:

@@ -13,13 +13,12 @@ that of the slip, and each has its part in the standard deviation:
 """
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.touch import ContactScan
+from tactiled.detect.contact.filter import ContactFilter
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 # physical: of the turn from the growth to the sum at the limit: drags make a tenth of it, pulls two thirds.
@@ -43,48 +42,42 @@ def averaged_scans(step_s: float) -> int:
     return max(1, min(_AVERAGED, round(_AVERAGED_S / step_s)))
 
 
-def direction(scan: ContactScan, past: Sequence[FloatArray], n_averaged: int, *, is_gross: bool) -> Direction:
+def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is_gross: bool) -> Direction:
     """Return the direction of a slip; the sd is `UNKNOWN_SD_DEG` where the skin turns on the spot.
 
     Parameters
     ----------
-    past : sequence of (2, taxels) float64
+    shears : (scans, 2, taxels) float64
         Shear over the total load, of the newest scans up to this one.
     """
-    shears = np.array(past)  # (scans, 2, taxels)
     totals = shears.sum(axis=2)
     now = shears[-n_averaged:].mean(axis=0)
     change = now.sum(axis=1) - totals
     start = int(np.argmax((change**2).sum(axis=1)))
     before = shears[max(0, start - n_averaged + 1) : start + n_averaged].mean(axis=0)
     size = float(np.hypot(*(now - before).sum(axis=1)))
-    x, y, moment = scan.ratio
-    if size <= 1e-9 or math.hypot(x, y) < abs(moment):
+    load = contact.load
+    turns = abs(contact.moment / load) > math.hypot(contact.total_x / load, contact.total_y / load)
+    if size <= 1e-9 or turns:
         return Direction(0.0, UNKNOWN_SD_DEG)
     total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
-    slides = is_gross or scan.filter.p_sliding > 0.5 * scan.filter.p_incipient
+    slides = is_gross or contact.p_sliding > 0.5 * contact.p_incipient
     if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
-        return _opposed_to(total, _spread(now, scan))
-    turn = _open_turn(along, total, scan.filter.friction[1])
+        return _opposed_to(total, _spread(now, contact))
+    turn = _open_turn(along, total, contact.own_friction[1])
     bend = _bend(totals[start:] - before.sum(axis=1), along, size)
     angle = _TURNS * turn + (bend if slides else 0.0)
-    sd = math.hypot(_spread(now - before, scan), _TURNS_SD * turn, (_BEND_LEFT if slides else 1.0) * bend)
+    sd = math.hypot(_spread(now - before, contact), _TURNS_SD * turn, (_BEND_LEFT if slides else 1.0) * bend)
     cos, sin = math.cos(angle), math.sin(angle)
     return _opposed_to(np.array([cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]]), sd)
 
 
-def opposed(scan: ContactScan, past: Sequence[FloatArray]) -> Direction:
-    """Return the direction that the shear of the newest scans opposes: that of a contact that slides.
-
-    Parameters
-    ----------
-    past : sequence of (2, taxels) float64
-        Shear over the total load.
-    """
-    now = np.array(past).mean(axis=0)
+def opposed(contact: ContactFilter, shears: FloatArray) -> Direction:
+    """Return the direction that the shears (scans, 2, taxels) oppose: that of a contact that slides."""
+    now = shears.mean(axis=0)
     if np.hypot(*now.sum(axis=1)) <= 1e-9:
         return Direction(0.0, UNKNOWN_SD_DEG)
-    return _opposed_to(now.sum(axis=1), _spread(now, scan))
+    return _opposed_to(now.sum(axis=1), _spread(now, contact))
 
 
 def _opposed_to(shear: FloatArray, sd: float) -> Direction:
@@ -93,7 +86,7 @@ def _opposed_to(shear: FloatArray, sd: float) -> Direction:
     return Direction(angle_deg, min(UNKNOWN_SD_DEG, math.degrees(sd)))
 
 
-def _spread(shear: FloatArray, scan: ContactScan) -> float:
+def _spread(shear: FloatArray, contact: ContactFilter) -> float:
     """Return the standard deviation of the direction of the sum of shears (2, taxels), in radians.
 
     The sum across the direction has Student's t distribution with one degree of freedom less than taxels,
@@ -103,7 +96,7 @@ def _spread(shear: FloatArray, scan: ContactScan) -> float:
     size = max(math.hypot(total[0], total[1]), 1e-12)
     n = shear.shape[1]
     if n < _FEWEST:
-        return math.hypot(_MODEL_SD / math.sqrt(n), math.sqrt(2) * scan.filter.signs.ratio_noise / size)
+        return math.hypot(_MODEL_SD / math.sqrt(n), math.sqrt(2) * contact.signs.ratio_noise / size)
     across = (total[0] * shear[1] - total[1] * shear[0]) / size
     return math.sqrt(n / (n - 3) * float((across**2).sum())) / size
 

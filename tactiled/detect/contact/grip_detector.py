@@ -2,31 +2,28 @@
 
 import math
 from collections.abc import Iterator
-from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
-from tactiled.detect.contact.filter import ROW_NAMES, ContactFilter
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.fast import ContactFilter, Signs
+from tactiled.detect.contact.filter import ROW_NAMES, SETTINGS, scans_of_look
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
-from tactiled.detect.contact.slips import PosteriorSlips, ScanInstant
-from tactiled.detect.contact.touch import ContactScan, Touch
+from tactiled.detect.contact.slips import PosteriorSlips
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact_gate import (
     ContactParams,
     ContactTracker,
     ContactTransition,
-    PressureMeasurement,
     contact_event,
     lost_contact_event,
 )
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.events.types import ContactState, Event, GripEvent, SlipEvent
+from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -89,10 +86,8 @@ class GripDetector:
     ----------
     tracker : ContactTracker or None
         State of the contact; None before the first scan.
-    pressure : PressureMeasurement or None
-        Of the newest block.
-    change : ContactTransition or None
-        Of the contact by the pressure of the newest scan.
+    motion : AnnouncedMotion
+        The hand's own motion, for the scans that are processed from now on.
 
     Examples
     --------
@@ -120,7 +115,6 @@ class GripDetector:
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
         self._array = array
         self._params = params or GripParams()
-        self._unit: Literal["N", "relative"] = "N" if array.unit == "N" else "relative"
         self.can_tell = array.measures_ratio
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
         if self._learnt is not None:
@@ -128,53 +122,57 @@ class GripDetector:
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
-        self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
-        self._motion = AnnouncedMotion()
         self._places = np.stack([x, y]) / self._radius_mm
         self._least_load = _CONTACT_RANGE * array.full_scale
+        self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
         self.reset()
 
     def reset(self) -> None:
         """Forget everything seen and announced; keep the parameters, and friction that was stated."""
-        self._motion.reset()
+        self.motion = AnnouncedMotion()
         self._begin()
 
     def _begin(self) -> None:
         """Forget everything seen."""
         self._quantiser = Quantiser(self._array)
-        self._is_friction_due = False  # the next contact begins with the prior anew
-        self._n_baseline = 0
-        self._rate_hz = 0.0
+        self._rate_hz = self._last_s = 0.0
+        self.tracker: ContactTracker | None = None
         self._readings: TaxelReadings | None = None  # from the first scan on
-        self._touch: Touch | None = None
-        self._before_gap: Touch | None = None  # contact that a gap interrupted
+        self._n_baseline = 0
+        self._is_friction_due = False  # the next contact begins with the prior anew
+        self._is_held = False  # the newest scan is of a contact
+        self._is_cut = False  # a gap interrupted the contact, and the next scan tells whether it went on
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
-        self._last_s = 0.0
         self._is_told = False  # the newest message has a contact
         self._is_cut_off = False  # a gap ended the messages of a contact
-        self._slips: PosteriorSlips | None = None
-        self._signs_of_slips: object = None  # which are those of another contact where they are not its signs
-        self.tracker: ContactTracker | None = None
-        self.pressure: PressureMeasurement | None = None
-        self.change: ContactTransition | None = None
-        self.is_trusted = True
-        """False where the newest scan came late or could not be read."""
         self.acceleration_m_s2 = math.nan
         """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
         where none is announced."""
 
-    def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> None:
-        """Take the hand's own motion, for the scans that are processed from now on.
-
-        Parameters
-        ----------
-        time_s : (n,) float64
-            Instants in the clock of the scans, never decreasing; see `AnnouncedMotion.announce`.
-        acceleration_m_s2 : (n,) float64
-            Along the pull, gravity's part included: 9.81 for a hand at rest.
-        """
-        self._motion.announce(time_s, acceleration_m_s2)
+    def _make(self, rate_hz: float) -> None:
+        """Make all that depends on the scan rate."""
+        array, params = self._array, self._params
+        self._rate_hz = rate_hz
+        self.tracker = ContactTracker(array, params.contact, rate_hz)
+        if self._learnt is None:
+            return
+        x, y = self._places.tolist()
+        self._readings = TaxelReadings(array, rate_hz)
+        self._newest = self._readings.recent[-1]  # views, which each scan changes
+        self._reading = self._newest.reshape(-1)
+        self._ripple = TravellingRipple(array, rate_hz)
+        self._slips = PosteriorSlips(rate_hz)
+        self._filter = ContactFilter(
+            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),
+            self._learnt,
+            rate_hz,
+            *self._prior(),
+            params.incipient_p,
+            params.gross_p,
+            self._radius_mm,
+            "N" if array.unit == "N" else "relative",
+        )
 
     def state_friction(self, value: float, log_sd: float) -> None:
         """Take friction from outside, from the next contact on; one that goes on keeps what it has shown.
@@ -195,12 +193,9 @@ class GripDetector:
         self._renew_friction()
 
     def _renew_friction(self) -> None:
-        if self._readings is None:
-            return
-        if self._touch is None and self._before_gap is None:
+        self._is_friction_due = self._is_held or self._is_cut
+        if self._readings is not None and not self._is_friction_due:
             self._expect_friction()
-        else:
-            self._is_friction_due = True
 
     def _expect_friction(self) -> None:
         median, log_sd = self._prior()
@@ -212,6 +207,16 @@ class GripDetector:
         median = self._params.friction or _FRICTION * self._array.shear_per_friction
         return median, self._params.friction_log_sd
 
+    @property
+    def hidden_below(self) -> float:
+        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
+        return 0.0 if self.tracker is None else self.tracker.hidden_below
+
+    @property
+    def contact(self) -> ContactFilter | None:
+        """Filter of the present contact; None without one, or where its load is too small to tell."""
+        return self._filter if self._is_held and self._filter.is_begun else None
+
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes.
 
@@ -222,63 +227,35 @@ class GripDetector:
             return self._pass_gap(item)
         events = self._forget() if item.rate_hz != self._rate_hz else []
         for row, message in enumerate(self.scans(item)):
-            tracker, pressure = self.tracker, self.pressure
-            assert tracker is not None
-            assert pressure is not None
-            if self.change:
-                events.append(contact_event(item, row, pressure, self.change))
-            is_valid = self.keeps_enough and not bool(item.late[row])
-            events += self._slip(ScanInstant(self._last_s, float(item.time_sd_s[row]), is_valid))
-            if change := self._follow_slip(tracker):
-                events.append(contact_event(item, row, pressure, change))
-            if message is not None and self._params.publish:
+            if self._change:
+                events.append(contact_event(item, row, self._pressure, self._change))
+            if self._readings is not None and (self._slips.open or self._filter.gate.is_open):
+                events += self._follow_slip(item, row, self._readings)
+            if message is not None:
                 events.append(message)
         return events
 
-    def _slip(self, at: ScanInstant) -> list[SlipEvent]:
-        """Return the slip events of the newest scan."""
-        scan = None if self.contact_state == "none" else self.contact
-        slips = self._slips
-        if scan is not None:
-            if slips is None or scan.filter.signs is not self._signs_of_slips:
-                self._slips = slips = PosteriorSlips(scan.filter.gate, self._rate_hz)
-                self._signs_of_slips = scan.filter.signs
-            return slips.step(scan, at)
-        # Readings that are lost look like a contact that is lost.
-        is_valid = at.is_valid and self.is_trusted
-        return [slips.end(at.time_s, valid=is_valid)] if slips is not None and slips.open else []
-
-    def _follow_slip(self, tracker: ContactTracker) -> ContactTransition | None:
-        """Enter or leave the contact states that slips make."""
-        state = tracker.state
-        if state == "none":
-            return None
-        slip = None if self._slips is None else self._slips.open
-        if slip is None:
-            return tracker.end_sliding() if state in ("shearing", "sliding") else None
-        if slip.kind == "gross":
-            return None if state == "sliding" else tracker.begin_sliding()
-        return None if state == "shearing" else tracker.begin_shearing()
-
-    @property
-    def contact_state(self) -> ContactState:
-        """State of the contact after the last scan."""
-        return "none" if self.tracker is None else self.tracker.state
-
-    @property
-    def hidden_below(self) -> float:
-        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
-        return 0.0 if self.tracker is None else self.tracker.hidden_below
-
-    @property
-    def contact(self) -> ContactScan | None:
-        """Newest scan of the present contact; None without one, or where its load is too small to tell."""
-        return None if self._touch is None else self._touch.scan
-
-    @property
-    def keeps_enough(self) -> bool:
-        """True where so many taxels can be read that what is said of the contact is valid."""
-        return self._readings is None or self._readings.keeps_enough
+    def _follow_slip(self, block: ScanBlock, row: int, readings: TaxelReadings) -> list[Event]:
+        """Return the events of a slip at a scan, and those of the contact states that it makes."""
+        tracker, slips = self.tracker, self._slips
+        assert tracker is not None
+        touches, is_valid = tracker.state != "none", readings.keeps_enough and not bool(block.late[row])
+        events: list[Event] = []
+        if touches and (contact := self.contact) is not None:
+            events += slips.step(contact, self._last_s, float(block.time_sd_s[row]), valid=is_valid)
+        elif slips.open is not None:  # readings that are lost look like a contact that is lost
+            events.append(slips.end(self._last_s, valid=is_valid and readings.is_read))
+        if touches:
+            change: ContactTransition | None = None
+            if slips.open is None:
+                change = tracker.end_sliding() if tracker.state in ("shearing", "sliding") else None
+            elif slips.open.kind == "gross":
+                change = tracker.begin_sliding() if tracker.state != "sliding" else None
+            elif tracker.state != "shearing":
+                change = tracker.begin_shearing()
+            if change is not None:
+                events.append(contact_event(block, row, self._pressure, change))
+        return events
 
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
         """Yield the event of each scan of a block, None without contact; `contact` is then that of the scan.
@@ -286,45 +263,121 @@ class GripDetector:
         All blocks have one scan rate.
         """
         if self.tracker is None:
-            self._rate_hz = block.rate_hz
-            self.tracker = ContactTracker(self._array, self._params.contact, block.rate_hz)
-            self._readings = self._make(block.rate_hz) if self.can_tell else None
+            self._make(block.rate_hz)
         tracker, readings = self.tracker, self._readings
+        assert tracker is not None
         held = self._quantiser.process(block)
-        self.pressure = tracker.measure(block, held)
+        self._pressure = tracker.measure(block, held)
         if readings is not None:
             readings.begin_block(held, block.channel_offset_s)
         for scan, (time_s, is_late, pressed) in enumerate(
-            zip(block.time_s.tolist(), block.late.tolist(), self.pressure.rows(), strict=True)
+            zip(block.time_s.tolist(), block.late.tolist(), self._pressure.rows(), strict=True)
         ):
-            self.change = tracker.step(*pressed)
-            before_s, self._last_s = self._last_s, time_s
+            self._change = tracker.step(*pressed)
+            step_s, self._last_s = time_s - self._last_s, time_s
             if readings is None:
                 yield None
                 continue
-            in_contact = self.contact is not None or self._before_gap is not None
-            press_is_over = self._touch is not None and self._touch.press_is_over
-            readings.take(scan, in_contact, press_is_over)
-            self.is_trusted = readings.is_read and not is_late
-            self._step(readings, time_s - before_s, touches=tracker.state != "none")
-            yield self._told(is_late, touches=tracker.state != "none")
+            touches = tracker.state != "none"
+            press_is_over = self._is_held and self._zero.is_over
+            readings.take(scan, self.contact is not None or self._is_cut, press_is_over)
+            self._step(readings, step_s, touches=touches)
+            yield self._told(readings.is_read and not is_late, is_late, touches=touches)
 
-    def _make(self, rate_hz: float) -> TaxelReadings:
-        """Make all that depends on the scan rate."""
-        assert self._learnt is not None  # what the array measures is enough to tell
-        self._ripple = TravellingRipple(self._array, rate_hz)
-        x, y = self._places
-        self._filter = ContactFilter(
-            x,
-            y,
-            rate_hz,
-            self._array.shear_per_friction,
-            *self._prior(),
-            self._params.incipient_p,
-            self._params.gross_p,
-            self._learnt,
+    def _step(self, readings: TaxelReadings, step_s: float, *, touches: bool) -> None:
+        """Take the newest scan, `step_s` after the one before; `touches` by the contact gate."""
+        self.acceleration_m_s2 = self.motion.at(self._last_s)
+        contact, load = self._filter, readings.load
+        is_seen, self._is_after_gap = not self._is_after_gap, False
+        if readings.is_lost:
+            contact.friction_memory.widen(_DROPPED_SD)
+            contact.gate.settle()
+        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
+        if self._is_cut:
+            self._is_cut = False
+            contact.friction_memory.walk(min(max(step_s, 0.0), _LONGEST_GAP_S))
+            if load > least and self._went_on(step_s):
+                self._is_held = True
+            else:
+                self._end_contact(readings)
+        elif self._is_held and (load < least / 2 if contact.is_begun else load <= least and not touches):
+            self._end_contact(readings)
+        if not self._is_held:
+            if load <= least and not touches:
+                self._n_baseline += 1
+                readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
+                return
+            self._begin_contact(least, is_seen=is_seen)
+        if load > least or contact.is_begun:
+            self._take(readings, touches=touches)
+        else:
+            loads, x, y = self._newest
+            moment = self._places[0] @ y - self._places[1] @ x
+            contact.weigh(float(x.sum()), float(y.sum()), float(moment), float(loads.sum()))
+
+    def _take(self, readings: TaxelReadings, *, touches: bool) -> None:
+        """Take the newest scan of a contact whose load is large enough to tell."""
+        zero, contact = self._zero, self._filter
+        if not zero.is_measured:
+            newest = self._newest
+            zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
+            self._zero_parts = zero.parts.reshape(-1)
+            contact.zero_sd = math.hypot(zero.whole_sd, readings.total_sd / max(float(newest[0].sum()), 1e-9))
+        contact.take(
+            self._last_s,
+            self._reading,
+            self._zero_parts,
+            readings.shear_sd,
+            self.acceleration_m_s2,
+            zero.is_seen,
+            self._ripple.take(self._newest),
+            touches,
         )
-        return TaxelReadings(self._array, rate_hz)
+
+    def _told(self, is_trusted: bool, is_late: bool, *, touches: bool) -> GripEvent | None:
+        """Return the message of the newest scan: of the contact, or that it ended."""
+        if not self._params.publish:
+            return None
+        ends = self._is_told or self._is_cut_off
+        self._is_told, self._is_cut_off = touches, False
+        if touches:
+            return self._filter.event(self._last_s, is_trusted, is_late)
+        return GripEvent(time_s=self._last_s, valid=is_trusted) if ends else None
+
+    def _begin_contact(self, least: float, *, is_seen: bool) -> None:
+        array, self._is_held = self._array, True
+        self._zero = PressZero(
+            array.n_taxels,
+            self._rate_hz,
+            array.shear_per_friction,
+            least,
+            is_seen=is_seen,
+            in_counts=array.unit == "count",
+        )
+        self._zero_parts = self._zero.parts.reshape(-1)
+        self._filter.begin(is_seen=is_seen)
+        self._filter.zero_sd = self._zero.whole_sd
+        self._ripple.reset()
+
+    def _end_contact(self, readings: TaxelReadings) -> None:
+        self._is_held = False
+        readings.release()
+        if self._is_friction_due:
+            self._is_friction_due = False
+            self._expect_friction()
+        else:
+            self._filter.friction_memory.end_contact()
+
+    def _went_on(self, gap_s: float) -> bool:
+        """Return whether the contact went on in a gap, by the loads before and after it."""
+        before, after = self._loads_before_gap, self._newest[0]
+        most = _SAME_LOADS * max(float(before.sum()), float(after.sum()))
+        if not 0.0 < gap_s <= _LONGEST_GAP_S or float(np.abs(after - before).sum()) >= most:
+            return False
+        self._zero.is_measured = True  # what the press did while nobody looked is not known
+        self._filter.restart()
+        self._ripple.reset()
+        return True
 
     def _pass_gap(self, gap: Gap) -> list[Event]:
         """Return the ends of what a gap interrupts; keep what is known until the scan after it.
@@ -340,11 +393,10 @@ class GripDetector:
         if self._readings is None:
             return events
         if self.contact is not None:
-            self._before_gap = self._touch
-            self._loads_before_gap = self._readings.recent[-1, 0].copy()
-            self._touch = None
-        elif self._touch is not None:  # its load was too small to tell: there is nothing to go on with
-            self._end_touch(self._readings)
+            self._is_cut, self._is_held = True, False
+            self._loads_before_gap = self._newest[0].copy()
+        elif self._is_held:  # its load was too small to tell: there is nothing to go on with
+            self._end_contact(self._readings)
         self._is_after_gap = True
         self._readings.interrupt()
         return events
@@ -358,88 +410,11 @@ class GripDetector:
     def _cut_off(self) -> list[Event]:
         """Return the ends of slip, contact and grip events, not valid: nobody saw them."""
         events: list[Event] = []
-        if self._slips is not None and self._slips.open:
+        if self._readings is not None and self._slips.open is not None:
             events.append(self._slips.end(self._last_s, valid=False))
-        if self.contact_state != "none":
-            events.append(lost_contact_event(self._last_s, self.contact_state))
-        if self._is_told and self._params.publish:
-            events.append(_no_contact(self._last_s, valid=False))
+        if self.tracker is not None and self.tracker.state != "none":
+            events.append(lost_contact_event(self._last_s, self.tracker.state))
+        if self._is_told:
+            events.append(GripEvent(time_s=self._last_s, valid=False))
         self._is_told = False
         return events
-
-    def _step(self, readings: TaxelReadings, step_s: float, *, touches: bool) -> None:
-        """Take the newest scan, `step_s` after the one before; `touches` by the contact gate."""
-        self.acceleration_m_s2 = self._motion.at(self._last_s)
-        is_seen, self._is_after_gap = not self._is_after_gap, False
-        if readings.is_lost:
-            self._filter.friction_memory.widen(_DROPPED_SD)
-            self._filter.gate.settle()
-        load = readings.load
-        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
-        if self._before_gap is not None:
-            loads = readings.recent[-1, 0]
-            self._touch = self._resume(self._before_gap, loads, load > least, step_s)
-            self._before_gap = None
-            if self._touch is None:
-                self._end_touch(readings)
-        elif self._touch is not None:
-            is_over = load < least / 2 if self._touch.is_looked_at else load <= least and not touches
-            if is_over:
-                self._end_touch(readings)
-        if self._touch is None:
-            if load <= least and not touches:
-                self._n_baseline += 1
-                readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
-                return
-            self._touch = self._begin_touch(least, is_seen=is_seen)
-        if load > least or self._touch.is_looked_at:
-            self._touch.take(readings, readings.recent[-1], self.acceleration_m_s2, may_slip=touches)
-        else:
-            self._touch.weigh(readings.recent[-1], self._places)
-
-    def _told(self, is_late: bool, *, touches: bool) -> GripEvent | None:
-        """Return the message of the newest scan: of the contact, or that it ended."""
-        assert self._readings is not None
-        ends = self._is_told or self._is_cut_off
-        self._is_told, self._is_cut_off = touches, False
-        if touches:
-            assert self._touch is not None
-            return self._touch.event(self._last_s, self._radius_mm, self._unit, self.is_trusted, is_late)
-        return _no_contact(self._last_s, valid=self.is_trusted) if ends else None
-
-    def _begin_touch(self, least: float, *, is_seen: bool) -> Touch:
-        zero = PressZero(
-            self._array.n_taxels,
-            self._rate_hz,
-            self._array.shear_per_friction,
-            least,
-            is_seen=is_seen,
-            in_counts=self._array.unit == "count",
-        )
-        self._filter.begin(is_seen=is_seen)
-        self._ripple.reset()
-        return Touch(self._filter, zero, self._ripple)
-
-    def _resume(self, touch: Touch, load: FloatArray, touches: bool, gap_s: float) -> Touch | None:
-        """Return the contact if it went on in a gap, by the loads (taxels,) after it; None if it ended."""
-        before = self._loads_before_gap
-        changed = float(np.abs(load - before).sum())
-        most = _SAME_LOADS * max(float(before.sum()), float(load.sum()))
-        if touches and 0.0 < gap_s <= _LONGEST_GAP_S and changed < most:
-            touch.pass_gap(gap_s)
-            return touch
-        self._filter.friction_memory.walk(min(max(gap_s, 0.0), _LONGEST_GAP_S))
-        return None
-
-    def _end_touch(self, readings: TaxelReadings) -> None:
-        self._touch = None
-        readings.release()
-        if self._is_friction_due:
-            self._is_friction_due = False
-            self._expect_friction()
-        else:
-            self._filter.end()
-
-
-def _no_contact(time_s: float, *, valid: bool) -> GripEvent:
-    return GripEvent(time_s=time_s, valid=valid)

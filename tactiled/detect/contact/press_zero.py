@@ -116,9 +116,10 @@ class PressZero:
             self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
 
-    def finish(self) -> None:
-        """End the press: what it did while nobody looked is not known."""
-        self.is_measured = True
+    @property
+    def is_over(self) -> bool:
+        """True once the press is over, or a pull has begun in it."""
+        return self.is_measured or self.pull_began
 
     def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""

@@ -76,7 +76,7 @@ _NOISE, _RIPPLE, _HAND = (NAMES.index(name) for name in ("log_noise", "ripple", 
 
 
 class Signs:
-    """Signs of one contact.
+    """Signs of one contact after the other.
 
     Parameters
     ----------
@@ -109,16 +109,13 @@ class Signs:
         y: Sequence[float],
         look_s: float,
         shear_per_friction: float = 1.0,
-        *,
-        is_seen: bool = True,
     ) -> None:
         n = len(x)
         self.n_taxels = n
         self.look_s = look_s
         self.x, self.y = array("d", x), array("d", y)
-        self.shear_scale = 1.0 / shear_per_friction
+        self.shear_per_friction, self.shear_scale = shear_per_friction, 1.0 / shear_per_friction
         self.scan_load, self.scan_x, self.scan_y = _zeros(n), _zeros(n), _zeros(n)
-        self.total_x = self.total_y = self.moment = self.total_load = 0.0
         self.over_load = _zeros(2 * n)
         self.load, self.shear_x, self.shear_y = _zeros(n), _zeros(n), _zeros(n)
         self.row = _zeros(len(NAMES))
@@ -144,10 +141,17 @@ class Signs:
         self.keep_fast, self.keep_slow, self.keep_mean = (
             1.0 - min(1.0, look_s / t) for t in (_RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S)
         )
+        self.begin(is_seen=True)
+
+    def begin(self, *, is_seen: bool) -> None:
+        """Begin a contact, whose touch was seen or not."""
         self.is_seen = 1.0 if is_seen else 0.0
         self.ratio_x = self.ratio_y = self.turn = self.ratio = self.growth = self.whole = self.ratio_noise = (
             0.0
         )
+        self.total_x = self.total_y = self.moment = self.total_load = 0.0
+        for k in range(len(self.parts)):
+            self.since[k] = 0.0
         self.restart()
 
     def restart(self) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import Direction, direction
-from tactiled.detect.contact.touch import ContactScan
+from tactiled.detect.contact.filter import ContactFilter
 from tactiled.events.types import UNKNOWN_SD_DEG
 
 N_TAXELS = 9
@@ -18,15 +18,18 @@ def found(course: FloatArray, *, is_gross: bool = False, spread: float = 0.0, n:
     """Direction after a course (scans, 2) of total shear over load, shared by n taxels of unequal gain."""
     rng = np.random.default_rng(5)
     gains = 1 + spread * rng.normal(size=(2, n))
-    past = [np.repeat(total[:, np.newaxis] / n, n, axis=1) * gains for total in course]
+    past = np.array([np.repeat(total[:, np.newaxis] / n, n, axis=1) * gains for total in course])
     contact = SimpleNamespace(
         signs=SimpleNamespace(ratio_noise=1e-4),
-        friction=(0.7, 0.8, 0.9),
+        own_friction=(0.7, 0.8, 0.9),
         p_sliding=0.3 * is_gross,
         p_incipient=0.9,
+        load=1.0,
+        total_x=course[-1, 0],
+        total_y=course[-1, 1],
+        moment=0.0,
     )
-    scan = SimpleNamespace(ratio=(*course[-1], 0.0), filter=contact)
-    return direction(cast(ContactScan, cast(Any, scan)), past, 3, is_gross=is_gross)
+    return direction(cast(ContactFilter, cast(Any, contact)), past, 3, is_gross=is_gross)
 
 
 def arc(turn_deg: float, size: float = 0.6, n: int = 60) -> FloatArray:

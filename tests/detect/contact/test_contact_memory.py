@@ -1,22 +1,27 @@
-"""Memory of a contact, thresholds, and the posterior that is published."""
+"""Parts of the contact filter: memory, friction, thresholds, trees, and the posterior that is published."""
 
 import math
 from array import array
 from collections.abc import Sequence
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.train.rows import silent
-from tactiled.detect.contact import memory
-from tactiled.detect.contact.filter import ContactFilter
-from tactiled.detect.contact.friction import FrictionMemory, kept_load
-from tactiled.detect.contact.gate import SlipHysteresis
-from tactiled.detect.contact.memory import Memory
-from tactiled.detect.contact.posterior import N_STATES, RIPPLE_P, Posterior
-from tactiled.detect.contact.trees import Trees
+from tactiled.detect.contact.filter import (
+    MEMORY_NAMES,
+    N_STATES,
+    RIPPLE_P,
+    ContactFilter,
+    FrictionMemory,
+    Memory,
+    Posterior,
+    SlipHysteresis,
+    Trees,
+    kept_load,
+)
+from tactiled.detect.contact.signs import Signs
 
 LOOK_S = 0.02
 
@@ -90,7 +95,7 @@ def test_friction_is_finite_and_no_wider_than_before(looks: list[tuple[float, fl
 
 
 def test_silence_refutes_what_was_said() -> None:
-    filtered = memory.NAMES.index("filtered_odds")
+    filtered = MEMORY_NAMES.index("filtered_odds")
     one = told(0.9, 0.5, 1.0)
     assert one.row[filtered] > 2
     assert told(0.001, 0.5, 1.0, one).row[filtered] < -2
@@ -162,9 +167,9 @@ def posterior(cells: Sequence[float]) -> Posterior:
 
     The signs give sliding the same odds.
     """
-    one = Posterior([], 0)
+    one = Posterior()
     scores = [math.log(max(p, 1e-9)) for p in cells]
-    one.take(scores, [0.0, -2.0, -3.0, -4.0], odds_of(scores), 0.16, math.log(0.6), 0.36, 1, 0)
+    one.take(scores, [0.0, -2.0, -3.0, -4.0], odds_of(scores), 0.16, math.log(0.6), 0.36, True, False)
     return one
 
 
@@ -173,30 +178,30 @@ POSITIVE = st.lists(st.floats(0.001, 1), min_size=N_STATES, max_size=N_STATES)
 
 @given(POSITIVE, st.booleans())
 def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], is_gross: bool) -> None:
-    contact = ContactFilter(np.array([-1.0, 1.0]), np.zeros(2), 100.0, 1.0, 0.6, 0.6, 0.9, 0.5, silent())
+    contact = ContactFilter(Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S), silent(), 100.0, 0.6, 0.6, 0.9, 0.5)
     contact.posterior = posterior(weights)
     contact.gate.is_gross = contact.gate.is_open = is_gross
-    contact.signs.ratio = contact.slid_at = 0.5
-    verdict = contact.verdict()
-    low, median, high = verdict.utilisation
+    contact.ratio = contact.slid_at = 0.5
+    contact.publish()
+    low, median, high = contact.utilisation
     assert 0 <= low <= median <= high <= 1
-    assert verdict.friction[0] <= verdict.friction[1] <= verdict.friction[2]
-    assert verdict.p_gross[0] <= verdict.p_gross[1] <= verdict.p_gross[2] <= 1
-    assert verdict.p_sliding <= 1
+    assert contact.friction[0] <= contact.friction[1] <= contact.friction[2]
+    assert contact.p_gross[0] <= contact.p_gross[1] <= contact.p_gross[2] <= 1
+    assert contact.posterior.p_sliding <= 1
     if is_gross:
         assert low >= 0.9
-        assert verdict.p_gross == (1.0, 1.0, 1.0)
-        assert verdict.p_sliding >= 0.5 / 3
-        assert verdict.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
+        assert contact.p_gross == (1.0, 1.0, 1.0)
+        assert contact.posterior.p_sliding >= 0.5 / 3
+        assert contact.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
     else:
-        assert verdict.p_sliding == pytest.approx(weights[-1] / sum(weights))
+        assert contact.posterior.p_sliding == pytest.approx(weights[-1] / sum(weights))
 
 
 @given(POSITIVE, st.floats(-30, 30), st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
 def test_the_posterior_is_a_distribution_for_any_ratio(
     weights: list[float], odds: float, ratio: float, sd: float, has_zero: bool, ripple_travels: bool
 ) -> None:
-    one = Posterior([], 0)
+    one = Posterior()
     scores = [math.log(weight) for weight in weights]
     one.take(scores, [0.0, 1.0, 2.0, 3.0], odds, ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
@@ -207,8 +212,8 @@ def test_the_posterior_is_a_distribution_for_any_ratio(
 
 def test_the_odds_of_sliding_are_the_mean_of_those_by_state_and_by_signs() -> None:
     scores = [0.0, *[-40.0] * (N_STATES - 2), -1.0]
-    here = math.log(0.6), 0.36, 1, 0
-    of_state, of_both = Posterior([], 0), Posterior([], 0)
+    here = math.log(0.6), 0.36, True, False
+    of_state, of_both = Posterior(), Posterior()
     of_state.take(scores, [0.0] * 4, -1.0, 0.3, *here)
     of_both.take(scores, [0.0] * 4, 3.0, 0.3, *here)
     odds = [math.log(one.cells[-1] / (1.0 - one.cells[-1])) for one in (of_state, of_both)]
@@ -217,20 +222,20 @@ def test_the_odds_of_sliding_are_the_mean_of_those_by_state_and_by_signs() -> No
 
 def test_a_friction_that_nothing_has_is_not_believed() -> None:
     """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
-    one = Posterior([], 0)
+    one = Posterior()
     alike = [0.0] * N_STATES
-    one.take(alike, [0.0] * 4, odds_of(alike), 3.0, math.log(0.6), 0.36, 1, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 3.0, math.log(0.6), 0.36, True, False)
     assert sum(one.cells[:3]) < 0.05
-    one.take(alike, [0.0] * 4, odds_of(alike), 0.3, math.log(0.6), 0.36, 1, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.3, math.log(0.6), 0.36, True, False)
     assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
 
 
 def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
-    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01, 1)
-    one = Posterior([], 0)
-    one.take(alike, [0.0] * 4, odds_of(alike), 0.55, *known, 0)
+    alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01, True)
+    one = Posterior()
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.55, *known, False)
     whole = one.cells[-1]
-    one.take(alike, [0.0] * 4, odds_of(alike), 0.15, *known, 0)
+    one.take(alike, [0.0] * 4, odds_of(alike), 0.15, *known, False)
     assert one.cells[-1] < 0.02 < whole
 
 
@@ -238,11 +243,11 @@ def test_quantiles_are_those_of_the_cells() -> None:
     cells = [0.0] * N_STATES
     cells[4] = 1.0  # 0.6 to 0.7
     one = posterior(cells)
-    one.publish(0, 0.25, 0.3, math.log(0.6), 0.36)
+    one.publish(False, 0.25, 0.3, math.log(0.6), 0.36)
     assert list(one.utilisation) == pytest.approx([0.605, 0.65, 0.695], abs=1e-6)
     assert one.friction[1] == pytest.approx(0.3 / 0.65)
     one = posterior([0.0] * (N_STATES - 1) + [1.0])
-    one.publish(0, 0.25, 0.3, math.log(0.6), 0.36)
+    one.publish(False, 0.25, 0.3, math.log(0.6), 0.36)
     assert list(one.utilisation) == [1.0, 1.0, 1.0]
 
 

@@ -7,7 +7,7 @@ import pytest
 from mindlin import slid_to
 
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.suite import DetectParams, build_methods
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent

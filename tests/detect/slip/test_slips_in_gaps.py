@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from touches import pieces, run, slip_detector, slips, splits, uneven_friction
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 

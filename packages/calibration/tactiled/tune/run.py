@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.progress import ProgressBar, tell
 from tactiled.tune.study import N_STAGES, Recording, ReportCount, Study, rate_interval, study
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import Array
-from tactiled.detect.contact.gate import SETTINGS
+from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.signal.contact_gate import ContactTracker
 from tactiled.detect.signal.quantise import Quantiser

@@ -1,0 +1,91 @@
+"""Types of C for filter.py, which hatch_build.py compiles."""
+
+cimport cython
+
+cdef extern from "math.h":
+    cpdef double log(double x)
+    cpdef double exp(double x)
+    cpdef double sqrt(double x)
+
+cdef double FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED, LEAST_GROSS_USED, RIPPLE_P, NEEDED_UTILISATION
+cdef double LOOK_S, GROWTH_S, _INFINITE, _LEAST_RATIO, _LEAST_BORNE, _LEAST_LOAD, _TINY
+cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _ONSETS, _ENDS, _FILTER_PART
+cdef double _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
+cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
+cdef double _LEAST_VARIANCE, _HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
+cdef double _UNTOLD_WITHOUT_ZERO
+cdef long LOAD_CHANGE
+
+cpdef double kept_load(double log_load_change)
+
+
+cdef class Trees:
+    cdef public double[::1] first, value, scores
+    cdef public long long[::1] root, output
+    cdef public int[::1] links
+
+    @cython.locals(k=Py_ssize_t, t=Py_ssize_t, node=Py_ssize_t, link=int, value=double, goes_left=bint)
+    cpdef evaluate(self, double[::1] row)
+
+
+cdef class Memory:
+    cdef public double[::1] row, times_s
+    cdef public double base_odds, largest, filtered, sliding_part, movement, slid_log, slid_s, borne
+    cdef public double crossing_log, since_likely_s, before_log
+    cdef public bint is_likely
+
+    cpdef begin_contact(self)
+    cpdef take(self, double p, double ratio, double step_s, double kept)
+
+
+cdef class FrictionMemory:
+    cdef public double log_mean, variance, contact_log_mean, contact_variance, most_variance
+
+    cpdef begin_contact(self)
+    cpdef widen(self, double log_sd)
+    cpdef walk(self, double time_s)
+    cpdef learn(self, double p_sliding, double ratio, double kept, double step_s)
+
+
+cdef class SlipHysteresis:
+    cdef public double incipient_p, gross_p, least, ratio
+    cdef public long n_off, n_settle, n_low, n_looks
+    cdef public bint is_open, is_gross
+
+    cpdef settle(self)
+    cpdef close(self)
+    cpdef look(self, double p_incipient, double p_sliding, double ratio, double ratio_sd)
+
+
+cdef class Posterior:
+    cdef public double[::1] cells, shown, edges, middles, shares
+    cdef public tuple soon, utilisation, friction
+    cdef public double p_sliding, slipping_share
+
+    cpdef begin(self)
+    cpdef take(self, double[::1] scores, double[::1] soon_scores, double signs_odds, double ratio,
+               double log_friction, double variance, bint has_zero, bint ripple_travels)
+    cpdef publish(self, bint is_gross, double least_sliding, double ratio, double log_friction, double variance)
+    cdef double _quantile(self, double wanted)
+
+
+cdef class ContactFilter:
+    cdef public object signs, unit
+    cdef public Trees sign_trees, state_trees, soon_trees
+    cdef public Memory memory
+    cdef public FrictionMemory friction_memory
+    cdef public Posterior posterior
+    cdef public SlipHysteresis gate
+    cdef public double[::1] sign_row, over_load, row, past
+    cdef public long long[::1] columns
+    cdef public long n_look, n_kept, n_past, newest
+    cdef public double per_friction, look_s, growth_s, radius_mm, base_odds, prior_p, ratio, slid_at, rippled_s
+    cdef public double zero_sd, total_x, total_y, moment, load
+    cdef public bint is_begun, is_look, is_known
+    cdef public tuple utilisation, friction, p_gross
+
+    cpdef take(self, double time_s, reading, zero, double noise, double acceleration, bint has_zero,
+               double rippled_s, bint may_slip)
+    cpdef look(self, double noise, double acceleration, bint has_zero)
+    cpdef publish(self)
+    cdef _keep(self, double time_s)
