@@ -98,11 +98,7 @@ class Choices:
         motion = {"speed_mm_s": self.speed_mm_s, "direction_deg": self.direction_deg}
         low, high = self.period_mm or (None, None)
         limits = {"min_period_mm": low, "max_period_mm": high, "max_tilt_deg": self.max_tilt_deg}
-        published = {**motion, "min_period_mm": low, "max_angle_deg": self.max_tilt_deg}
-        texture = _given(motion | limits)
-        table["texture"] = {**table.get("texture", {}), **texture}
-        wang2019 = dict(table.get("wang2019", {}))
-        table["wang2019"] = {**wang2019, "texture": {**wang2019.get("texture", {}), **_given(published)}}
+        table["texture"] = {**table.get("texture", {}), **_given(motion | limits)}
         table["grip"] = {**table.get("grip", {}), "publish": self.grip_hz > 0}
         source = "command line" if self.config is None else f"{self.config} and command line"
         return parse({**table, **_given({"setting": self.setting})}, DetectParams, source)
@@ -119,7 +115,7 @@ class Choices:
         """Yield lines for people: rate, range, contact, slip, and why an event is missing."""
         params = self.params()
         told = self.topics
-        if params.setting == "wang2019":  # the published methods have no grip messages
+        if params.is_packaged:  # such detectors have no grip messages
             told = tuple(topic for topic in told if topic != "grip")
         return summary(log, told, params.texture.speed_mm_s, sliding_is_given=self.sliding is not None)
 

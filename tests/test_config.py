@@ -72,8 +72,8 @@ uri = "/dev/ttyUSB0"
 late_after_ms = 100
 [samples.clock]
 bucket_s = -1
-[detect.wang2019.slip]
-treshold_volts = 0.002
+[detect.grip]
+gros_p = 0.5
 [publish]
 endpoints = ["tcp://0.0.0.0:9872"]
 [nonsense]
@@ -88,7 +88,7 @@ endpoints = ["tcp://0.0.0.0:9872"]
         "port.uri: unknown key; did you mean url?",
         "samples.late_after_ms: unknown key; units belong to the name here: use late_after_s",
         "samples.clock.bucket_s: input should be greater than or equal to 0.1 (got -1)",
-        "detect.wang2019.slip.treshold_volts: unknown key; did you mean threshold_volts?",
+        "detect.grip.gros_p: unknown key; did you mean gross_p?",
         "tcp://0.0.0.0:9872 can be reached from other hosts",
         "nonsense: unknown key",
     ):

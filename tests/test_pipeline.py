@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from tactiled import resources
 from tactiled.array import Array, load_array
-from tactiled.detect.suite import DetectParams, Wang2019Params
-from tactiled.detect.wang2019.texture import TextureParams
+from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.suite import DetectParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -32,9 +33,9 @@ from tactiled.wire.layout import load_layout
 
 LAYOUT = load_layout("board-v1")
 ARRAY = load_array("wang2019-3x3")
-# Short windows: the laws do not depend on their length, and a test should not wait for ten seconds.
-TEXTURE = TextureParams(speed_mm_s=4.0, window_s=3.0, settle_s=0.5)
-PARAMS = PipelineParams(detect=DetectParams(setting="wang2019", wang2019=Wang2019Params(texture=TEXTURE)))
+# Few fits: the laws do not depend on their number, and a fit takes as long as many scans.
+TEXTURE = JointParams(speed_mm_s=4.0, hop_s=2.0)
+PARAMS = PipelineParams(detect=DetectParams(texture=TEXTURE, grip=GripParams(publish=False)))
 
 
 @functools.cache

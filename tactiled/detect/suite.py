@@ -1,13 +1,16 @@
 """Detectors that run on every block, by the name of the setting.
 
-To add a detector, write its module beside the others and enter it in `REGISTRY`. The contract test
-(`tests/detect/test_detect_contract.py`) then holds it to the promises of `tactiled.detect.base`.
+The settings here share the contact filter and the groove estimator, and differ in probabilities. Another
+distribution offers a setting of its own in the entry-point group `tactiled.detectors`, as
+``SETTING = "MODULE:FACTORIES"`` with `DetectorFactories`. `tests/detect/test_detect_contract.py` holds each
+of them to the promises of `tactiled.detect.base`.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from typing import Any, Literal, NamedTuple, Protocol
+from functools import cache
+from typing import Any, NamedTuple, Protocol
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from tactiled.array import Array
 from tactiled.detect.base import ContactDetector, in_order
@@ -20,35 +23,36 @@ from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
-from tactiled.detect.wang2019.slip import SlipParams, WaveletSlip
-from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.detect.worker import InPlace, Worker
-from tactiled.events.types import Event
+from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
 
 DETECTED_TOPICS = ("slip", "contact", "grip", "texture")
-Setting = Literal["fast", "balanced", "quiet", "wang2019"]
-
-
-class Wang2019Params(Params):
-    """Parameters of the published methods."""
-
-    slip: SlipParams = Field(default=SlipParams(), description="contact gate and the 0.002 V rule")
-    texture: TextureParams = Field(default=TextureParams(), description="the flow chart for grooves")
+GROUP = "tactiled.detectors"
+_PUBLISHED = "wang2019"  # setting of a distribution of this repository
 
 
 class DetectParams(Params):
     """Selection of the detectors that run, and their parameters."""
 
-    setting: Setting = Field(
+    setting: str = Field(
         default="balanced",
-        description="probabilities from which slip is reported, lower ones earlier and more often wrong; "
-        "wang2019: the published methods, as published",
+        description="fast, balanced or quiet: probabilities from which slip is reported, lower ones earlier "
+        "and more often wrong; wang2019: the published methods, of tactiled-wang2019",
     )
     texture: JointParams = JointParams()
     grip: GripParams = GripParams()
-    wang2019: Wang2019Params = Wang2019Params()
+
+    @field_validator("setting")
+    @classmethod
+    def _is_known(cls, setting: str) -> str:
+        if setting not in SETTINGS and setting not in _packaged():
+            if setting == _PUBLISHED:
+                install = f"pip install 'tactiled[{_PUBLISHED}]', or ./packages/{_PUBLISHED} in a checkout"
+                raise ValueError(f"needs tactiled-{_PUBLISHED}, which is not installed: {install}")
+            raise ValueError(f"input should be one of {', '.join([*SETTINGS, _PUBLISHED])}")
+        return setting
 
     @model_validator(mode="before")
     @classmethod
@@ -63,9 +67,9 @@ class DetectParams(Params):
         return {**document, "grip": {"incipient_p": at.incipient, "gross_p": at.gross, **given}}
 
     @property
-    def in_use(self) -> str:
-        """Dotted prefix of the tables that the setting reads; empty for the tables of this model."""
-        return "wang2019." if self.setting == "wang2019" else ""
+    def is_packaged(self) -> bool:
+        """True where the detectors are those of another distribution, which have no grip messages."""
+        return self.setting not in SETTINGS
 
 
 class TextureEstimator(Protocol):
@@ -92,8 +96,8 @@ class TextureEstimator(Protocol):
         ...
 
 
-class DetectorPair:
-    """Slip detector and texture estimator as one `Detector`; the estimator is given the slip events.
+class Suite:
+    """Slip detector and texture estimator, which is given the slips, as one `Detector`, over short gaps.
 
     Parameters
     ----------
@@ -102,6 +106,8 @@ class DetectorPair:
 
     Attributes
     ----------
+    texture : TextureEstimator or None
+        Takes the sliding speed.
     grip : GripDetector or None
         The slip detector, if friction can be stated to it, and the hand's own motion announced.
     """
@@ -112,13 +118,14 @@ class DetectorPair:
         texture: TextureEstimator | None,
         sliding: KnownSliding | None = None,
     ) -> None:
+        self._bridge = GapBridge()
         self._slip, self.texture = slip, texture
         self._known = None if sliding is None else KnownSlips(sliding)
         self.grip = slip if isinstance(slip, GripDetector) else None
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
-        for part in (self._slip, self.texture, self._known):
+        for part in (self._bridge, self._slip, self.texture, self._known):
             if part is not None:
                 part.reset()
 
@@ -129,38 +136,20 @@ class DetectorPair:
 
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes, in order of their evidence for any chunking."""
-        events = [] if self._slip is None else self._slip.process(item)
-        slips = events if self._known is None else self._known.process(item)
-        texture = [] if self.texture is None else self.texture.process(item, slips)
+        seen = self._bridge.process(item)
+        if seen is None:
+            return []
+        events = [] if self._slip is None else self._slip.process(seen)
+        slips = events if self._known is None else self._known.process(seen)
+        texture = [] if self.texture is None else self.texture.process(seen, slips)
+        if isinstance(item, ScanBlock) and seen is not item:
+            events = [event for event in events if not _is_interpolated(event, item)]
         return in_order(events, texture)
 
 
-class Suite(ContactDetector, Protocol):
-    """Detectors of a setting as one detector."""
-
-    @property
-    def texture(self) -> TextureEstimator | None:
-        """Estimator that takes the sliding speed; None where no detector uses it."""
-        ...
-
-    @property
-    def grip(self) -> GripDetector | None:
-        """Detector that takes friction and motion; None where none does."""
-        ...
-
-
-class BridgedSuite(GapBridge):
-    """`Suite` whose detectors are given interpolated scans in place of short gaps."""
-
-    def __init__(self, methods: DetectorPair) -> None:
-        super().__init__(methods)
-        self._methods = methods
-        self.texture, self.grip = methods.texture, methods.grip
-
-    @property
-    def hidden_below(self) -> float:
-        """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
-        return self._methods.hidden_below
+def _is_interpolated(event: Event, block: ScanBlock) -> bool:
+    """Return True for the message of a scan before the block; the end of a contact is news."""
+    return isinstance(event, GripEvent) and event.state != "none" and event.time_s < block.time_s[0]
 
 
 class DetectorFactories(NamedTuple):
@@ -197,11 +186,6 @@ def _joint_texture(array: Array, params: DetectParams, worker: Worker, is_given:
     return JointTexture(array, texture, worker, fit, looks_back_s, widest)
 
 
-def _paper_texture(array: Array, params: DetectParams, _worker: Worker, is_given: bool) -> PaperTexture:
-    texture = params.wang2019.texture
-    return PaperTexture(array, texture.model_copy(update={"settle_s": 0.0}) if is_given else texture)
-
-
 def _model_slip(array: Array, params: DetectParams) -> ContactDetector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if array.measures_ratio:
@@ -209,17 +193,23 @@ def _model_slip(array: Array, params: DetectParams) -> ContactDetector:
     return SlidingSlip(array, GripDetector(array, params.grip))
 
 
-_MODEL = DetectorFactories(slip=_model_slip, texture=_joint_texture)
-_WANG2019 = DetectorFactories(
-    slip=lambda array, params: WaveletSlip(array, params.wang2019.slip), texture=_paper_texture
-)
-REGISTRY: Mapping[Setting, DetectorFactories] = {
-    "fast": _MODEL,
-    "balanced": _MODEL,
-    "quiet": _MODEL,
-    "wang2019": _WANG2019,
-}
-"""Detectors of each setting; settings that share detectors differ in their parameters."""
+_OWN = DetectorFactories(slip=_model_slip, texture=_joint_texture)
+
+
+@cache
+def _packaged() -> Mapping[str, Any]:
+    """Return the entry points of the settings that other distributions offer, by name."""
+    from importlib.metadata import entry_points  # takes 20 ms, and the settings here need none
+
+    return {found.name: found for found in entry_points(group=GROUP)}
+
+
+def factories(setting: str) -> DetectorFactories:
+    """Return the constructors of the detectors of a setting."""
+    if setting in SETTINGS:
+        return _OWN
+    found: DetectorFactories = _packaged()[setting].load()
+    return found
 
 
 def build_suite(
@@ -229,18 +219,7 @@ def build_suite(
     sliding: KnownSliding | None = None,
     topics: Collection[str] = DETECTED_TOPICS,
 ) -> Suite:
-    """Make the detectors of a setting, with short gaps interpolated; parameters as in `build_methods`."""
-    return BridgedSuite(build_methods(array, params, worker, sliding, topics))
-
-
-def build_methods(
-    array: Array,
-    params: DetectParams,
-    worker: Worker | None = None,
-    sliding: KnownSliding | None = None,
-    topics: Collection[str] = DETECTED_TOPICS,
-) -> DetectorPair:
-    """Make the detectors of a setting without interpolation: every gap reaches them.
+    """Make the detectors of a setting.
 
     Parameters
     ----------
@@ -251,10 +230,9 @@ def build_methods(
     topics : collection of str
         Topics that are asked for; detectors that none of them needs are left out.
     """
-    factories = REGISTRY[params.setting]
+    make = factories(params.setting)
     texture: TextureEstimator | None = None
     if "texture" in topics:
-        texture = factories.texture(array, params, worker or InPlace(), sliding is not None)
+        texture = make.texture(array, params, worker or InPlace(), sliding is not None)
     needs_slip = bool({"slip", "contact", "grip"} & set(topics)) or (texture is not None and sliding is None)
-    slip = factories.slip(array, params) if needs_slip else None
-    return DetectorPair(slip, texture, sliding)
+    return Suite(make.slip(array, params) if needs_slip else None, texture, sliding)

@@ -316,12 +316,10 @@ class TunedSuite:
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
         """Change parameters of the detectors by dotted name, as in ``grip.incipient_p``."""
         document = self.params.model_dump(exclude_none=True)
-        is_published = self.params.setting == "wang2019"
-        slip = "slip" if is_published else "grip"
         for name, value in values.items():
-            place = document["wang2019"] if is_published else document
-            if name.split(".")[0] not in (slip, "texture"):
-                return f"{name}: names begin with {slip} or texture", []
+            place = document
+            if name.split(".")[0] not in ("grip", "texture"):
+                return f"{name}: names begin with grip or texture", []
             *tables, key = name.split(".")
             for table in tables:
                 place = place.setdefault(table, {})
@@ -331,7 +329,7 @@ class TunedSuite:
         try:
             params = tomlfile.parse(document, DetectParams, "")
         except ConfigError as error:
-            return "; ".join(fault.removeprefix(self.params.in_use) for fault in error.faults), []
+            return "; ".join(error.faults), []
         if params == self.params:
             return "", []
         events = self._insert_gap()

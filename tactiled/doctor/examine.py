@@ -46,7 +46,7 @@ def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list
         board, board_hz = check_board(setup)
         findings += board
         rate_hz = rate_hz or board_hz
-    if detect.setting != "wang2019":
+    if not detect.is_packaged:
         speed_mm_s = speed_mm_s or detect.texture.speed_mm_s
         findings += abilities(setup.array, detect.texture, rate_hz or 100.0, speed_mm_s)
     findings += check_endpoints(publish, is_running, is_configured=is_configured)

@@ -84,7 +84,7 @@ def settings_in_words(setup: Setup) -> list[str]:
 def resolved_in_words(setup: Setup) -> list[str]:
     """Describe the grooves that the estimator resolves, at the configured speed or, without one, at any."""
     detect, rate_hz = setup.config.detect, setup.config.session.rate_hz or _RATE_HZ
-    if detect.setting == "wang2019":
+    if detect.is_packaged:
         return []
     texture = detect.texture
     return [finding.line for finding in check_waves(setup.array, texture, rate_hz, texture.speed_mm_s)]

@@ -11,13 +11,8 @@ from hypothesis import strategies as st
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import Detector
-from tactiled.detect.suite import (
-    REGISTRY,
-    DetectorPair,
-    DetectParams,
-    Wang2019Params,
-    build_methods,
-)
+from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.suite import DetectParams, Suite, build_suite, factories
 from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
@@ -155,9 +150,9 @@ def contact_states(events: Sequence[Event]) -> list[str]:
     return [event.state for event in events if isinstance(event, ContactEvent)]
 
 
-def published(array: Array, params: Wang2019Params | None = None) -> DetectorPair:
-    """The methods of the paper, every gap told."""
-    return build_methods(array, DetectParams(setting="wang2019", wang2019=params or Wang2019Params()))
+def published(array: Array, speed_mm_s: float = 0.0) -> Suite:
+    """The methods of the paper."""
+    return build_suite(array, DetectParams(setting="wang2019", texture=JointParams(speed_mm_s=speed_mm_s)))
 
 
 def slip_detector(array: Array, setting: str = "balanced", friction: float | None = None) -> Detector:
@@ -169,4 +164,4 @@ def slip_detector(array: Array, setting: str = "balanced", friction: float | Non
     if friction is not None:
         grip |= {"friction": friction, "friction_log_sd": 0.1}
     params = DetectParams.model_validate({"setting": setting, "grip": grip})
-    return REGISTRY[params.setting].slip(array, params)
+    return factories(params.setting).slip(array, params)

@@ -77,7 +77,6 @@ def test_verbs_of_all_distributions_are_in_the_reference_with_their_options() ->
         ),
         ("detect.texture", '| `preset` | `"quick"`, `"balanced"`, `"fine"` | `"balanced"` |'),
         ("detect.grip.contact", "| `contact_volts` | number, > 0 |  |"),
-        ("detect.wang2019.slip.contact", "| `contact_volts` | number, > 0 | `0.5` |"),
     ],
 )
 def test_an_option_is_in_the_reference_with_values_default_and_meaning(table: str, row: str) -> None:

@@ -90,7 +90,9 @@ class JointParams(WaveParams):
         description="time from the end of a window to its answer; the fit is computed meanwhile",
     )
     settle_s: float = Field(default=0.3, ge=0, le=60, description="time from detected slip to the window")
-    speed_mm_s: float = Field(default=0.0, ge=0, description="sliding speed; 0: unknown, to be estimated")
+    speed_mm_s: float = Field(
+        default=0.0, ge=0, le=1000, description="sliding speed; 0: unknown, to be estimated"
+    )
     speed_sd_mm_s: float = Field(default=0.0, ge=0, description="standard deviation of the speed")
     direction_deg: float | None = Field(
         default=None,

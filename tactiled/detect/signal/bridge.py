@@ -2,56 +2,42 @@
 
 A gap empties every filter, and a detector is blind until they are full again: a third of a second for one
 lost scan. Up to `BRIDGE_S` of missing scans are therefore interpolated linearly between the last reading
-before the gap and the first after it, and the detector sees no gap. Longer gaps, restarts and replugs reach
-the detector, because the signal in them is unknown. Interpolated scans are never published, recorded or
+before the gap and the first after it, and the detectors see no gap. Longer gaps, restarts and replugs reach
+the detectors, because the signal in them is unknown. Interpolated scans are never published, recorded or
 counted.
 """
 
 import numpy as np
 
-from tactiled.detect.base import Detector
-from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 
 BRIDGE_S = 0.05  # prior: the onset of a slip bends the signal for longer; corruption seldom lasts so long
 
 
 class GapBridge:
-    """Detector that is given interpolated scans in place of short gaps."""
+    """Put interpolated scans in place of short gaps."""
 
-    def __init__(self, detector: Detector) -> None:
-        self._detector = detector
-        self._last: ScanBlock | None = None
-        self._gap: Gap | None = None
+    def __init__(self) -> None:
+        self.reset()
 
     def reset(self) -> None:
-        """Forget everything seen; keep the parameters."""
-        self._last = self._gap = None
-        self._detector.reset()
+        """Forget everything seen."""
+        self._last: ScanBlock | None = None
+        self._is_short = False  # the gap after it
 
-    def process(self, item: ScanBlock | Gap) -> list[Event]:
-        """Return the events that the item completes."""
-        if isinstance(item, Gap):
-            return self._take_gap(item)
-        last = self._last if self._gap is not None else None
-        block = item if last is None else _joined(last, item)
-        self._gap = None
-        self._last = item
-        events = self._detector.process(block)
-        return [event for event in events if last is None or not _of_no_scan(event, item)]
-
-    def _take_gap(self, gap: Gap) -> list[Event]:
+    def process(self, item: ScanBlock | Gap) -> ScanBlock | Gap | None:
+        """Return the item, None for a short gap, or the block after one with the missing scans before it."""
         last = self._last
-        if last is not None and gap.cause in LOSSES and 0 < gap.n_missing <= BRIDGE_S * last.rate_hz:
-            self._gap = gap
-            return []
-        self._last = self._gap = None
-        return self._detector.process(gap)
-
-
-def _of_no_scan(event: Event, block: ScanBlock) -> bool:
-    """Return True for the message of an interpolated scan, before the block; the end of a contact is news."""
-    return isinstance(event, GripEvent) and event.state != "none" and event.time_s < block.time_s[0]
+        if isinstance(item, ScanBlock):
+            self._last, is_short, self._is_short = item, self._is_short, False
+            return _joined(last, item) if is_short and last is not None else item
+        self._is_short = (
+            last is not None and item.cause in LOSSES and 0 < item.n_missing <= BRIDGE_S * last.rate_hz
+        )
+        if self._is_short:
+            return None
+        self._last = None
+        return item
 
 
 def _joined(last: ScanBlock, block: ScanBlock) -> ScanBlock:

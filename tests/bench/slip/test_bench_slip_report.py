@@ -1,13 +1,13 @@
 """Tables of the slip bench, from events made by hand and from short scenes."""
 
 import pytest
+from bench.slip.scenes import NOISES_V, RATE_HZ
 
 from bench.report import BenchOptions
 from bench.slip import bench as slip_bench
 from bench.slip import minutes
 from bench.slip.bench import bench_slip, read_scene
 from bench.slip.cases import CaseEvents, from_world, run_case
-from bench.slip.scenes import NOISES_V, RATE_HZ
 from bench.worlds.laws import draw_worlds
 from tactiled.progress import ProgressBar
 

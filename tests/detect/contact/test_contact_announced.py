@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.array import FloatArray, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.contact.announced import HOLD_S, AnnouncedMotion, course_of
 from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.detect.suite import DetectParams
+from tactiled.detect.suite import DetectParams, Suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -110,15 +110,11 @@ def test_what_was_announced_survives_gaps_and_another_rate(cause: Any) -> None:
 def test_new_detectors_are_given_what_was_announced() -> None:
     built: list[GripDetector] = []
 
-    class OneDetector(GripDetector):
-        texture = None
+    def build(array: Array, _params: DetectParams) -> Suite:
+        built.append(GripDetector(array))
+        return Suite(built[-1], None)
 
-        def __init__(self) -> None:
-            super().__init__(ARRAY)
-            self.grip = self
-            built.append(self)
-
-    suite = TunedSuite(ARRAY, DetectParams(), lambda *_: OneDetector())
+    suite = TunedSuite(ARRAY, DetectParams(), build)
     assert suite.announce_motion(np.array([0.0, 0.05]), np.array([9.81, 12.0])) == ""
     suite.process(scans(2))
     assert built[-1].acceleration_m_s2 == 9.81

@@ -9,7 +9,7 @@ from mindlin import slid_to
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
-from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
@@ -175,7 +175,7 @@ def test_a_gap_ends_a_slip_with_an_event_that_is_not_valid() -> None:
 
 def test_the_setting_publishes_slips_and_grip_of_one_model() -> None:
     block = slide()[:300]
-    events = build_methods(ARRAY, DetectParams(grip=KNOWN), topics=("slip", "grip")).process(block)
+    events = build_suite(ARRAY, DetectParams(grip=KNOWN), topics=("slip", "grip")).process(block)
     assert {event.topic for event in events} == {"slip", "contact", "grip"}
     assert slips(events) == slips(GripDetector(ARRAY, KNOWN).process(block))
     assert sum(event.topic == "grip" for event in events) == len(

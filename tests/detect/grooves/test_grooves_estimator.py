@@ -16,9 +16,9 @@ from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
 from tactiled.detect.grooves.params import PRESETS, JointParams
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.detect.wang2019.slip import WaveletSlip
 from tactiled.events.types import Event, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.wang2019.slip import WaveletSlip
 
 ARRAY = load_array("wang2019-3x3")
 SKEW_S = np.linspace(0, 0.007, 36)

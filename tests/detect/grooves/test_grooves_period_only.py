@@ -10,7 +10,7 @@ from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.period_only import period_range, spectral_lines, swing_spectrum
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
-from tactiled.detect.suite import DetectorPair, DetectParams, build_suite
+from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.events.types import Candidate, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
@@ -255,6 +255,6 @@ def test_a_line_is_reported_once_a_second_window_has_it_too() -> None:
         return PeriodOnly(frequency_hz=at, snr_db=0.0, gratings=(period,))
 
     texture = JointTexture(unknown_places(16), params, fit=fit)
-    suite = DetectorPair(None, texture, sliding=KnownSliding())
+    suite = Suite(None, texture, sliding=KnownSliding())
     told = [event.frequency_hz for event in suite.process(block) if isinstance(event, TextureEvent)]
     assert set(told) == {9.01}

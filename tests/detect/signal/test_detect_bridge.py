@@ -112,25 +112,17 @@ def test_bridging_does_not_depend_on_chunks_and_reset_equals_new() -> None:
 
 
 def test_the_bridge_is_a_straight_line_between_what_was_read() -> None:
-    seen: list[ScanBlock] = []
-
-    class Spy:
-        def process(self, item: ScanBlock | Gap) -> list[Event]:
-            assert isinstance(item, ScanBlock)
-            seen.append(item)
-            return []
-
-        def reset(self) -> None:
-            pass
-
     volts = np.array([[0.0], [1.0], [9.0], [9.0], [4.0]])
     block = regular_block(volts, 100.0)
-    bridge = GapBridge(Spy())
-    for item in (block[:2], Gap(2, "missing", 4), block[4:]):
-        bridge.process(item)
-    assert seen[1].volts[:, 0] == pytest.approx([2.0, 3.0, 4.0])
-    assert seen[1].index.tolist() == [2, 3, 4]
-    assert seen[1].time_s == pytest.approx([0.02, 0.03, 0.04])
+    bridge = GapBridge()
+    first, nothing, seen = [bridge.process(item) for item in (block[:2], Gap(2, "missing", 4), block[4:])]
+    assert isinstance(first, ScanBlock)
+    assert len(first) == 2
+    assert nothing is None
+    assert isinstance(seen, ScanBlock)
+    assert seen.volts[:, 0] == pytest.approx([2.0, 3.0, 4.0])
+    assert seen.index.tolist() == [2, 3, 4]
+    assert seen.time_s == pytest.approx([0.02, 0.03, 0.04])
 
 
 def test_a_scan_that_was_lost_has_no_grip_message() -> None:

@@ -7,9 +7,9 @@ from touches import Touch, contact_states
 
 from tactiled.array import load_array
 from tactiled.detect.signal.contact_gate import ContactParams
-from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.events.types import ContactEvent
 from tactiled.samples.block import regular_block
+from tactiled.wang2019.slip import PUBLISHED_CONTACT
 
 WANG = load_array("wang2019-3x3")
 QUIET_TOUCH = Touch(slide_s=99.0, stop_s=100.0)

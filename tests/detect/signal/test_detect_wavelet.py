@@ -13,8 +13,9 @@ from touches import pieces, splits
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.wavelet import SwtBank, border_scans, kink_response, taps
+from tactiled.detect.signal.wavelet import border_scans, taps
 from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.wang2019.bank import SwtBank, kink_response
 
 LEVELS = range(1, 7)
 ARRAY = load_array("wang2019-3x3")

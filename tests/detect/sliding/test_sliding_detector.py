@@ -13,7 +13,7 @@ from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.sliding.tracker import travelling_line
-from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
@@ -82,7 +82,7 @@ def shakes(kind: str) -> FloatArray:
 
 def detector(speed_mm_s: float = 0.0) -> Detector:
     params = DetectParams(texture=JointParams(speed_mm_s=speed_mm_s))
-    return build_methods(pad(), params, topics=("slip", "contact", "texture") if speed_mm_s else ("slip",))
+    return build_suite(pad(), params, topics=("slip", "contact", "texture") if speed_mm_s else ("slip",))
 
 
 def slips(events: list[Event]) -> list[SlipEvent]:
@@ -106,7 +106,7 @@ def test_load_that_moves_is_told_of_four_channels_that_are_read(n_live: int, sli
     noise = 2 * np.random.default_rng(0).standard_normal((N, 4))
     is_read = np.tile(np.arange(4) < n_live, (N, 1))
     block = regular_block(np.rint(500 * np.clip(t - 1, 0, 1) * moves + noise), RATE_HZ, valid=is_read)
-    found = slips(build_methods(pad(4), DetectParams(), topics=("slip",)).process(block))
+    found = slips(build_suite(pad(4), DetectParams(), topics=("slip",)).process(block))
     assert any(slip.kind == "incipient" for slip in found) == slides
 
 
@@ -118,7 +118,7 @@ def test_a_pad_of_which_few_channels_are_read_does_not_slide_at_rest(n_live: int
     load = 500.0 * (np.arange(1000)[:, np.newaxis] > 100)
     readings = np.rint(load + 3 * wanders + 2 * rng.standard_normal((1000, 4)))
     is_read = np.tile(np.arange(4) < n_live, (1000, 1))
-    found = build_methods(pad(4), DetectParams(), topics=("slip",))
+    found = build_suite(pad(4), DetectParams(), topics=("slip",))
     assert slips(found.process(regular_block(readings, RATE_HZ, valid=is_read))) == []
 
 
@@ -233,7 +233,7 @@ def moved(
     t = np.arange(N)[:, np.newaxis] / RATE_HZ
     away = np.where(np.arange(16) < 8, -part, part) * np.clip((t - from_s) / takes_s, 0, 1)
     away = away - np.sign(away) * back * np.clip(t - back_s, 0, 1)
-    return slips(build_methods(array, DetectParams(), topics=("slip",)).process(hold(5, away)))
+    return slips(build_suite(array, DetectParams(), topics=("slip",)).process(hold(5, away)))
 
 
 def test_load_that_moves_over_the_array_is_an_incipient_slip() -> None:
@@ -254,9 +254,9 @@ def test_what_moves_before_anything_touches_is_no_slip() -> None:
     noise = 2 * np.random.default_rng(8).standard_normal((N, 16))
     levels = {"above": 100.0, "below": 60.0, "loading_per_s": 50.0}
     array = array_of({"taxel_count": 16, "contact": levels})
-    found = build_methods(array, DetectParams(), topics=("slip",))
+    found = build_suite(array, DetectParams(), topics=("slip",))
     assert slips(found.process(regular_block(np.rint(drift + noise), RATE_HZ))) == []
-    pressed = build_methods(array, DetectParams(), topics=("slip",))
+    pressed = build_suite(array, DetectParams(), topics=("slip",))
     assert (
         slips(pressed.process(regular_block(np.rint(500.0 + drift + noise), RATE_HZ)))[0].kind == "incipient"
     )

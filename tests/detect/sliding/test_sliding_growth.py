@@ -9,7 +9,7 @@ from touches import pieces, run, splits
 
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
-from tactiled.detect.suite import DetectParams, build_methods
+from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
@@ -46,7 +46,7 @@ def held(kinds: tuple[str, ...], seed: int, shear: FloatArray, normal: FloatArra
 
 
 def detector(kinds: tuple[str, ...]) -> Detector:
-    return build_methods(skin(kinds), DetectParams(), topics=("slip", "contact"))
+    return build_suite(skin(kinds), DetectParams(), topics=("slip", "contact"))
 
 
 def slips(events: list[Event]) -> list[SlipEvent]:
@@ -140,5 +140,5 @@ def test_any_chunking_and_a_restart_give_the_same_slips(kinds: tuple[str, ...]) 
 def test_a_field_has_no_grip_message_because_it_is_no_load() -> None:
     pull = 200 * np.clip(T - 6, 0, 1)
     block = held(FIELD, 0, pull, normal=1000 * np.clip(T - 1, 0, 1))
-    events = build_methods(skin(FIELD), DetectParams()).process(block)
+    events = build_suite(skin(FIELD), DetectParams()).process(block)
     assert {event.topic for event in events} == {"contact", "slip", "texture"}

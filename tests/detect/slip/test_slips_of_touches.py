@@ -13,7 +13,7 @@ from touches import LSB, Touch, slip_detector, uneven_friction
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
 from tactiled.detect.contact.filter import SETTINGS
-from tactiled.detect.suite import REGISTRY, DetectParams
+from tactiled.detect.suite import DetectParams, factories
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import FAMILIES, parts
@@ -103,7 +103,7 @@ def test_settings_trade_early_against_sure() -> None:
 def test_a_slide_over_an_even_surface_is_near_its_limit_where_friction_is_known() -> None:
     """A rest that bears the same shear has the same readings: only utilisation can be told."""
     params = DetectParams.model_validate({"grip": {"friction": 1.0, "friction_log_sd": 0.1}})
-    events = REGISTRY["balanced"].slip(ARRAY, params).process(Touch().block(ARRAY))
+    events = factories("balanced").slip(ARRAY, params).process(Touch().block(ARRAY))
     grips = [e for e in events if isinstance(e, GripEvent) and 4.6 < e.time_s - START_S < 7.9]
     assert np.median([e.utilisation for e in grips]) > 0.85
     assert all(e.utilisation_high > 0.99 for e in grips)

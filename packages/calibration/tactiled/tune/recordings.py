@@ -8,11 +8,10 @@ import numpy as np
 
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
-from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.table import TimeUnit
 from tactiled.scan_log import LiveScans, read_log
-from tactiled.tune.study import Recording
+from tactiled.tune.study import HELD, Recording
 
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
@@ -86,7 +85,7 @@ def record_live(
 def _await_touch(scans: LiveScans) -> None:
     """Wait until an object is in contact."""
     until_s = time.monotonic() + _GRIP_S
-    least_v = PUBLISHED_CONTACT.contact_volts
+    least_v = HELD.contact_volts
     weights = scans.array.normal_weights()
     while time.monotonic() < until_s:
         scans.drop()

@@ -18,10 +18,9 @@ from scipy import special
 from tactiled.array import Array
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
-from tactiled.detect.signal.contact_gate import ContactTracker
+from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
-from tactiled.detect.wang2019.slip import PUBLISHED_CONTACT
 from tactiled.errors import DataError
 from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -32,6 +31,8 @@ _CONTACT_SD = 0.15
 _KNOWN = 0.95  # of the spread before any contact: friction that is known no better is not proposed
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
+# A firm hold, whose noise is that of work.
+HELD = ContactParams(contact_volts=0.5, release_volts=0.35, loading_volts_s=0.03)
 # A shorter contact shows less than the model needs: 0.6 s for its zero, then a second to settle.
 _LEAST_S = 4.0
 _LEVEL = 0.95  # of the intervals of a rate, as in trials of reliability
@@ -56,7 +57,7 @@ class Recording:
         """Return the time in contact of some taxel (s); raise `DataError` where it is too little."""
         held_s = sum(float(touching(one, self.array).sum()) / one.rate_hz for one in self._blocks())
         if held_s < _LEAST_S:
-            least_v = PUBLISHED_CONTACT.contact_volts
+            least_v = HELD.contact_volts
             found = f"{held_s:.1f} s of contact" if held_s else f"no contact (no taxel above {least_v:g} V)"
             raise DataError(
                 f"{self.name}: {found} in {self.seconds:.1f} s, at least {_LEAST_S:g} s are needed: grip an "
@@ -70,7 +71,7 @@ class Recording:
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Flags (n,) of scans in which some taxel is above the contact threshold."""
-    tracker = ContactTracker(array, PUBLISHED_CONTACT, block.rate_hz)
+    tracker = ContactTracker(array, HELD, block.rate_hz)
     return tracker.measure(block, Quantiser(array).process(block)).touches
 
 

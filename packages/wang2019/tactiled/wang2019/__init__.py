@@ -4,9 +4,10 @@
 In the paper                            Here
 ======================================  ==============================================================
 Slip: coif1 coefficient above 0.002 V   `slip`: the rule, and the end of a slip
-(no onset instant is stated)            `kink`: onset instant from the delay of the filter
 Three taxels of a column, 10 s          `texture`: which channels; the flow chart, online
 Frequency of largest amplitude (MAF)    `spectrum`
 Period and inclination (eqs 3 to 6)     `grooves`: cross-correlation, delays, ``D`` and ``alpha``
 ======================================  ==============================================================
+
+`detectors` makes both for a suite, as the setting ``wang2019``.
 """

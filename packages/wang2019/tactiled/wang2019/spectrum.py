@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ALIASED
 from tactiled.detect.signal.median import median
 from tactiled.events.types import TextureStatus
 
+# derived: of the scan rate: a ripple that is faster is near its own mirror image.
+_ALIASED = 0.45
 # prior: with fewer, a trend or creep passes for a ripple.
 _MIN_PERIODS = 3
 # derived: peak power over the median of the spectrum, summed over three taxels. White noise in 500 bins
@@ -59,7 +60,7 @@ def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_
     phasors = np.fft.rfft(volts - level - np.outer(time, trend), axis=0)
     frequency_hz = np.arange(len(phasors)) * (rate_hz / n)
     power = (np.abs(phasors) ** 2).sum(axis=1)
-    in_band = frequency_hz <= min(low_pass_hz, ALIASED * rate_hz)
+    in_band = frequency_hz <= min(low_pass_hz, _ALIASED * rate_hz)
     # The median of a gamma distribution of shape m is near 1 - 1 / (3 m) of its mean (Wilson-Hilferty).
     noise_power = n * volts_per_step**2 / 12 * n_taxels
     if in_band.sum() > 1:

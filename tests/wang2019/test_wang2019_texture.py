@@ -7,18 +7,19 @@ import pytest
 from touches import Touch, pieces, published, run, slips, textures
 
 from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
-from tactiled.detect.suite import Wang2019Params
-from tactiled.detect.wang2019.texture import PaperTexture, TextureParams
 from tactiled.events.types import SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock
+from tactiled.wang2019.grooves import GrooveLimits
+from tactiled.wang2019.slip import WaveletSlip
+from tactiled.wang2019.texture import PaperTexture
 
 WANG = load_array("wang2019-3x3")
-KNOWN_SPEED = TextureParams(speed_mm_s=1.0)
+KNOWN_SPEED = 1.0
 SLIDE = Touch(grooves=(1.2, 20.0), stop_s=40.0, lift_s=42.0, end_s=43.0)
 
 
-def detect(touch: Touch, texture: TextureParams = KNOWN_SPEED, array: Array = WANG) -> list[TextureEvent]:
-    return textures(published(array, Wang2019Params(texture=texture)).process(touch.block(array)))
+def detect(touch: Touch, speed_mm_s: float = KNOWN_SPEED, array: Array = WANG) -> list[TextureEvent]:
+    return textures(published(array, speed_mm_s).process(touch.block(array)))
 
 
 def slip_at(block: ScanBlock, scan: int, state: str = "onset") -> SlipEvent:
@@ -44,7 +45,7 @@ def slip_at(block: ScanBlock, scan: int, state: str = "onset") -> SlipEvent:
 
 def test_answers_every_ten_seconds_while_slip_lasts() -> None:
     block = SLIDE.block(WANG)
-    events = published(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block)
+    events = published(WANG, KNOWN_SPEED).process(block)
     onset = slips(events)[0]
     found = textures(events)
     first = onset.detected_s + 1.0 + 10.0
@@ -72,8 +73,8 @@ def test_scan_skew_of_the_channels_is_taken_off() -> None:
     touch = dataclasses.replace(SLIDE, grooves=(3.0, 10.0), speed_mm_s=10.0)
     offsets_s = 250e-6 * np.arange(36.0)  # 3 ms from row to row
     block = touch.block(WANG, 1000.0, offsets_s)
-    params = TextureParams(speed_mm_s=10.0, agreement_mm=0.05)
-    events = textures(published(WANG, Wang2019Params(texture=params)).process(block))
+    texture = PaperTexture(WANG, 10.0, limits=GrooveLimits(agreement_mm=0.05))
+    events = textures(texture.process(block, WaveletSlip(WANG).process(block)))
     assert events[0].status == "ok"
     assert abs(events[0].angle_deg - 10.0) <= 3 * events[0].angle_sd_deg
 
@@ -95,7 +96,7 @@ def test_a_slip_too_short_for_a_window_is_no_slip() -> None:
 
 
 def test_without_a_speed_it_cannot_answer() -> None:
-    found = detect(SLIDE, TextureParams())
+    found = detect(SLIDE, 0.0)
     assert [event.status for event in found] == ["no-slip"] * 3
     assert {(event.speed_mm_s, event.speed_source) for event in found} == {(0.0, "none")}
 
@@ -119,12 +120,12 @@ def test_a_window_that_ends_with_a_late_scan_is_stale_and_no_other() -> None:
     def statuses(late_scan: int) -> list[bool]:
         late = np.zeros(len(block), dtype=np.bool_)
         late[late_scan] = True
-        detector = published(WANG, Wang2019Params(texture=KNOWN_SPEED))
+        detector = published(WANG, KNOWN_SPEED)
         return [
             e.status == "stale" for e in textures(detector.process(dataclasses.replace(block, late=late)))
         ]
 
-    ends = textures(published(WANG, Wang2019Params(texture=KNOWN_SPEED)).process(block))
+    ends = textures(published(WANG, KNOWN_SPEED).process(block))
     last = int(np.searchsorted(block.time_s, ends[0].time_s))
     assert statuses(last) == [True, False, False]
     assert statuses(last - 500) == [False, False, False]

@@ -16,10 +16,9 @@ our f::
 
 A delay is known modulo the period of the ripple only, and each period that may be added is another answer.
 The ``t1 - t2`` over ``l1 - l2`` of the paper has the shortest baseline, so its answers are the furthest
-apart; where the gaps are equal, ``t1`` over ``l1`` is used. An answer must be no more inclined than
-`max_angle_deg` and no finer than `min_period_mm`, and every other answer must miss these limits by at least
-three of its standard deviations; otherwise the result is "ambiguous". The limits are the operator's knowledge
-of the surface: grooves outside them may be mistaken for others inside.
+apart; where the gaps are equal, there is none: "ambiguous". An answer must be no more inclined than
+65 degrees and no finer than 0.3 mm (`GrooveLimits`), and every other answer must miss these limits by at
+least three of its standard deviations; otherwise the result is "ambiguous".
 
 For motion along x, answers are ``D / (l cos a)`` apart in ``tan a``, so that one answer lies within +-A at
 any angle as long as ``D > l / cos A``. The shipped array has l = 0.3 mm. With A = 65 degrees that is 0.71 mm,
@@ -36,14 +35,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import MAX_CANDIDATES
-from tactiled.detect.wang2019.spectrum import Spectrum, spectrum
 from tactiled.events.types import Candidate, TextureStatus
-from tactiled.tomlfile import Params
+from tactiled.wang2019.spectrum import Spectrum, spectrum
 
+_MAX_CANDIDATES = 8  # choice: answers that an event lists
 # choice: within 30 degrees of the column, delays along it say little about the angle.
 _MIN_COS_COLUMN = 0.5
 # choice: an answer that is less than this outside the limits counts as one more, even where it is unlikely.
@@ -54,23 +51,19 @@ _COUNTED_SIGMAS = 3.0
 # deviation from it.
 _IMAGE_RAD = 0.102
 # derived: gaps that differ by less are equal: array files have two decimals.
-EQUAL_MM = 1e-6
+_EQUAL_MM = 1e-6
 
 
-class GrooveParams(Params):
-    """Parameters of the flow chart."""
+@dataclass(frozen=True)
+class GrooveLimits:
+    """Limits of the flow chart; the defaults are those of the paper and its plates."""
 
-    low_pass_hz: float = Field(
-        default=20.0, gt=0, description="upper end of the band in which ripples are looked for"
-    )
-    agreement_mm: float = Field(
-        default=0.01,
-        gt=0,
-        description="largest difference of the periods from maximum and minimum of the correlation",
-    )
-    max_angle_deg: float = Field(default=65.0, gt=0, lt=90, description="largest inclination considered")
-    # A third of the finest plate in the paper; a skin 0.8 mm thick hardly responds to anything finer.
-    min_period_mm: float = Field(default=0.3, ge=0.01, description="shortest groove period considered")
+    low_pass_hz: float = 20.0  # upper end of the band in which ripples are looked for
+    agreement_mm: float = 0.01  # largest difference of the periods from maximum and minimum
+    max_angle_deg: float = 65.0  # largest inclination considered
+    # shortest period considered: a third of the finest plate in the paper; a skin 0.8 mm thick hardly
+    # responds to anything finer
+    min_period_mm: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -104,14 +97,14 @@ def estimate(
     places_mm: FloatArray,
     offsets_s: FloatArray,
     motion: SlidingMotion,
-    params: GrooveParams,
+    limits: GrooveLimits,
 ) -> GrooveEstimate:
     """Estimate period and inclination from one window, as the flow chart does.
 
     Parameters
     ----------
     volts : (n, taxels) float64
-        Two or three taxels of one column, in ascending y.
+        Three taxels of one column, in ascending y.
     volts_per_step : float
         Resolution of the readings.
     places_mm : (taxels,) float64
@@ -129,47 +122,44 @@ def estimate(
     >>> phase = 2 * np.pi / 1.2 * (x_mm * np.cos(angle) + y_mm * np.sin(angle))
     >>> volts = 1 + 0.05 * np.cos(phase) + 0.005 * rng.standard_normal((1000, 3))
     >>> motion = SlidingMotion(1.0, 0.0, 0.0, 0.0)
-    >>> found = estimate(volts, 100.0, 1e-6, y_mm, np.zeros(3), motion, GrooveParams())
+    >>> found = estimate(volts, 100.0, 1e-6, y_mm, np.zeros(3), motion, GrooveLimits())
     >>> print(f"{found.status}: {found.period_mm:.2f} mm, {found.angle_deg:.1f} degrees")
     ok: 1.21 mm, 14.0 degrees
     """
     # Flow chart: low-pass; frequency of largest amplitude.
-    seen = spectrum(volts, rate_hz, volts_per_step, params.low_pass_hz)
+    seen = spectrum(volts, rate_hz, volts_per_step, limits.low_pass_hz)
     found = GrooveEstimate(seen.status, seen.peak_hz, seen.snr_db)
     if seen.status != "ok":
         return found
     if abs(np.cos(np.radians(motion.direction_deg))) < _MIN_COS_COLUMN or motion.direction_sd_deg > 45:
         return replace(found, status="ambiguous")  # the sign of the angle follows from that of the motion
     # Flow chart: pure sines at that frequency; cross-correlation of neighbours, its maximum and its minimum.
+    gaps_mm = np.diff(places_mm)
+    if len(gaps_mm) != 2 or abs(gaps_mm[0] - gaps_mm[1]) < _EQUAL_MM:
+        return replace(found, status="ambiguous")  # nothing to divide by
     period_s = 1.0 / seen.peak_hz
     bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
     # Ours: a taxel that is sampled later seems to lead by the skew.
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
-    gaps_mm = np.diff(places_mm)
     phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
     phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
-    # Flow chart: delays t1 - t2 over l1 - l2. Ours: t1 over l1 where the gaps are equal.
-    if len(gaps_mm) > 1 and abs(gaps_mm[0] - gaps_mm[1]) > EQUAL_MM:
-        gap_mm = float(gaps_mm[0] - gaps_mm[1])
-        delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
-        delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
-    else:
-        gap_mm = float(gaps_mm[0])
-        delays_s = _wrap_delays(leads_s[:, 0], period_s)
-        delay_sd_s = float(np.hypot(np.sqrt(1 / 12) / rate_hz, np.sqrt(2) * phase_sd_s))  # p1 - p0
+    # Flow chart: delays t1 - t2 over l1 - l2.
+    gap_mm = float(gaps_mm[0] - gaps_mm[1])
+    delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
+    delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
     # Ours: refuse where more than one period may have been added to the delay.
     readings = _possible_readings(
-        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, params
+        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, limits
     )
-    if len(readings) != 1 or not readings[0].is_within(params, 0.0):
-        return replace(found, status="ambiguous", candidates=_candidates(readings[:MAX_CANDIDATES]))
+    if len(readings) != 1 or not readings[0].is_within(limits, 0.0):
+        return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
     (reading,) = readings
     delays_s = delays_s + reading.turns * period_s
     answers = [_angle_and_period(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
     # Flow chart: two values of D, which must agree within 0.01 mm; the result is their mean.
     (angle_max, period_max), (angle_min, period_min) = answers
-    if abs(period_max - period_min) > params.agreement_mm:
+    if abs(period_max - period_min) > limits.agreement_mm:
         both = [
             reading._replace(angle_deg=angle_deg, period_mm=period_mm) for angle_deg, period_mm in answers
         ]
@@ -235,11 +225,11 @@ class _Reading(NamedTuple):
     period_sd_mm: float
     turns: int
 
-    def is_within(self, params: GrooveParams, sigmas: float) -> bool:
+    def is_within(self, limits: GrooveLimits, sigmas: float) -> bool:
         """True within the limits, or outside them by no more than so many standard deviations."""
         return (
-            abs(self.angle_deg) <= params.max_angle_deg + sigmas * self.angle_sd_deg
-            and self.period_mm >= params.min_period_mm - sigmas * self.period_sd_mm
+            abs(self.angle_deg) <= limits.max_angle_deg + sigmas * self.angle_sd_deg
+            and self.period_mm >= limits.min_period_mm - sigmas * self.period_sd_mm
         )
 
 
@@ -250,11 +240,11 @@ def _possible_readings(
     frequency_hz: float,
     frequency_sd_hz: float,
     motion: SlidingMotion,
-    params: GrooveParams,
+    limits: GrooveLimits,
 ) -> list[_Reading]:
     """Every answer within or near the limits for a delay known modulo the period; smallest angle first."""
     # |sin a| / D = |t| f / l is at most 1 / D. One more for the standard deviations, one for rounding.
-    most = int(abs(gap_mm) / params.min_period_mm) + 2
+    most = int(abs(gap_mm) / limits.min_period_mm) + 2
     readings = []
     for turns in range(-most, most + 1):
         turned_s = delay_s + turns / frequency_hz
@@ -262,7 +252,7 @@ def _possible_readings(
         sigmas = _standard_deviations(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
         readings.append(_Reading(*answer, *sigmas, turns))
     return sorted(
-        (r for r in readings if r.is_within(params, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg)
+        (r for r in readings if r.is_within(limits, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg)
     )
 
 

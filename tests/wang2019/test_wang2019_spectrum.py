@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import detrend, periodogram
 
 from tactiled.array import FloatArray
-from tactiled.detect.wang2019.spectrum import spectrum
+from tactiled.wang2019.spectrum import spectrum
 
 STEP = 8.0 / 2**23
 
