@@ -190,7 +190,7 @@ def _model_slip(array: Array, params: DetectParams) -> ContactDetector:
     """Make the slip detector of the contact filter, which needs shear over load, or what sliding shows."""
     if array.measures_ratio:
         return GripDetector(array, params.grip)
-    return SlidingSlip(array, GripDetector(array, params.grip))
+    return SlidingSlip(array, params.grip.contact)
 
 
 _OWN = DetectorFactories(slip=_model_slip, texture=_joint_texture)

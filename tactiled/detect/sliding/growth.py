@@ -138,7 +138,7 @@ class GrowthTracker:
             self._n_slow = self._n_slow + 1 if over[0] < _STOPS else 0
             if self._n_slow >= self._n_stops:
                 self.slides = False
-                return Change(row, False, float(over[0]), 0)
+                return Change(row, False, float(over[0]), 0, is_gross=False)
             return None
         is_new = is_held & (self._since_slip >= self._spans)  # none of the slip before
         if not (found := np.flatnonzero((over > GROWS) & lasts & is_new)).size:
