@@ -187,7 +187,6 @@ class BoardRunner:
         try:
             self.act(self._link.received(data, now_s, self._publish, self._record_read, self._send_scans))
             end_s = time.monotonic()
-            self.metrics.handled(end_s - now_s)
             self._shared.turns.add(end_s, end_s - now_s)
         except Exception as error:  # as in `_attempt`, without a call between bytes and scan
             self._failed(error)

@@ -7,7 +7,7 @@ is version 0.0.4 of prometheus.io/docs/instrumenting/exposition_formats: base un
 
 import bisect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import accumulate, starmap
 from typing import Literal, get_args
 
@@ -18,7 +18,6 @@ from tactiled.events.types import (
     Event,
     RecordingEvent,
     ScanEvent,
-    Sent,
     SlipEvent,
     StatusEvent,
     Suppressed,
@@ -28,8 +27,8 @@ from tactiled.version import __version__
 
 # From the transfer of one frame (7 ms at 115200 baud) over FTDI buckets (16 ms) and stalls to backlogs.
 _LATENCY_S = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 5.0)
-# From a frame with warm caches (50 us) over cold caches to a host that has stopped working.
-_HANDLING_S = (0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.05, 0.1, 1.0)
+# From a turn with warm caches (50 us) over cold caches to a host that has stopped working.
+_LAG_S = (0.0001, 0.0002, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.05, 0.1, 1.0)
 _CONTACTS = get_args(Health.__annotations__["contact"])
 _STATES = get_args(BoardState)
 
@@ -69,27 +68,18 @@ METRICS: Mapping[str, Metric] = {
     "scan_age_seconds": Metric("gauge", "Age of the newest scan."),
     "scan_rate_hertz": Metric("gauge", "Scan rate that the board states."),
     "clock_sd_seconds": Metric("gauge", "Standard deviation of the times of scans; 1e9 while it is unknown."),
-    "clock_drift_ratio": Metric("gauge", "Part by which the board's clock is slower than the host's."),
     "contact": Metric("gauge", "1 for the present state of the contact, 0 for all others.", ("state",)),
-    "slipping": Metric("gauge", "1 from the onset of a slip to its end, else 0."),
-    "inhibited_seconds": Metric("gauge", "Remaining time for which slips are marked as not valid."),
-    "connects_total": Metric("counter", "Number of times that the port was opened."),
-    "uptime_seconds": Metric("gauge", "Time since the daemon started."),
     "scan_latency_seconds": Metric("histogram", "Time from a scan to its handling."),
     "loop_lag_seconds": Metric("histogram", "Longest turn of the event loop in each tenth of a second."),
-    "handling_seconds": Metric("histogram", "Time from a read of the port to the last message from it."),
     "slip_onsets_total": Metric(
         "counter", "Onsets of slip, and which announcement explains them.", ("kind", "suppressed")
     ),
-    "messages_total": Metric("counter", "Messages of this board by topic.", ("topic",)),
     "messages_refused_total": Metric(
         "counter", "Messages dropped for subscribers without keys that do not keep up."
     ),
     "recording": Metric("gauge", "1 while a recording is written, else 0."),
-    "recorded_bytes": Metric("gauge", "Size of the recording."),
     "disk_free_bytes": Metric("gauge", "Free space of the disk that holds the recording."),
     "reads_unrecorded_total": Metric("counter", "Reads of the port that are in no recording."),
-    "reads_waiting": Metric("gauge", "Reads of the port that wait for the disk."),
 }
 """All metrics; the names on the page begin with ``tactiled_``."""
 
@@ -137,8 +127,7 @@ class Metrics:
         self._board = board
         self._line_errors = line_errors
         self._latency = Histogram(_LATENCY_S)
-        self._handling = Histogram(_HANDLING_S)
-        self._lag = Histogram(_HANDLING_S)
+        self._lag = Histogram(_LAG_S)
         self._status: StatusEvent | None = None
         self._recording: RecordingEvent | None = None
         self._dropped = 0
@@ -156,10 +145,6 @@ class Metrics:
             self._lag.add(event.loop_lag_s)
         elif isinstance(event, RecordingEvent):
             self._recording = event
-
-    def handled(self, duration_s: float) -> None:
-        """Count the handling time of a read of the port, from its arrival to its last message."""
-        self._handling.add(duration_s)
 
     def families(self) -> Iterator[Family]:
         """Yield all metrics, with the serial number of the board as label ``board``."""
@@ -190,24 +175,15 @@ class Metrics:
         yield "scan_age_seconds", _one(status.age_s)
         yield "scan_rate_hertz", _one(status.rate_hz)
         yield "clock_sd_seconds", _one(status.clock_sd_s)
-        yield "clock_drift_ratio", _one(1e-6 * status.clock_rate_ppm)
         yield "contact", _enum("state", _CONTACTS, status.contact)
-        yield "slipping", _one(status.slipping)
-        yield "inhibited_seconds", _one(status.inhibited_s)
-        yield "connects_total", _one(status.connects)
-        yield "uptime_seconds", _one(status.uptime_s)
 
     def _delivery(self) -> Iterator[Family]:
         yield "scan_latency_seconds", list(self._latency.samples())
         yield "loop_lag_seconds", list(self._lag.samples())
-        yield "handling_seconds", list(self._handling.samples())
         slips: list[Sample] = [
             ("", {"kind": kind, "suppressed": by or "no"}, n) for (kind, by), n in self._slips.items()
         ]
         yield "slip_onsets_total", slips
-        if self._status is not None:
-            sent = {field.name: getattr(self._status.sent, field.name) for field in fields(Sent)}
-            yield "messages_total", _by("topic", sent)
         yield "messages_refused_total", _one(self._dropped)
 
     def _disk(self) -> Iterator[Family]:
@@ -215,10 +191,8 @@ class Metrics:
         if recording is None:
             return
         yield "recording", _one(recording.state == "recording")
-        yield "recorded_bytes", _one(recording.bytes_written)
         yield "disk_free_bytes", _one(1e6 * recording.free_mb)
         yield "reads_unrecorded_total", _one(recording.reads_dropped)
-        yield "reads_waiting", _one(recording.reads_waiting)
 
 
 def metrics_text(boards: Iterable[Metrics]) -> str:

@@ -97,11 +97,8 @@ def test_a_daemon_with_a_board_is_scraped(tmp_path: Path) -> None:
     assert value(families, "tactiled_state", state="stalled") == 0
     assert value(families, "tactiled_valid") == 1
     assert value(families, "tactiled_scan_rate_hertz") == 100
-    assert value(families, "tactiled_connects_total") == 1
-    assert value(families, "tactiled_messages_total", topic="scan") > 0
     count = value(families, "tactiled_scan_latency_seconds_count")
     assert count == value(families, "tactiled_scan_latency_seconds_bucket", le="+Inf") >= 20
-    assert value(families, "tactiled_handling_seconds_count") > 0
     described = {name: set(metric.labels) for name, metric in METRICS.items()}
     assert labels_of(families).items() <= described.items()
     of_uarts_and_disks = described.keys() - labels_of(families)
