@@ -89,7 +89,6 @@ def test_help_of_each_verb_has_an_example(tactiled: Tactiled, verb: str) -> None
         (["export", "none.mcap", "--csv", "x.csv"], "none.mcap: cannot be read"),
         (["command", "tare", "force"], "FIELD=VALUE"),
         (["keys", "make", "a/b"], "letters"),
-        (["keys", "list"], "tactiled keys make"),
         (["tune", "--quiet", "a.csv"], "both --quiet FILE and --motion FILE"),
         (["tune", "--quiet", "none.csv", "--motion", "none.csv"], "none.csv: cannot be read"),
         (["tune", "nonsense"], "nonsense"),

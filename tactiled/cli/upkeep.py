@@ -223,21 +223,6 @@ def keys_make(name: str, folder: Path, out: Path | None) -> None:
     click.echo(f"{carry}: for {name}, secret; {folder} lets it in", err=True)
 
 
-@keys.command("list")
-@FOLDER
-def keys_list(folder: Path) -> None:
-    """Print the clients that may connect, one JSON line per client.
-
-    Example: tactiled keys list --folder /etc/tactiled/keys
-    """
-    from tactiled.daemon.zmq.security import KeyFolder
-
-    folder_keys = KeyFolder(folder)
-    click.echo(f"{folder}: the daemon is {folder_keys.pair()[0].decode()}", err=True)
-    for key, name in sorted(folder_keys.clients().items(), key=lambda entry: entry[1]):
-        click.echo(json.dumps({"name": name, "public_key": key.decode()}))
-
-
 @click.command()
 @click.argument("name", required=False)
 @PORT

@@ -20,9 +20,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from tactiled.daemon.board.diagnosis import other_layouts
 from tactiled.daemon.board.link import STOP_S, LoopTurns, make_link
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.metrics import Metrics
@@ -101,7 +100,7 @@ class BoardRunner:
         self._pipeline = pipeline
         self._encoder = Encoder(pipeline.layout)
         baud = params.port.baud or pipeline.layout.file.baud
-        self._link = make_link(pipeline, params.session, baud, other_layouts(pipeline.layout), shared.turns)
+        self._link = make_link(pipeline, params.session, baud, shared.turns)
         session = self._session = self._link.session
         self._connection = Connection(params.port.url, baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)

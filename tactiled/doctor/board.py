@@ -6,12 +6,13 @@ that sends frames is waited for.
 
 import asyncio
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
+from tactiled import resources
 from tactiled.config import Setup
-from tactiled.daemon.board.diagnosis import frames_of, other_layouts
 from tactiled.daemon.board.link import STOP_S, make_link
 from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
@@ -20,9 +21,9 @@ from tactiled.errors import PortError
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health
 from tactiled.samples.clock import RateMeter
-from tactiled.wire.codec import Encoder
-from tactiled.wire.frames import Command, Hello
-from tactiled.wire.layout import Layout
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Command, Corrupt, Hello
+from tactiled.wire.layout import Layout, load_layout
 
 LISTEN_S = 2.0  # a cause is named after one second; 200 scans give the rate to 1 %
 _LATEST_S = 10.0  # for a board that sends frames and does not run yet
@@ -33,6 +34,7 @@ _TAIL_BYTES = 4096  # several hellos or dozens of scans of any layout
 _SAME_RATE = 0.03  # relative; the window of 200 scans is not aligned to scans
 _SURE_SD_S = 2e-3  # usual after 2 s with a latency timer of 16 ms; 0.1 ms without
 _NOISY_PART = 0.01
+_LEAST_FRAMES = 2  # of a layout: one may be chance
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     """
     layout, pipeline = setup.layout, setup.make_pipeline()
     listen_s = LISTEN_S + (RateMeter.LEAST_S if layout.measures_rate else 0.0)
-    link = make_link(pipeline, setup.config.session, baud, other_layouts(layout))
+    link = make_link(pipeline, setup.config.session, baud)
     session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []
@@ -181,6 +183,21 @@ async def _search(setup: Setup, url: str, baud: int, received: bytes) -> list[Fi
             remedy = f'set port.baud = {other} and board.protocol = "{name}"'
             return [Finding("search", "fail", words, remedy, {"protocol": name, "baud": other})]
     return [Finding("search", "fail", f"no frame of {', '.join(layouts)} at any usual baud rate")]
+
+
+def other_layouts(layout: Layout) -> dict[str, Layout]:
+    """Load all shipped layouts except this one, by their names in board.protocol."""
+    shipped = {name: load_layout(name) for name in resources.shipped_names("protocols")}
+    return {name: other for name, other in shipped.items() if other.name != layout.name}
+
+
+def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:
+    """Return the name of the first layout that decodes frames in `data`, or None."""
+    for name, layout in layouts.items():
+        frames = Decoder(layout).feed(data)
+        if sum(not isinstance(frame, Corrupt) for frame in frames) >= _LEAST_FRAMES:
+            return name
+    return None
 
 
 async def _heard(layout: Layout, url: str, baud: int) -> bytes:

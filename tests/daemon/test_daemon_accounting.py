@@ -7,7 +7,7 @@ from scan_accounting import ScanAccounting
 from simulated_link import SimulatedLink, grasps
 
 from tactiled.array import load_array
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.events.types import Event, StatusEvent

@@ -21,7 +21,7 @@ from patience import PATIENCE_S
 from prometheus_client.parser import text_string_to_metric_families
 
 from tactiled.client import AsyncCommander
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.operations.exporter import MetricsParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import ServedBoard, ServiceParams

@@ -174,7 +174,7 @@ def test_another_protocol_is_named(setup: Setup, tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(board_checks, "_TRY_S", 0.2)
     with emulated(tmp_path / "board", layout="legacy-9"):
         findings, _ = check_board(setup)
-    assert any("these are frames of legacy-9" in fault for fault in failed(findings))
+    assert "search: the board sends frames of legacy-9" in failed(findings)
     assert by_check(findings)["search"].remedy == 'set board.protocol = "legacy-9"'
 
 

@@ -18,7 +18,7 @@ from patience import PATIENCE_S
 
 from tactiled.array import load_array
 from tactiled.client import Client, Message
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service

@@ -13,7 +13,7 @@ from boards import LAYOUT, descriptors, until_ports_are_tried
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from tactiled.array import Array
 from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.board.identity import EmulatedBoardParams

@@ -7,8 +7,8 @@ measured by sampling a board's bits at a wrong rate and by feeding other protoco
 =================  =======================================================================================
 wrong baud         no structure: "stuffing", "overlong", "length"; where the UART counts, framing errors
 text               bytes of a console or a bootloader: printable, whatever the reasons
-another protocol   "type": intact frames, checksum and all, that the layout does not know; or frames of a
-                   layout that ships with tactiled; or no structure while the UART sees no framing error
+another protocol   "type": intact frames, checksum and all, that the layout does not know; or no structure
+                   while the UART sees no framing error
 heavy noise        "checksum", or "value" in a protocol without one: the structure stands, the content is
                    damaged
 noise              most frames are good, a few are not
@@ -19,22 +19,14 @@ full buffer        frames are intact, sequence numbers are missing and no flag s
 
 import math
 from collections import Counter, deque
-from collections.abc import Mapping
-from functools import cache
-from types import MappingProxyType
 
-from tactiled import resources
 from tactiled.pipeline import Health
-from tactiled.wire.codec import Decoder
-from tactiled.wire.frames import Corrupt
-from tactiled.wire.layout import Layout, load_layout
 
 HICCUP_S = 1.0  # shortest silence or noise for which a cause is named
 _WINDOW_S = 10.0  # length of the sliding window over which damaged bytes and missed scans are counted
 _MARK_S = 1.0  # period at which counts are stored for that window
 _TAIL_BYTES = 1024  # some ten frames of any layout; so many random bytes are never 90 % printable
 _LEAST_TEXT = 32  # fewer printable bytes than this may be chance
-_LEAST_FRAMES = 2  # of another layout: one may be chance
 _TEXT_PART = 0.9  # least share of printable bytes in text
 _MAIN_PART = 0.5  # least share of the rejections that the main reason has
 _NOISY_PART = 0.01  # share of damaged bytes: a good cable has none; 1 % is a frame a second
@@ -46,14 +38,12 @@ _FRAMING_PART = 0.02  # a line at the right rate has none; at a wrong one every 
 class LineWatch:
     """Watch bytes, frames and counters of a line, and name what is wrong with it.
 
-    `protocol` and `baud` are named in messages. `others` are layouts to try on bytes that are no frames of
-    this protocol, by their names in board.protocol.
+    `protocol` and `baud` are named in messages.
     """
 
-    def __init__(self, protocol: str, baud: int, others: Mapping[str, Layout] = MappingProxyType({})) -> None:
+    def __init__(self, protocol: str, baud: int) -> None:
         self._protocol = protocol
         self._baud = baud
-        self._others = others
         self.reset(0.0)
 
     def reset(self, now_s: float, *, is_pty: bool = False) -> None:
@@ -189,8 +179,6 @@ class LineWatch:
             return "text", f"this is text ({shown!r}): a console or a bootloader speaks, not the firmware"
         if is_misframed:
             return "baud", f"wrong baud rate ({self._baud} configured): the UART counts framing errors"
-        if (other := frames_of(self._tail, self._others)) is not None:
-            return other, f"wrong protocol ({self._protocol} configured): these are frames of {other}"
         if reasons["type"] >= _MAIN_PART * max(total, 1):
             return "type", (
                 f"wrong protocol ({self._protocol} configured): intact frames of another one or version; "
@@ -205,28 +193,8 @@ class LineWatch:
             return "protocol", f"wrong protocol ({self._protocol} configured); {self._baud} baud is right"
         return "structure", (
             f"no frame structure in it: wrong baud rate ({self._baud} configured) most likely, "
-            f"else wrong protocol ({self._protocol} configured)"
+            f"else wrong protocol ({self._protocol} configured); tactiled doctor looks for both"
         )
-
-
-def other_layouts(layout: Layout) -> dict[str, Layout]:
-    """Load all shipped layouts except this one, by their names in board.protocol."""
-    return {name: other for name, other in _shipped_layouts().items() if other.name != layout.name}
-
-
-@cache
-def _shipped_layouts() -> dict[str, Layout]:
-    """Layouts by name; every board of a process uses the same ones."""
-    return {name: load_layout(name) for name in resources.shipped_names("protocols")}
-
-
-def frames_of(data: bytes, layouts: Mapping[str, Layout]) -> str | None:
-    """Return the name of the first layout that decodes frames in `data`, or None."""
-    for name, layout in layouts.items():
-        frames = Decoder(layout).feed(data)
-        if sum(not isinstance(frame, Corrupt) for frame in frames) >= _LEAST_FRAMES:
-            return name
-    return None
 
 
 def _printable(data: bytes) -> float:

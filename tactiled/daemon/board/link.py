@@ -6,21 +6,18 @@ real port and clock or with simulated ones.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
-from types import MappingProxyType
 from typing import Any
 
 from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import SessionParams
-from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.session import Session, SessionParams
 from tactiled.events.types import Event, InfoEvent, ScanEvent, StatusEvent
 from tactiled.pipeline import Health, Pipeline, check_hello
 from tactiled.received import Output, Received
 from tactiled.version import __version__
 from tactiled.wire.frames import Acknowledge, Command, Hello
-from tactiled.wire.layout import Layout
 
 # An open port that delivers no byte may be a dead descriptor, so it is closed and opened again. Each interval
 # is twice the one before, because a board without power is silent too. A stall of a board that sends bytes is
@@ -283,14 +280,10 @@ def make_link(
     pipeline: Pipeline,
     params: SessionParams,
     baud: int,
-    others: Mapping[str, Layout] = MappingProxyType({}),
     turns: LoopTurns | None = None,
 ) -> BoardLink:
-    """Make the link to the board that `pipeline` was made for; raises as `Session`.
-
-    See `LineWatch` for `others`.
-    """
+    """Make the link to the board that `pipeline` was made for; raises as `Session`."""
     layout, array = pipeline.layout, pipeline.array
-    line = LineWatch(layout.name, baud, others)
+    line = LineWatch(layout.name, baud)
     session = Session(params, layout, lambda hello: check_hello(hello, layout, array), line)
     return BoardLink(pipeline, session, line, turns)

@@ -25,11 +25,13 @@ Every input takes ``now_s`` and returns the commands to send; `deadline_s` says 
 import math
 from collections.abc import Callable
 
+from pydantic import Field
+
 from tactiled.daemon.board.asking import ANSWER_S, Asking, Pinging
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import SessionParams, is_same_rate
 from tactiled.errors import ConfigError
 from tactiled.events.types import BoardState
+from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
 
@@ -39,6 +41,26 @@ FOREIGN_S = 1.0
 # least a few FTDI buckets of 16 ms.
 SILENT_PERIODS = 5.0
 SILENT_LEAST_S = 0.05
+_SAME_RATE = 1e-3  # relative: board timers divide, and the wire rounds to millihertz
+
+
+class SessionParams(Params):
+    """Identity and scan rate of the board."""
+
+    board_serial: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Serial number of the only board to accept (`tactiled listen -t info` shows it). Omit it "
+        "where only one board can be plugged in; give it where a host has two hands, because data of the "
+        "left hand on the right hand's port would be accepted and wrong.",
+    )
+    rate_hz: float | None = Field(
+        default=None,
+        gt=0,
+        le=10_000,
+        description="Scan rate to set, in Hz; it is restored after every replug and reset. Omit it to keep "
+        "the board's own rate. Grooves need more than twice (sliding speed / groove period).",
+    )
 
 
 class Session:
@@ -272,7 +294,7 @@ class Session:
         if not self._known:
             return "identify" if self._layout.has("identify") else None
         asked_hz = self.params.rate_hz
-        if asked_hz is not None and not is_same_rate(self.rate_hz, asked_hz):
+        if asked_hz is not None and not math.isclose(self.rate_hz, asked_hz, rel_tol=_SAME_RATE):
             return "stop" if self._streaming and self._layout.has("stop") else "set_rate"
         if not self._streaming and self._layout.has("start"):
             return "start"

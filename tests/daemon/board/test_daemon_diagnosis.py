@@ -10,7 +10,8 @@ from boards import LAYOUT, SimBoard
 from uart import received_at
 
 from tactiled.array import load_array
-from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch, frames_of, other_layouts
+from tactiled.daemon.board.diagnosis import HICCUP_S, LineWatch
+from tactiled.doctor.board import frames_of
 from tactiled.pipeline import Health, Pipeline
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Scan
@@ -44,7 +45,7 @@ class Line:
 
     def __init__(self, parts: list[bytes], framing_errors: list[int] | None = None) -> None:
         layout = LAYOUT
-        self.watch = LineWatch(layout.name, BAUD, other_layouts(layout))
+        self.watch = LineWatch(layout.name, BAUD)
         decoder, reasons = Decoder(layout), Counter[str]()
         self.watch.reset(0.0)
         self.watch.count(EMPTY, None if framing_errors is None else 0, 0.0)
@@ -85,11 +86,6 @@ def test_the_uart_model_receives_what_was_sent_at_the_same_rate() -> None:
     data = b"".join(scans(LAYOUT, 5))
     assert received_at(data, BAUD, BAUD) == (data, 0)
     assert received_at(data, BAUD * 1.02, BAUD) == (data, 0)  # two crystals differ by less
-
-
-def test_frames_of_another_shipped_layout_are_named() -> None:
-    line = Line(scans(LEGACY))
-    assert f"wrong protocol ({LAYOUT.name} configured): these are frames of {LEGACY.name}" in line.fault
 
 
 def test_clean_bytes_that_are_no_frames_are_another_protocol_where_the_uart_counts() -> None:

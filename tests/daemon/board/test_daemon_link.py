@@ -20,8 +20,7 @@ from patience import PATIENCE_S
 from tactiled.array import Array
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.link import SILENT_S, BoardLink
-from tactiled.daemon.board.requirements import SessionParams
-from tactiled.daemon.board.session import Session
+from tactiled.daemon.board.session import Session, SessionParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import PortParams

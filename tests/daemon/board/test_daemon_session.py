@@ -12,8 +12,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from tactiled.array import load_array
 from tactiled.daemon.board.asking import MAX_TRIES
 from tactiled.daemon.board.diagnosis import LineWatch
-from tactiled.daemon.board.requirements import SessionParams
-from tactiled.daemon.board.session import FOREIGN_S, Session
+from tactiled.daemon.board.session import FOREIGN_S, Session, SessionParams
 from tactiled.errors import ConfigError
 from tactiled.pipeline import Pipeline
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello

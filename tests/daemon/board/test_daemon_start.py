@@ -4,7 +4,7 @@ import pytest
 
 from tactiled.array import load_array
 from tactiled.daemon.board.link import make_link
-from tactiled.daemon.board.requirements import SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.named import named_scene
