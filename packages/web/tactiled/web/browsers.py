@@ -47,12 +47,17 @@ class Browser:
             if len(self._live) > _LIVE_FRAMES:
                 self._live.popleft()
                 self._dropped += 1
-        self._filled.set()
+        self._wake()
 
     def answered(self) -> None:
         """Note that the browser has taken a frame."""
         self._in_flight = max(0, self._in_flight - 1)
-        self._filled.set()
+        self._wake()
+
+    def _wake(self) -> None:
+        """Let `send_all` go on where there is something to send: to wake a task for nothing costs, too."""
+        if self._kept or self._live:
+            self._filled.set()
 
     async def send_all(self) -> None:
         """Send queued frames until the connection ends or the browser is hopelessly behind."""

@@ -11,7 +11,7 @@ import { startTheme, switchTheme } from "./theme.js";
 import { eventWords } from "./words.js";
 
 const RECORDED_MS = 1000 / 15; // from one picture of a recording to the next
-const SILENT_MS = 100;         // without a frame of the server until the next picture, which shows older data
+const SILENT_MS = 150;         // after a picture without a frame that asks for the next one: the age of the data grows
 const MOST_BOARDS = 16;
 
 const boards = new Map();  // "source/name" -> BoardPanel
@@ -72,7 +72,8 @@ function feed(messages) {
 function onFrame(frame) {
   if (frame.dropped !== undefined) { dropped += frame.dropped; return; }
   feed(frame.m);
-  ask();
+  const perf = perfSeconds();
+  if ([...boards.values()].some((panel) => panel.isDue(perf))) ask();
 }
 
 /** Draw with the next frame of the screen. Copying the canvases is most of what the page costs. */

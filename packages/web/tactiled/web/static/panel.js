@@ -11,8 +11,8 @@ import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
-const PICTURE_S = 0.1;    // numbers, skin: faster cannot be read, and painting is most of what the page costs
-const PLOT_S = 0.2;       // timeline: two pixels of a minute
+const PICTURE_S = 0.1;    // skin: painting is most of what the page costs
+const NUMBERS_S = 0.2;    // numbers and timeline: faster cannot be read, and is two pixels of a minute
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
@@ -43,7 +43,7 @@ export class BoardPanel {
     historyControls(find, this);
     this.scope = new Scope(find(".scope .plot"));
     this.spectrum = new Spectrum(find(".spectrum .plot"));
-    this.due = { picture: 0, plot: 0, slow: 0 };
+    this.due = { picture: 0, numbers: 0, slow: 0 };
     this.drawn = { changed: -1, state: "", events: -1 };
     this.retry = 0;
     this.visible = new WeakMap();
@@ -59,20 +59,30 @@ export class BoardPanel {
     if (this.root.hidden) return;
     const lamp = replay === null ? this.steady.follow(freshness(board, now, connected), perf) : recorded(board, now, replay.words);
     this.lamp = lamp;
-    const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
+    const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows, isNews = changed || this._hasEvent();
     if (changed) this._lampChanged(lamp);
-    if (changed || perf >= this.due.picture || board.eventCount !== this.drawn.events) {
+    if (isNews || perf >= this.due.picture) {
       this.due.picture = perf + PICTURE_S;
-      this._texts(lamp, now);
       if (this.visible.get(this.canvas) !== false && (changed || board.changed !== this.drawn.changed)) this.skin.draw(board, lamp.shows ?? lamp.state);
       this.drawn.changed = board.changed;
     }
-    if (perf >= this.due.plot && now !== null) {
-      this.due.plot = perf + PLOT_S;
-      board.knownUntil = lamp.state === "stale" || lamp.state === "none" ? Math.max(board.newestScan?.timestamp ?? 0, board.points.t.at(-1) ?? 0) : now;
-      if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, this.skin.full, replay === null ? 0 : replay.origin);
+    if (isNews || perf >= this.due.numbers) {
+      this.due.numbers = perf + NUMBERS_S;
+      this._texts(lamp, now);
+      if (now !== null) this._timeline(lamp, now, replay === null ? 0 : replay.origin);
     }
     if (perf >= this.due.slow && now !== null) { this.due.slow = perf + SLOW_S; this._slow(now); }
+  }
+
+  /** Whether a picture at this instant would show something new. */
+  isDue(perf) { return !this.root.hidden && (perf >= this.due.picture || this._hasEvent()); }
+
+  _hasEvent() { return this.board.eventCount !== this.drawn.events; }
+
+  _timeline(lamp, now, origin) {
+    const { board } = this;
+    board.knownUntil = lamp.state === "stale" || lamp.state === "none" ? Math.max(board.newestScan?.timestamp ?? 0, board.points.t.at(-1) ?? 0) : now;
+    if (this.visible.get(this.timelinePlace) !== false) this.timeline.draw(board, now, this.skin.full, origin);
   }
 
   /** A message or drawing failed: what is shown may be old, so it is grey. Tried again after a second. */
@@ -116,7 +126,7 @@ export class BoardPanel {
     this._strip();
     this._hover();
     showSettings(this.root, board);
-    if (board.eventCount !== this.drawn.events) { this.drawn.events = board.eventCount; this._events(); }
+    if (this._hasEvent()) { this.drawn.events = board.eventCount; this._events(); }
     if (at.readings.open) this._readings();
   }
 

@@ -1,5 +1,6 @@
 // The array to scale: load as discs, shear as arrows, grooves under it, broken channels marked.
 
+import { sum } from "./board.js";
 import { colour, fit } from "./theme.js";
 import { sig } from "./words.js";
 
@@ -12,10 +13,9 @@ export class SkinPicture {
     this.legend = legend;
     this.full = 0;           // reading of a full disc and of a full arrow, in the unit of the array
     this.ranged = null;      // geometry for which it was chosen
+    this.shown = "";         // what the picture is of, as text
     this.chosen = 0;
     this.places = [];
-    this.phase = 0;
-    this.phaseAt = null;
     this.onChoose = () => {};
     canvas.addEventListener("click", (event) => this._click(event));
     canvas.addEventListener("keydown", (event) => this._key(event));
@@ -46,10 +46,15 @@ export class SkinPicture {
 
   draw(board, state) {
     const { context: c, width, height } = fit(this.canvas);
+    const g = board.geometry, places = g === null ? [] : SkinPicture.layout(g);
+    const scan = board.newestScan, live = state === "fresh" || state === "late" || state === "replay";
+    const felt = g === null || scan === null || scan.volts.length !== board.zero.length ? null : board.felt(scan);
+    const centre = live ? centreOf(board, felt, places) : null;
+    const shown = this._shown(board, state, felt, centre);
+    if (shown === this.shown) return;
+    this.shown = shown;
     c.clearRect(0, 0, width, height);
-    const g = board.geometry;
     if (g === null) { this._words(c, width, height, "no array yet"); return; }
-    const places = SkinPicture.layout(g);
     const pitch = nearest(places);
     const xs = places.map((p) => p.x), ys = places.map((p) => p.y);
     const left = Math.min(...xs), right = Math.max(...xs), low = Math.min(...ys), high = Math.max(...ys);
@@ -60,7 +65,6 @@ export class SkinPicture {
     const rim = 0.41 * pitch * scale;
     const box = { x: px(left) - 0.62 * pitch * scale, y: py(high) - 0.62 * pitch * scale, w: span.x * scale, h: span.y * scale };
 
-    const live = state === "fresh" || state === "late" || state === "replay";
     c.save();
     roundRect(c, box.x, box.y, box.w, box.h, 0.2 * pitch * scale);
     c.fillStyle = colour("skin"); c.fill();
@@ -69,8 +73,6 @@ export class SkinPicture {
     c.restore();
     c.lineWidth = 1; c.strokeStyle = colour("line"); roundRect(c, box.x, box.y, box.w, box.h, 0.2 * pitch * scale); c.stroke();
 
-    const scan = board.newestScan;
-    const felt = scan === null || scan.volts.length !== board.zero.length ? null : board.felt(scan);
     const inContact = new Set(board.touch !== null && board.touch.state !== "none" ? board.touch.taxels : []);
     const slipping = new Set(board.slip !== null ? board.slip.taxels : []);
     this.places = places.map((p, i) => ({ i, x: px(p.x), y: py(p.y), r: rim }));
@@ -80,11 +82,20 @@ export class SkinPicture {
     }
     if (felt !== null) for (const p of this.places) this._arrow(c, p, felt.x[p.i], felt.y[p.i], live);
     this._health(c, board);
-    this._centre(c, board, felt, px, py, places, live);
+    if (centre !== null) this._centre(c, px(centre.x), py(centre.y));
     if (live && board.slip !== null && board.slip.direction_sd_deg < 90) this._slip(c, board.slip, box);
     this._axes(c, box, scale, g);
     if (!live) this._veil(c, box, state);
     this._legendWords(g, state);
+  }
+
+  /** Text that is the same while the picture is: sizes to half a pixel, since painting costs more than all else. */
+  _shown(board, state, felt, centre) {
+    const { geometry: g, touch, slip, texture } = board, parts = (values) => values.map((v) => Math.round(100 * v / this.full));
+    return JSON.stringify([state, this.canvas.width, this.canvas.height, colour("ink"), this.full, this.chosen, g?.array, g?.words, board.health,
+      touch?.state, touch?.taxels, slip?.taxels, slip?.direction_deg, slip?.direction_sd_deg, texture?.status, texture?.period_mm, texture?.angle_deg,
+      felt && [felt.load.map((v) => Math.sign(v) * Math.round(100 * Math.sqrt(Math.abs(v) / this.full))), parts(felt.x), parts(felt.y)],
+      centre && [Math.round(20 * centre.x), Math.round(20 * centre.y)]]);
   }
 
   _taxel(c, p, load, live, touching, slipping, chosen) {
@@ -162,18 +173,8 @@ export class SkinPicture {
     }
   }
 
-  _centre(c, board, felt, px, py, places, live) {
-    const force = board.current(board.force);
-    let x = null, y = null;
-    if (force !== null && force.x_mm !== undefined && force.valid !== false) { x = force.x_mm; y = force.y_mm; }
-    else if (felt !== null && board.touch !== null && board.touch.state !== "none") {
-      const weights = felt.load.map((v) => Math.max(0, v));
-      const total = weights.reduce((a, b) => a + b, 0);
-      if (total > 0) { x = weights.reduce((a, w, i) => a + w * places[i].x, 0) / total; y = weights.reduce((a, w, i) => a + w * places[i].y, 0) / total; }
-    }
-    if (x === null || !live) return;
-    const cx = px(x), cy = py(y);
-    c.strokeStyle = colour("halo"); c.lineWidth = 5; cross(c, cx, cy, 9); c.strokeStyle = colour("centre"); c.lineWidth = 2.5; cross(c, cx, cy, 9);
+  _centre(c, x, y) {
+    c.strokeStyle = colour("halo"); c.lineWidth = 5; cross(c, x, y, 9); c.strokeStyle = colour("centre"); c.lineWidth = 2.5; cross(c, x, y, 9);
   }
 
   _axes(c, box, scale, g) {
@@ -235,6 +236,15 @@ export class SkinPicture {
   }
 
   choose(taxel) { this.chosen = taxel; this.onChoose(taxel); }
+}
+
+/** Centre of the load in millimetres, as the daemon states it or else of the taxels in contact; null for none. */
+function centreOf(board, felt, places) {
+  const force = board.current(board.force);
+  if (force !== null && force.x_mm !== undefined && force.valid !== false) return { x: force.x_mm, y: force.y_mm };
+  if (felt === null || board.touch === null || board.touch.state === "none") return null;
+  const weights = felt.load.map((v) => Math.max(0, v)), total = sum(weights);
+  return total > 0 ? { x: sum(weights.map((w, i) => w * places[i].x)) / total, y: sum(weights.map((w, i) => w * places[i].y)) / total } : null;
 }
 
 /** An arrow with a halo, from one point to another. */
