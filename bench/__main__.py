@@ -26,58 +26,37 @@ BENCHES = {
     "web": "bench.web.bench",
     "machine": "bench.machine.bench",
 }
-WITH_DATA = ("recordings",)
-WITH_CUTS = ("machine",)
 
 
 @click.command()
-@click.argument("names", type=click.Choice(list(BENCHES)), nargs=-1, required=True, metavar="NAME...")
+@click.argument("name", type=click.Choice(list(BENCHES)), metavar="NAME")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine and tables.")
-@click.option(
-    "--cuts", type=click.IntRange(1), help=f"{', '.join(WITH_CUTS)}: cut the power so often.  [default: 20]"
-)
-@click.option("--data", type=FILES, help=f"{', '.join(WITH_DATA)}: folder of the checkouts.")
-def bench(
-    names: tuple[str, ...],
-    quick: bool,
-    numbers: Path | None,
-    data: Path | None,
-    cuts: int | None,
-) -> None:
+@click.option("--data", type=FILES, help="recordings: folder of the checkouts.")
+def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> None:
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, processor
     and memory, beside a C program. native: latency and cost of the client of C++, beside a bare zmq_recv.
     throughput: scans a second, and files in times real time. slip: slip events of every setting, on
-    random worlds and on the emulator's families. grip: sliding, margins and forecasts of the contact
-    filter on worlds of a generator that it never saw. hands: false alarms of hands that hold, over two
-    hours. hold: drops and grip force of a controller that follows the filter's margin, beside fixed grips
-    and slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong answers.
-    recordings: public recordings of other groups, beside simple rules and trees. web: bytes, layout
-    shifts, processor and delay of the live page in Chromium. machine: the Debian package in a virtual
-    machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.
-
-    Several are measured one after the other, each under its heading of docs/measured.md.
+    random worlds of two generators, on gratings and over minutes. grip: sliding, margins and forecasts of
+    the contact filter on worlds of a generator that it never saw. hands: false alarms of hands that hold,
+    over two hours. hold: drops and grip force of a controller that follows the filter's margin, beside
+    fixed grips and slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong
+    answers. recordings: public recordings of other groups, beside simple rules and trees. web: bytes,
+    layout shifts, processor and delay of the live page in Chromium. machine: the Debian package in a
+    virtual machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.
 
     Example: ./run bench slip --quick --json slip.json
     """
-    for option, value, benches in (
-        ("--data", data, WITH_DATA),
-        ("--cuts", cuts, WITH_CUTS),
-    ):
-        if value is not None and not set(names) <= set(benches):
-            raise click.UsageError(f"{option} is for {', '.join(f'`bench {one}`' for one in benches)}")
-    if numbers is not None and len(names) > 1:
-        raise click.UsageError("--json writes one file: give one bench")
-    for name in names:
-        measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
-        with ProgressBar(f"bench {name}", None) as progress:
-            sections: Sequence[str] = measure(progress, BenchOptions(quick, data, cuts))
-        if numbers is not None:
-            numbers.write_text(as_json(name, quick, sections))
-        heading = [f"## `./run bench {name}`"] if len(names) > 1 else []
-        click.echo("\n\n".join([*heading, *sections]) + "\n" * len(heading))
+    if data is not None and name != "recordings":
+        raise click.UsageError("--data is for `bench recordings`")
+    measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
+    with ProgressBar(f"bench {name}", None) as progress:
+        sections: Sequence[str] = measure(progress, BenchOptions(quick, data))
+    if numbers is not None:
+        numbers.write_text(as_json(name, quick, sections))
+    click.echo("\n\n".join(sections))
 
 
 if __name__ == "__main__":

@@ -6,14 +6,13 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from tactiled import child
 from tactiled.errors import OperatorError
-from tactiled.samples.block import ScanBlock
 
 PYTHON = (sys.executable, "-m")
 TACTILED = (*PYTHON, child.__name__)
@@ -84,20 +83,6 @@ def cpu_s(pid: int) -> float:
 def rss_mb(pid: int) -> float:
     """Resident memory of a process in 10^6 bytes (proc(5): statm)."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def spent_on_scans_us(
-    process: Callable[[ScanBlock], object], blocks: Sequence[ScanBlock], pause_s: float = 0.0
-) -> list[float]:
-    """Processor time of this thread for each block, with pauses between: caches grow cold, as live."""
-    spent_us = []
-    for block in blocks:
-        if pause_s:
-            time.sleep(pause_s)
-        began_s = time.thread_time()
-        process(block)
-        spent_us.append(1e6 * (time.thread_time() - began_s))
-    return spent_us
 
 
 def free_port() -> int:

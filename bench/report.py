@@ -46,7 +46,6 @@ class BenchOptions:
 
     quick: bool = False  # fewer seeds and cases
     data: Path | None = None  # folder with data of others
-    cuts: int | None = None  # number of power cuts
 
 
 def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:

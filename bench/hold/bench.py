@@ -62,9 +62,6 @@ KINDS = {
     ),
     "newtons": Kind("{:g} N for all", lambda force_n, _: FixedGrip(force_n)),
     "slip events": Kind("times {:g} at each slip event", lambda times, _: TightenOnSlip(times), "slip"),
-    "slip events, eased": Kind(
-        "the same, {:g}, eased between", lambda times, _: TightenOnSlip(times, eases=True), "slip"
-    ),
     "margin": Kind("margin, target {:g}", lambda target, _: GripController(target), "grip"),
 }
 
@@ -89,7 +86,6 @@ def arms(quick: bool) -> list[Arm]:
         *(Arm("times the least", number, n) for number in _FIXED),
         *(Arm("newtons", number, n) for number in _FIXED_N),
         *(Arm("slip events", number, n) for number in _TIGHTER),
-        Arm("slip events, eased", 1.5, n),
         *(
             Arm("margin", round(TARGET * part, 2), n_margin if part == 1.0 else n)
             for part in (0.7, 0.85, 1.0, 1.15)

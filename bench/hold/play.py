@@ -28,11 +28,9 @@ Topic = Literal["grip", "slip"]
 def messages_of(
     detector: Detector, topic: Topic, scan: int, volts: FloatArray
 ) -> Sequence[Mapping[str, Any]]:
-    """Return the messages of a scan (1, channels); slip events are rare: between them, the time alone."""
-    time_s = scan / RATE_HZ
-    events = detector.process(regular_block(volts, RATE_HZ, start_s=time_s, index=scan))
-    messages = [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == topic]
-    return messages or ([{"timestamp": time_s}] if topic == "slip" else [])
+    """Return the messages of a scan (1, channels)."""
+    events = detector.process(regular_block(volts, RATE_HZ, start_s=scan / RATE_HZ, index=scan))
+    return [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == topic]
 
 
 class Controller(Protocol):
@@ -55,27 +53,16 @@ class FixedGrip:
 
 
 class TightenOnSlip:
-    """Grip that each onset of slip multiplies.
+    """Grip that each onset of slip multiplies."""
 
-    One that eases loses a twentieth of the grip in a second, from one second after the last onset on.
-    """
-
-    def __init__(self, times: float, *, eases: bool = False) -> None:
-        self._times, self._eases = times, eases
+    def __init__(self, times: float) -> None:
+        self._times = times
         self._force_n = START_N
-        self._onset_s = np.inf
-        self._last_s = 0.0
 
     def take(self, message: Mapping[str, Any], _present_n: float) -> float:
         """Return the force to command (N)."""
-        is_slip = "kind" in message
-        now_s = message["detected"] if is_slip else message["timestamp"]
-        if is_slip and message["state"] == "onset" and message["valid"]:
+        if message["state"] == "onset" and message["valid"]:
             self._force_n = min(self._force_n * self._times, MOST_N)
-            self._onset_s = now_s
-        elif self._eases and now_s > self._onset_s + 1.0:
-            self._force_n *= 1 - 0.05 * max(now_s - self._last_s, 0.0)
-        self._last_s = now_s
         return self._force_n
 
 

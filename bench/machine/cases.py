@@ -34,7 +34,7 @@ class Found:
 
     system: str = ""
     own_boot_s: float = 0.0  # to multi-user.target, without tactiled
-    boots_s: list[tuple[float, float]] = field(default_factory=list)  # multi-user.target, first fresh scan
+    fresh_s: list[float] = field(default_factory=list)  # start of the kernel to the first fresh scan
     install_s: float = 0.0
     timer_ms: int = 0  # latency timer of the adapter
     setups_failed: int = 0
@@ -73,17 +73,10 @@ def wait_until_fresh(guest: Guest, unit: str = UNIT) -> None:
     guest.until(f"systemctl show -P StatusText {unit} | grep -q running")
 
 
-def multi_user_s(guest: Guest) -> float:
-    """Return when multi-user.target was reached, since the start of the kernel."""
-    guest.until("systemctl is-active multi-user.target")
-    return int(guest.run("systemctl show -P ActiveEnterTimestampMonotonic multi-user.target")) * 1e-6
-
-
-def boot_times_s(guest: Guest) -> tuple[float, float]:
-    """Return when multi-user.target was reached and when the board ran, since the start of the kernel."""
-    wait_until_fresh(guest)
-    line = guest.run(f"journalctl -b -o short-monotonic -u {UNIT} | grep -m 1 'TS0001 running'")
-    return multi_user_s(guest), float(line.split("]")[0].strip(" ["))
+def since_boot_s(guest: Guest, command: str) -> list[float]:
+    """Return the times of lines of the journal since the start of the kernel."""
+    lines = guest.run(f"journalctl -b -o short-monotonic {command}").splitlines()
+    return [float(line.split("]")[0].strip(" [")) for line in lines]
 
 
 def set_up(guest: Guest, found: Found, options: str = "") -> None:
@@ -161,8 +154,7 @@ def replug(guest: Guest, board: Board, times: int, found: Found) -> None:
             time.sleep(5.0)
 
     found.plugs = recorded(guest, board, plug_all)
-    lines = guest.run("journalctl -b -k -o short-monotonic | grep 'now attached to ttyUSB'").splitlines()
-    attached_s = [float(line.split("]")[0].strip(" [")) for line in lines[-len(sockets) :]]
+    attached_s = since_boot_s(guest, "-k | grep 'now attached to ttyUSB'")[-len(sockets) :]
     *found.replugged_s, found.other_socket_s = [first_after(found.plugs.scan_s, s) for s in attached_s]
 
 
@@ -250,7 +242,8 @@ def cut_power(guest: Guest, board: Board, times: int, found: Found) -> None:
             board.restart()
             cut_unix_s.append(time.time() + ahead_s)
             guest.boot(board)
-            found.boots_s.append(boot_times_s(guest))
+            wait_until_fresh(guest)
+            found.fresh_s += since_boot_s(guest, f"-u {UNIT} | grep -m 1 'TS0001 running'")
     guest.until(f"test $(ls {_PLACE}/*.active | wc -l) -le 1")
     guest.run(f"systemctl stop {UNIT}")
     names = guest.run(f"cd {_PLACE}; ls *.mcap").split()
@@ -272,7 +265,9 @@ def boot_without(guest: Guest, board: Board, found: Found) -> None:
     guest.run("sync")
     guest.cut_power()
     guest.boot(board, masked_unit=UNIT)
-    found.own_boot_s = multi_user_s(guest)
+    guest.until("systemctl is-active multi-user.target")
+    reached = guest.run("systemctl show -P ActiveEnterTimestampMonotonic multi-user.target")
+    found.own_boot_s = int(reached) * 1e-6
 
 
 def purge(guest: Guest, before: set[str], found: Found) -> None:

@@ -81,15 +81,10 @@ class Decisions:
 class Contacts:
     """Agreement of contact with the force, of each log; 0.5 is chance."""
 
-    # agreement, with_light: scans with a light force left out, and counted as free
     agreement: Sequence[float]
-    with_light: Sequence[float] = ()
 
     def __str__(self) -> str:
-        said = _each_log([f"{one:.2f}" for one in self.agreement], self.agreement)
-        if not self.with_light:
-            return said
-        return f"{said} ({_each_log([f'{one:.2f}' for one in self.with_light], self.with_light)})"
+        return _each_log([f"{one:.2f}" for one in self.agreement], self.agreement)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +139,8 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "Public recordings of other groups. Rules and trees learn from the other objects of a source. Force: "
         "rms error over the range of each axis, in folds that leave out contacts, and the part of the 90 % "
         "intervals that hold it. Contact: mean of the parts of scans that are said right with a force beyond "
-        "5 % of its range, and below 0.5 % (in brackets: below 5 %); 0.5 is chance. Of more than five logs, "
-        "the median is there, and the range.",
+        "5 % of its range, and below 0.5 %; 0.5 is chance. Of more than five logs, the median is there, and "
+        "the range.",
         table(_row(one) for one in found),
         aims_table(AIMS, {"measured": {(one.source.name, one.question): one for one in found}}),
         "Constants that were chosen on a source: "
@@ -186,13 +181,8 @@ def _answers(question: Question, rule: str, source: Source, logs: Sequence[Log])
         both = (mine, Errors([e.ridge for e in errors]))
         return (*both, Errors([pose_errors_of_trees(log) for log in logs])) if are_poses else both
     if question == "contact":
-        touching = [ours.contact(log, array) for log in logs]
-        agreements = (
-            [agreement(one, log, light_is_free=is_free) for one, log in zip(touching, logs, strict=True)]
-            for is_free in (False, True)
-        )
-        by_rule = (contact_by_norm(logs, light_is_free=is_free) for is_free in (False, True))
-        return Contacts(*agreements), Contacts(*by_rule)
+        said_right = [agreement(ours.contact(log, array), log) for log in logs]
+        return Contacts(said_right), Contacts(contact_by_norm(logs))
     if question == "period":
         answers = [(ours.periods_mm(log, array) or [0.0])[-1] for log in logs]
         lines = [log.speed_mm_s / hz if (hz := strongest_line_hz(log)) else 0.0 for log in logs]

@@ -91,25 +91,20 @@ def by_best_of_others(logs: Sequence[Log], said: NDArray[np.bool_]) -> list[bool
     return decided
 
 
-def agreement(said: NDArray[np.bool_], log: Log, *, light_is_free: bool = False) -> float:
+def agreement(said: NDArray[np.bool_], log: Log) -> float:
     """Return the part of scans that are said right, mean of pressed and of free ones; 0.5 is chance.
 
-    Scans with a light force are left out, or with `light_is_free` counted as free.
+    Scans with a light force are left out.
     """
-    pressed = log.is_pressed
-    free = ~pressed if light_is_free else log.is_free
-    return float(said[pressed].mean() + (~said[free]).mean()) / 2
+    return float(said[log.is_pressed].mean() + (~said[log.is_free]).mean()) / 2
 
 
-def contact_by_norm(logs: Sequence[Log], *, light_is_free: bool = False) -> list[float]:
+def contact_by_norm(logs: Sequence[Log]) -> list[float]:
     """Return the agreement with the force of one threshold on the readings, best on the other logs."""
     sizes = [np.linalg.norm(log.readings - _start(log), axis=1) for log in logs]
     levels = np.unique(np.quantile(np.concatenate(sizes), np.linspace(0, 1, _LEVELS)))
     right = np.array(
-        [
-            [agreement(size >= level, log, light_is_free=light_is_free) for level in levels]
-            for size, log in zip(sizes, logs, strict=True)
-        ]
+        [[agreement(size >= level, log) for level in levels] for size, log in zip(sizes, logs, strict=True)]
     )
     others = right.sum(axis=0) - right
     return [float(own[best]) for own, best in zip(right, others.argmax(axis=1), strict=True)]

@@ -1,16 +1,13 @@
-"""Throughput of the daemon and of files, on the compiled path and in plain Python.
+"""Throughput of the daemon and of files.
 
 A flood through a pty is read by the daemon and, after it, by the C program of `bench.latency`: how long the
 board waits until each has taken the scans. Files are detected by one processor. All of this is repeated in
 turn, and ratios are within a repeat.
 """
 
-import itertools
-import os
 import subprocess
 import tempfile
 import time
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -40,11 +37,9 @@ from tactiled.progress import ProgressBar
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 
-WAYS = {"compiled": "1", "python": "0"}
-"""Path of a scan, and the value of `compiled.SETTING` that selects it."""
 SCENES = ("rest", "slide")
 _HERE = Path(__file__).parent
-_SCANS = {"compiled": 30_000, "python": 30_000, "reference": 500_000}
+_SCANS, _REFERENCE_SCANS = 30_000, 500_000
 _REPEATS, _QUICK_REPEATS = 3, 1
 _QUICK_PART = 5  # so many times fewer scans and seconds
 _LONGEST_S = 120.0
@@ -64,14 +59,16 @@ class FloodResult:
 class ThroughputResult:
     """Everything measured."""
 
-    floods: Mapping[str, Sequence[FloodResult]]
-    """By program, each with its repeats."""
-    times_real: Mapping[tuple[str, str], Sequence[float]]
-    """Seconds of a recording over processor time of `detect`, by path and scene, each with its repeats."""
+    # daemon, reference: floods through tactiled and through the C program, by repeat
+    daemon: Sequence[FloodResult]
+    reference: Sequence[FloodResult]
+    # Seconds of a recording over processor time of `detect`, by scene, each with its repeats
+    times_real: Mapping[str, Sequence[float]]
 
-    def flood_ratios(self, name: str) -> list[float]:
-        """Scans a second of a program over those of the C program, by repeat."""
-        pairs = zip(self.floods[name], self.floods["C"], strict=True)
+    @property
+    def over_c(self) -> list[float]:
+        """Scans a second over those of the C program, by repeat."""
+        pairs = zip(self.daemon, self.reference, strict=True)
         return [one.scans_per_s / reference.scans_per_s for one, reference in pairs]
 
 
@@ -79,31 +76,22 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure floods and files."""
     part = _QUICK_PART if options.quick else 1
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
-    times_real: defaultdict[tuple[str, str], list[float]] = defaultdict(list)
-    floods: defaultdict[str, list[FloodResult]] = defaultdict(list)
+    times_real: dict[str, list[float]] = {scene: [] for scene in SCENES}
+    daemon, reference = list[FloodResult](), list[FloodResult]()
     with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
         folder = Path(name)
         program = compile_program(folder, REFERENCE)
         duration_s = {scene: _record(folder / f"{scene}.mcap", scene, part) for scene in SCENES}
         for repeat in range(repeats):
             progress.reach(0.1 + 0.9 * repeat / repeats)
-            for way, scene in itertools.product(_ways(), SCENES):
-                cpu_s = _cpu_of_detect(folder / f"{scene}.mcap", way)
-                times_real[way, scene].append(duration_s[scene] / cpu_s)
-            floods["C"].append(_flood_reference(folder, program, _SCANS["reference"] // part))
-            for way in _ways():
-                floods[way].append(_flood_daemon(folder, way, _SCANS[way] // part))
-    result = ThroughputResult(floods, times_real)
+            for scene in SCENES:
+                cpu_s = _cpu_of_detect(folder / f"{scene}.mcap")
+                times_real[scene].append(duration_s[scene] / cpu_s)
+            reference.append(_flood_reference(folder, program, _REFERENCE_SCANS // part))
+            daemon.append(_flood_daemon(folder, _SCANS // part))
+    result = ThroughputResult(daemon, reference, times_real)
     text = f"{repeats} repeats (median and range); {load_words()}. Path of a scan: {compiled.path_words()}."
     return [text, _floods(result), _files(result), aims_table(AIMS, {"measured": result})]
-
-
-def _ways() -> list[str]:
-    return ["python"] if compiled.reason_plain else list(WAYS)
-
-
-def _environment(way: str) -> dict[str, str]:
-    return os.environ | {compiled.SETTING: WAYS[way]}
 
 
 def _record(path: Path, scene: str, part: int) -> float:
@@ -120,9 +108,9 @@ def _record(path: Path, scene: str, part: int) -> float:
     return duration_s
 
 
-def _cpu_of_detect(path: Path, way: str) -> float:
+def _cpu_of_detect(path: Path) -> float:
     command = [*PYTHON, "bench.throughput.files", str(path)]
-    done = subprocess.run(command, env=_environment(way), capture_output=True, text=True, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     return float(done.stdout.splitlines()[-1])
 
 
@@ -148,11 +136,11 @@ def _flood_reference(folder: Path, program: Path, n_scans: int) -> FloodResult:
         return FloodResult(n_scans / _taken_s(board), 0)
 
 
-def _flood_daemon(folder: Path, way: str, n_scans: int) -> FloodResult:
-    endpoint = f"ipc://{folder}/{way}"
+def _flood_daemon(folder: Path, n_scans: int) -> FloodResult:
+    endpoint = f"ipc://{folder}/events"
     with _flooding(folder, n_scans, "--ask") as (link, board):
-        config = daemon_config(folder / f"{way}.toml", link, endpoint)
-        with running(*TACTILED, "run", "--config", config, env=_environment(way)):
+        config = daemon_config(folder / "tactiled.toml", link, endpoint)
+        with running(*TACTILED, "run", "--config", config):
             n_decoded = _count_scans(endpoint, board)
             return FloodResult(n_scans / _taken_s(board), n_scans - n_decoded)
 
@@ -178,40 +166,35 @@ def _count_scans(endpoint: str, board: "subprocess.Popen[str]") -> int:
 
 
 def _floods(result: ThroughputResult) -> str:
-    rows = []
-    for name, floods in result.floods.items():
-        lost = sum(flood.lost for flood in floods)
-        rows.append(
-            {
-                "flood through a pty": name if name == "C" else f"tactiled, {name}",
-                "scans/s": over_runs([flood.scans_per_s for flood in floods], ",.0f"),
-                "over C": over_runs(result.flood_ratios(name), ".3f"),
-                "scans lost": str(lost) if name != "C" else "not counted",
-            }
+    return table(
+        {
+            "flood through a pty": name,
+            "scans/s": over_runs([flood.scans_per_s for flood in floods], ",.0f"),
+            "over C": over_runs(ratios, ".3f"),
+            "scans lost": lost,
+        }
+        for name, floods, ratios, lost in (
+            ("C", result.reference, [1.0], "not counted"),
+            ("tactiled", result.daemon, result.over_c, str(sum(flood.lost for flood in result.daemon))),
         )
-    return table(rows)
+    )
 
 
 def _files(result: ThroughputResult) -> str:
     names = {"rest": "detect, rest", "slide": "detect, sliding over grooves"}
     return table(
-        {"file": name}
-        | {f"{way}: times real time": over_runs(result.times_real[way, scene], ".0f") for way in _ways()}
+        {"file": name, "times real time": over_runs(result.times_real[scene], ".0f")}
         for scene, name in names.items()
     )
 
 
 def _times_real(scene: str, limit: float) -> Aim[ThroughputResult]:
-    def times(result: ThroughputResult) -> Sequence[float]:
-        return result.times_real[_ways()[0], scene]
-
-    return median_aim(f"`detect` of a file, {scene}, times real time", limit, times, ".0f", is_least=True)
+    name = f"`detect` of a file, {scene}, times real time"
+    return median_aim(name, limit, lambda result: result.times_real[scene], ".0f", is_least=True)
 
 
 AIMS: tuple[Aim[ThroughputResult], ...] = (
-    median_aim(
-        "flood through a pty, over C", 0.25, lambda r: r.flood_ratios(_ways()[0]), ".3f", is_least=True
-    ),
+    median_aim("flood through a pty, over C", 0.25, lambda result: result.over_c, ".3f", is_least=True),
     _times_real("rest", 300.0),
     _times_real("slide", 50.0),
 )

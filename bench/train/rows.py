@@ -1,10 +1,12 @@
-"""Looks of random worlds: signs from the program's own front end, beside the truth of the world."""
+"""Worlds to learn from, and their looks: signs from the program's own front end, beside the truth."""
 
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Trees
@@ -12,7 +14,12 @@ from tactiled.detect.contact.filter import HORIZONS_S, ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.signs import LOOK_S, NAMES
+from tactiled.progress import ProgressBar
 
+TRAINED_FROM = 100_000  # seeds
+BATCH = 24  # worlds that are simulated at once
+MINUTES = 0.2  # of a world
+QUICK_WORLDS, FULL_WORLDS = 24, 312  # of each generator
 _ACCELERATION = NAMES.index("acceleration")
 _RATIO = NAMES.index("ratio")
 # Parts of the worlds in which the hand announces its acceleration, or the log begins within a contact: each
@@ -87,3 +94,23 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
         utilisation=world.used(at),
         ahead_s=world.ahead_s(at),
     )
+
+
+def n_batches(n_worlds: int) -> int:
+    """Return the batches of worlds of all generators."""
+    return len(GENERATORS) * -(-n_worlds // BATCH)
+
+
+def all_looks(pool: Executor, n_worlds: int, progress: ProgressBar) -> dict[str, list[Looks]]:
+    """Return the looks of the worlds of each generator."""
+    starts = range(TRAINED_FROM, TRAINED_FROM + n_worlds, BATCH)
+    jobs = [(name, range(at, at + BATCH), MINUTES) for name in GENERATORS for at in starts]
+    looks: dict[str, list[Looks]] = {name: [] for name in GENERATORS}
+    for (name, *_), found in zip(jobs, pool.map(_looks, jobs), strict=True):
+        looks[name] += found
+        progress.advance(f"worlds of {name}")
+    return looks
+
+
+def _looks(job: tuple[str, range, float]) -> list[Looks]:
+    return [looks for looks in map(looks_of, draw(*job)) if len(looks.signs)]

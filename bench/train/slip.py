@@ -12,9 +12,8 @@ import numpy as np
 import sklearn
 
 from bench.report import BENCH_WORKERS
-from bench.train.data import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, all_looks, n_batches
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
-from bench.train.rows import Looks
+from bench.train.rows import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, Looks, all_looks, n_batches
 from bench.worlds.generators import GENERATORS
 from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE

@@ -79,6 +79,6 @@ def test_words_of_cells() -> None:
 
 
 def test_an_option_that_a_bench_does_not_have_is_refused() -> None:
-    refused = CliRunner().invoke(bench, ["slip", "--cuts", "1"])
+    refused = CliRunner().invoke(bench, ["slip", "--data", "x"])
     assert refused.exit_code == 2
-    assert "--cuts is for" in refused.output
+    assert "--data is for" in refused.output

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from bench.train import data, fit, slip
+from bench.train import fit, rows, slip
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw
@@ -41,7 +41,7 @@ def test_looks_are_those_of_the_detector_with_the_truth_of_their_scans() -> None
     assert ((looks.soon > 0) == (looks.ahead_s <= 0.3)).all()
     detector = GripDetector(world.array)
     seen = [
-        np.array(scan.filter.signs.row)
+        np.array(scan.signs.row)
         for _ in detector.scans(world.block)
         if (scan := detector.contact) is not None and scan.is_look
     ]
@@ -102,9 +102,9 @@ def test_trees_of_other_signs_are_refused() -> None:
 def test_the_command_writes_trees_that_the_detector_runs_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(data, "GENERATORS", {"strokes": None, "laws": None})
-    monkeypatch.setattr(data, "MINUTES", 0.1)
-    monkeypatch.setattr(data, "BATCH", 6)
+    monkeypatch.setattr(rows, "GENERATORS", {"strokes": None, "laws": None})
+    monkeypatch.setattr(rows, "MINUTES", 0.1)
+    monkeypatch.setattr(rows, "BATCH", 6)
     monkeypatch.setattr(slip, "QUICK_WORLDS", 6)
     path = tmp_path / "slip.npz"
     done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
