@@ -9,7 +9,7 @@ from before and after it. Replaying the same calls between the same blocks gives
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -37,8 +37,6 @@ _NO_MODEL = (
     "no detector of this configuration takes friction or motion: that needs an array with shear and load, "
     "the topic grip or slip, and a setting other than wang2019"
 )
-# derived: a slip is found at most some 0.3 s after its onset, so older intervals do not matter
-_KEPT_INTERVALS = 8
 
 
 class StartZero:
@@ -67,51 +65,44 @@ class StartZero:
         """Return the items that may go on; nothing while the zero is not known."""
         if self._first_s == 0 or self.zero is not None:
             return [item]
-        if isinstance(item, ScanBlock) and not any(isinstance(held, ScanBlock) for held in self._held):
-            is_read = item.valid.any(axis=1)
-            if not is_read.any():
-                return []  # the zero is that of the first readings
+        if not self._held:  # the zero is that of the first readings
+            is_read = np.zeros(1) if isinstance(item, Gap) else item.valid.any(axis=1)
+            if isinstance(item, Gap) or not is_read.any():
+                return []
             item = item[int(is_read.argmax()) :]
         self._held.append(item)
         blocks = [held for held in self._held if isinstance(held, ScanBlock)]
-        if not blocks:
-            return []
         n_wanted = max(1, round(self._first_s * blocks[0].rate_hz))
         if sum(map(len, blocks)) < n_wanted:
             return []
-        readings = np.concatenate([block.volts for block in blocks])[:n_wanted]
         valid = np.concatenate([block.valid for block in blocks])[:n_wanted]
-        zero = np.full(readings.shape[1], np.nan)
+        readings = np.where(valid, np.concatenate([block.volts for block in blocks])[:n_wanted], np.nan)
         seen = valid.any(axis=0)
-        zero[seen] = np.nanmedian(np.where(valid, readings, np.nan)[:, seen], axis=0)
-        self.zero = zero
+        self.zero = np.full(readings.shape[1], np.nan)
+        self.zero[seen] = np.nanmedian(readings[:, seen], axis=0)
         self.known_s = float(np.concatenate([block.time_s for block in blocks])[n_wanted - 1])
         held, self._held = self._held, []
         return held
 
 
-class _AnnouncedIntervals:
-    """Announced intervals of time."""
+@dataclass(frozen=True)
+class _Interval:
+    """Time that a client announced: the newest one, since a slip is found soon after its onset."""
 
-    def __init__(self) -> None:
-        self._spans: deque[tuple[float, float]] = deque(maxlen=_KEPT_INTERVALS)
+    from_s: float = np.inf
+    until_s: float = -np.inf
 
-    def announce(self, now_s: float, duration_s: float) -> None:
-        """Add an interval that starts now; while one is running, replace its end."""
-        from_s = self._spans.pop()[0] if self.left_s(now_s) > 0 else now_s
-        self._spans.append((from_s, now_s + duration_s))
+    def announced(self, now_s: float, duration_s: float) -> "_Interval":
+        """Return an interval that starts now; while this one is running, its end is replaced."""
+        return _Interval(self.from_s if self.left_s(now_s) > 0 else now_s, now_s + duration_s)
 
     def left_s(self, now_s: float) -> float:
-        """Return the remaining time of the newest interval."""
-        return max(0.0, self._spans[-1][1] - now_s) if self._spans else 0.0
+        """Return the remaining time."""
+        return max(0.0, self.until_s - now_s)
 
-    def cover(self, time_s: float) -> bool:
-        """Return True if an interval covers an instant."""
-        return any(from_s <= time_s <= until_s for from_s, until_s in self._spans)
-
-    def overlap(self, slip: SlipEvent) -> bool:
-        """Return True if the time from onset to detection of a slip overlaps an interval."""
-        return any(slip.onset_s <= until_s and slip.detected_s >= from_s for from_s, until_s in self._spans)
+    def overlaps(self, from_s: float, until_s: float) -> bool:
+        """Return True if a span of time overlaps the interval."""
+        return from_s <= self.until_s and until_s >= self.from_s
 
 
 class TunedSuite:
@@ -157,10 +148,8 @@ class TunedSuite:
         if self._force is not None:
             self._force.reset()
             self._quantiser, self._stuck = Quantiser(self._array), StuckChannelDetector(self._array)
-        self._recent: deque[ScanBlock] = deque()
-        self._n_recent = 0  # scans in them
-        self._inhibited = _AnnouncedIntervals()
-        self._load_changes = _AnnouncedIntervals()
+        self._recent: deque[tuple[FloatArray, NDArray[np.bool_]]] = deque()  # readings and validity
+        self._inhibited = self._load_changes = _Interval()
         self._in_contact = False
         self._slip_is_published = False  # an onset of this slip was published as valid
         self._slip_suppressed: Suppressed = ""
@@ -190,9 +179,12 @@ class TunedSuite:
     def process(self, item: ScanBlock | Gap) -> list[Event]:
         """Return the events that the item completes; mark slips in announced intervals as suppressed."""
         if isinstance(item, Gap):
-            self._forget_recent()
+            self._recent.clear()
         else:
-            self._remember(item)
+            n_wanted = max(_LEAST_TARE_SCANS, round(TARE_S * item.rate_hz))
+            if self._recent.maxlen != n_wanted:
+                self._recent = deque(self._recent, n_wanted)
+            self._recent.extend(zip(item.volts, item.valid, strict=True))
             self.next_index = int(item.index[-1]) + 1
         parts = [self._zeroed(part) for part in self._start.process(item)]
         events = self._mark_suppressed([event for part in parts for event in self._suite.process(part)])
@@ -221,14 +213,11 @@ class TunedSuite:
         """Take the mean of the last `TARE_S` as zero; refused under load unless forced."""
         if self._in_contact and not force:
             return "something is in contact: lift the finger first, or force it if you know better", []
-        if not self._recent:
-            return "no scans yet", []
-        rate_hz = self._recent[-1].rate_hz
-        n_wanted = max(_LEAST_TARE_SCANS, round(TARE_S * rate_hz))
-        volts = np.concatenate([block.volts for block in self._recent])[-n_wanted:]
-        valid: NDArray[np.bool_] = np.concatenate([block.valid for block in self._recent])[-n_wanted:]
-        if len(volts) < n_wanted:
-            return f"only {len(volts)} scans since the last gap, {n_wanted} are needed: ask again", []
+        n_wanted = self._recent.maxlen or _LEAST_TARE_SCANS
+        if len(self._recent) < n_wanted:
+            n = len(self._recent)
+            return f"only {n} scans since the last gap, {n_wanted} are needed: ask again", []
+        volts, valid = (np.array(part) for part in zip(*self._recent, strict=True))
         if not valid.all():
             channels = np.flatnonzero(~valid.all(axis=0)).tolist()
             return f"no valid readings of channels {channels}: repair them first", []
@@ -263,7 +252,7 @@ class TunedSuite:
         if self._suite.grip is None:
             return _NO_MODEL
         self.friction = value, log_sd
-        self._pass_friction()
+        self._suite.grip.state_friction(value, log_sd)
         return ""
 
     def change_object(self) -> str:
@@ -273,10 +262,6 @@ class TunedSuite:
             return _NO_MODEL
         self._suite.grip.change_object()
         return ""
-
-    def _pass_friction(self) -> None:
-        if self.friction is not None and self._suite.grip is not None:
-            self._suite.grip.state_friction(*self.friction)
 
     def announce_motion(self, time_s: FloatArray, acceleration_m_s2: FloatArray) -> str:
         """Take accelerations (n,) of the hand along the pull, gravity's part included, by instant (n,).
@@ -303,7 +288,7 @@ class TunedSuite:
 
     def inhibit(self, now_s: float, duration_s: float) -> None:
         """Suppress slips for `duration_s` from now on; 0 ends the interval now."""
-        self._inhibited.announce(now_s, duration_s)
+        self._inhibited = self._inhibited.announced(now_s, duration_s)
 
     def inhibited_s(self, now_s: float) -> float:
         """Return the remaining time for which slips are suppressed."""
@@ -311,7 +296,7 @@ class TunedSuite:
 
     def expect_load_change(self, now_s: float, duration_s: float) -> None:
         """Suppress incipient slips, not gross ones, during an expected change of load; 0 ends it."""
-        self._load_changes.announce(now_s, duration_s)
+        self._load_changes = self._load_changes.announced(now_s, duration_s)
 
     def set_thresholds(self, values: Mapping[str, Any]) -> tuple[str, list[Event]]:
         """Change parameters of the detectors by dotted name, as in ``grip.incipient_p``."""
@@ -338,7 +323,8 @@ class TunedSuite:
         if before is not None and self._suite.grip is not None:
             self._suite.grip.motion = before.motion
         self._pass_speed()
-        self._pass_friction()
+        if self._suite.grip is not None and self.friction is not None:
+            self._suite.grip.state_friction(*self.friction)
         return "", events
 
     def _pass_speed(self) -> None:
@@ -347,23 +333,9 @@ class TunedSuite:
 
     def _insert_gap(self) -> list[Event]:
         """Pass a gap to the detectors, so that no window spans the change."""
-        self._forget_recent()
-        return (
-            self._mark_suppressed(self._suite.process(Gap(0, "command", self.next_index)))
-            if self.next_index
-            else []
-        )
-
-    def _remember(self, block: ScanBlock) -> None:
-        self._recent.append(block)
-        self._n_recent += len(block)
-        wanted = max(_LEAST_TARE_SCANS, round(TARE_S * block.rate_hz))
-        while self._n_recent - len(self._recent[0]) >= wanted:
-            self._n_recent -= len(self._recent.popleft())
-
-    def _forget_recent(self) -> None:
         self._recent.clear()
-        self._n_recent = 0
+        gap = Gap(0, "command", self.next_index)
+        return self._mark_suppressed(self._suite.process(gap)) if self.next_index else []
 
     def _mark_suppressed(self, events: list[Event]) -> list[Event]:
         out: list[Event] = []
@@ -372,7 +344,7 @@ class TunedSuite:
                 self._in_contact = event.state != "none"
             elif isinstance(event, SlipEvent) and (reason := self._suppressed(event)):
                 event = replace(event, valid=False, suppressed=reason)
-            elif isinstance(event, GripEvent) and self._inhibited.cover(event.time_s):
+            elif isinstance(event, GripEvent) and self._inhibited.overlaps(event.time_s, event.time_s):
                 event = replace(event, valid=False, suppressed="inhibit")
             out.append(event)
         return out
@@ -382,14 +354,15 @@ class TunedSuite:
 
         Every published onset is followed by a published end, and no end is published alone.
         """
+        reason: Suppressed = ""
         if slip.state == "end":
-            reason: Suppressed = "" if self._slip_is_published else self._slip_suppressed
+            reason = "" if self._slip_is_published else self._slip_suppressed
             self._slip_is_published, self._slip_suppressed = False, ""
             return reason
-        if self._inhibited.overlap(slip):
+        if self._inhibited.overlaps(slip.onset_s, slip.detected_s):
             reason = "inhibit"
-        else:
-            reason = "load-change" if slip.kind == "incipient" and self._load_changes.overlap(slip) else ""
+        elif slip.kind == "incipient" and self._load_changes.overlaps(slip.onset_s, slip.detected_s):
+            reason = "load-change"
         self._slip_is_published |= not reason
         self._slip_suppressed = reason or self._slip_suppressed
         return reason

@@ -82,7 +82,7 @@ def test_a_forced_tare_ends_the_contact_with_an_event_that_is_not_valid() -> Non
 
 def test_a_tare_needs_enough_good_readings_at_rest() -> None:
     tuned = suite()
-    assert tuned.tare(force=False)[0] == "no scans yet"
+    assert "only 0 scans" in tuned.tare(force=False)[0]
     run(tuned, [rest(40)])
     assert "only 40 scans" in tuned.tare(force=False)[0]
     tuned.process(Gap(0, "restart", 7))
@@ -140,9 +140,6 @@ def test_an_inhibited_interval_can_be_extended_and_ended() -> None:
     assert tuned.inhibited_s(12.0) == 0.0
     tuned.inhibit(12.5, 1.0)  # ended, so this is another
     assert tuned.inhibited_s(12.5) == 1.0
-    for second in range(100):
-        tuned.inhibit(20.0 + second, 0.5)
-    assert len(tuned._inhibited._spans) <= 8  # noqa: SLF001 (memory bound has no public sign)
 
 
 class ScriptedSlips:
