@@ -29,6 +29,8 @@ from tactiled.events.types import ContactEvent, ContactState
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
 
+_SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
+SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
 # is less.
 _CONTACT_OF_RANGE = 1 / 1024
@@ -72,8 +74,6 @@ class ContactParams(Params):
     loading_volts_s: float | None = Field(
         default=None, gt=0, description="mean pressure response rising faster than this is loading"
     )
-    slope_window_s: float = Field(default=0.3, gt=0, le=1, description="window of the slope's line fit")
-    settle_s: float = Field(default=0.2, ge=0, le=10, description="steady for so long before it is a hold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class ContactTracker:
         denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
         own = [np.flatnonzero(column) for column in self._counted.T]
         most = max(1, *map(len, own))
-        n = max(3, round(params.slope_window_s * rate_hz))
+        n = max(3, round(_SLOPE_WINDOW_S * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
         n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
@@ -172,15 +172,13 @@ class ContactTracker:
             min(-math.expm1(-1.0 / (_RISE_S * rate_hz)), _RISE_OF_SCAN),
             np.unique(array.pad, return_inverse=True)[1].astype(np.int64),
         )
-        self._settle_scans = max(1, round(params.settle_s * rate_hz))
+        self._settle_scans = max(1, round(SETTLE_S * rate_hz))
         self._begin()
 
     def _begin(self) -> None:
         self.state: ContactState = "none"
         self._is_first = True
-        self._steady = 0
-        self._steady_before = 0  # length of the steady stretch before this unsteady one
-        self._unsteady = 0
+        self._steady = 0  # scans since the load moved
 
     @property
     def hidden_below(self) -> float:
@@ -243,12 +241,12 @@ class ContactTracker:
     ) -> ContactTransition | None:
         """Process one scan and return the change of state, if any."""
         if not math.isnan(slope_volts_s):
-            self._follow_load(abs(slope_volts_s) <= loading_volts_s)
+            self._steady = self._steady + 1 if abs(slope_volts_s) <= loading_volts_s else 0
         is_first, self._is_first = self._is_first or level_falls, False
         if self.state == "none":
             if touches and is_first:
                 return self._go("unknown")
-            self._steady = self._steady_before = 0  # a steady signal before the touch is no hold
+            self._steady = 0  # a steady signal before the touch is no hold
             return self._go("loading") if touches else None
         if released:
             return self._go("none")
@@ -257,22 +255,6 @@ class ContactTracker:
         if self.state == "holding" and slope_volts_s > loading_volts_s:
             return self._go("loading")
         return None
-
-    def _follow_load(self, is_steady: bool) -> None:
-        if is_steady:
-            self._steady += 1
-            return
-        if self._steady >= self._settle_scans:
-            self._steady_before, self._unsteady = self._steady, 0
-        self._steady = 0
-        self._unsteady += 1
-
-    def was_steady(self, for_scans: int, within_scans: int) -> bool:
-        """Return True if the load was steady for `for_scans` scans, ending at most `within_scans` ago."""
-        if self._steady >= for_scans:
-            return True
-        since_lost = self._unsteady + self._steady
-        return self._steady_before >= for_scans and since_lost <= within_scans
 
     def begin_shearing(self) -> ContactTransition:
         """Enter the state shearing: part of the contact slips; called by the slip detector."""

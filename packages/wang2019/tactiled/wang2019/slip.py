@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.contact_gate import (
+    SETTLE_S,
     ContactParams,
     ContactTracker,
     ContactTransition,
@@ -78,6 +79,34 @@ class ScanView(NamedTuple):
     analysed: NDArray[np.bool_]  # (channels,): usable, and on a taxel in contact
     crossing: NDArray[np.bool_]  # (channels,)
     steps: FloatArray  # (taps, channels): the readings that the coefficients are computed from
+
+
+class LoadSteadiness:
+    """Count for how many scans the load of a contact has been steady, and was before it moved."""
+
+    def __init__(self, settle_scans: int) -> None:
+        self._settle_scans = settle_scans
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin with a touch: a steady signal before it is no hold."""
+        self._now = self._before = self._moving = 0
+
+    def follow(self, is_steady: bool) -> None:
+        """Take a scan."""
+        if is_steady:
+            self._now += 1
+            return
+        if self._now >= self._settle_scans:
+            self._before, self._moving = self._now, 0
+        self._now = 0
+        self._moving += 1
+
+    def was_steady(self, for_scans: int, within_scans: int) -> bool:
+        """Return True if the load was steady for `for_scans` scans, ending at most `within_scans` ago."""
+        if self._now >= for_scans:
+            return True
+        return self._before >= for_scans and self._moving + self._now <= within_scans
 
 
 class ActiveSlip:
@@ -198,6 +227,7 @@ class WaveletSlip:
         self._quantiser = Quantiser(self._array)
         self._bank = SwtBank(self._array, level)
         self._tracker = ContactTracker(self._array, PUBLISHED_CONTACT, rate_hz)
+        self._load = LoadSteadiness(max(1, round(SETTLE_S * rate_hz)))
 
     @property
     def contact_state(self) -> ContactState:
@@ -243,8 +273,15 @@ class WaveletSlip:
         crossing = analysed & (np.abs(coefficients) >= _THRESHOLD_V)
         steps = self._bank.steps
         crosses = np.any(crossing, axis=1).tolist()
+        steady = np.abs(pressure.slope_volts_s) <= pressure.loading_volts_s
+        is_read = ~np.isnan(pressure.slope_volts_s)
         for scan, values in enumerate(pressure.rows()):
+            if is_read[scan]:
+                self._load.follow(bool(steady[scan]))
+            was_none = self._tracker.state == "none"
             change = self._tracker.step(*values)
+            if was_none and self._tracker.state != "unknown":
+                self._load.begin()
             if change is not None:
                 events.append(contact_event(block, scan, pressure, change))
             if crosses[scan] or self._slide is not None:
@@ -288,7 +325,7 @@ class WaveletSlip:
         """Onset event if this crossing is the second peak."""
         # Slip itself may disturb the pressure: the load only has to be steady up to the kink, which is no
         # further back than the filter's peak delay.
-        if self._tracker.state == "none" or not self._tracker.was_steady(self._border + 1, self._longest):
+        if self._tracker.state == "none" or not self._load.was_steady(self._border + 1, self._longest):
             return None
         taxels = np.zeros(self._array.n_taxels, dtype=np.bool_)
         taxels[self._array.channel_taxel[view.analysed]] = True
