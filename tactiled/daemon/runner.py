@@ -86,9 +86,12 @@ class SharedParts:
 
 
 class BoardRunner:
-    """Read one board until stopped."""
+    """Read one board until stopped.
 
-    def __init__(self, board: ServedBoard, shared: SharedParts) -> None:
+    `phase_s` delays the first status, so that boards do not publish theirs all at once and hold up the loop.
+    """
+
+    def __init__(self, board: ServedBoard, shared: SharedParts, phase_s: float = 0.0) -> None:
         params, pipeline = board.params, board.pipeline
         check_url(params.port.url)
         self.words = ""
@@ -113,6 +116,7 @@ class BoardRunner:
         self._logged = (session.state, session.reason(0.0))
         self._warned: dict[str, str] = {}
         self._started_s = time.monotonic()
+        self._phase_s = phase_s
         self._next_info_s = self._started_s
         self._described = session.hello
 
@@ -241,7 +245,7 @@ class BoardRunner:
 
     async def _watch(self) -> None:
         """Check the line and publish the status, at 10 Hz in every state."""
-        due_s = time.monotonic()
+        due_s = time.monotonic() + self._phase_s
         while True:
             await asyncio.sleep(due_s - time.monotonic())
             now_s = time.monotonic()

@@ -19,7 +19,7 @@ from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text
 from tactiled.daemon.operations.notify import Notifier
-from tactiled.daemon.runner import BoardRunner, ServedBoard, SharedParts
+from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, ServedBoard, SharedParts
 from tactiled.daemon.zmq.network import Network
 from tactiled.limited_log import RateLimitedLog
 
@@ -57,7 +57,9 @@ class Service:
             self._network.publisher, self._clock, self._turns, self._notifier.alive, self._show_states
         )
         try:
-            self._runners += [BoardRunner(board, shared) for board in boards]
+            for number, board in enumerate(boards):
+                phase_s = STATUS_PERIOD_S * number / len(boards)
+                self._runners.append(BoardRunner(board, shared, phase_s))
         except BaseException:
             self._close()
             raise
