@@ -42,6 +42,9 @@ def test_every_path_of_foxglove_is_in_a_recording() -> None:
             assert_field(topic.removeprefix("/tactile/"), path)
         else:
             assert topic.removeprefix("/tactile/") in EVENT_TYPES
+    plots = [panel for panel in document["configById"].values() if "paths" in panel]
+    # Other times are those of a header, which tactiled's own messages do not have: the curves would be empty.
+    assert {path["timestampMethod"] for plot in plots for path in plot["paths"]} == {"receiveTime"}
     panels = set(document["configById"])
     assert {text for text in leaves(document["layout"]) if "!" in text} == panels
 
