@@ -175,7 +175,10 @@ export class BoardModel {
       for (const key of Object.keys(p)) if (key !== "t") p[key].push(null);
     }
     const i = this.bands.findLastIndex((band) => band.from <= from); // the status of a new run comes before its scans
-    if (i >= 0 && this.bands[i].state !== "none") this.bands.splice(i + 1, 0, { from, state: "none" });
+    if (i >= 0 && this.bands[i].state !== "none") {
+      const after = why || i + 1 < this.bands.length ? [] : [{ from: to, state: this.bands[i].state }]; // the daemon has not said that it ended
+      this.bands.splice(i + 1, 0, { from, state: "none" }, ...after);
+    }
     this._list(to, "gap", { words });
   }
 
