@@ -19,7 +19,7 @@ import pytest
 from patience import PATIENCE_S
 
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.emulator.line.links import PtyLink, TcpLink, make_control_link, make_link
+from tactiled.emulator.line.links import PtyLink, SocketLink, make_control_link, make_link
 from tactiled.emulator.realtime import Emulator, run_emulator
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
@@ -36,7 +36,7 @@ Reports = list[dict[str, Any]]
 
 @contextlib.contextmanager
 def emulated(
-    link: PtyLink | TcpLink, layout: Layout = V1, **options: Any
+    link: PtyLink | SocketLink, layout: Layout = V1, **options: Any
 ) -> Iterator[tuple[Emulator, Reports]]:
     """An emulator in a thread, and what it reports."""
     reports: Reports = []
@@ -174,7 +174,7 @@ def test_hosts_come_and_go_on_a_pty(tmp_path: Path) -> None:
 
 
 def test_a_tcp_port_serves_one_host_at_a_time() -> None:
-    with emulated(TcpLink("tcp", "127.0.0.1", 0)) as (_, reports):
+    with emulated(SocketLink("tcp", ("127.0.0.1", 0))) as (_, reports):
         port = int(reports[0]["link"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as connection:
             host = Host(connection.fileno())
@@ -188,7 +188,10 @@ def test_a_tcp_port_serves_one_host_at_a_time() -> None:
 
 
 def test_unplugging_a_tcp_port_hangs_up_and_listens_again() -> None:
-    with emulated(TcpLink("tcp", "127.0.0.1", 0), faults=FaultParams(unplug_s=0.3)) as (emulator, reports):
+    with emulated(SocketLink("tcp", ("127.0.0.1", 0)), faults=FaultParams(unplug_s=0.3)) as (
+        emulator,
+        reports,
+    ):
         port = int(reports[0]["link"].rpartition(":")[2])
         with socket.create_connection(("127.0.0.1", port)) as connection:
             host = Host(connection.fileno())
@@ -259,9 +262,9 @@ def test_addresses_of_another_form_are_refused(tcp: str, tmp_path: Path) -> None
         make_link(tmp_path / "board", tcp)
 
 
-@pytest.mark.parametrize("address", ["unix://", "127.0.0.1", "/tmp/x"])
+@pytest.mark.parametrize("address", ["unix://", "tcp://127.0.0.1:99", "/tmp/x"])
 def test_addresses_for_a_controller_of_another_form_are_refused(address: str) -> None:
-    with pytest.raises(ConfigError, match=r"control: .* not of the form tcp://HOST:PORT or unix:///PATH"):
+    with pytest.raises(ConfigError, match=r"control: .* not of the form unix:///PATH$"):
         make_control_link(address)
 
 
@@ -291,7 +294,6 @@ def test_ports_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
         asked: tuple[tuple[dict[str, Any], str], ...] = (
             ({"tcp": address}, "tcp: cannot listen"),
-            ({"link": tmp_path / "board", "control": address}, "control: cannot listen"),
             ({"link": tmp_path / "board", "control": f"unix://{tmp_path}"}, "control: cannot listen"),
             ({"link": tmp_path / "no" / "folder"}, "link: cannot make"),
         )

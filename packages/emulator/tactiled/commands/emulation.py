@@ -52,7 +52,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 @click.option("--faults", type=FILE, help="TOML file of the faults on the serial line.")
 @click.option("--seed", default=0, show_default=True, help="Random seed of the faults.")
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
-@click.option("--control", help="Accept grip commands of a controller at unix:///PATH or tcp://HOST:PORT.")
+@click.option("--control", help="Accept grip commands of a controller at unix:///PATH.")
 @click.option(
     "--rig",
     type=click.Path(path_type=Path, file_okay=False),

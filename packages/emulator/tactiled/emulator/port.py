@@ -64,13 +64,6 @@ class EmulatedPort:
         out, self._out = self._out, []
         return out
 
-    def step(self, now_s: float) -> list[Arrival]:
-        """Do at most one thing that is due: its bytes can be sent before the next scan is computed."""
-        self._run_until(min(self._next_event_s(), now_s))
-        self._out += self._line.arrivals(min(self._next_event_s(), now_s))
-        out, self._out = self._out, []
-        return out
-
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes that the host wrote; they reach the board at once."""
         self._run_until(now_s)

@@ -2,8 +2,8 @@
 
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness does not accumulate. The loop sleeps in ``select``
 until the next deadline or until the host writes. Scene time starts with the board's first ``start`` command,
-which is reported. A host that cannot compute the scans in time sends them late, one at a time, as an adapter
-that buffers does.
+which is reported. A host that cannot compute the scans in time sends them late, as an adapter that buffers
+does.
 """
 
 import contextlib
@@ -120,7 +120,7 @@ class Emulator:
         """Do what is due, then sleep until something is."""
         while self._faults_to_cause:
             self._port.inflict(self._faults_to_cause.popleft(), time.monotonic())
-        for arrival in self._port.step(time.monotonic()):
+        for arrival in self._port.advance(time.monotonic()):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
         if self._is_plugged != self._port.plugged:
             self._is_plugged = self._port.plugged
@@ -128,10 +128,8 @@ class Emulator:
         self._report_scene()
         wait_s = self._port.next_deadline_s() - time.monotonic()
         fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
-        # The board must have come up to now before it answers: overdue steps come first, one at a time.
-        # A controller is answered at any time: a gripper does not wait for the board.
-        awaited = [self._wake_read, *control_fds, *(fds if wait_s > 0 else [])]
-        ready, _, _ = select.select(awaited, [], [], min(max(wait_s, 0.0), _LONGEST_SLEEP_S))
+        wait_s = min(max(wait_s, 0.0), _LONGEST_SLEEP_S)
+        ready, _, _ = select.select([self._wake_read, *control_fds, *fds], [], [], wait_s)
         if self._wake_read in ready:
             os.read(self._wake_read, 64)
         if any(fd in fds for fd in ready) and (data := self._link.read()):
@@ -182,8 +180,8 @@ def run_emulator(
 ) -> None:
     """Run an `Emulator` until SIGTERM or SIGINT, on a pty with the name `link`, or listening on `tcp`.
 
-    A controller can move the grip at `control`, which is ``unix:///PATH`` or ``tcp://HOST:PORT``. While
-    tables of a grooved plate are solved first, `report` gets ``"preparing"``.
+    A controller can move the grip at `control`, which is ``unix:///PATH``. While tables of a grooved plate
+    are solved first, `report` gets ``"preparing"``.
 
     Raises
     ------

@@ -21,15 +21,15 @@ _DRAIN_S = 0.2
 class Simulation:
     """Iterator over ``(arrival_s, bytes)`` in order, which has the truth afterwards.
 
+    It acts as host, too: it starts the board whenever bytes come and it does not run (also after a reset),
+    and stops it at the end.
+
     Parameters
     ----------
     origin_s : float
         Simulated monotonic time at power-up.
     seed : int
         Of the faults; the scene has its own.
-    is_host : bool
-        Act as host too: start the board whenever bytes come and it does not run (also after a reset), and
-        stop it at the end. Without that only `send` starts the board, and the duration counts from power-up.
     duration_s : float or None
         Scene time to play; None is the scene's own duration.
     """
@@ -43,7 +43,6 @@ class Simulation:
         board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
-        is_host: bool = True,
         duration_s: float | None = None,
     ) -> None:
         faults = faults or FaultParams()
@@ -54,7 +53,7 @@ class Simulation:
         self._duration_s = scene.duration_s if duration_s is None else duration_s
         self._drain_s = _DRAIN_S + faults.bunch_s + faults.stall_s
         self._encoder = Encoder(layout)
-        self._is_host = is_host and layout.has("start")
+        self._is_host = layout.has("start")  # a board without commands runs by itself
         self._starts_unasked = self._is_host and not layout.has("hello")  # such a board says nothing before
         self._token = 0
         note = self.scans.append
@@ -78,10 +77,6 @@ class Simulation:
     def grip(self, force_n: float) -> None:
         """Set a controller's grip on a held object from now on; see `move_grip`."""
         move_grip(self._port.contact, force_n)
-
-    def send(self, data: bytes) -> None:
-        """Send bytes from the host to the board now."""
-        self._port.receive(data, self.now_s)
 
     def __iter__(self) -> Iterator[tuple[float, bytes]]:
         yield from self._until_end()
@@ -109,4 +104,4 @@ class Simulation:
 
     def _command(self, name: str) -> None:
         self._token = (self._token + 1) % 256  # fits a token of any width
-        self.send(self._encoder.encode(Command(name, self._token)))
+        self._port.receive(self._encoder.encode(Command(name, self._token)), self.now_s)

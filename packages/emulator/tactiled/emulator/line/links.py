@@ -1,41 +1,21 @@
-"""Links between emulator and host: a pty under a stable name, or a TCP listener."""
+"""Ports on the emulator's side: a pty under a stable name, or a listening socket.
+
+No call blocks. ``read`` returns b"" where there is nothing to read; ``write`` returns how many bytes the peer
+took, whose buffer may be full: the others are lost.
+"""
 
 import contextlib
+import errno
 import os
 import select
 import socket
 import tty
 from pathlib import Path
-from typing import Protocol
 
 from tactiled.errors import ConfigError
 
 _READ_BYTES = 4096
 _MOST_BYTES = 65536  # read at once from a host that does not stop writing
-
-
-class HostLink(Protocol):
-    """Port on the emulator's side. No call blocks; bytes that the host does not take are lost."""
-
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def describe(self) -> dict[str, str]:
-        """Address, for the report."""
-        ...
-
-    def fds(self) -> list[int]:
-        """Descriptors to wait on for reading."""
-        ...
-
-    def read(self) -> bytes:
-        """Read the bytes that the host wrote; b"" where there are none."""
-        ...
-
-    def write(self, data: bytes) -> int:
-        """Write bytes, and return how many the host took: its buffer may be full."""
-        ...
 
 
 class PtyLink:
@@ -101,35 +81,42 @@ class PtyLink:
         fresh.replace(path)
 
 
-class TcpLink:
-    """TCP listener for one host at a time (``socket://HOST:PORT`` in pyserial).
+class SocketLink:
+    """Listening socket for one peer at a time, at a path or at host and port.
 
     Port 0 takes a free port, which is kept when the port is unplugged. `open` raises `ConfigError` with the
     `option` that asked for the address where it is not available.
     """
 
-    def __init__(self, option: str, host: str, port: int) -> None:
-        self._option, self._host, self._port = option, host, port
+    def __init__(self, option: str, address: Path | tuple[str, int]) -> None:
+        self._option, self._address = option, address
         self._listener: socket.socket | None = None
         self._client: socket.socket | None = None
 
     def open(self) -> None:
         try:
-            self._listener = socket.create_server((self._host, self._port))
+            self._listener = _listener(self._address)
         except OSError as error:
-            words = f"cannot listen on {self._host}:{self._port}: {error}"
+            words = f"cannot listen on {self.describe()['link']}: {error.strerror or error}"
             raise ConfigError(self._option, [words]) from None
         self._listener.setblocking(False)
-        self._port = self._listener.getsockname()[1]
+        if not isinstance(self._address, Path):
+            self._address = (self._address[0], self._listener.getsockname()[1])
 
     def close(self) -> None:
         self._hang_up()
-        if self._listener is not None:
-            self._listener.close()
+        if self._listener is None:
+            return
+        self._listener.close()
         self._listener = None
+        if isinstance(self._address, Path):
+            self._address.unlink(missing_ok=True)
 
     def describe(self) -> dict[str, str]:
-        return {"link": f"socket://{self._host}:{self._port}"}
+        if isinstance(self._address, Path):
+            return {"link": f"unix://{self._address}"}
+        host, port = self._address
+        return {"link": f"socket://{host}:{port}"}
 
     def fds(self) -> list[int]:
         return [s.fileno() for s in (self._listener, self._client) if s is not None]
@@ -178,40 +165,7 @@ class TcpLink:
         self._client = None
 
 
-class UnixLink(TcpLink):
-    """Unix socket for one peer at a time; its file is removed at close."""
-
-    def __init__(self, option: str, path: Path) -> None:
-        super().__init__(option, "", 0)
-        self._path = path
-
-    def open(self) -> None:
-        if self._path.is_socket() and self._is_served():
-            raise ConfigError(self._option, [f"cannot listen on {self._path}: another process listens there"])
-        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            if self._path.is_socket():
-                self._path.unlink()  # left by an emulator that was killed
-            listener.bind(str(self._path))
-        except OSError as error:
-            listener.close()
-            why = error.strerror or str(error)
-            raise ConfigError(self._option, [f"cannot listen on {self._path}: {why}"]) from None
-        listener.listen()
-        listener.setblocking(False)
-        self._listener = listener
-
-    def _is_served(self) -> bool:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-            return probe.connect_ex(str(self._path)) == 0
-
-    def close(self) -> None:
-        if self._listener is not None:
-            self._path.unlink(missing_ok=True)
-        super().close()
-
-    def describe(self) -> dict[str, str]:
-        return {"link": f"unix://{self._path}"}
+HostLink = PtyLink | SocketLink
 
 
 def make_link(link: Path | None, tcp: str | None) -> HostLink:
@@ -223,19 +177,34 @@ def make_link(link: Path | None, tcp: str | None) -> HostLink:
         return PtyLink(link)
     if link is not None:
         raise ConfigError("command line", ["give either a link for a pty or a TCP address, not both"])
-    return _tcp_link("tcp", tcp, "tcp://HOST:PORT")
-
-
-def make_control_link(address: str) -> HostLink:
-    """Make a socket for a controller at ``tcp://HOST:PORT`` or ``unix:///PATH``; `ConfigError` for others."""
-    path = address.removeprefix("unix://")
-    if path and path != address:
-        return UnixLink("control", Path(path))
-    return _tcp_link("control", address, "tcp://HOST:PORT or unix:///PATH")
-
-
-def _tcp_link(option: str, address: str, form: str) -> TcpLink:
-    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    host, _, port = tcp.removeprefix("tcp://").rpartition(":")
     if not host or "/" in host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigError("command line", [f"{option}: {address!r} is not of the form {form}"])
-    return TcpLink(option, host.strip("[]"), int(port))
+        raise ConfigError("command line", [f"tcp: {tcp!r} is not of the form tcp://HOST:PORT"])
+    return SocketLink("tcp", (host.strip("[]"), int(port)))
+
+
+def make_control_link(address: str) -> SocketLink:
+    """Make a socket for a controller at ``unix:///PATH``; `ConfigError` for other addresses."""
+    path = address.removeprefix("unix://")
+    if not path or path == address:
+        raise ConfigError("command line", [f"control: {address!r} is not of the form unix:///PATH"])
+    return SocketLink("control", Path(path))
+
+
+def _listener(address: Path | tuple[str, int]) -> socket.socket:
+    """Listen at a path, in place of a socket that a killed emulator left, or at host and port."""
+    if not isinstance(address, Path):
+        return socket.create_server(address)
+    if address.is_socket():
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            if probe.connect_ex(str(address)) == 0:
+                raise OSError(errno.EADDRINUSE, "another process listens there")
+        address.unlink()
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        listener.bind(str(address))
+    except OSError:
+        listener.close()
+        raise
+    listener.listen()
+    return listener
