@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bench.recordings.log import Log
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.data import ReferenceTable
 from tactiled.calibrate.study import Identity, calibrate
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.sliding import growth
@@ -96,7 +96,7 @@ def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> F
     assert log.forces is not None
     values = np.full((len(log.time_s), 6), np.nan)
     values[:, :3] = log.forces
-    table = ReferenceTable(log.time_s, values, np.full(len(values), NO_TAXEL))
+    table = ReferenceTable(log.time_s, values)
     try:
         study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), are_poses=are_poses)
     except DataError:

@@ -56,20 +56,19 @@ def test_a_calibration_needs_a_reference_or_the_guide(tmp_path: Path) -> None:
         (GOOD.replace("0.3,3", "0.3,three"), "'three' is not a number"),
         (GOOD.replace("0.3,3", "0.9,3"), "does not grow"),
         ("time_s,fz_n\n1.0,2\n", "at least 20"),
-        ("time_s,fz_n,taxel\n" + "".join(f"{k},1,12\n" for k in range(30)), "taxel 12 does not exist"),
     ],
 )
 def test_a_bad_reference_is_refused_with_its_line(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "ft.csv"
     path.write_text(text)
     with pytest.raises(DataError, match=says):
-        read_reference(path, 9)
+        read_reference(path)
 
 
 def test_rows_with_holes_are_left_out_and_missing_columns_stay_unknown(tmp_path: Path) -> None:
     path = tmp_path / "ft.csv"
     path.write_text(GOOD.replace("0.3,3\n", "0.3,\n"))
-    table = read_reference(path, 9)
+    table = read_reference(path)
     assert len(table.time_s) == 39
     assert table.outputs == [2]
 

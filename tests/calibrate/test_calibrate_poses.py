@@ -8,7 +8,7 @@ import pytest
 from commands import call
 
 from tactiled.array import Array, ArrayFile, build
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.data import ReferenceTable
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.errors import DataError
 from tactiled.tomlfile import parse
@@ -44,7 +44,7 @@ def poses(n: int = 600) -> tuple[np.ndarray, np.ndarray]:
 
 def fitted(array: Array, readings: np.ndarray, values: np.ndarray) -> CalibrationStudy:
     rows = np.arange(len(values), dtype=np.float64)
-    table = ReferenceTable(rows, values, np.full(len(values), NO_TAXEL))
+    table = ReferenceTable(rows, values)
     times = np.arange(len(readings), dtype=np.float64)
     return calibrate(array, times, readings, table, Identity("poses"), are_poses=True)
 
@@ -66,7 +66,7 @@ def test_poses_in_any_order_give_the_same_errors_and_no_creep() -> None:
 def test_a_pose_that_lacks_in_one_file_moves_no_other() -> None:
     readings, values = poses()
     rows = np.arange(len(values), dtype=np.float64)
-    table = ReferenceTable(np.delete(rows, 360), np.delete(values, 360, axis=0), np.full(599, NO_TAXEL))
+    table = ReferenceTable(np.delete(rows, 360), np.delete(values, 360, axis=0))
     log, own = np.delete(readings, 380, axis=0), np.delete(rows, 380)
     found = calibrate(chip(), own, log, table, Identity("poses"), are_poses=True)
     assert len(found.left_out) == 598
@@ -76,7 +76,7 @@ def test_a_pose_that_lacks_in_one_file_moves_no_other() -> None:
 def test_poses_that_do_not_belong_together_are_refused() -> None:
     readings, values = poses()
     rows = np.arange(len(values), dtype=np.float64)
-    table = ReferenceTable(rows + 0.5, values, np.full(len(values), NO_TAXEL))
+    table = ReferenceTable(rows + 0.5, values)
     with pytest.raises(DataError, match="0 poses are in both files"):
         calibrate(chip(), rows, readings, table, Identity("poses"), are_poses=True)
     with pytest.raises(DataError, match="poses have no beginning"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, TaxelChannel, build, load_array
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.data import ReferenceTable
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import Loads
 from tactiled.emulator.rig.reference import ReferenceSensor
@@ -35,7 +35,7 @@ def table(run: RigRun, columns: str = "fx fy fz tx ty tz") -> ReferenceTable:
     names = ("fx", "fy", "fz", "tx", "ty", "tz")
     values = run.reference.copy()
     values[:, [k for k, name in enumerate(names) if name not in columns.split()]] = np.nan
-    return ReferenceTable(run.reference_s, values, np.full(len(values), NO_TAXEL))
+    return ReferenceTable(run.reference_s, values)
 
 
 def study(run: RigRun, reference: ReferenceTable, readings: np.ndarray | None = None) -> CalibrationStudy:
@@ -170,7 +170,7 @@ def test_a_log_that_begins_under_load_is_refused_with_advice() -> None:
     )
     values = np.full((6000, 6), np.nan)
     values[:, 2] = fz_n + 0.01 * rng.normal(size=6000)
-    reference = ReferenceTable(time_s, values, np.full(6000, NO_TAXEL))
+    reference = ReferenceTable(time_s, values)
     readings = np.rint(1000.0 + 100.0 * fz_n + 3.0 * rng.normal(size=6000))[:, np.newaxis]
     with pytest.raises(DataError, match="begins under load"):
         calibrate(pad, time_s, readings, reference, Identity("pad"))
@@ -181,7 +181,7 @@ def test_grams_of_light_presses_are_refused_too() -> None:
     light = replace(run.loads, taxels_n=0.08 * run.loads.taxels_n)  # 1.6 N, which are 163 g
     readings = rig.sensor.readings(light.taxels_n, 100.0, np.random.default_rng(6))
     time_s, values = rig.reference.measure(light, ARRAY, np.random.default_rng(7))
-    grams = ReferenceTable(time_s, values * 101.97, np.full(len(values), NO_TAXEL))
+    grams = ReferenceTable(time_s, values * 101.97)
     with pytest.raises(DataError, match="grams"):
         study(replace(run, loads=light), grams, readings)
 
@@ -233,7 +233,7 @@ def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
     taxels_n[rows, taxels, 1] = 0.4 * press * np.cos(2 * np.pi * time_s / 2.3)
     seen = rig.reference.seen(Loads(time_s, taxels_n).wrench(ARRAY))
     readings = rig.sensor.readings(taxels_n, 100.0, np.random.default_rng(4))
-    reference = ReferenceTable(time_s, seen, taxels)
+    reference = ReferenceTable(time_s, seen)
     found = calibrate(ARRAY, reference.time_s, readings, reference, Identity("probe"))
     assert not any("hardly separated" in words for words in found.file.verdict)
 

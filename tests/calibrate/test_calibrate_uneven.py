@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable, bin_log, pose_log, start_zero
+from tactiled.calibrate.data import ReferenceTable, bin_log, pose_log, start_zero
 from tactiled.calibrate.folds import segments
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
 from tactiled.calibrate.uncertainty import axis_uncertainty
@@ -50,7 +50,7 @@ def reference(late_s: float = 0.0, seconds: float = 100.0, rate_hz: float = 50.0
     time_s = np.arange(0.0, seconds, 1 / rate_hz)
     values = np.full((len(time_s), 6), np.nan)
     values[:, 2] = presses_n(time_s)
-    return ReferenceTable(time_s + late_s, values, np.full(len(time_s), NO_TAXEL))
+    return ReferenceTable(time_s + late_s, values)
 
 
 def live_error_n(

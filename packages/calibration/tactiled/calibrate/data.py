@@ -17,7 +17,6 @@ from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS, Curve, PairsModelParams, SmoothModelParams
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
-NO_TAXEL = -1
 # A curve is tried where no reading falls below so many standard deviations of the noise that the lowest ones
 # have: nearer to 0 it bends by the noise. That of a resistor falls with its reading.
 _LEAST_NOISES, _LOWEST = 10.0, 0.05  # the second: quantile of the readings
@@ -34,7 +33,6 @@ class ReferenceTable:
 
     time_s: FloatArray  # (m,): in its own clock, increasing
     values: FloatArray  # (m, 6): fx, fy, fz (N), tx, ty, tz (N mm); NaN for columns that it does not have
-    taxel: NDArray[np.int64]  # (m,): only taxel that is pressed; `NO_TAXEL` where that is not known
 
     @property
     def outputs(self) -> list[int]:
@@ -202,7 +200,7 @@ def same_poses(time_s: FloatArray, table: ReferenceTable) -> tuple[NDArray[np.in
             f"{len(rows)} poses are in both files, of {len(time_s)} in the log and {len(table.time_s)} in "
             "the reference: time_s is the number of the pose in both (--rate 1 numbers a log from 0)"
         )
-    return log_rows, ReferenceTable(table.time_s[rows], table.values[rows], table.taxel[rows])
+    return log_rows, ReferenceTable(table.time_s[rows], table.values[rows])
 
 
 def start_zero(time_s: FloatArray, readings: FloatArray, array: Array) -> FloatArray:
@@ -266,14 +264,6 @@ class AlignedReference:
         """Return True (n,) for bins that the reference covers."""
         start, end = self._ends_s(late_s, drift)
         return np.asarray((start >= 0.0) & (end <= self._time_s[-1]))
-
-    def taxels(self, late_s: float, drift: float) -> NDArray[np.int64]:
-        """Return the taxel (n,) that is pressed in each bin, `NO_TAXEL` where that is not known."""
-        start, end = self._ends_s(late_s, drift)
-        first = np.clip(np.searchsorted(self._time_s, start), 0, len(self._time_s) - 1)
-        last = np.clip(np.searchsorted(self._time_s, end) - 1, 0, len(self._time_s) - 1)
-        one, other = self._table.taxel[first], self._table.taxel[last]
-        return np.where(one == other, one, NO_TAXEL)
 
     def _at(self, time_s: FloatArray) -> FloatArray:
         columns = [np.interp(time_s, self._time_s, column) for column in self._integral.T]

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import free_level, quiet_bins
-from tactiled.calibrate.data import NO_TAXEL, AlignedReference, BinnedLog, FittedModel
+from tactiled.calibrate.data import AlignedReference, BinnedLog, FittedModel
 from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.linear import Prior, Regression
 from tactiled.force.calibration import CreepState, LoadCurve, PairsModelParams
@@ -84,11 +84,6 @@ class PairsFitter:
         self._used = reference.outputs
         self._unit = float(np.quantile(log.readings.max(axis=1), 0.95))
         self._step = max(_STEP_NOISES * float(np.median(log.noise)), 0.003 * self._unit)
-        masks = reference.taxels(late_s, 0.0)
-        self._mask: FloatArray | None = None
-        if (masks != NO_TAXEL).any():
-            own = np.equal.outer(masks, array.channel_taxel) | (masks == NO_TAXEL)[:, np.newaxis]
-            self._mask = np.tile(own.astype(np.float64), N_KINDS)
 
     def _features(self, physics: dict[str, float], readings: FloatArray) -> FloatArray:
         """Features (n, 3 channels) of all bins: load, reading over unit, load times mean load."""
@@ -124,14 +119,13 @@ class PairsFitter:
     def _regression(self, physics: dict[str, float]) -> Regression:
         """Make the linear problem of the used bins."""
         features = self._features(physics, self._log.readings)
-        shown = features if self._mask is None else features * self._mask
         outputs = self._reference.means(self._late_s + physics["late_s"], physics["drift"])
         taxel = np.tile(self._array.channel_taxel, N_KINDS)
         x = self._array.x_mm[taxel] - physics["origin_x_mm"]
         y = self._array.y_mm[taxel] - physics["origin_y_mm"]
         turn = physics["turn"]
         return Regression(
-            shown[self._rows],
+            features[self._rows],
             outputs[self._rows],
             self._used,
             x + turn * y,

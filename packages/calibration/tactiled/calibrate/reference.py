@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.calibrate.data import NO_TAXEL, ReferenceTable
+from tactiled.calibrate.data import ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS
 from tactiled.outside import need_regular
@@ -16,8 +16,8 @@ COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS
 _LEAST_ROWS = 20
 
 
-def read_reference(path: Path, n_taxels: int) -> ReferenceTable:
-    """Read the CSV of a force sensor: time_s, any of the forces and moments, optionally taxel.
+def read_reference(path: Path) -> ReferenceTable:
+    """Read the CSV of a force sensor: time_s, and any of the forces and moments.
 
     Raises
     ------
@@ -25,7 +25,7 @@ def read_reference(path: Path, n_taxels: int) -> ReferenceTable:
         The file is not such a table; the message names the line.
     """
     rows: list[list[float]] = []
-    wanted = ("time_s", *COLUMNS, "taxel")
+    wanted = ("time_s", *COLUMNS)
     try:
         need_regular(path)
         with path.open(newline="", encoding="utf-8-sig") as stream:
@@ -44,25 +44,20 @@ def read_reference(path: Path, n_taxels: int) -> ReferenceTable:
                 rows.append([_number(row.get(name, ""), where) for name in wanted])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
-    return _checked(np.array(rows, dtype=np.float64).reshape(len(rows), len(wanted)), path, n_taxels)
+    return _checked(np.array(rows, dtype=np.float64).reshape(len(rows), len(wanted)), path)
 
 
-def _checked(table: FloatArray, path: Path, n_taxels: int) -> ReferenceTable:
-    """Reference of columns time, six outputs, taxel; rows with holes are left out."""
-    has = ~np.isnan(table[:, 1:7]).all(axis=0)
-    good = np.isfinite(table[:, 0]) & np.isfinite(table[:, 1:7][:, has]).all(axis=1)
+def _checked(table: FloatArray, path: Path) -> ReferenceTable:
+    """Reference of columns time and six outputs; rows with holes are left out."""
+    has = ~np.isnan(table[:, 1:]).all(axis=0)
+    good = np.isfinite(table[:, 0]) & np.isfinite(table[:, 1:][:, has]).all(axis=1)
     table = table[good]
     if len(table) < _LEAST_ROWS or not has.any():
         raise DataError(f"{path}: {len(table)} rows without holes; at least {_LEAST_ROWS} are needed")
     if np.any(np.diff(table[:, 0]) <= 0):
         row = int(np.argmax(np.diff(table[:, 0]) <= 0)) + 2
         raise DataError(f"{path}: time_s does not grow at row {row}")
-    taxel = np.where(np.isfinite(table[:, 7]), table[:, 7], NO_TAXEL).astype(np.int64)
-    if np.any((taxel < NO_TAXEL) | (taxel >= n_taxels)):
-        raise DataError(
-            f"{path}: taxel {taxel[np.argmax(np.abs(taxel))]} does not exist; there are 0 to {n_taxels - 1}"
-        )
-    return ReferenceTable(table[:, 0], table[:, 1:7], taxel)
+    return ReferenceTable(table[:, 0], table[:, 1:])
 
 
 def _number(cell: str, where: str) -> float:

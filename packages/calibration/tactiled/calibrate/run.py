@@ -53,7 +53,7 @@ def calibrate_files(
     if temperature_c is not None and not math.isfinite(temperature_c):
         raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
     data = read_log(log, array, columns, time_unit, topic, rate_hz)
-    table = read_reference(reference, data.array.n_taxels)
+    table = read_reference(reference)
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
     with ProgressBar("calibrate", N_STAGES) as bar:
         found = calibrate(
