@@ -11,9 +11,9 @@ import numpy as np
 from tactiled.errors import ContractError
 from tactiled.wire import cobs
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
-from tactiled.wire.framing import make_framer
+from tactiled.wire.framing import crc16, make_framer
 from tactiled.wire.layout import Layout, MessageFormat, tagged_packets
-from tactiled.wire.schema import IN_UNITS, Direction
+from tactiled.wire.schema import IN_UNITS, CobsFraming, Direction, LinesFraming, TaggedFraming
 
 
 class Decoder:
@@ -66,21 +66,19 @@ class Decoder:
         ]  # fmt: skip
 
     def _unknown(self, item: Corrupt) -> Command | Corrupt:
-        width, order = self.layout.type_bytes, self.layout.byte_order
         n_token = self.layout.leading_token_bytes
-        if self._direction == "board-to-host" or not n_token or len(item.body) < width + n_token:
+        if self._direction == "board-to-host" or not n_token or len(item.body) < 1 + n_token:
             return item
-        type_ = int.from_bytes(item.body[:width], order)
-        return Command(f"0x{type_:02x}", int.from_bytes(item.body[width : width + n_token], order))
+        token = int.from_bytes(item.body[1 : 1 + n_token], self.layout.file.byte_order)
+        return Command(f"0x{item.body[0]:02x}", token)
 
     def _frame(self, body: bytes) -> Frame | Corrupt:
         if self._fixed:
             return Command(self._fixed[body], 0)
-        width = self.layout.type_bytes
-        message = self._messages[int.from_bytes(body[:width], self.layout.byte_order)]
+        message = self._messages[body[0] if self.layout.detects_damage else 0]
         if message.name == "scan":
             return self._scans.read(body)
-        row = np.frombuffer(body, message.dtype, 1, width)[0]
+        row = np.frombuffer(body, message.dtype, 1, 1)[0]
         names = message.dtype.names or ()
         try:
             fields = {name: _from_wire(row[name], message.per_unit[name], name) for name in names}
@@ -102,16 +100,17 @@ class _ScanReader:
 
     def __init__(self, layout: Layout) -> None:
         fields: Mapping[str, Any] = layout.messages["scan"].dtype.fields or {}
-        sign = "<" if layout.byte_order == "little" else ">"
+        sign = "<" if layout.file.byte_order == "little" else ">"
+        type_bytes = 1 if layout.detects_damage else 0
         self._heads = [
-            (struct.Struct(sign + fields[name][0].base.char).unpack_from, fields[name][1] + layout.type_bytes)
+            (struct.Struct(sign + fields[name][0].base.char).unpack_from, fields[name][1] + type_bytes)
             if name in fields
             else None
             for name in ("sequence", "ticks", "flags")
         ]
         counts, at = fields["counts"][:2]
         self._counts, self._n_counts = counts.base, math.prod(counts.shape)
-        self._counts_at = at + layout.type_bytes
+        self._counts_at = at + type_bytes
         self._is_float = layout.carries_units
         self._places = layout.channel_places
 
@@ -152,7 +151,7 @@ class Encoder:
                 raise ContractError(f"layout {self.layout.name} has no result {frame.result!r}")
             values["command"] = self._command_id(frame.command)
             values["result"] = self.layout.file.results[frame.result]
-        return self._wrap(self._body(message, values))
+        return self._wrap(message, self._body(message, values))
 
     def _command_id(self, name: str) -> int:
         """Type of a command by its name, or by the number that the decoder uses as name of an unknown one."""
@@ -173,24 +172,19 @@ class Encoder:
                 row[name] = _to_wire(values[name], per_unit, message.dtype[name])
             except (OverflowError, ValueError, TypeError) as error:
                 raise ContractError(f"{message.name}.{name}: {error}") from None
-        return message.id.to_bytes(self.layout.type_bytes, self.layout.byte_order) + row.tobytes()
+        return row.tobytes()
 
-    def _wrap(self, body: bytes) -> bytes:
-        layout = self.layout
-        order = layout.byte_order
-        length = len(body).to_bytes(layout.length_bytes, order) if layout.length_bytes else b""
-        if layout.file.framing.kind == "terminator":
-            return body + layout.terminator
-        if layout.file.framing.kind == "tagged":
-            return tagged_packets(layout, body)
-        if layout.file.framing.kind == "lines":
-            values = np.frombuffer(body, layout.messages["scan"].dtype["counts"].base).tolist()
-            return layout.separator.join(f"{value:.9g}" for value in values).encode() + layout.terminator
-        covered = length + body if layout.covers_length else body
-        guarded = body + layout.checksum.compute(covered).to_bytes(layout.checksum.n_bytes, order)
-        if layout.file.framing.kind == "cobs":
-            return cobs.encode(guarded) + b"\0"
-        return layout.sync + length + guarded
+    def _wrap(self, message: MessageFormat, body: bytes) -> bytes:
+        framing = self.layout.file.framing
+        if isinstance(framing, CobsFraming):
+            typed = bytes([message.id]) + body
+            return cobs.encode(typed + crc16(typed).to_bytes(2, self.layout.file.byte_order)) + b"\0"
+        if isinstance(framing, TaggedFraming):
+            return tagged_packets(framing, body)
+        if isinstance(framing, LinesFraming):
+            values = np.frombuffer(body, message.dtype["counts"].base).tolist()
+            body = framing.separator.join(f"{value:.9g}" for value in values).encode()
+        return body + self.layout.terminator
 
 
 def _from_wire(value: Any, per_unit: int, name: str) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
+from tactiled.wire.schema import LinesFraming, TaggedFraming
 
 
 class Framer(ABC):
@@ -74,10 +75,10 @@ class LineFramer(Framer):
     # Longest number with its separator: 17 digits, sign, point, exponent, and blanks that align columns.
     LONGEST_NUMBER = 32
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, framing: LinesFraming) -> None:
         super().__init__()
         self._terminator = layout.terminator
-        self._separator = layout.separator
+        self._separator = framing.separator
         self._dtype = layout.messages["scan"].dtype["counts"].base
         self._n_values = math.prod(layout.messages["scan"].dtype["counts"].shape)
         self._longest = self.LONGEST_NUMBER * self._n_values + len(self._terminator)
@@ -239,16 +240,15 @@ class TaggedFramer(LockingFramer):
     3. Records that are no channels are skipped.
     """
 
-    def __init__(self, layout: Layout) -> None:
-        framing = layout.file.framing
-        self._sync, self._order = layout.sync, layout.byte_order
-        self._length_at = len(layout.sync) + framing.skipped
-        self._header = self._length_at + layout.length_bytes
+    def __init__(self, framing: TaggedFraming) -> None:
+        self._sync = bytes.fromhex(framing.sync_hex)
+        self._length_at = len(self._sync) + framing.skipped
+        self._header = self._length_at + 1
         self._mask = framing.tag_mask
-        self._longest_body = layout.longest_body
-        super().__init__("records", self._header + self._longest_body)
-        self._sizes = {record.tag: record.bytes for record in layout.file.records}
-        channels = [record.tag for record in layout.file.records if record.channels]
+        self._most_bytes = framing.most_bytes
+        super().__init__("records", self._header + self._most_bytes)
+        self._sizes = {record.tag: record.bytes for record in framing.records}
+        channels = [record.tag for record in framing.records if record.channels]
         self._place = {tag: place for place, tag in enumerate(channels)}
         self._parts: dict[int, bytes] = {}  # records of the scan that is being collected, by their place
 
@@ -278,8 +278,8 @@ class TaggedFramer(LockingFramer):
         at = start + self._header
         if len(buffer) < at:
             return None
-        length = int.from_bytes(buffer[start + self._length_at : at], self._order)
-        if not 0 < length <= self._longest_body:
+        length = buffer[start + self._length_at]
+        if not 0 < length <= self._most_bytes:
             return 0
         end = at + length
         while at < end:
@@ -294,7 +294,10 @@ class TaggedFramer(LockingFramer):
     def _to_next_sync(self) -> int:
         """Return the number of bytes at the front that cannot begin a packet; the first one does not."""
         at = self._buffer.find(self._sync, 1)
-        return at if at >= 0 else len(self._buffer) - begun(self._buffer[1:], self._sync)
+        if at >= 0:
+            return at
+        rest = self._buffer[1:]
+        return len(self._buffer) - max(k for k in range(len(self._sync)) if rest.endswith(self._sync[:k]))
 
     def _collect(self, packet: bytes) -> Iterator[bytes]:
         """Yield the scans that the records of a packet complete."""
@@ -311,8 +314,3 @@ class TaggedFramer(LockingFramer):
                     yield b"".join(self._parts[k] for k in range(len(self._place)))
                     self._parts = {}
             at = end
-
-
-def begun(data: bytes | bytearray, word: bytes) -> int:
-    """Return the length of the longest end of `data` that may grow into `word`."""
-    return max(k for k in range(len(word)) if data.endswith(word[:k]))

@@ -19,7 +19,7 @@ any CRC-16 accepts at the place of the frame itself (2^-16 = 1.5e-5 of the frame
 surely detects).
 """
 
-from collections import defaultdict
+import binascii
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,49 +27,23 @@ import numpy as np
 
 from tactiled.compiled import compiled_module
 from tactiled.wire import cobs
-from tactiled.wire.framer import (
-    FixedCommandFramer,
-    Framer,
-    LineFramer,
-    TaggedFramer,
-    TerminatorFramer,
-    begun,
-)  # fmt: skip
+from tactiled.wire.framer import FixedCommandFramer, Framer, LineFramer, TaggedFramer, TerminatorFramer
 from tactiled.wire.frames import Corrupt, Scan
 from tactiled.wire.layout import Layout
-from tactiled.wire.schema import UNCHECKED, Direction
+from tactiled.wire.schema import Direction, LinesFraming, TaggedFraming
+
+_CRC16_START = 0xFFFF
 
 
-class _Checker:
-    """Check length, checksum and type of a body."""
-
-    def __init__(self, layout: Layout, direction: Direction) -> None:
-        self._order = layout.byte_order
-        self._type_bytes = layout.type_bytes
-        self._checksum = layout.checksum
-        self._with_length = layout.covers_length
-        self._length_bytes = layout.length_bytes
-        self.body_bytes = {
-            type_: layout.body_bytes(message) for type_, message in layout.incoming(direction).items()
-        }
-
-    def fault(self, guarded: bytes) -> str | None:
-        """Return the reason to reject ``body + checksum``, or None when it is good."""
-        body, tail = guarded[: -self._checksum.n_bytes], guarded[-self._checksum.n_bytes :]
-        if len(body) < max(self._type_bytes, 1):
-            return "length"
-        covered = body
-        if self._with_length:
-            covered = len(body).to_bytes(self._length_bytes, self._order) + body
-        if self._checksum.compute(covered) != int.from_bytes(tail, self._order):
-            return "checksum"
-        type_ = int.from_bytes(body[: self._type_bytes], self._order)
-        return None if self.body_bytes.get(type_) == len(body) else "type"
+def crc16(data: bytes) -> int:
+    """Return the CRC-16/IBM-3740 (Rocksoft catalogue); 0x29B1 over ``123456789``."""
+    return binascii.crc_hqx(data, _CRC16_START)
 
 
 # Both ends accept frames of later protocol versions up to this number of stuffed bytes, to report them
 # (board.md).
 _LEAST_TAKEN = 32
+_TAIL = 2  # bytes of the checksum
 
 
 _MOST_BYTES, _MOST_SCANS = 1 << 16, 1024  # of one call of the compiled reader
@@ -85,7 +59,7 @@ class _GoodScans:
         Bytes before which the delimiter of a frame must come.
     """
 
-    def __init__(self, layout: Layout, crc16_start: int, limit: int) -> None:
+    def __init__(self, layout: Layout, limit: int) -> None:
         scan = layout.messages["scan"]
         fields = {name: field[:2] for name, field in (scan.dtype.fields or {}).items()}
         heads = [fields.get(name) for name in ("sequence", "ticks", "flags")]
@@ -94,14 +68,14 @@ class _GoodScans:
         self._counts = np.empty((_MOST_SCANS, layout.n_channels), dtype=np.int64)
         self._reader = _READER(
             limit,
-            crc16_start,
-            layout.byte_order == "little",
+            _CRC16_START,
+            layout.file.byte_order == "little",
             scan.id,
-            layout.type_bytes,
-            layout.body_bytes(scan),
-            [0 if head is None else head[1] + layout.type_bytes for head in heads],
+            1,  # byte of the type
+            1 + scan.dtype.itemsize,
+            [0 if head is None else head[1] + 1 for head in heads],
             [0 if head is None else head[0].itemsize for head in heads],
-            counts_at + layout.type_bytes,
+            counts_at + 1,
             counts.base.itemsize,
             counts.base.kind == "i",
             _MOST_SCANS,
@@ -127,24 +101,20 @@ class CobsFramer(Framer):
 
     def __init__(self, layout: Layout, direction: Direction) -> None:
         super().__init__()
-        self._checker = _Checker(layout, direction)
-        self._tail = layout.checksum.n_bytes
-        # Possible sizes by first byte (None: any). Checking the first byte makes the search a hundred times
-        # cheaper on a line that is stuck at 0x01. Bytes that are the type of a message, without an end, cost
-        # most: 70 us each.
-        self._sizes: defaultdict[int | None, set[int]] = defaultdict(set)
-        for type_, n in self._checker.body_bytes.items():
-            start = type_.to_bytes(layout.type_bytes, layout.byte_order)
-            self._sizes[start[0] if start else None].add(n + self._tail)
+        self._order = layout.file.byte_order
+        # Size of the frames of each type, with checksum. Checking the type before the rest makes the search a
+        # hundred times cheaper on a line that is stuck at 0x01. Bytes that are the type of a message, without
+        # an end, cost most: 70 us each.
+        self._sizes = {
+            type_: 1 + message.dtype.itemsize + _TAIL for type_, message in layout.incoming(direction).items()
+        }
         # Stuffing adds one byte, and at most one more for each full run of 254. 1 without any message.
-        self._longest = max((n + 1 + (n - 1) // 254 for s in self._sizes.values() for n in s), default=1)
+        self._longest = max((n + 1 + (n - 1) // 254 for n in self._sizes.values()), default=1)
         # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
         self._scans: _GoodScans | None = None
-        crc16_start = layout.checksum.crc16_start
-        is_plain = not (layout.covers_length or layout.carries_units or layout.channel_places is not None)
-        if _READER is not None and direction == "board-to-host" and crc16_start is not None and is_plain:
-            self._scans = _GoodScans(layout, crc16_start, self._limit)
+        if _READER is not None and direction == "board-to-host" and layout.channel_places is None:
+            self._scans = _GoodScans(layout, self._limit)
 
     def _search(self) -> Iterator[bytes | Scan | Corrupt]:
         buffer, limit = self._buffer, self._limit
@@ -171,14 +141,14 @@ class CobsFramer(Framer):
             self.bytes_discarded += 1
             return
         guarded = cobs.decode(chunk)
-        fault = "stuffing" if guarded is None else self._checker.fault(guarded)
+        fault = "stuffing" if guarded is None else self._fault(guarded)
         if guarded is not None and fault is None:
             self.bytes_framed += len(chunk) + 1
-            yield guarded[: -self._tail]
+            yield guarded[:-_TAIL]
             return
         if guarded is not None and fault == "type":
             self.bytes_discarded += len(chunk) + 1
-            yield Corrupt(fault, len(chunk) + 1, guarded[: -self._tail])
+            yield Corrupt(fault, len(chunk) + 1, guarded[:-_TAIL])
             return
         # First the frame that the delimiter closed, because a frame before it that lost its last byte could
         # pass the check with the first byte of this one.
@@ -233,98 +203,32 @@ class CobsFramer(Framer):
     def _frame_at(self, chunk: bytes, start: int) -> tuple[bytes | None, int]:
         """Body of the good frame that begins at `start`, or None, and the position for the next search."""
         first = 0 if chunk[start] == 1 else chunk[min(start + 1, len(chunk) - 1)]
-        sizes = self._sizes.get(None) or self._sizes.get(first)
-        if sizes is None:
-            return None, start + 1
-        for end, n_bytes in cobs.prefixes(chunk, start):
-            if n_bytes in sizes:
+        size = self._sizes.get(first, 0)
+        for end, n_bytes in cobs.prefixes(chunk, start) if size else ():
+            if n_bytes == size:
                 guarded = cobs.decode(chunk[start:end])
-                if guarded is not None and self._checker.fault(guarded) is None:
-                    return guarded[: -self._tail], end
-            if n_bytes >= max(sizes):
+                if guarded is not None and self._fault(guarded) is None:
+                    return guarded[:-_TAIL], end
+            if n_bytes >= size:
                 break
         return None, start + 1
 
-
-class SyncFramer(Framer):
-    """Find frames of sync word, length, body and checksum."""
-
-    def __init__(self, layout: Layout, direction: Direction) -> None:
-        super().__init__()
-        self._checker = _Checker(layout, direction)
-        self._sync = layout.sync
-        self._order = layout.byte_order
-        self._header = len(layout.sync) + layout.length_bytes
-        self._tail = layout.checksum.n_bytes
-        self._lengths = set(self._checker.body_bytes.values())
-        # A frame that lost its last byte passes the check with the first byte of the next sync word with
-        # probability 1/256. An end that could begin a sync word is therefore searched again: these bytes are
-        # counted as framed, and are still at the front of the buffer.
-        self._lent = 0
-
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a frame that is not complete yet."""
-        return len(self._buffer) - self._lent
-
-    def _search(self) -> Iterator[bytes | Corrupt]:
-        buffer = self._buffer
-        while self._seek_sync():
-            if len(buffer) < self._header:
-                return
-            length = int.from_bytes(buffer[len(self._sync) : self._header], self._order)
-            if length not in self._lengths:
-                yield from self._reject("length")
-                continue
-            size = self._header + length + self._tail
-            if len(buffer) < size:
-                return
-            guarded = bytes(buffer[self._header : size])
-            fault = self._checker.fault(guarded)
-            if fault is None:
-                self.bytes_framed += self._drop(size)
-                self._lend(guarded)
-                yield guarded[: -self._tail]
-            else:
-                yield from self._reject(fault)
-
-    def _seek_sync(self) -> bool:
-        """Drop bytes that cannot begin a frame; return True when the buffer begins with the sync word."""
-        at = self._buffer.find(self._sync)
-        if at < 0:
-            at = len(self._buffer) - begun(self._buffer, self._sync)
-        self.bytes_discarded += self._drop(at)
-        return self._buffer.startswith(self._sync)
-
-    def _lend(self, guarded: bytes) -> None:
-        """Put back the end of a good frame if it may begin the next sync word."""
-        self._lent = 1 if guarded[-1:] == self._sync else begun(guarded, self._sync)
-        self._buffer[:0] = guarded[len(guarded) - self._lent :]
-
-    def _drop(self, n: int) -> int:
-        """Remove `n` bytes from the front; return the number of them that was not counted before."""
-        del self._buffer[:n]
-        lent = min(n, self._lent)
-        self._lent -= lent
-        return n - lent
-
-    def _reject(self, fault: str) -> Iterator[Corrupt]:
-        """Discard one byte only, because a good frame may begin inside the damaged one."""
-        given_up = self._drop(1)
-        self.bytes_discarded += given_up
-        if given_up:
-            yield Corrupt(fault, given_up)
+    def _fault(self, guarded: bytes) -> str | None:
+        """Return the reason to reject ``body + checksum``, or None when it is good."""
+        if len(guarded) <= _TAIL:
+            return "length"
+        if crc16(guarded[:-_TAIL]) != int.from_bytes(guarded[-_TAIL:], self._order):
+            return "checksum"
+        return None if self._sizes.get(guarded[0]) == len(guarded) else "type"
 
 
 def make_framer(layout: Layout, direction: Direction) -> Framer:
     """Make the framer of a layout for one direction."""
-    kind = layout.file.framing.kind
-    if kind in UNCHECKED and direction == "host-to-board":
+    framing = layout.file.framing
+    if framing.kind == "cobs":
+        return CobsFramer(layout, direction)
+    if direction == "host-to-board":
         return FixedCommandFramer(layout)
-    if kind == "tagged":
-        return TaggedFramer(layout)
-    if kind == "terminator":
-        return TerminatorFramer(layout)
-    if kind == "lines":
-        return LineFramer(layout)
-    return CobsFramer(layout, direction) if kind == "cobs" else SyncFramer(layout, direction)
+    if isinstance(framing, TaggedFraming):
+        return TaggedFramer(framing)
+    return LineFramer(layout, framing) if isinstance(framing, LinesFraming) else TerminatorFramer(layout)

@@ -4,16 +4,22 @@ Other firmware needs such a file, and no change of code.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled import tomlfile, tomltext
-from tactiled.wire.checksum import CHECKSUMS, NO_CHECKSUM, Checksum
 from tactiled.wire.frames import Hello
-from tactiled.wire.schema import Direction, FieldLayout, LayoutFile, width
+from tactiled.wire.schema import (
+    CobsFraming,
+    Direction,
+    FieldLayout,
+    LayoutFile,
+    LinesFraming,
+    TaggedFraming,
+    TerminatorFraming,
+)
 
 _NUMPY = {
     "u8": "u1",
@@ -44,13 +50,6 @@ class Layout:
     """Compiled layout; ``file`` is its source."""
 
     file: LayoutFile
-    byte_order: Literal["little", "big"]
-    type_bytes: int
-    length_bytes: int
-    sync: bytes
-    terminator: bytes
-    separator: str
-    checksum: Checksum
     messages: dict[str, MessageFormat]
 
     @property
@@ -64,9 +63,12 @@ class Layout:
         return self.file.channels
 
     @property
-    def covers_length(self) -> bool:
-        """True when the checksum covers the length, too."""
-        return self.file.checksum is not None and self.file.checksum.covers == "length-and-body"
+    def terminator(self) -> bytes:
+        """Bytes behind each frame or line; empty where the framing has none."""
+        framing = self.file.framing
+        if isinstance(framing, TerminatorFraming | LinesFraming):
+            return bytes.fromhex(framing.terminator_hex)
+        return b""
 
     @property
     def counts_scans(self) -> bool:
@@ -76,7 +78,7 @@ class Layout:
     @property
     def detects_damage(self) -> bool:
         """True when frames carry a checksum, so that a damaged one shows."""
-        return self.checksum.n_bytes > 0
+        return isinstance(self.file.framing, CobsFraming)
 
     @property
     def carries_units(self) -> bool:
@@ -152,39 +154,27 @@ class Layout:
         """Names of the commands that are fixed bytes, by these bytes."""
         return {m.fixed: m.name for m in self.messages.values() if m.fixed}
 
-    @cached_property
-    def _tagged_bytes(self) -> int:
-        return len(tagged_packets(self, bytes(self.messages["scan"].dtype.itemsize)))
-
-    @property
-    def longest_body(self) -> int:
-        """Largest length, in bytes, of a packet of tagged records."""
-        return self.file.framing.most_bytes or (1 << 8 * self.length_bytes) - 1
-
     def flag(self, name: str) -> int:
         """Return the mask of a flag bit; 0 where the layout has no such flag."""
         return 1 << self.file.flags[name] if name in self.file.flags else 0
-
-    def body_bytes(self, message: MessageFormat) -> int:
-        """Return the number of bytes of type and fields."""
-        return self.type_bytes + message.dtype.itemsize
 
     def wire_bytes(self, message: str) -> int:
         """Return the number of bytes of a message on the wire, including framing and checksum."""
         if self.messages[message].fixed:
             return len(self.messages[message].fixed)
-        if self.file.framing.kind == "tagged":
-            return self._tagged_bytes
-        guarded = self.body_bytes(self.messages[message]) + self.checksum.n_bytes
-        if self.file.framing.kind == "cobs":  # one code for each started run of 254, one delimiter
-            return guarded + 1 + (guarded - 1) // 254 + 1
-        if self.file.framing.kind == "lines":  # typical: numbers differ in length
+        n_bytes = self.messages[message].dtype.itemsize
+        framing = self.file.framing
+        if isinstance(framing, CobsFraming):  # type, checksum; a code for each begun run of 254, a delimiter
+            return n_bytes + 3 + 1 + (n_bytes + 2) // 254 + 1
+        if isinstance(framing, TaggedFraming):
+            return len(tagged_packets(framing, bytes(n_bytes)))
+        if isinstance(framing, LinesFraming):  # typical: numbers differ in length
             (scan,) = self.file.messages
-            return sum(f.n_bytes(self.n_channels) for f in scan.fields) + len(self.terminator)
-        return len(self.sync) + self.length_bytes + guarded + len(self.terminator)
+            n_bytes = sum(f.n_bytes(self.n_channels) for f in scan.fields)
+        return n_bytes + len(self.terminator)
 
 
-def tagged_packets(layout: Layout, body: bytes) -> bytes:
+def tagged_packets(framing: TaggedFraming, body: bytes) -> bytes:
     """Return the packets of a scan, with all bytes of the records that are no channels 0.
 
     Parameters
@@ -192,20 +182,15 @@ def tagged_packets(layout: Layout, body: bytes) -> bytes:
     body : bytes
         Channels, in the order of the layout.
     """
-    packets, records, at = b"", b"", 0
-    for record in layout.file.records:
+    packets, at = [b""], 0  # records of each packet
+    for record in framing.records:
         value = body[at : at + record.bytes] if record.channels else bytes(record.bytes)
         at += record.bytes if record.channels else 0
-        if len(records) + 1 + record.bytes > layout.longest_body:
-            packets += _packet(layout, records)
-            records = b""
-        records += bytes([record.tag]) + value
-    return packets + _packet(layout, records)
-
-
-def _packet(layout: Layout, records: bytes) -> bytes:
-    length = len(records).to_bytes(layout.length_bytes, layout.byte_order)
-    return layout.sync + bytes(layout.file.framing.skipped) + length + records
+        if len(packets[-1]) + 1 + record.bytes > framing.most_bytes:
+            packets.append(b"")
+        packets[-1] += bytes([record.tag]) + value
+    head = bytes.fromhex(framing.sync_hex) + bytes(framing.skipped)
+    return b"".join(head + bytes([len(records)]) + records for records in packets)
 
 
 def compile_layout(file: LayoutFile) -> Layout:
@@ -218,13 +203,6 @@ def compile_layout(file: LayoutFile) -> Layout:
 
     return Layout(
         file=file,
-        byte_order=file.byte_order,
-        type_bytes=width(file.framing.message_type),
-        length_bytes=width(file.framing.length),
-        sync=bytes.fromhex(file.framing.sync_hex or ""),
-        terminator=bytes.fromhex(file.framing.terminator_hex or ""),
-        separator=file.framing.separator or "",
-        checksum=CHECKSUMS[file.checksum.algorithm] if file.checksum else NO_CHECKSUM,
         messages={
             m.name: MessageFormat(
                 name=m.name,

@@ -1,18 +1,16 @@
 """Schema of the layout files, ``protocols/*.toml``, with checks of their consistency.
 
-Names of messages and fields are those of `frames`; a file chooses their order and width, the byte order,
-framing and checksum. `layout` compiles a file that passes.
+Names of messages and fields are those of `frames`; a file chooses their order and width, the byte order and
+framing. `layout` compiles a file that passes.
 """
 
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from tactiled.tomlfile import Params
-from tactiled.wire.checksum import CHECKSUMS
 
-Unsigned = Literal["u8", "u16", "u32"]
 FieldType = Literal["u8", "u16", "u32", "i8", "i16", "i32", "f32", "text", "number"]
 Direction = Literal["board-to-host", "host-to-board"]
 
@@ -34,18 +32,6 @@ _MAY: dict[str, set[str]] = {
 }  # fmt: skip
 _PER_CHANNEL = {"counts", "channel_offset_s"}
 UNCHECKED = ("terminator", "lines", "tagged")  # kinds of framing without a checksum
-# Kinds of framing that each key belongs to, and keys that these cannot do without.
-_FRAMING_KEYS = {
-    "message_type": ("cobs", "sync-length"),
-    "sync_hex": ("sync-length", "tagged"),
-    "length": ("sync-length", "tagged"),
-    "skipped": ("tagged",),
-    "tag_mask": ("tagged",),
-    "most_bytes": ("tagged",),
-    "terminator_hex": ("terminator", "lines"),
-    "separator": ("lines",),
-}
-_FRAMING_MUST = ("sync_hex", "length", "terminator_hex", "separator")
 _FIXED = ("start", "stop")  # commands that a board may obey without an answer
 # Bytes of a number in a line with its separator: sign, six digits, point. Only times on the line use it.
 _TYPICAL_NUMBER = 9
@@ -104,7 +90,7 @@ class MessageLayout(Params):
     """Message on the wire: its type and its fields in order."""
 
     name: Literal["scan", "hello", "acknowledge", "start", "stop", "set_rate", "ping", "identify"]
-    id: int = Field(default=0, ge=0, le=65535)
+    id: int = Field(default=0, ge=0, le=255)
     direction: Direction
     fields: list[FieldLayout] = []
     hex: str | None = Field(
@@ -145,53 +131,62 @@ class RecordLayout(Params):
     channels: bool = Field(default=False, description="the next channels of a scan; else skipped")
 
 
-class Framing(Params):
-    """Kind of framing and its parameters."""
+_Bytes = Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{2}){1,8}$")]
 
-    kind: Literal["cobs", "sync-length", "terminator", "lines", "tagged"]
-    message_type: Unsigned | None = Field(default=None, description="absent: all is scans")
-    sync_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
-    length: Unsigned | None = Field(
-        default=None, description="bytes of message type and fields, or of the records"
+
+class CobsFraming(Params):
+    """COBS(message type u8, fields, CRC-16/IBM-3740), then 0x00."""
+
+    kind: Literal["cobs"]
+
+
+class TerminatorFraming(Params):
+    """Fields of a scan, then a terminator."""
+
+    kind: Literal["terminator"]
+    terminator_hex: _Bytes
+
+
+class LinesFraming(Params):
+    """Numbers of a scan as text, then a terminator."""
+
+    kind: Literal["lines"]
+    terminator_hex: _Bytes
+    separator: Literal[",", ";", " ", "\t"] = Field(
+        description="between the numbers; a blank stands for any blanks and tabs"
     )
+
+
+class TaggedFraming(Params):
+    """Packets: sync word, skipped bytes, length u8, then records that each begin with a tag."""
+
+    kind: Literal["tagged"]
+    sync_hex: _Bytes
     skipped: int = Field(
         default=0, ge=0, le=16, description="bytes between sync word and length that are not read"
     )
+    most_bytes: int = Field(default=255, ge=2, le=255, description="largest length of the records")
     tag_mask: int = Field(default=0xFF, ge=1, le=0xFF, description="bits of a tag that say the record")
-    most_bytes: int | None = Field(default=None, ge=2, le=4096, description="largest length of a packet")
-    terminator_hex: str | None = Field(default=None, pattern=r"^([0-9A-Fa-f]{2}){1,8}$")
-    separator: Literal[",", ";", " ", "\t"] | None = Field(
-        default=None, description="between the numbers of a line; a blank stands for any blanks and tabs"
-    )
+    records: list[RecordLayout] = Field(min_length=1)
 
     @model_validator(mode="after")
-    def _complete(self) -> Self:
-        for key, kinds in _FRAMING_KEYS.items():
-            is_given = getattr(self, key) != type(self).model_fields[key].default
-            if is_given and self.kind not in kinds:
-                raise ValueError(f"{key} belongs to kind = {' or '.join(map(repr, kinds))}")
-            if not is_given and self.kind in kinds and key in _FRAMING_MUST:
-                raise ValueError(f"{key}: missing, with kind = '{self.kind}'")
-        if self.kind == "tagged" and self.length == "u32":
-            raise ValueError("length: u8 or u16 with kind = 'tagged'")
-        if self.kind == "tagged" and self.length == "u16" and self.most_bytes is None:
-            raise ValueError(
-                "most_bytes: missing, with length = 'u16'; a damaged length could stop all scans"
-            )
+    def _fit(self) -> Self:
+        tags = [record.tag for record in self.records]
+        for index, record in enumerate(self.records):
+            if tags.index(record.tag) != index:
+                raise ValueError(f"records[{index}].tag: {record.tag:#04x} is used twice")
+            if record.tag & ~self.tag_mask:
+                raise ValueError(f"records[{index}].tag: {record.tag:#04x} has bits outside tag_mask")
+            if record.bytes >= self.most_bytes:
+                raise ValueError(
+                    f"records[{index}].bytes: {record.bytes} and the tag exceed a packet of {self.most_bytes}"
+                )
         return self
 
 
-def _known_checksum(name: object) -> object:
-    if name not in CHECKSUMS:
-        raise ValueError(f"no such checksum; known: {', '.join(CHECKSUMS)}")
-    return name
-
-
-class ChecksumLayout(Params):
-    """Checksum of a frame, and the bytes that it covers."""
-
-    algorithm: Annotated[str, BeforeValidator(_known_checksum)]
-    covers: Literal["body", "length-and-body"] = "body"
+Framing = Annotated[
+    CobsFraming | TerminatorFraming | LinesFraming | TaggedFraming, Field(discriminator="kind")
+]
 
 
 class AssumedHello(Params):
@@ -208,11 +203,6 @@ class AssumedHello(Params):
     channel_offset_s: list[float] = []
 
 
-def width(kind: Unsigned | None) -> int:
-    """Return the number of bytes of an optional unsigned field."""
-    return int(kind[1:]) // 8 if kind else 0
-
-
 class LayoutFile(Params):
     """Schema of ``protocols/*.toml``."""
 
@@ -222,9 +212,7 @@ class LayoutFile(Params):
     byte_order: Literal["little", "big"]
     baud: int = Field(gt=0)
     framing: Framing
-    checksum: ChecksumLayout | None = None
     messages: list[MessageLayout] = Field(min_length=1)
-    records: list[RecordLayout] = []
     results: dict[str, int] = {}
     flags: dict[str, int] = {}
     assumed_hello: AssumedHello | None = None
@@ -233,7 +221,6 @@ class LayoutFile(Params):
     def _consistent(self) -> Self:
         faults = [
             *self._message_faults(),
-            *self._field_faults(),
             *self._table_faults(),
             *self._protection_faults(),
             *self._command_faults(),
@@ -257,34 +244,17 @@ class LayoutFile(Params):
         answered = {m.name for m in self.messages if m.hex is None}
         if any(name in answered for name in _COMMANDS) and "acknowledge" not in names:
             yield "messages: commands need an acknowledge"
-        type_limit = 1 << (8 * width(self.framing.message_type))  # 1, so id 0 only, without a type
-        for index, message in enumerate(self.messages):
-            if message.id >= type_limit:
-                yield f"messages[{index}].id: {message.id} does not fit framing.message_type"
-
-    def _field_faults(self) -> Iterator[str]:
         ticks = {(f.type, f.per_unit) for m in self.messages for f in m.fields if f.name == "ticks"}
         if len(ticks) > 1:
             yield "messages: ticks must have the same type and per_unit everywhere, for it is one clock"
-        length_bytes = width(self.framing.length)
-        for index, message in enumerate(self.messages):
-            size = width(self.framing.message_type) + sum(f.n_bytes(self.channels) for f in message.fields)
-            if length_bytes and size >= 1 << (8 * length_bytes):
-                yield f"framing.length: messages[{index}] has {size} bytes, too many for it"
-        if self.checksum is not None and self.checksum.covers == "length-and-body" and not length_bytes:
-            yield "checksum.covers = 'length-and-body', but the framing has no length"
 
     def _protection_faults(self) -> Iterator[str]:
         kind = self.framing.kind
         fields = {f.name: f for m in self.messages if m.name == "scan" for f in m.fields}
         if kind not in UNCHECKED:
-            if self.checksum is None:
-                yield "checksum: missing"
             if fields and "sequence" not in fields:
                 yield "scan: lacks the field sequence"
         else:
-            if self.checksum is not None:
-                yield f"checksum: framing.kind = '{kind}' has none"
             if [m.name for m in self.messages if m.hex is None] != ["scan"]:
                 yield f"messages: framing.kind = '{kind}' carries scans, and commands with hex, only"
             if "ticks" in fields and "sequence" not in fields:
@@ -323,25 +293,8 @@ class LayoutFile(Params):
             yield "messages: the hex of start and stop must differ, and neither begin with the other"
 
     def _record_faults(self) -> Iterator[str]:
-        framing = self.framing
-        if bool(self.records) != (framing.kind == "tagged"):
-            yield "records: they belong to framing.kind = 'tagged', which needs at least one"
-            return
-        if not self.records:
-            return
-        largest = framing.most_bytes or (1 << 8 * width(framing.length)) - 1
-        if largest >= 1 << 8 * width(framing.length):
-            yield f"framing.most_bytes: {largest} does not fit length = '{framing.length}'"
-        tags = [record.tag for record in self.records]
-        for index, record in enumerate(self.records):
-            if tags.index(record.tag) != index:
-                yield f"records[{index}].tag: {record.tag:#04x} is used twice"
-            if record.tag & ~framing.tag_mask:
-                yield f"records[{index}].tag: {record.tag:#04x} has bits outside framing.tag_mask"
-            if record.bytes >= largest:
-                yield f"records[{index}].bytes: {record.bytes} and the tag exceed a packet of {largest} bytes"
         scan = next((m for m in self.messages if m.name == "scan"), None)
-        if scan is None:
+        if not isinstance(self.framing, TaggedFraming) or scan is None:
             return
         if [field.name for field in scan.fields] != ["counts"]:
             yield "scan: framing.kind = 'tagged' has no field but counts"
@@ -349,14 +302,14 @@ class LayoutFile(Params):
         (counts,) = scan.fields
         one = counts.n_bytes(self.channels) // counts.n_values(self.channels)
         in_records = 0
-        for index, record in enumerate(self.records):
+        for index, record in enumerate(self.framing.records):
             if record.channels and record.bytes % one:
-                yield f"records[{index}].bytes: {record.bytes} is no whole number of {counts.type}"
+                yield f"framing.records[{index}].bytes: {record.bytes} is no whole number of {counts.type}"
             in_records += record.bytes if record.channels else 0
         if in_records != counts.n_bytes(self.channels):
             yield (
-                f"records: those with channels = true have {in_records} bytes, but {self.channels} channels "
-                f"of {counts.type} need {counts.n_bytes(self.channels)}"
+                f"framing.records: those with channels = true have {in_records} bytes, but {self.channels} "
+                f"channels of {counts.type} need {counts.n_bytes(self.channels)}"
             )
 
     def _table_faults(self) -> Iterator[str]:

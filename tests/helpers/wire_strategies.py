@@ -8,7 +8,6 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tactiled import tomlfile
-from tactiled.wire.checksum import CHECKSUMS
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.framer import LineFramer, TerminatorFramer
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
@@ -40,38 +39,22 @@ def decode(
 
 def longest_pending(layout: Layout, direction: Direction) -> int:
     """Bytes that a decoder may hold back: two frames or packets, or one frame behind its sync word."""
-    body = max((layout.body_bytes(m) for m in layout.incoming(direction).values()), default=0)
-    guarded = body + layout.checksum.n_bytes
-    if layout.file.framing.kind == "tagged":
-        return 2 * (layout.longest_body + 4)
-    if layout.file.framing.kind == "terminator":
+    framing = layout.file.framing
+    if framing.kind == "tagged":
+        return 2 * (framing.most_bytes + 4)
+    if framing.kind == "terminator":
         return (TerminatorFramer.MOST + 1) * layout.wire_bytes("scan")
-    if layout.file.framing.kind == "lines":
+    if framing.kind == "lines":
         return LineFramer.LONGEST_NUMBER * layout.n_channels + len(layout.terminator)
-    if layout.file.framing.kind == "cobs":
-        return max(2 * (guarded + 1 + (guarded - 1) // 254), 32)
-    return len(layout.sync) + layout.length_bytes + guarded
+    guarded = max((3 + m.dtype.itemsize for m in layout.incoming(direction).values()), default=2)
+    return max(2 * (guarded + 1 + (guarded - 1) // 254), 32)
 
 
 @st.composite
-def layouts(draw: st.DrawFn, checksums: tuple[str, ...] = tuple(CHECKSUMS)) -> Layout:
-    """Draw any valid layout."""
-    message_type = draw(st.sampled_from([None, "u8", "u16", "u32"]))
-    framing: dict[str, Any] = {"kind": "cobs"}
-    covers = "body"
-    if draw(st.booleans()):
-        sync = draw(st.binary(min_size=1, max_size=4))
-        framing = {
-            "kind": "sync-length",
-            "sync_hex": sync.hex(),
-            "length": draw(st.sampled_from(["u16", "u32"])),
-        }
-        covers = draw(st.sampled_from(["body", "length-and-body"]))
-    names = ["scan"]
-    if message_type:
-        framing["message_type"] = message_type
-        more = draw(st.sets(st.sampled_from(["hello", *COMMANDS])))
-        names += sorted(more) + (["acknowledge"] if more & set(COMMANDS) else [])
+def layouts(draw: st.DrawFn) -> Layout:
+    """Draw any valid layout of COBS frames."""
+    more = draw(st.sets(st.sampled_from(["hello", *COMMANDS])))
+    names = ["scan", *sorted(more)] + (["acknowledge"] if more & set(COMMANDS) else [])
     ids = draw(st.lists(st.integers(0, 255), min_size=len(names), max_size=len(names), unique=True))
     tick = {"type": draw(st.sampled_from(UNSIGNED)), "per_unit": draw(st.sampled_from([1, 1000, 10**6]))}
     document: dict[str, Any] = {
@@ -82,12 +65,11 @@ def layouts(draw: st.DrawFn, checksums: tuple[str, ...] = tuple(CHECKSUMS)) -> L
         ),  # the latter beyond one COBS run
         "byte_order": draw(st.sampled_from(["little", "big"])),
         "baud": 115200,
-        "framing": framing,
-        "checksum": {"algorithm": draw(st.sampled_from(checksums)), "covers": covers},
+        "framing": {"kind": "cobs"},
         "messages": [
             {
                 "name": name,
-                "id": id_ if message_type else 0,
+                "id": id_,
                 "direction": "host-to-board" if name in COMMANDS else "board-to-host",
                 "fields": draw(_fields(name, tick)),
             }
@@ -196,5 +178,5 @@ def streams(draw: st.DrawFn, layout: Layout, direction: Direction = "board-to-ho
     encoder = Encoder(layout)
     whole = frames(layout, direction).map(encoder.encode)
     part = st.tuples(whole, st.integers(0, 200), st.integers(0, 200)).map(lambda t: t[0][t[1] : t[1] + t[2]])
-    idle = st.sampled_from([b"\0", b"\0" * 5, b"\x01", b"\xff", layout.sync or b"\x02"])
+    idle = st.sampled_from([b"\0", b"\0" * 5, b"\x01", b"\xff", b"\x02"])
     return b"".join(draw(st.lists(st.one_of(whole, part, idle, st.binary(max_size=60)), max_size=12)))

@@ -1,8 +1,8 @@
 """board.md says what the layout and the C program say."""
 
+import binascii
 import re
 import struct
-import zlib
 
 import numpy as np
 import pytest
@@ -59,8 +59,9 @@ def test_the_timing_budget_adds_up() -> None:
 def test_legacy_scan_by_hand() -> None:
     """The frame as the table at the end of board.md describes it, put together without our codec."""
     body = struct.pack(">B9HHB", 0x53, *range(1000, 1009), 65535, 255)
-    covered = struct.pack(">H", len(body)) + body
-    frame = b"\xa5\x5a" + covered + struct.pack(">I", zlib.crc32(covered))
+    guarded = body + struct.pack(">H", binascii.crc_hqx(body, 0xFFFF))
+    assert b"\0" not in guarded
+    frame = bytes([len(guarded) + 1]) + guarded + b"\0"
     scan = Scan(255, np.arange(1000, 1009), ticks=65535)
     layout = load_layout("legacy-9")
     assert Decoder(layout).feed(frame) == [scan]

@@ -10,9 +10,9 @@ from wire_strategies import BOARD_V1, LEGACY_9, decode
 from tactiled import resources, tomlfile
 from tactiled.errors import ContractError
 from tactiled.wire import cobs
-from tactiled.wire.checksum import CHECKSUMS
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
+from tactiled.wire.framing import crc16
 from tactiled.wire.layout import compile_layout
 from tactiled.wire.schema import LayoutFile
 
@@ -55,7 +55,7 @@ def test_a_layout_without_commands_refuses_them() -> None:
 
 def sealed(body: bytes) -> bytes:
     """An intact frame of board-v1 around any body."""
-    return cobs.encode(body + CHECKSUMS["crc-16/ibm-3740"].compute(body).to_bytes(2, "little")) + b"\0"
+    return cobs.encode(body + crc16(body).to_bytes(2, "little")) + b"\0"
 
 
 @pytest.mark.parametrize(
