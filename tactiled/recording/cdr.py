@@ -46,7 +46,7 @@ class Schema:
         """Encode a message."""
         out = bytearray()
         for name, kind in self._fields.items():
-            write(out, values[name], kind)
+            _write(out, values[name], kind)
         return HEAD + bytes(out)
 
     def decode(self, data: bytes) -> dict[str, Any]:
@@ -101,7 +101,7 @@ def _align(out: bytearray, size: int) -> None:
     out.extend(bytes(-len(out) % size))
 
 
-def write(out: bytearray, value: Any, kind: Any) -> None:
+def _write(out: bytearray, value: Any, kind: Any) -> None:
     """Append a value of a kind that a `Schema` may have, aligned."""
     if kind in _PRIMITIVES:
         _, code, size = _PRIMITIVES[kind]
@@ -109,27 +109,27 @@ def write(out: bytearray, value: Any, kind: Any) -> None:
         out += struct.pack(f"<{code}", value)
     elif kind is str:
         data = value.encode() + b"\x00"
-        write_length(out, len(data))
+        _write_length(out, len(data))
         out += data
     elif kind is bytes:
-        write_length(out, len(value))
+        _write_length(out, len(value))
         out += value
     elif get_origin(kind) is tuple:
         inner = _plain(get_args(kind)[0])
-        write_length(out, len(value))
+        _write_length(out, len(value))
         if inner in _PRIMITIVES and value:
             _, code, size = _PRIMITIVES[inner]
             _align(out, size)
             out += struct.pack(f"<{len(value)}{code}", *value)
         else:
             for item in value:
-                write(out, item, inner)
+                _write(out, item, inner)
     else:
         for name, inner in _fields_of(kind).items():
-            write(out, getattr(value, name), inner)
+            _write(out, getattr(value, name), inner)
 
 
-def write_length(out: bytearray, length: int) -> None:
+def _write_length(out: bytearray, length: int) -> None:
     """Append the length of a sequence."""
     _align(out, 4)
     out += struct.pack("<I", length)

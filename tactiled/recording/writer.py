@@ -15,7 +15,6 @@ from tactiled.events.types import Event
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
 from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEvent
-from tactiled.recording.standard import frame_id, standard_message
 from tactiled.version import __version__
 
 ACTIVE = ".active"
@@ -80,14 +79,6 @@ class RecordingWriter:
             self._ids[key] = self._channel(topic, contents.SCHEMAS[event.topic], origin)
         data = contents.encode_event(RecordedEvent(event, board, unix_offset_s, origin))
         self._add(self._ids[key], event.time_s + unix_offset_s, data)
-        if (standard := standard_message(event, board, unix_offset_s)) is not None:
-            key = (standard.type.topic, origin)
-            if key not in self._ids:
-                kind = standard.type
-                schema_id = self._writer.register_schema(kind.name, "ros2msg", kind.text.encode())
-                metadata = {"origin": origin, "frame_id": frame_id(board)}
-                self._ids[key] = self._writer.register_channel(kind.topic, "cdr", schema_id, metadata)
-            self._add(self._ids[key], event.time_s + unix_offset_s, standard.data)
 
     def sync(self) -> None:
         """Close the open chunk and sync the file to disk."""

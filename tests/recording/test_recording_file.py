@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from messages import SLIP, STATUS
 from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads
 from rosbags.highlevel import AnyReader
 
@@ -15,7 +16,7 @@ from tactiled.errors import DataError
 from tactiled.events.types import Event, ScanEvent
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Input, Read, RecordedEvent
-from tactiled.recording.reader import read_header
+from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.writer import RecordingWriter
 
 
@@ -129,3 +130,15 @@ def test_an_unwritable_path_is_refused_before_recording(tmp_path: Path, director
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(DataError, match=r"a\.mcap\.active: cannot be written \(.*choose a place"):
         RecordingWriter(tmp_path / directory / "a.mcap", HEADER)
+
+
+def test_a_recording_opens_in_rosbags_with_its_own_schemas(tmp_path: Path) -> None:
+    path = tmp_path / "all.mcap"
+    with RecordingWriter(path, HEADER) as writer:
+        for event in (STATUS, SLIP):
+            writer.event(event, "TS0001", 1.7e9, "pipeline")
+    with AnyReader([path]) as reader:
+        found = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
+    assert found["/tactile/status"].state == STATUS.state
+    assert found["/tactile/slip"].board == "TS0001"
+    assert [item.event for item in read_items(path) if isinstance(item, RecordedEvent)] == [STATUS, SLIP]

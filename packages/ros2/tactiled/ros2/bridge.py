@@ -14,10 +14,9 @@ from tactiled.client import Client, Message
 from tactiled.errors import ContractError, OperatorError, TactiledError
 from tactiled.events.incoming import checked_map
 from tactiled.events.types import EVENT_TYPES
-from tactiled.recording.standard import frame_id
 from tactiled.ros2 import convert
 from tactiled.ros2.freshness import BoardFreshness, Level
-from tactiled.ros2.names import name_of_board
+from tactiled.ros2.names import frame_id, name_of_board
 from tactiled.ros2.own_types import PACKAGE, type_name
 from tactiled.ros2.participant import Delivery, Node, TopicWriter
 

@@ -20,6 +20,15 @@ def name_of_board(board: str) -> str:
     return name if name[:1].isalpha() else f"board_{name}".rstrip("_")
 
 
+def frame_id(board: str) -> str:
+    """Return the name of the array frame of a board.
+
+    >>> frame_id("TS0001")
+    'tactile_TS0001'
+    """
+    return "tactile_" + ("".join(c if c.isalnum() else "_" for c in board) or "board")
+
+
 def dds_type(name: str) -> str:
     """Return the name of a type on DDS.
 
