@@ -21,7 +21,7 @@ from tactiled.errors import ConfigError
 from tactiled.force.calibration import CalibrationFile, has_nominal, load_calibration
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, load_board
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 from tactiled.samples.assembler import SampleParams
 from tactiled.tomlfile import P, Params
 from tactiled.wire.layout import Layout, compile_layout

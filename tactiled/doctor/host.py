@@ -16,7 +16,7 @@ from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import TactiledError
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 
 _STATUS_S = 0.5  # a running daemon sends five in that time
 

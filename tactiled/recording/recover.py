@@ -18,7 +18,7 @@ from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
 from tactiled.recording.reader import Reached, open_recording, read_header
-from tactiled.recording.rotation import free_mb
+from tactiled.recording.session import free_mb
 from tactiled.recording.writer import ACTIVE, sync_directory
 from tactiled.version import __version__
 

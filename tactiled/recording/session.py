@@ -1,27 +1,91 @@
-"""Recording session: writes pipeline inputs and events to files, and marks where data is missing.
+"""Recording session: writes pipeline inputs and events to the parts of a recording, and marks missing data.
 
-Synchronous, like `rotation`: `daemon.operations.recorder` calls it in a thread of its own.
+Parts are limited by size and age; recording pauses while the disk has no room, and is tried again after a
+failure. Synchronous and single-threaded; `daemon.operations.recorder` calls it in a thread of its own,
+because every call may wait for the disk. Time is an argument.
 """
 
 import json
 import logging
-from collections.abc import Sequence
+import os
+import uuid
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, Literal
 
+from pydantic import Field
+
+from tactiled.errors import DataError
 from tactiled.events.types import Event
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name, remove_surplus
-from tactiled.recording.rotation import OFF, RecordParams, Rotation
-from tactiled.recording.writer import RecordingWriter
+from tactiled.recording.writer import RecordingWriter, disk_words
+from tactiled.tomlfile import Params
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
 
+_MB = 1e6
+_ROOM_FACTOR = 1.1  # free space must exceed the limit by a tenth before recording resumes: hysteresis
+RETRY_S = 10.0  # pause after a failed write
 RETAIN_S = 60.0  # interval of checks for old recordings; filling a part of the default size takes longer
+
+RecordingState = Literal["off", "recording", "no-room", "failed"]
+
+
+class RecordParams(Params):
+    """Directory, part size and retention of recordings."""
+
+    directory: str | None = Field(
+        default=None,
+        min_length=1,
+        description="Record permanently into this directory; files are named by their time. If omitted, only "
+        "`tactiled run --record FILE` and `tactiled record` write recordings.",
+    )
+    sync_s: float = Field(
+        default=1.0,
+        gt=0,
+        le=60,
+        description="Everything older than this (seconds) is on the disk: the most that a kill or a power "
+        "cut can lose.",
+    )
+    max_file_mb: float = Field(
+        default=256.0, ge=0.01, description="A part is finished when it reaches this size (10^6 bytes)."
+    )
+    max_file_s: float = Field(
+        default=3600.0, gt=0, description="A part is finished when it reaches this age (seconds)."
+    )
+    keep_mb: float | None = Field(
+        default=None,
+        gt=0,
+        description="Finished recordings in `directory` are removed, oldest first, while together they are "
+        "larger than this (10^6 bytes); the newest one is never removed. If omitted, all are kept.",
+    )
+    min_free_mb: float = Field(
+        default=500.0,
+        ge=0,
+        description="Recording pauses while the disk has less free space than this (10^6 bytes), and "
+        "continues with a new part when it has a tenth more.",
+    )
+
+
+@dataclass(frozen=True)
+class RecordingProgress:
+    """State of a recording."""
+
+    state: RecordingState  # in ``"no-room"`` and ``"failed"`` nothing is recorded; the recorder retries
+    reason: str  # empty while recording
+    file: str  # finished name of the part being written; empty where there is none
+    parts: int  # number of parts begun so far
+    bytes_written: int  # total over all parts, without data that waits for the next sync
+    free_mb: float  # free space on the disk at the last check
+
+
+OFF = RecordingProgress(state="off", reason="", file="", parts=0, bytes_written=0, free_mb=0.0)
 
 
 @dataclass(frozen=True)
@@ -50,29 +114,36 @@ class RecordingSession:
     ----------
     path : Path, optional
         File to record into from the start; by default a new file in `params.directory`, if that is set.
+
+    Attributes
+    ----------
+    progress : RecordingProgress
+        Of the last call, so that another thread may read it at any time.
+    dropped : int
+        Number of reads that could not be written.
+    dropped_because : str
+        Reason for the last of them, which may be over when it is reported.
     """
 
     def __init__(self, params: RecordParams, header: Header, path: Path | None, now_s: float) -> None:
-        self.dropped = 0
-        """Number of reads that could not be written."""
-        self.dropped_because = ""
-        """Reason for the last of them, which may be over when it is reported."""
+        self.dropped, self.dropped_because = 0, ""
         self.progress = OFF
         self._params = params
-        self._header = header
+        self._header = header  # of the newest part, with what is known for the next one
         self._encoder = Encoder(header.source.layout)
         assumed = header.source.layout_file.assumed_hello
         self._board = "" if assumed is None else assumed.board_serial
         self._hello: Hello | None = None
-        self._hello_frame = b""
-        self._measured_hz = 0.0
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
-        self._rotation: Rotation | None = None
+        self._path: Path | None = None  # of the first part of the recording; None: none runs
+        self._writer: RecordingWriter | None = None
+        self._bytes_before = 0
+        self._opened_s = self._due_s = now_s
         self._retains = False
         self._next_retain_s = now_s
         self._retain_fault = ""
         if path is not None or params.directory is not None:
-            self._start(path, header, now_s)
+            self._start(path, now_s)
 
     def begin(self, hello: Hello | None, now_s: float) -> None:
         """Start a new recording during a run; `hello` is what the pipeline knows of its board."""
@@ -81,28 +152,33 @@ class RecordingSession:
         if hello is not None:
             self._board = hello.board_serial
         self._missing = (0, 0)
-        header = replace(self._header, fresh=False, hello=self._hello_frame, measured_hz=self._measured_hz)
-        self._start(None, header, now_s)
+        self._header = replace(self._header, fresh=False)
+        self._start(None, now_s)
 
     def end(self, now_s: float) -> None:
         """Finish the recording."""
-        if self._rotation is not None:
-            self._rotation.close(now_s)
-            self._look(self._rotation)
-            self._rotation = None
+        if self._path is not None:
+            if self._writer is None or self._leave(now_s):
+                self._note(state="off", reason="")
+            self._path = None
 
     def tick(self, now_s: float) -> None:
-        """Do what is due: remove old recordings, sync, rotate, check the free space."""
-        if self._rotation is not None:
-            self._retain(now_s)
-            self._rotation.measured_hz = self._measured_hz
-            self._rotation.tick(self._hello_frame, now_s)
-            self._look(self._rotation)
+        """Do what is due: remove old recordings, sync, begin the next part, check the free space."""
+        if self._path is None:
+            return
+        self._retain(now_s)
+        if now_s >= self._due_s:
+            self._due_s = now_s + self._params.sync_s
+            if self._writer is None:
+                self._open(self._path, now_s)
+            elif self._write(RecordingWriter.sync, now_s):
+                self._check(self._path, self._writer, now_s)
+        self._note()
 
     def take(self, entry: RecordEntry, now_s: float) -> None:
         """Write one entry after a mark for missing reads; count it as missing if that fails."""
         reads, n_bytes = self._missing[0] + entry.dropped[0], self._missing[1] + entry.dropped[1]
-        if self._rotation is not None and self._rotation.write(
+        if self._path is not None and self._write(
             lambda writer: self._append(writer, entry, reads, n_bytes), now_s
         ):
             self._missing = (reads, n_bytes) if entry.cause is None else (0, 0)
@@ -110,8 +186,8 @@ class RecordingSession:
             more_reads, more_bytes = entry.weight
             self._missing = (reads + more_reads, n_bytes + more_bytes)
             self.dropped += more_reads
-            if self._rotation is not None:
-                self.dropped_because = self._rotation.progress.reason
+            if self._path is not None:
+                self.dropped_because = self.progress.reason
         if entry.cause is not None and entry.hello is not self._hello:
             self._know(entry.hello)
 
@@ -133,28 +209,111 @@ class RecordingSession:
                 writer.event(output, self._board, offset_s, "pipeline")
 
     def _know(self, hello: Hello | None) -> None:
-        """Store the hello of the board for the header of a later file."""
+        """Store the hello of the board in the header of the next part."""
         self._hello = hello
         # A layout without hello frames has an assumed hello in its file, which every replay reads.
         has_hello = self._encoder.layout.has("hello")
-        self._hello_frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
-        is_measured = hello is not None and self._header.source.layout.measures_rate
-        self._measured_hz = hello.rate_hz if hello is not None and is_measured else 0.0
+        frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
+        is_measured = hello is not None and self._encoder.layout.measures_rate
+        measured_hz = hello.rate_hz if hello is not None and is_measured else 0.0
+        self._header = replace(self._header, hello=frame, measured_hz=measured_hz)
 
-    def _start(self, path: Path | None, header: Header, now_s: float) -> None:
+    def _start(self, path: Path | None, now_s: float) -> None:
         self._retains = path is None
-        self._rotation = Rotation(path or self._new_path(), self._params, header, now_s)
-        self._look(self._rotation)
+        self._path = path or Path(self._params.directory or ".") / new_name(datetime.now(UTC))
+        self._header = replace(self._header, run=uuid.uuid4().hex, part=0, sync_s=self._params.sync_s)
+        self._bytes_before = 0
+        self.progress = OFF
+        self._due_s = now_s + self._params.sync_s
+        self._open(self._path, now_s)
 
-    def _look(self, rotation: Rotation) -> None:
-        """Take over the progress, and log the file name when it changes."""
-        before, self.progress = self.progress, rotation.progress
-        if self.progress.state == "recording" and self.progress.file != before.file:
-            logger.info("recording into %s", self.progress.file)
+    def _open(self, path: Path, now_s: float) -> None:
+        """Open the next part if there is enough free space."""
+        try:
+            room_mb = free_mb(path.parent)
+            is_resuming = self.progress.state == "no-room"
+            if room_mb < self._params.min_free_mb * (_ROOM_FACTOR if is_resuming else 1.0):
+                if not is_resuming:
+                    self._lack_room(path, room_mb)
+                return
+            header = replace(self._header, part=self._header.part + 1)
+            self._writer = RecordingWriter(part_path(path, header.part), header)
+        except DataError as error:
+            self._fail(str(error), now_s)
+            return
+        self._header = replace(header, fresh=False)
+        self._opened_s, self._due_s = now_s, now_s + self._params.sync_s
+        self._note(state="recording", reason="", free_mb=room_mb)
+        logger.info("recording into %s", self._writer.path)
 
-    def _new_path(self) -> Path:
-        """Path of a recording that begins now."""
-        return Path(self._params.directory or ".") / new_name(datetime.now(UTC))
+    def _write(self, append: Callable[[RecordingWriter], None], now_s: float) -> bool:
+        """Append to the open part; return False, and lose the data, while there is none."""
+        if self._writer is None:
+            # The pipeline has processed data that no part holds.
+            self._header = replace(self._header, fresh=False)
+            return False
+        try:
+            append(self._writer)
+        except OSError as error:
+            reason = f"{self._writer.active}: {disk_words(error)}; recover its data with `tactiled recover`"
+            self._fail(reason, now_s)
+            return False
+        return True
+
+    def _check(self, path: Path, writer: RecordingWriter, now_s: float) -> None:
+        """Check the size and age of the part and the free space after a sync."""
+        try:
+            room_mb = free_mb(path.parent)
+        except DataError as error:
+            self._fail(f"{error}; it was there when the part was begun: is its disk gone?", now_s)
+            return
+        self._note(free_mb=room_mb)
+        has_room = room_mb >= self._params.min_free_mb
+        is_long = (
+            writer.size_bytes / _MB >= self._params.max_file_mb
+            or now_s - self._opened_s >= self._params.max_file_s
+        )
+        if (not has_room or is_long) and self._leave(now_s):
+            if has_room:
+                self._open(path, now_s)
+            else:
+                self._lack_room(path, room_mb)
+
+    def _leave(self, now_s: float) -> bool:
+        """Finish the open part; False where the write failed."""
+        writer = self._writer
+        if writer is None or not self._write(RecordingWriter.close, now_s):
+            return False
+        self._bytes_before += writer.size_bytes
+        self._writer = None
+        return True
+
+    def _lack_room(self, path: Path, room_mb: float) -> None:
+        reason = (
+            f"{path.parent}: {room_mb:.0f} MB free, less than record.min_free_mb = "
+            f"{self._params.min_free_mb:g}; recording continues when there is more space"
+        )
+        self._note(state="no-room", reason=reason, free_mb=room_mb)
+
+    def _fail(self, reason: str, now_s: float) -> None:
+        """Abandon the open part after a failed write, and schedule a new part."""
+        if self._writer is not None:
+            self._writer.abandon()
+            self._bytes_before += self._writer.size_bytes
+            self._writer = None
+        self._due_s = now_s + RETRY_S
+        self._note(state="failed", reason=reason)
+
+    def _note(self, **changes: Any) -> None:
+        """Make the progress known."""
+        writer = self._writer
+        self.progress = replace(
+            self.progress,
+            file="" if writer is None else str(writer.path),
+            parts=self._header.part,
+            bytes_written=self._bytes_before + (0 if writer is None else writer.size_bytes),
+            **changes,
+        )
 
     def _retain(self, now_s: float) -> None:
         """Remove old recordings to keep the directory within `record.keep_mb`."""
@@ -164,7 +323,9 @@ class RecordingSession:
         self._next_retain_s = now_s + RETAIN_S
         fault = ""
         try:
-            if removed := remove_surplus(self._new_path().parent, keep_mb, datetime.now(UTC).timestamp()):
+            if removed := remove_surplus(
+                Path(self._params.directory or "."), keep_mb, datetime.now(UTC).timestamp()
+            ):
                 size_mb, last = sum(file.size_mb for file in removed), removed[-1].path
                 logger.info(
                     "removed the %d oldest recordings, %.0f MB, up to %s", len(removed), size_mb, last
@@ -174,3 +335,23 @@ class RecordingSession:
         if fault and fault != self._retain_fault:
             logger.warning("old recordings cannot be removed: %s", fault)
         self._retain_fault = fault
+
+
+def part_path(path: Path, part: int) -> Path:
+    """File name of a part: ``NAME.mcap``, then ``NAME.002.mcap``, ``NAME.003.mcap``, ..."""
+    return path if part == 1 else path.with_name(f"{path.stem}.{part:03d}{path.suffix}")
+
+
+def free_mb(directory: Path) -> float:
+    """Free disk space for this user, 10^6 bytes.
+
+    Raises
+    ------
+    DataError
+        There is no such directory.
+    """
+    try:
+        disk = os.statvfs(directory)
+    except OSError as error:
+        raise DataError(f"{directory}: {error.strerror}; make the directory, or choose another one") from None
+    return disk.f_bavail * disk.f_frsize / _MB

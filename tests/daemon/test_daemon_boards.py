@@ -30,7 +30,7 @@ from tactiled.daemon.service import Service
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.replay import replay as replay_files
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 
 SERIALS = ("TS0001", "TS0002", "TS0003")
 # A board is stalled after five scan periods: at this rate seldom by a busy machine.

@@ -21,7 +21,7 @@ from tactiled.daemon.service import Service
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.pipeline import Pipeline
 from tactiled.recording.contents import Header, load_board
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 
 ARRAY = load_array("wang2019-3x3")
 Row = dict[str, Any]

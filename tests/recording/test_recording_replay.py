@@ -23,8 +23,7 @@ from tactiled.recording.cdr import Schema, fields_of
 from tactiled.recording.contents import Input, Read
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
-from tactiled.recording.rotation import RecordParams, part_path
-from tactiled.recording.session import RecordEntry, RecordingSession
+from tactiled.recording.session import RecordEntry, RecordingSession, RecordParams, part_path
 from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Hello, Scan

@@ -12,12 +12,11 @@ import pytest
 from recordings import HEADER, items, simulated_reads
 
 from tactiled.pipeline import Pipeline
-from tactiled.recording import rotation
+from tactiled.recording import session as session_module
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.reader import read_header
 from tactiled.recording.recover import recover
-from tactiled.recording.rotation import RETRY_S, RecordParams, Rotation, part_path
-from tactiled.recording.session import RecordEntry, RecordingSession
+from tactiled.recording.session import RETRY_S, RecordEntry, RecordingSession, RecordParams, part_path
 from tactiled.recording.steps import Replay
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Scan
@@ -30,16 +29,26 @@ def noise(n_bytes: int, time_s: float) -> Read:
     return Read(time_s, 0.0, os.urandom(n_bytes))
 
 
-def write_all(target: Rotation, reads: list[Read]) -> list[bool]:
+def new(path: Path, params: RecordParams, now_s: float = 0.0) -> RecordingSession:
+    return RecordingSession(params, HEADER, path, now_s)
+
+
+def write_all(target: RecordingSession, reads: list[Read]) -> list[bool]:
     taken = []
     for read in reads:
-        taken.append(target.write(lambda writer, read=read: writer.read(read), read.arrival_s))  # type: ignore[misc]
-        target.tick(b"", read.arrival_s)
+        dropped = target.dropped
+        target.take(RecordEntry(read, (), None, "", 0.0), read.arrival_s)
+        taken.append(target.dropped == dropped)
+        target.tick(read.arrival_s)
     return taken
 
 
-def state(target: Rotation) -> str:
+def state(target: RecordingSession) -> str:
     return target.progress.state
+
+
+def reads_of(path: Path) -> list[Read]:
+    return [item for item in items(path) if isinstance(item, Read)]
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -50,9 +59,9 @@ def test_parts_by_time_are_one_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     reads = simulated_reads(3.0)
     start_s = reads[0].arrival_s
-    target = Rotation(path, RecordParams(max_file_s=1.0, sync_s=0.2, **NO_GUARD), HEADER, start_s)
+    target = new(path, RecordParams(max_file_s=1.0, sync_s=0.2, **NO_GUARD), start_s)
     assert all(write_all(target, reads))
-    target.close(reads[-1].arrival_s)
+    target.end(reads[-1].arrival_s)
     parts = parts_of(path)
     assert [part.name for part in parts] == ["a.mcap", "a.002.mcap", "a.003.mcap"]
     headers = [read_header(part) for part in parts]
@@ -86,11 +95,11 @@ def test_a_measured_rate_is_known_in_the_next_part(tmp_path: Path) -> None:
 
 def test_parts_by_size(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    target = Rotation(path, RecordParams(max_file_mb=0.05, sync_s=0.1, **NO_GUARD), HEADER, 0.0)
+    target = new(path, RecordParams(max_file_mb=0.05, sync_s=0.1, **NO_GUARD), 0.0)
     reads = [noise(2000, k * 0.1) for k in range(100)]
     assert all(write_all(target, reads))
     progress = target.progress
-    target.close(10.0)
+    target.end(10.0)
     parts = parts_of(path)
     assert len(parts) == progress.parts > 3
     assert all(part.stat().st_size < 70_000 for part in parts)
@@ -102,8 +111,8 @@ def test_recording_pauses_on_a_full_disk_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room_mb = 1000.0
-    monkeypatch.setattr(rotation, "free_mb", lambda _: room_mb)
-    target = Rotation(tmp_path / "a.mcap", RecordParams(min_free_mb=500.0), HEADER, 0.0)
+    monkeypatch.setattr(session_module, "free_mb", lambda _: room_mb)
+    target = new(tmp_path / "a.mcap", RecordParams(min_free_mb=500.0))
     first = [noise(10, k * 0.5) for k in range(4)]
     assert all(write_all(target, first))
     room_mb = 499.0
@@ -116,18 +125,18 @@ def test_recording_pauses_on_a_full_disk_and_continues(
     room_mb = 560.0
     assert write_all(target, [noise(10, 7.5), noise(10, 8.0)]) == [False, True]
     assert (state(target), target.progress.reason) == ("recording", "")
-    target.close(9.0)
+    target.end(9.0)
     assert state(target) == "off"
-    assert len(items(tmp_path / "a.002.mcap")) == 1
+    assert len(reads_of(tmp_path / "a.002.mcap")) == 1
     room_mb = 1.0
-    from_the_start = Rotation(tmp_path / "b.mcap", RecordParams(), HEADER, 0.0)
+    from_the_start = new(tmp_path / "b.mcap", RecordParams(), 0.0)
     assert state(from_the_start) == "no-room"
     assert "1 MB free, less than record.min_free_mb = 500" in from_the_start.progress.reason
     room_mb = 549.0
     assert write_all(from_the_start, [noise(10, 1.5), noise(10, 2.0)]) == [False, False]
     room_mb = 551.0
     assert write_all(from_the_start, [noise(10, 3.0), noise(10, 4.5)]) == [False, True]
-    from_the_start.close(5.0)
+    from_the_start.end(5.0)
     assert (read_header(tmp_path / "b.mcap").part, read_header(tmp_path / "b.mcap").fresh) == (1, False)
 
 
@@ -164,7 +173,7 @@ def test_a_full_disk_loses_only_unsynced_data(
     directory.mkdir()
     with full_disk(directory) as place:  # type: ignore[call-arg]
         path = place / "a.mcap"
-        target = Rotation(path, RecordParams(sync_s=1.0, **NO_GUARD), HEADER, 0.0)
+        target = new(path, RecordParams(sync_s=1.0, **NO_GUARD), 0.0)
         reads = [noise(5000, k * 0.1) for k in range(100)]
         taken = write_all(target, reads)
         assert state(target) == "failed"
@@ -178,15 +187,15 @@ def test_a_full_disk_loses_only_unsynced_data(
         (place / "a.mcap.active").unlink()  # someone made room
         assert write_all(target, [noise(10, 10.0 + RETRY_S), noise(10, 11.0 + RETRY_S)]) == [False, True]
         assert state(target) == "recording"
-        target.close(30.0)
-        assert len(items(place / "a.002.mcap")) == 1
+        target.end(30.0)
+        assert len(reads_of(place / "a.002.mcap")) == 1
 
 
 def test_a_disk_that_is_full_from_the_start_is_tried_again_and_left_clean(tmp_path: Path) -> None:
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (500, before[1]))
     try:
-        target = Rotation(tmp_path / "a.mcap", RecordParams(**NO_GUARD), HEADER, 0.0)
+        target = new(tmp_path / "a.mcap", RecordParams(**NO_GUARD), 0.0)
         assert state(target) == "failed"
         assert "a.mcap.active: cannot be written" in target.progress.reason
         assert not list(tmp_path.iterdir())
@@ -196,15 +205,15 @@ def test_a_disk_that_is_full_from_the_start_is_tried_again_and_left_clean(tmp_pa
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     reads = [noise(10, 2 * RETRY_S + 1.0), noise(10, 2 * RETRY_S + 2.0)]
     assert write_all(target, reads) == [False, True]
-    target.close(30.0)
-    assert items(tmp_path / "a.mcap") == reads[1:]
+    target.end(30.0)
+    assert reads_of(tmp_path / "a.mcap") == reads[1:]
 
 
 def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> None:
     place = tmp_path / "usb"
     place.mkdir()
     params = RecordParams(max_file_s=1.0, sync_s=0.5, **NO_GUARD)
-    target = Rotation(place / "a.mcap", params, HEADER, 0.0)
+    target = new(place / "a.mcap", params, 0.0)
     assert write_all(target, [noise(10, 0.0)]) == [True]
     place.rename(tmp_path / "gone")
     taken = write_all(target, [noise(10, 1.0), noise(10, 2.0)])
@@ -212,5 +221,5 @@ def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> No
     assert state(target) == "failed"
     (tmp_path / "gone").rename(place)
     assert write_all(target, [noise(10, 2.5 + RETRY_S), noise(10, 3.0 + RETRY_S)]) == [False, True]
-    target.close(20.0)
+    target.end(20.0)
     assert state(target) == "off"

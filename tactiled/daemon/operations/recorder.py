@@ -24,8 +24,7 @@ from tactiled.events.types import Event, RecordingEvent
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import unfinished
-from tactiled.recording.rotation import OFF, RecordingProgress, RecordParams
-from tactiled.recording.session import RecordEntry, RecordingSession
+from tactiled.recording.session import OFF, RecordEntry, RecordingProgress, RecordingSession, RecordParams
 from tactiled.recording.writer import ACTIVE
 from tactiled.wire.frames import Hello
 

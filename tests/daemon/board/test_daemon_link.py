@@ -36,7 +36,7 @@ from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_items
 from tactiled.recording.replay import replay
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame

@@ -17,11 +17,11 @@ from tactiled.daemon.operations import recorder as recorder_module
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.errors import DataError
 from tactiled.events.types import RecordingEvent
-from tactiled.recording import rotation
+from tactiled.recording import session
 from tactiled.recording.contents import Header, Input, Item, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
-from tactiled.recording.rotation import RecordParams
+from tactiled.recording.session import RecordParams
 from tactiled.recording.writer import RecordingWriter
 
 HEADER = Header(load_board("board-v1", "wang2019-3x3"))
@@ -161,7 +161,7 @@ def test_a_disk_that_is_full_or_gone_is_named_as_such_when_it_takes_a_part_again
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, number: int, words: str
 ) -> None:
     """Each new part is taken and fails soon after: the log comes while it is being recorded."""
-    monkeypatch.setattr(rotation, "RETRY_S", 0.05)
+    monkeypatch.setattr(session, "RETRY_S", 0.05)
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
 
         def broken(_: int) -> None:
@@ -230,7 +230,7 @@ def test_an_unwritable_path_is_reported_at_the_start() -> None:
 def test_a_directory_that_appears_after_the_start_is_recorded_into(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(rotation, "RETRY_S", 0.1)
+    monkeypatch.setattr(session, "RETRY_S", 0.1)
     place = tmp_path / "usb"
     with Recorder(PARAMS.model_copy(update={"directory": str(place)}), HEADER) as recorder:
         assert report(recorder).state == "failed"
@@ -257,7 +257,7 @@ def test_a_disk_without_room_at_the_start_is_recorded_onto_when_there_is_room(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     room_mb = 100.0
-    monkeypatch.setattr(rotation, "free_mb", lambda _: room_mb)
+    monkeypatch.setattr(session, "free_mb", lambda _: room_mb)
     params = RecordParams(sync_s=0.05, min_free_mb=500, directory=str(tmp_path))
     with Recorder(params, HEADER) as recorder:
         assert report(recorder).state == "no-room"
@@ -353,7 +353,7 @@ def test_a_directory_is_kept_within_its_limit_while_recording(tmp_path: Path) ->
 def test_files_of_an_earlier_run_are_recovered_while_recording(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rotation, "RETRY_S", 0.1)
+    monkeypatch.setattr(session, "RETRY_S", 0.1)
     # At its own niceness, the process takes a minute or more where others fill the processors.
     monkeypatch.setattr(recorder_module, "_RECOVERY_NICE", 0)
     place = tmp_path / "records"
