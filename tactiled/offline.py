@@ -232,11 +232,10 @@ def _run_recording(
     pipeline.tuning = choices.suite(log.array, params)
     foreign = ""
     if choices.layout is None:
-        pipeline.receive_data(header.hello, 0.0)  # a later part of a rotated recording may contain no hello
+        if header.hello is not None:  # a later part may contain none
+            pipeline.know(header.hello)
         if pipeline.hello is not None:
             log.board = pipeline.hello.board_serial or log.board
-    if header.measured_hz:
-        pipeline.assume_rate(header.measured_hz)
     inputs = read_inputs(path, reached)
     for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
         for change in batch:

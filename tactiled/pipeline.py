@@ -224,13 +224,10 @@ class Pipeline:
         """True while scans arrive whose rate is not known yet, so that they are no output."""
         return self.layout.measures_rate and self._meter.has_begun
 
-    def assume_rate(self, measured_hz: float) -> None:
-        """Take a rate that was measured before the first read, of a board that does not state it."""
-        if self.hello is None and self.layout.measures_rate:
-            hello = self.layout.assumed_hello(measured_hz)
-            if hello is not None:
-                self._meet(replace(hello, streaming=True), 0.0)
-                self._tune_for(hello)
+    def know(self, hello: Hello) -> None:
+        """Take the board as it was known before the first read."""
+        self._meet(hello, 0.0)
+        self._tune_for(hello)
 
     def disconnected(self) -> None:
         """Handle a lost port: discard an incomplete frame, and put a Gap before the next scan."""

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from pydantic import ConfigDict, TypeAdapter
+from pydantic import TypeAdapter
 
 from tactiled import resources, tomlfile
 from tactiled.array import Array, ArrayFile, build
@@ -28,6 +28,7 @@ from tactiled.outside import json_of, shown
 from tactiled.pipeline import PipelineParams
 from tactiled.recording.cdr import HEAD, Schema, fields_of
 from tactiled.version import __version__
+from tactiled.wire.frames import Hello
 from tactiled.wire.layout import Layout, compile_layout
 from tactiled.wire.schema import LayoutFile
 
@@ -65,7 +66,6 @@ def load_board(protocol: str, array: str) -> RecordedBoard:
 class Header:
     """Description of one file."""
 
-    __pydantic_config__ = ConfigDict(ser_json_bytes="base64", val_json_bytes="base64")
     source: RecordedBoard
     # Parameters with which the events in the file were computed
     pipeline: PipelineParams = field(default_factory=PipelineParams)
@@ -74,10 +74,9 @@ class Header:
     # The pipeline was new where this file begins; otherwise its state can be reproduced only by replaying the
     # earlier parts, if they exist
     fresh: bool = True
-    # Last hello of the board before this file began, as a frame; empty where there was none
-    hello: bytes = b""
-    # Scan rate as measured before this file began, of a board that does not state it; 0 where it was not
-    measured_hz: float = 0.0
+    # The board as it was known before this file began, with its measured rate where it does not state one;
+    # None where none was known
+    hello: Hello | None = None
     sync_s: float = 0.0  # interval of syncs to disk: the longest loss in a power cut
 
     def to_metadata(self) -> dict[str, str]:

@@ -22,9 +22,8 @@ from tactiled.events.types import Event
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name, remove_surplus
-from tactiled.recording.writer import RecordingWriter, disk_words
+from tactiled.recording.writer import RecordingWriter
 from tactiled.tomlfile import Params
-from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Hello
 
 logger = logging.getLogger(__name__)
@@ -130,10 +129,8 @@ class RecordingSession:
         self.progress = OFF
         self._params = params
         self._header = header  # of the newest part, with what is known for the next one
-        self._encoder = Encoder(header.source.layout)
         assumed = header.source.layout_file.assumed_hello
         self._board = "" if assumed is None else assumed.board_serial
-        self._hello: Hello | None = None
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
         self._path: Path | None = None  # of the first part of the recording; None: none runs
         self._writer: RecordingWriter | None = None
@@ -148,11 +145,10 @@ class RecordingSession:
     def begin(self, hello: Hello | None, now_s: float) -> None:
         """Start a new recording during a run; `hello` is what the pipeline knows of its board."""
         self.end(now_s)
-        self._know(hello)
         if hello is not None:
             self._board = hello.board_serial
         self._missing = (0, 0)
-        self._header = replace(self._header, fresh=False)
+        self._header = replace(self._header, fresh=False, hello=hello)
         self._start(None, now_s)
 
     def end(self, now_s: float) -> None:
@@ -188,8 +184,8 @@ class RecordingSession:
             self.dropped += more_reads
             if self._path is not None:
                 self.dropped_because = self.progress.reason
-        if entry.cause is not None and entry.hello is not self._hello:
-            self._know(entry.hello)
+        if entry.cause is not None and entry.hello is not self._header.hello:
+            self._header = replace(self._header, hello=entry.hello)
 
     def _append(self, writer: RecordingWriter, entry: RecordEntry, reads: int, n_bytes: int) -> None:
         cause, offset_s = entry.cause, entry.unix_offset_s
@@ -207,16 +203,6 @@ class RecordingSession:
                 writer.event(output, entry.board, offset_s, "daemon")
             elif isinstance(output, Event):
                 writer.event(output, self._board, offset_s, "pipeline")
-
-    def _know(self, hello: Hello | None) -> None:
-        """Store the hello of the board in the header of the next part."""
-        self._hello = hello
-        # A layout without hello frames has an assumed hello in its file, which every replay reads.
-        has_hello = self._encoder.layout.has("hello")
-        frame = self._encoder.encode(hello) if hello is not None and has_hello else b""
-        is_measured = hello is not None and self._encoder.layout.measures_rate
-        measured_hz = hello.rate_hz if hello is not None and is_measured else 0.0
-        self._header = replace(self._header, hello=frame, measured_hz=measured_hz)
 
     def _start(self, path: Path | None, now_s: float) -> None:
         self._retains = path is None
@@ -255,7 +241,7 @@ class RecordingSession:
         try:
             append(self._writer)
         except OSError as error:
-            reason = f"{self._writer.active}: {disk_words(error)}; recover its data with `tactiled recover`"
+            reason = f"{self._writer.active}: {error.strerror}; recover its data with `tactiled recover`"
             self._fail(reason, now_s)
             return False
         return True

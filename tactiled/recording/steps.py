@@ -72,10 +72,8 @@ class Replay:
 
     def __iter__(self) -> Iterator[ReplayStep]:
         pipeline = self.pipeline
-        if self.header.hello:
-            pipeline.receive_data(self.header.hello, 0.0)
-        if self.header.measured_hz:
-            pipeline.assume_rate(self.header.measured_hz)
+        if self.header.hello is not None:
+            pipeline.know(self.header.hello)
         board = pipeline.hello.board_serial if pipeline.hello is not None else ""
         for number, (path, extent) in enumerate(self.extents.items()):
             steps = _steps(path, extent, self._share_of(number))

@@ -1,7 +1,6 @@
 """Writer of one recording file, named `FILE.active` until it is finished."""
 
 import contextlib
-import errno
 import fcntl
 import os
 from pathlib import Path
@@ -21,13 +20,6 @@ ACTIVE = ".active"
 _CHUNK_BYTES = (
     256 * 1024
 )  # readers decompress one chunk at a time; at usual rates the sync closes chunks sooner
-_MEANINGS = {
-    errno.ENOSPC: "the disk is full",
-    errno.EDQUOT: "the quota of this user on the disk is used up",
-    errno.EROFS: "the disk takes no writes, as the kernel decides after an error of it",
-    **dict.fromkeys((errno.EIO, errno.ENODEV, errno.ENXIO), "the disk is gone or fails"),
-    **dict.fromkeys((errno.ESTALE, errno.ENOTCONN), "the disk of another host is gone"),
-}
 
 
 class RecordingWriter:
@@ -159,15 +151,9 @@ def _create(path: Path, active: Path) -> BinaryIO:
 
 def _refused(active: Path, error: OSError) -> DataError:
     return DataError(
-        f"{active}: cannot be written ({disk_words(error)}); choose a place that has room and that "
+        f"{active}: cannot be written ({error.strerror}); choose a place that has room and that "
         "this user may write to"
     )
-
-
-def disk_words(error: OSError) -> str:
-    """Return what a failed call says of the disk, before the words of the system."""
-    meaning = _MEANINGS.get(error.errno or 0)
-    return f"{meaning}: {error.strerror}" if meaning else str(error.strerror)
 
 
 def is_being_written(active: Path) -> bool:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from operator import lt
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -168,15 +167,6 @@ class ScanRun:
 
     def rows(self) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
         """Return the readings of each scan, and which of them are valid."""
-        conversion = self.conversion
-        if len(self.scans) == 1 and conversion.in_range is None:
-            # As `Conversion.readings` has it, without small arrays, for whose time a subscriber would wait.
-            frame = self.scans[0].frame
-            if not frame.flags & conversion.fault_flag:
-                counts: list[int] = frame.counts.tolist()
-                per_count, full_counts = conversion.per_count, conversion.full_count.tolist()
-                volts = tuple([count * per_count for count in counts])
-                return [(volts, tuple(map(lt, counts, full_counts)))]
         of_all, are_valid = self._readings
         of_all = np.where(np.isfinite(of_all), of_all, 0.0)  # messages have numbers only
         pairs = zip(of_all.tolist(), are_valid.tolist(), strict=True)
