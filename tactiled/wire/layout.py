@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tactiled import tomlfile, tomltext
 from tactiled.wire.frames import Hello
 from tactiled.wire.schema import (
+    PER_CHANNEL,
     CobsFraming,
     Direction,
     FieldLayout,
@@ -199,7 +200,7 @@ def compile_layout(file: LayoutFile) -> Layout:
 
     def field(f: FieldLayout) -> tuple[Any, ...]:
         kind = f"S{f.size}" if f.type == "text" else order + _NUMPY[f.type]
-        return (f.name, kind, (f.n_values(file.channels),)) if f.count else (f.name, kind)
+        return (f.name, kind, (f.n_values(file.channels),)) if f.name in PER_CHANNEL else (f.name, kind)
 
     return Layout(
         file=file,

@@ -30,13 +30,20 @@ _MAY: dict[str, set[str]] = {
     },
     "acknowledge": {"ticks"},
 }  # fmt: skip
-_PER_CHANNEL = {"counts", "channel_offset_s"}
+PER_CHANNEL = {"counts", "channel_offset_s"}  # arrays, one value for each channel
 UNCHECKED = ("terminator", "lines", "tagged")  # kinds of framing without a checksum
 _FIXED = ("start", "stop")  # commands that a board may obey without an answer
 # Bytes of a number in a line with its separator: sign, six digits, point. Only times on the line use it.
 _TYPICAL_NUMBER = 9
-_TEXT = {"board_serial", "array_id", "firmware_version"}
 IN_UNITS = {"rate_hz", "adc_reference_v", "channel_offset_s"}  # converted to the unit in the name
+# Types of the fields that are more than unsigned integers.
+_UNSIGNED = ("u8", "u16", "u32")
+_QUANTITY = (*_UNSIGNED, "i8", "i16", "i32", "f32")
+_TYPES = {
+    **dict.fromkeys(("board_serial", "array_id", "firmware_version"), ("text",)),
+    **dict.fromkeys(IN_UNITS, _QUANTITY),
+    "counts": (*_QUANTITY, "number"),
+}
 # Flags that tactiled.samples uses; another name would be a typing error that nobody notices.
 _FLAGS = ("first_after_start", "overrun", "reference_fault")
 
@@ -46,7 +53,6 @@ class FieldLayout(Params):
 
     name: str
     type: FieldType
-    count: Literal["channels"] | None = Field(default=None, description="an array, one for each channel")
     size: int | None = Field(default=None, ge=1, le=64, description="bytes of a text, padded with NUL")
     per_unit: int = Field(default=1, ge=1, description="wire value of one unit of the named quantity")
     left_out: list[int] = Field(
@@ -56,22 +62,15 @@ class FieldLayout(Params):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        types = _TYPES.get(self.name, _UNSIGNED)
+        if self.type not in types:
+            raise ValueError(f"{self.name} must be {' or '.join(types)}")
         if (self.type == "text") != (self.size is not None):
             raise ValueError("size belongs to type = 'text', and to no other type")
-        if (self.type == "text") != (self.name in _TEXT):
-            raise ValueError(f"{self.name} {'must' if self.name in _TEXT else 'cannot'} be text")
-        if (self.count == "channels") != (self.name in _PER_CHANNEL):
-            raise ValueError(f"count = 'channels' belongs to {' and '.join(sorted(_PER_CHANNEL))}")
         if self.per_unit != 1 and self.name not in IN_UNITS | {"ticks"}:
             raise ValueError(f"per_unit has no meaning for {self.name}")
         if self.left_out and self.name != "counts":
             raise ValueError("left_out belongs to counts")
-        if (self.type == "f32" and self.name not in IN_UNITS | {"counts"}) or (
-            self.type == "number" and self.name != "counts"
-        ):
-            raise ValueError(f"{self.name} must be an integer")
-        if self.type in ("i8", "i16", "i32") and self.name not in IN_UNITS | {"counts"}:
-            raise ValueError(f"{self.name} must be unsigned")
         return self
 
     def n_bytes(self, channels: int) -> int:
@@ -79,7 +78,7 @@ class FieldLayout(Params):
         if self.type == "number":
             return _TYPICAL_NUMBER * self.n_values(channels)
         one = self.size if self.size is not None else int(self.type[1:]) // 8
-        return one * (self.n_values(channels) if self.count else 1)
+        return one * (self.n_values(channels) if self.name in PER_CHANNEL else 1)
 
     def n_values(self, channels: int) -> int:
         """Return the number of values of an array of all channels, with those that are left out."""
@@ -91,7 +90,6 @@ class MessageLayout(Params):
 
     name: Literal["scan", "hello", "acknowledge", "start", "stop", "set_rate", "ping", "identify"]
     id: int = Field(default=0, ge=0, le=255)
-    direction: Direction
     fields: list[FieldLayout] = []
     hex: str | None = Field(
         default=None,
@@ -99,10 +97,13 @@ class MessageLayout(Params):
         description="all bytes of a command that has no fields and is not answered",
     )
 
+    @property
+    def direction(self) -> Direction:
+        """Way that the message goes."""
+        return "host-to-board" if self.name in _COMMANDS else "board-to-host"
+
     @model_validator(mode="after")
     def _roles(self) -> Self:
-        if (self.direction == "host-to-board") != (self.name in _COMMANDS):
-            raise ValueError(f"{self.name} cannot go {self.direction}")
         if bool(self.fields) == (self.hex is not None):
             raise ValueError(f"{self.name}: give either fields or, for start and stop, hex")
         if self.hex is not None:

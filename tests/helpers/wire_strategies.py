@@ -70,7 +70,6 @@ def layouts(draw: st.DrawFn) -> Layout:
             {
                 "name": name,
                 "id": id_,
-                "direction": "host-to-board" if name in COMMANDS else "board-to-host",
                 "fields": draw(_fields(name, tick)),
             }
             for name, id_ in zip(names, ids, strict=True)
@@ -120,8 +119,6 @@ def _fields(draw: st.DrawFn, message: str, tick: dict[str, Any]) -> list[dict[st
             }
         else:
             field["type"] = draw(st.sampled_from(INTEGERS if name == "counts" else UNSIGNED))
-        if name in ("counts", "channel_offset_s"):
-            field["count"] = "channels"
         fields.append(field)
     return fields
 
