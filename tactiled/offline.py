@@ -30,6 +30,7 @@ from tactiled.plots import PICTURES
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.spacing import to_blocks
+from tactiled.recording.steps import run_input
 from tactiled.recording.table import TableOptions, TimeUnit
 from tactiled.recording.whole import DEFAULT_ARRAY, WholeLog, kind_of, read_whole
 from tactiled.samples.block import Gap, ScanBlock
@@ -43,6 +44,9 @@ OFFLINE_TOPICS = (*DETECTED_TOPICS, "force")
 
 FloatArray = NDArray[np.float64]
 _PART_SCANS = 1000  # ten seconds of the published board
+# Inputs of a recording that are no settings of detectors, which the command line sets. Motion of the hand was
+# measured, as the readings were.
+_MEASURED = ("disconnected", "damaged", "dropped", "adapter", "ping", "motion")
 # Of the range, beyond its ends: saturated readings are nearer, readings in another unit are farther.
 _NO_READING_PART = 0.5
 
@@ -239,8 +243,8 @@ def _run_recording(
     inputs = read_inputs(path, reached)
     for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
         for change in batch:
-            if isinstance(change, Input):
-                _change(pipeline, change)
+            if isinstance(change, Input) and change.name in _MEASURED:
+                run_input(pipeline, change, path)
         received = [pipeline.receive(read.data, read.arrival_s) for read in batch if isinstance(read, Read)]
         for part in pipeline.process(received):
             if isinstance(part.item, ScanBlock):
@@ -257,19 +261,6 @@ def _run_recording(
     if not log.n_scans:
         raise DataError(f"{path}: holds no scans; was the board started, and did its hello get through?")
     _check_sliding(path, log.first_s, log.last_s, choices.sliding)
-
-
-def _change(pipeline: Pipeline, item: Input) -> None:
-    """Pass an input that is no read to the pipeline; detectors are set by the command line.
-
-    Motion of the hand is no setting: it was measured, as the readings were.
-    """
-    if item.name == "disconnected":
-        pipeline.disconnected()
-    elif item.name in ("damaged", "dropped"):
-        pipeline.interrupted()
-    elif item.name in ("adapter", "ping", "motion"):
-        pipeline.command(item.name, item.values(), item.time_s)
 
 
 def _run_whole(

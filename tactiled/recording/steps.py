@@ -99,10 +99,17 @@ def _run(pipeline: Pipeline, causes: Sequence[Read | Input], path: Path) -> Sequ
     received = [pipeline.receive(read.data, read.arrival_s) for read in causes if isinstance(read, Read)]
     if received:
         return pipeline.detect(received)
-    return [_run_input(pipeline, cause, path) for cause in causes if isinstance(cause, Input)]
+    return [run_input(pipeline, cause, path) for cause in causes if isinstance(cause, Input)]
 
 
-def _run_input(pipeline: Pipeline, cause: Input, path: Path) -> Sequence[Output]:
+def run_input(pipeline: Pipeline, cause: Input, path: Path) -> Sequence[Output]:
+    """Give the pipeline an input that is no read, and return its outputs.
+
+    Raises
+    ------
+    DataError
+        It is no input of this version.
+    """
     if cause.name == "disconnected":
         pipeline.disconnected()
     elif cause.name in ("damaged", "dropped"):
