@@ -69,6 +69,14 @@ cdef class Posterior:
     cdef double _quantile(self, double wanted)
 
 
+cdef class Means:
+    cdef public long n_scans, n_kept, width, n, n_summed
+    cdef public double[::1] means, sums
+
+    cpdef begin(self)
+    cpdef bint take(self, double[::1] reading)
+
+
 cdef class ContactFilter:
     cdef public object signs, unit
     cdef public Trees sign_trees, state_trees, soon_trees

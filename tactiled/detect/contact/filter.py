@@ -362,6 +362,11 @@ class SlipHysteresis:
         self.close()
         self.least, self.ratio = 0.0 if is_seen else _INFINITE, _INFINITE
 
+    @property
+    def kind(self) -> str:
+        """Kind of the slip that is open; empty for none."""
+        return "gross" if self.is_gross else "incipient" if self.is_open else ""
+
     def settle(self) -> None:
         """Let no slip open or close for some looks; then an incipient one needs a ratio that has grown since.
 
@@ -557,6 +562,54 @@ class Posterior:
                 break
             up_to += self.shown[k]
         return min(value, 1.0)
+
+
+class Means:
+    """Means of some scans each, for windows of seconds; the newest ones are kept.
+
+    Parameters
+    ----------
+    n_scans : int
+        Scans of a mean.
+    n_kept, width : int
+        Means that are kept, and numbers of each.
+
+    Attributes
+    ----------
+    n : int
+        Means so far.
+    """
+
+    def __init__(self, n_scans: int, n_kept: int, width: int) -> None:
+        self.n_scans, self.n_kept, self.width = n_scans, n_kept, width
+        self.means, self.sums = _zeros(n_kept * width), _zeros(width)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget all scans."""
+        self.n = self.n_summed = 0
+        for k in range(self.width):
+            self.sums[k] = 0.0
+
+    def take(self, reading: FloatArray) -> bool:
+        """Take a scan; return True where it completes a mean."""
+        self.n_summed += 1
+        at = self.n % self.n_kept * self.width
+        for k in range(self.width):
+            self.sums[k] += reading[k]
+            if self.n_summed == self.n_scans:
+                self.means[at + k] = self.sums[k] / self.n_scans
+                self.sums[k] = 0.0
+        if self.n_summed < self.n_scans:
+            return False
+        self.n_summed = 0
+        self.n += 1
+        return True
+
+    def newest(self, n: int) -> FloatArray:
+        """Return the newest n means (n, width)."""
+        rows = np.arange(self.n - n, self.n) % self.n_kept
+        return np.asarray(np.asarray(self.means).reshape(self.n_kept, -1)[rows])
 
 
 class ContactFilter:

@@ -18,7 +18,6 @@ from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.detect.signal.contact_gate import (
     ContactParams,
     ContactTracker,
-    ContactTransition,
     contact_event,
     lost_contact_event,
 )
@@ -141,6 +140,7 @@ class GripDetector:
         self._n_baseline = 0
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._is_held = False  # the newest scan is of a contact
+        self._is_pressed = False  # its press is over, or a pull has begun in it
         self._is_cut = False  # a gap interrupted the contact, and the next scan tells whether it went on
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
@@ -229,7 +229,7 @@ class GripDetector:
         for row, message in enumerate(self.scans(item)):
             if self._change:
                 events.append(contact_event(item, row, self._pressure, self._change))
-            if self._readings is not None and (self._slips.open or self._filter.gate.is_open):
+            if self._readings is not None and self._slips.kind != self._filter.gate.kind:
                 events += self._follow_slip(item, row, self._readings)
             if message is not None:
                 events.append(message)
@@ -246,15 +246,9 @@ class GripDetector:
         elif slips.open is not None:  # readings that are lost look like a contact that is lost
             events.append(slips.end(self._last_s, valid=is_valid and readings.is_read))
         if touches:
-            change: ContactTransition | None = None
-            if slips.open is None:
-                change = tracker.end_sliding() if tracker.state in ("shearing", "sliding") else None
-            elif slips.open.kind == "gross":
-                change = tracker.begin_sliding() if tracker.state != "sliding" else None
-            elif tracker.state != "shearing":
-                change = tracker.begin_shearing()
-            if change is not None:
-                events.append(contact_event(block, row, self._pressure, change))
+            enter = {"": tracker.end_sliding, "incipient": tracker.begin_shearing}
+            change = enter.get(slips.kind, tracker.begin_sliding)()
+            events.append(contact_event(block, row, self._pressure, change))
         return events
 
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
@@ -279,8 +273,8 @@ class GripDetector:
                 yield None
                 continue
             touches = tracker.state != "none"
-            press_is_over = self._is_held and self._zero.is_over
-            readings.take(scan, self.contact is not None or self._is_cut, press_is_over)
+            is_begun = self._is_cut or (self._is_held and self._filter.is_begun)
+            readings.take(scan, is_begun, self._is_held and self._is_pressed)
             self._step(readings, step_s, touches=touches)
             yield self._told(readings.is_read and not is_late, is_late, touches=touches)
 
@@ -322,6 +316,7 @@ class GripDetector:
             newest = self._newest
             zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
             self._zero_parts = zero.parts.reshape(-1)
+            self._is_pressed = zero.is_measured or zero.pull_began
             contact.zero_sd = math.hypot(zero.whole_sd, readings.total_sd / max(float(newest[0].sum()), 1e-9))
         contact.take(
             self._last_s,
@@ -330,7 +325,7 @@ class GripDetector:
             readings.shear_sd,
             self.acceleration_m_s2,
             zero.is_seen,
-            self._ripple.take(self._newest),
+            self._ripple.take(self._reading),
             touches,
         )
 
@@ -345,7 +340,7 @@ class GripDetector:
         return GripEvent(time_s=self._last_s, valid=is_trusted) if ends else None
 
     def _begin_contact(self, least: float, *, is_seen: bool) -> None:
-        array, self._is_held = self._array, True
+        array, self._is_held, self._is_pressed = self._array, True, False
         self._zero = PressZero(
             array.n_taxels,
             self._rate_hz,
@@ -361,6 +356,7 @@ class GripDetector:
 
     def _end_contact(self, readings: TaxelReadings) -> None:
         self._is_held = False
+        self._filter.gate.close()
         readings.release()
         if self._is_friction_due:
             self._is_friction_due = False
@@ -374,7 +370,8 @@ class GripDetector:
         most = _SAME_LOADS * max(float(before.sum()), float(after.sum()))
         if not 0.0 < gap_s <= _LONGEST_GAP_S or float(np.abs(after - before).sum()) >= most:
             return False
-        self._zero.is_measured = True  # what the press did while nobody looked is not known
+        # What the press did while nobody looked is not known.
+        self._zero.is_measured = self._is_pressed = True
         self._filter.restart()
         self._ripple.reset()
         return True

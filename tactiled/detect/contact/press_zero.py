@@ -116,11 +116,6 @@ class PressZero:
             self.whole_sd = math.hypot(self._whole_sd, size)
         self.parts = parts
 
-    @property
-    def is_over(self) -> bool:
-        """True once the press is over, or a pull has begun in it."""
-        return self.is_measured or self.pull_began
-
     def _forget(self) -> None:
         """Measure anew, as in a contact that was seen to begin."""
         self.is_seen, self.pull_began = True, False

@@ -57,6 +57,11 @@ class PosteriorSlips:
         self._n_averaged = averaged_scans(self._step_s)
         self.open: SlipEvent | None = None
 
+    @property
+    def kind(self) -> str:
+        """Kind of the slip that goes on; empty for none."""
+        return "" if self.open is None else self.open.kind
+
     def step(
         self, contact: ContactFilter, time_s: float, time_sd_s: float, *, valid: bool
     ) -> list[SlipEvent]:

@@ -18,6 +18,7 @@ import functools
 import numpy as np
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.contact.fast import Means
 from tactiled.detect.signal.median import median
 
 _HOP_S = 0.5  # choice
@@ -54,36 +55,25 @@ class TravellingRipple:
     """
 
     def __init__(self, array: Array, rate_hz: float) -> None:
-        self._n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
-        self._step_s = self._n_mean / rate_hz
+        n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
+        self._step_s = n_mean / rate_hz
         self._hop = max(4, round(_HOP_S / self._step_s))
         places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
         self.can_tell = array.has_places and array.n_taxels >= _FEWEST
-        self._past = np.zeros((_LONG[-1] * self._hop, 3, array.n_taxels))
-        self._sum = np.zeros((3, array.n_taxels))
+        self._means = Means(n_mean, _LONG[-1] * self._hop, 3 * array.n_taxels)
         self.reset()
 
     def reset(self) -> None:
         """Forget what was seen: the contact is another one, or a gap came between."""
-        self._n = self._n_summed = 0
-        self._sum[:] = 0.0
+        self._means.begin()
         self.seen_s = 0.0
         self._seen_in = 0  # hops
 
     def take(self, responses: FloatArray) -> float:
-        """Take loads and shears (3, taxels) of a scan in contact; return `seen_s`."""
-        if not self.can_tell:
-            return 0.0
-        self._sum += responses
-        self._n_summed += 1
-        if self._n_summed < self._n_mean:
-            return self.seen_s
-        self._past[self._n % len(self._past)] = self._sum / self._n_mean
-        self._sum[:], self._n_summed = 0.0, 0
-        self._n += 1
-        if self._n % self._hop == 0:
-            self._look(self._n // self._hop)
+        """Take loads and shears (3 * taxels,) of a scan in contact; return `seen_s`."""
+        if self.can_tell and self._means.take(responses) and self._means.n % self._hop == 0:
+            self._look(self._means.n // self._hop)
         return self.seen_s
 
     def _look(self, hops: int) -> None:
@@ -97,9 +87,7 @@ class TravellingRipple:
 
     def _travels(self, n: int) -> bool:
         """Return True where a ripple travels in the newest means."""
-        last = self._n % len(self._past)
-        newest = [self._past[last - n : last]] if n <= last else [self._past[last - n :], self._past[:last]]
-        responses = np.concatenate(newest)
+        responses = self._means.newest(n).reshape(n, 3, -1)
         load = np.maximum(responses[:, 0].mean(axis=0), 0.0)
         # What the planes leave, in directions that are orthogonal to them and to one another.
         beyond = np.linalg.qr((self._places * load).T, mode="complete")[0][:, len(self._places) :]

@@ -23,7 +23,7 @@ SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))
 
 def seen(readings: FloatArray, rate_hz: float = RATE_HZ) -> FloatArray:
     ripple = TravellingRipple(ARRAY, rate_hz)
-    return np.array([ripple.take(RESPONSES.of(row)) for row in readings])
+    return np.array([ripple.take(RESPONSES.of(row).ravel()) for row in readings])
 
 
 def noise(size: float = 1e-3, seed: int = 0) -> FloatArray:
@@ -76,10 +76,10 @@ def test_noise_drift_and_steps_do_not_travel() -> None:
 def test_a_ripple_is_over_when_the_skin_stops_and_forgotten_with_the_contact() -> None:
     ripple = TravellingRipple(ARRAY, RATE_HZ)
     slide = over_grating()
-    assert [ripple.take(RESPONSES.of(row)) for row in slide[:1000]][-1] > 0
+    assert [ripple.take(RESPONSES.of(row).ravel()) for row in slide[:1000]][-1] > 0
     rest = LOADS + slide[999] - LOADS + noise()
-    assert [ripple.take(RESPONSES.of(row)) for row in rest[:600]][-1] == 0.0
-    ripple.take(RESPONSES.of(slide[0]))
+    assert [ripple.take(RESPONSES.of(row).ravel()) for row in rest[:600]][-1] == 0.0
+    ripple.take(RESPONSES.of(slide[0]).ravel())
     ripple.reset()
     assert ripple.seen_s == 0.0
 
@@ -89,7 +89,7 @@ def test_few_taxels_cannot_tell() -> None:
     assert TravellingRipple(array, RATE_HZ).can_tell
     ripple = TravellingRipple(load_array("load-cell"), RATE_HZ)
     assert not ripple.can_tell
-    assert ripple.take(np.ones((3, 1))) == 0.0
+    assert ripple.take(np.ones(3)) == 0.0
 
 
 def test_a_slide_on_an_even_contact_is_told_by_its_ripple_alone() -> None:
