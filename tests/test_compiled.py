@@ -19,7 +19,7 @@ from touches import Touch, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.readings import Responses, TaxelReadings
+from tactiled.detect.contact.readings import TaxelReadings, response_weights
 from tactiled.detect.signal import front_end, pressure
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
@@ -233,13 +233,13 @@ def test_steps_are_those_of_numpy(array: Array, seed: int) -> None:
 def test_loads_and_noise_are_those_of_matrices() -> None:
     array, rng, n = ARRAYS[2], np.random.default_rng(0), 400
     volts = 1.0 + 1e-2 * rng.standard_normal((n, array.n_channels))
-    readings, responses = TaxelReadings(array, 100.0), Responses(array)
+    readings, weights = TaxelReadings(array, 100.0), response_weights(array)
     held = Quantiser(array).process(regular_block(volts, 100.0))
     readings.begin_block(held, np.zeros(array.n_channels))
     for scan in range(n):
         readings.take(scan, True, False)
-        np.testing.assert_allclose(readings.recent[-1], responses.of(volts[scan]), atol=1e-5)
-    loads, *shears = np.einsum("ktc,nc->knt", responses.weights, volts)
+        np.testing.assert_allclose(readings.recent[-1], weights @ volts[scan], atol=1e-5)
+    loads, *shears = np.einsum("ktc,nc->knt", weights, volts)
     assert readings.load_sd == pytest.approx(loads.mean(axis=1).std(), rel=0.2)
     assert readings.total_sd == pytest.approx(np.mean([s.sum(axis=1).std() for s in shears]), rel=0.2)
     assert readings.shear_sd == pytest.approx(np.mean([s.std() for s in shears]), rel=0.2)

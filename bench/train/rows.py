@@ -10,7 +10,7 @@ from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Trees
-from tactiled.detect.contact.filter import HORIZONS_S, ROW_NAMES
+from tactiled.detect.contact.filter import HORIZONS_S
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.signs import LOOK_S, NAMES
@@ -58,7 +58,7 @@ def silent() -> Learnt:
         empty: dict[str, list[float]] = {key: [] for key in ("root", "output", "links", "value")}
         return Trees({"first": [0.0] * n, **empty})
 
-    return Learnt(one(1), one(9), one(4), 0.0, ROW_NAMES)
+    return Learnt(one(1), one(9), one(4), 0.0)
 
 
 def looks_of(world: World, *, as_trained: bool = True) -> Looks:

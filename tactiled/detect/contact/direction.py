@@ -25,7 +25,7 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 _TURNS, _TURNS_SD = 0.4, 0.33
 _MODEL_SD = 0.05  # derived: radians: resistors that are 5 % unequal turn one taxel by so much
 _FEWEST = 4  # derived: taxels whose spread has a variance: fewer have no more than three degrees of freedom
-_AVERAGED, _AVERAGED_S = 3, 0.06  # choice: scans at each end of the growth, and their time at most
+AVERAGED, AVERAGED_S = 3, 0.06  # choice: scans at each end of the growth, and their time at most
 # derived: of the angle from the growth to its first half: what that half still has of the bend of the second.
 _BEND_LEFT = 0.2
 
@@ -35,11 +35,6 @@ class Direction(NamedTuple):
 
     angle_deg: float
     sd_deg: float
-
-
-def averaged_scans(step_s: float) -> int:
-    """Return the number of scans that are averaged at each end of the growth."""
-    return max(1, min(_AVERAGED, round(_AVERAGED_S / step_s)))
 
 
 def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is_gross: bool) -> Direction:

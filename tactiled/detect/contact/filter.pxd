@@ -90,7 +90,7 @@ cdef class ContactFilter:
     cdef public double per_friction, look_s, growth_s, radius_mm, base_odds, prior_p, ratio, slid_at, rippled_s
     cdef public double zero_sd, total_x, total_y, moment, load
     cdef public bint is_begun, is_look, is_known
-    cdef public tuple utilisation, friction, p_gross
+    cdef public tuple friction, p_gross
 
     cpdef take(self, double time_s, reading, zero, double noise, double acceleration, bint has_zero,
                double rippled_s, bint may_slip)

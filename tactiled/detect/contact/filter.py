@@ -647,8 +647,8 @@ class ContactFilter:
         Sums of the newest scan.
     prior_p : float
         Probability that all of the contact slides, where there is no sign of it or against it.
-    utilisation, friction : tuple of 3 floats
-        Quantiles of 5, 50 and 95 %, as they are published; friction in units of the readings.
+    friction : tuple of 3 floats
+        Quantiles of 5, 50 and 95 %, as they are published, in units of the readings.
     p_gross : tuple of 3 floats
         Probability that gross slip begins within `HORIZONS_S`, if the contact does not slide yet; 1 while a
         gross slip is open.
@@ -792,7 +792,6 @@ class ContactFilter:
         posterior.publish(
             gate.is_gross, _OFF * gate.gross_p, self.ratio, friction.log_mean, friction.variance
         )
-        self.utilisation = posterior.utilisation
         if gate.is_gross:
             slid_at = self.per_friction * max(self.slid_at, _LEAST_BORNE)
             self.friction = LEAST_GROSS_USED * slid_at, slid_at, slid_at / LEAST_GROSS_USED
@@ -829,7 +828,7 @@ class ContactFilter:
 
     def event(self, time_s: float, is_trusted: bool, is_late: bool) -> GripEvent:
         """Return the event of the newest scan."""
-        low, median, high = self.utilisation
+        low, median, high = self.posterior.utilisation
         friction_low, friction, friction_high = self.friction
         in_50, in_100, in_300 = self.p_gross
         share, is_known = self.posterior.slipping_share, self.is_known and self.is_begun

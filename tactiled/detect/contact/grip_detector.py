@@ -9,7 +9,7 @@ from pydantic import Field
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.contact.fast import ContactFilter, Signs
-from tactiled.detect.contact.filter import ROW_NAMES, SETTINGS, scans_of_look
+from tactiled.detect.contact.filter import SETTINGS, scans_of_look
 from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
@@ -116,8 +116,6 @@ class GripDetector:
         self._params = params or GripParams()
         self.can_tell = array.measures_ratio
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
-        if self._learnt is not None:
-            self._learnt.check(ROW_NAMES)
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.hypot(x, y).mean()) or 1.0

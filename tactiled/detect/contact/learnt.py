@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactiled.detect.contact.fast import Trees
+from tactiled.detect.contact.filter import ROW_NAMES
 from tactiled.resources import shipped
 
 FILE = "config", "learnt", "slip.npz"
@@ -19,27 +20,29 @@ class Learnt(NamedTuple):
     state: Trees  # score of each state, from some signs and the memory
     soon: Trees  # score of each time to gross slip, from the same
     base_odds: float  # log odds of sliding in the looks that `signs` was trained on
-    names: tuple[str, ...]  # of the signs, then of the row of the state, by place
-
-    def check(self, names: tuple[str, ...]) -> None:
-        """Raise ValueError where the trees were learnt from signs of other names or places."""
-        if self.names != names:
-            other = sorted(set(self.names) ^ set(names)) or ["the same in another order"]
-            raise ValueError(
-                f"{'/'.join(FILE)}: the trees were learnt from other signs ({', '.join(other[:5])}); "
-                "learn them anew (./run train slip)"
-            )
 
 
 def learnt_from(table: Mapping[str, Any]) -> Learnt:
-    """Make the trees from arrays by name, ``forest.array``, as `bench.train.fit` makes them."""
+    """Make the trees from arrays by name, ``forest.array``, as `bench.train.fit` makes them.
+
+    Raises
+    ------
+    ValueError
+        The trees were learnt from signs of other names or places.
+    """
 
     def forest(name: str) -> Trees:
         prefix = f"{name}."
         return Trees({key.removeprefix(prefix): table[key] for key in table if key.startswith(prefix)})
 
-    names = tuple(table["names"].tolist()) if "names" in table else ()  # files of before had none
-    return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]), names)
+    names = table["names"].tolist()
+    if names != list(ROW_NAMES):
+        other = sorted(set(names) ^ set(ROW_NAMES)) or ["the same in another order"]
+        raise ValueError(
+            f"{'/'.join(FILE)}: the trees were learnt from other signs ({', '.join(other[:5])}); "
+            "learn them anew (./run train slip)"
+        )
+    return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]))
 
 
 @functools.cache

@@ -43,28 +43,12 @@ def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     )
 
 
-class Responses:
-    """Weights that make loads and shears of the taxels out of readings.
+def response_weights(array: Array) -> FloatArray:
+    """Return weights (3, taxels, channels) that make load, shear along x and along y of the taxels.
 
-    Attributes
-    ----------
-    weights : (3, taxels, channels) float64
-        Load, shear along x and along y of each taxel. Shear is the force of the object on the skin, so that
-        it opposes the motion of the skin.
-    own, own_weights : (n, 3, taxels)
-        `own_channels` of them.
-    taxel_channels : (taxels, channels) bool
-        True where a channel is part of a taxel's load or shear.
+    Shear is the force of the object on the skin, so that it opposes the motion of the skin.
     """
-
-    def __init__(self, array: Array) -> None:
-        self.weights = np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
-        self.own, self.own_weights = own_channels(self.weights)
-        self.taxel_channels = np.any(self.weights != 0, axis=0)
-
-    def of(self, volts: FloatArray) -> FloatArray:
-        """Return load, shear x and shear y (3, taxels) of one scan (channels,)."""
-        return np.asarray((self.own_weights * volts[self.own]).sum(axis=0))
+    return np.concatenate([array.normal_weights()[np.newaxis], -array.shear_weights()])
 
 
 def relieved_sides(array: Array) -> RelievedSides | None:
@@ -89,18 +73,19 @@ class TaxelReadings(Readings):
     """
 
     def __init__(self, array: Array, rate_hz: float) -> None:
-        responses, grid = Responses(array), Quantiser(array)
+        weights, grid = response_weights(array), Quantiser(array)
+        own, own_weights = own_channels(weights)
         self.recent = np.zeros((max(1, round(_HISTORY_S * rate_hz)), 3, array.n_taxels))
         self._most_dropped = (1 - _LEAST_KEPT) * array.n_taxels
         self._is_dropped = np.zeros(array.n_taxels, dtype=np.uint8)
         super().__init__(
             stuck_channels(array),
             Bank(array.n_channels, [taps(k + 1) * grid.volts_per_step for k in range(NOISE_LEVELS)]),
-            Jumps(responses.taxel_channels.reshape(-1).view(np.uint8), array.n_taxels),
+            Jumps(np.any(weights != 0, axis=0).reshape(-1).view(np.uint8), array.n_taxels),
             NoiseFloor(array.n_channels, NOISE_LEVELS, grid.volts_per_step, max(2.0, _NOISE_S * rate_hz)),
             relieved_sides(array),
-            responses.own.reshape(-1),
-            responses.own_weights.reshape(-1),
+            own.reshape(-1),
+            own_weights.reshape(-1),
             rate_hz,
             grid.volts_per_step,
             max(1, round(_HOLD_S * rate_hz)),

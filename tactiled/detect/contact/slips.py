@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.direction import averaged_scans, direction, opposed
+from tactiled.detect.contact.direction import AVERAGED, AVERAGED_S, direction, opposed
 from tactiled.detect.contact.filter import FIVE_PERCENT, INCIPIENT_USED, RIPPLE_P, ContactFilter
 from tactiled.events.types import SlipEvent
 
@@ -54,7 +54,7 @@ class PosteriorSlips:
 
     def __init__(self, rate_hz: float) -> None:
         self._step_s = 1.0 / rate_hz
-        self._n_averaged = averaged_scans(self._step_s)
+        self._n_averaged = max(1, min(AVERAGED, round(AVERAGED_S / self._step_s)))
         self.open: SlipEvent | None = None
 
     @property

@@ -183,7 +183,7 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
     contact.gate.is_gross = contact.gate.is_open = is_gross
     contact.ratio = contact.slid_at = 0.5
     contact.publish()
-    low, median, high = contact.utilisation
+    low, median, high = contact.posterior.utilisation
     assert 0 <= low <= median <= high <= 1
     assert contact.friction[0] <= contact.friction[1] <= contact.friction[2]
     assert contact.p_gross[0] <= contact.p_gross[1] <= contact.p_gross[2] <= 1

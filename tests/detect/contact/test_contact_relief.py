@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.readings import Responses, relieved_sides
+from tactiled.detect.contact.readings import relieved_sides, response_weights
 from tactiled.detect.signal.fast import RelievedSides
 
 ARRAY = load_array("wang2019-3x3")
@@ -22,7 +22,7 @@ def read(load: float, shear: tuple[float, float]) -> FloatArray:
 
 def correct(relieved: RelievedSides, volts: FloatArray) -> FloatArray:
     """Load and shears (3, taxels) of readings, corrected."""
-    response = Responses(ARRAY).of(volts)
+    response = response_weights(ARRAY) @ volts
     flat = array("d", response.ravel())
     relieved.correct(array("d", volts), 0, flat)
     return np.array(flat).reshape(response.shape)
@@ -46,7 +46,7 @@ def test_shear_goes_on_and_the_load_stays_where_a_side_is_relieved(direction_deg
     angle = np.radians(direction_deg)
     truth = np.stack([np.ones(200), size * np.cos(angle), size * np.sin(angle)], axis=1)
     np.testing.assert_allclose(corrected(truth), truth, atol=0.01)
-    as_read = np.array([Responses(ARRAY).of(read(load, (x, y))).mean(axis=1) for load, x, y in truth])
+    as_read = np.array([(response_weights(ARRAY) @ read(load, (x, y))).mean(axis=1) for load, x, y in truth])
     assert np.abs(as_read - truth).max() > 0.08
 
 

@@ -9,13 +9,13 @@ from touches import onsets
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.detect.contact.readings import Responses
+from tactiled.detect.contact.readings import response_weights
 from tactiled.detect.contact.travelling import TravellingRipple
 from tactiled.events.types import GripEvent
 from tactiled.samples.block import regular_block
 
 RATE_HZ = 100.0
-RESPONSES = Responses(ARRAY)
+RESPONSES = response_weights(ARRAY)
 TIME_S = np.arange(2000) / RATE_HZ
 LOADS = np.repeat(np.array([0.4, 0.8, 0.5, 0.9, 1.8, 1.1, 0.6, 1.2, 0.7]), 4)
 SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))
@@ -23,7 +23,7 @@ SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))
 
 def seen(readings: FloatArray, rate_hz: float = RATE_HZ) -> FloatArray:
     ripple = TravellingRipple(ARRAY, rate_hz)
-    return np.array([ripple.take(RESPONSES.of(row).ravel()) for row in readings])
+    return np.array([ripple.take((RESPONSES @ row).ravel()) for row in readings])
 
 
 def noise(size: float = 1e-3, seed: int = 0) -> FloatArray:
@@ -76,10 +76,10 @@ def test_noise_drift_and_steps_do_not_travel() -> None:
 def test_a_ripple_is_over_when_the_skin_stops_and_forgotten_with_the_contact() -> None:
     ripple = TravellingRipple(ARRAY, RATE_HZ)
     slide = over_grating()
-    assert [ripple.take(RESPONSES.of(row).ravel()) for row in slide[:1000]][-1] > 0
+    assert [ripple.take((RESPONSES @ row).ravel()) for row in slide[:1000]][-1] > 0
     rest = LOADS + slide[999] - LOADS + noise()
-    assert [ripple.take(RESPONSES.of(row).ravel()) for row in rest[:600]][-1] == 0.0
-    ripple.take(RESPONSES.of(slide[0]).ravel())
+    assert [ripple.take((RESPONSES @ row).ravel()) for row in rest[:600]][-1] == 0.0
+    ripple.take((RESPONSES @ slide[0]).ravel())
     ripple.reset()
     assert ripple.seen_s == 0.0
 
