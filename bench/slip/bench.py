@@ -1,22 +1,15 @@
 """``./run bench slip``: what a controller asks of slip events, for every setting.
 
-Random worlds (`bench.worlds.laws`) and the emulator's families (`scenes`) are asked the same
-questions (`score`). Everything is measured on seeds on which nothing was set.
+Random worlds of two generators are asked the same questions (`score`): `laws`, whose physics have nothing in
+common with the detector's, and `plates`, the emulator's skin. Everything is measured on seeds on which
+nothing was set.
 """
 
 import itertools
 from collections.abc import Iterator, Sequence
 
 from bench.report import BENCH_WORKERS, BenchOptions, counted, grouped, seeds_in_words, table
-from bench.slip.cases import (
-    RANDOM,
-    REPORTED_FROM,
-    CaseEvents,
-    draw_reported,
-    from_scene,
-    from_world,
-    run_case,
-)
+from bench.slip.cases import REPORTED_FROM, CaseEvents, draw_reported, from_world, run_case
 from bench.slip.gratings import (
     GRATINGS_FROM,
     LENGTH_S,
@@ -34,43 +27,40 @@ from bench.slip.minutes import (
     minute_rows,
     read_minute,
 )
-from bench.slip.scenes import NOISES_V, SCENES
 from bench.slip.score import AHEAD_S, SLOW_S, settings_table
+from bench.worlds.generators import draw
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
-# The filter learnt from random worlds from 100000 on, and from none of the families.
-REPORT_SEED = 5001
-N_WORLDS, N_QUICK_WORLDS = 240, 48
-N_SCENES, N_QUICK_SCENES = 5, 1  # seeds of each family
+PLATES_FROM, PLATE_MINUTES = 200_000, 0.2  # seeds, of which none was learnt from, and length of a world
+N_WORLDS, N_QUICK_WORLDS = 240, 48  # of each generator
 _BATCH = 12
 
 
 def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Answers of each setting, by kind of world and noise.
 
-    Quick: 48 random worlds instead of 240, one seed of each family instead of five, a tenth of the minutes.
+    Quick: 48 worlds of each generator instead of 240, a tenth of the minutes.
     """
     n_worlds = N_QUICK_WORLDS if options.quick else N_WORLDS
-    n_scenes = N_QUICK_SCENES if options.quick else N_SCENES
-    seeds = range(REPORTED_FROM, REPORTED_FROM + n_worlds)
-    batches = [seeds[start : start + _BATCH] for start in range(0, n_worlds, _BATCH)]
-    scene_seeds = range(REPORT_SEED, REPORT_SEED + n_scenes)
-    scenes = list(itertools.product(SCENES, scene_seeds))
+    firsts = {read_laws: REPORTED_FROM, read_plates: PLATES_FROM}
+    starts = range(0, n_worlds, _BATCH)
     n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
     n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
-    progress.begin(len(batches) + len(scenes) + n_gratings + len(minutes))
+    progress.begin(2 * len(starts) + n_gratings + len(minutes))
     with executor(BENCH_WORKERS) as pool:
-        some = counted(pool.map(read_worlds, batches), progress, "random worlds")
-        some += counted(pool.map(read_scene, *zip(*scenes, strict=True)), progress, "scenes")
+        some: list[list[CaseEvents]] = []
+        for read_worlds, first in firsts.items():
+            batches = [range(first + start, first + start + _BATCH) for start in starts]
+            some += counted(pool.map(read_worlds, batches), progress, "worlds")
         slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
         gratings = counted(pool.map(read_grating, slides), progress, "gratings")
         read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
     long = [one for one in read if one is not None]
     events = list(itertools.chain.from_iterable(some))
     return [
-        *_sections(events, n_worlds, n_scenes),
+        *_sections(events, n_worlds),
         f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
         f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: reported as gross slip, and answered by the "
         "groove estimator, whose speed is given.",
@@ -82,23 +72,20 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     ]
 
 
-def read_worlds(seeds: range) -> list[CaseEvents]:
-    """Run all detectors over a batch of random worlds."""
+def read_laws(seeds: range) -> list[CaseEvents]:
+    """Run all detectors over a batch of worlds of laws."""
     return [run_case(from_world(world)) for world in draw_reported(seeds)]
 
 
-def read_scene(name: str, seed: int) -> list[CaseEvents]:
-    """Run all detectors over a scene, read at every noise."""
-    played = SCENES[name](seed)
-    return [run_case(from_scene(name, played, noise_v)) for noise_v in NOISES_V]
+def read_plates(seeds: range) -> list[CaseEvents]:
+    """Run all detectors over a batch of worlds of plates."""
+    return [run_case(from_world(world)) for world in draw("plates", seeds, PLATE_MINUTES)]
 
 
-def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Iterator[str]:
-    groups = grouped(events, lambda one: one.case.group)
-    noises = ", ".join(name for name in groups if name != RANDOM)
+def _sections(events: Sequence[CaseEvents], n_worlds: int) -> Iterator[str]:
     yield (
-        f"{n_worlds} random worlds ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {len(SCENES)} scenes "
-        f"({seeds_in_words(n_scenes, REPORT_SEED)}), these at {noises}. Slow slips take {SLOW_S:g} s or more "
+        f"{n_worlds} worlds of laws ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {n_worlds} of plates "
+        f"({seeds_in_words(n_worlds, PLATES_FROM)}). Slow slips take {SLOW_S:g} s or more "
         "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
         f'{1e3 * AHEAD_S:.0f} ms before the slip becomes gross. "Nothing slips": less than a tenth of the '
         "area slips, and no more of it did in the last 0.1 s. Rests: cases without gross slip. Ended: an end "
@@ -107,8 +94,7 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int, n_scenes: int) -> Ite
         "deviation below 30 deg. The head of a column has the probabilities from which incipient and gross "
         "slip are reported."
     )
-    for group, some in groups.items():
+    for generator, some in grouped(events, lambda one: one.case.group).items():
         slips = sum(one.case.slips for one in some)
-        kind = "Random worlds" if group == RANDOM else f"Scenes at {group}"
-        yield f"{kind}: {len(some)} cases, {slips} with gross slip."
+        yield f"Worlds of {generator}: {len(some)} cases, {slips} with gross slip."
         yield settings_table(some)

@@ -1,4 +1,4 @@
-"""Cases of ``./run bench slip`` from both kinds of worlds, with the truth that events are compared with."""
+"""Cases of ``./run bench slip``: random worlds, with the truth that events are compared with."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.slip.scenes import ARRAY, FirstSlip, PlayedScene
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
@@ -17,30 +16,26 @@ from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock
 
-RANDOM = "random worlds"
 REPORTED_FROM = 3_000
-"""First seed of the random worlds: nothing was learnt from these."""
+"""First seed of the worlds of laws: nothing was learnt from these."""
 _HELD_OUT_EACH, _BATCH = 4, 12  # one batch in so many has a contact law that was never learnt from
 _JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belongs to it
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Scans of one scene and its truth."""
+    """Scans of one world, and the truth of its first gross slip."""
 
-    group: str  # kind of world, and noise where it is given
-    name: str  # family, resting load, or hand of a random world
+    group: str  # generator of the world
     array: Array
     block: ScanBlock
-    # (n,): tangential load over its limit; of families, from the slipping share by Mindlin's curve
-    utilisation: FloatArray
+    utilisation: FloatArray  # (n,): tangential load over its limit
     # gross_s, gross_end_s, tenth_s: first gross slip: from where all of the contact slips until it stops; a
     # tenth of the area slips since. Infinite where there is none.
     gross_s: float
     gross_end_s: float
     tenth_s: float
     direction_deg: float  # of the skin's motion in that slip; NaN where it turns on the spot
-    shear_s: float = float("nan")  # beginning of the shear that leads to it; NaN where it is not known
     is_falling: bool = False  # friction falls at constant load
 
     @property
@@ -67,7 +62,7 @@ class Case:
 
 
 def from_world(world: World) -> Case:
-    """Make a case of a random world."""
+    """Make a case of a world."""
     gross_s = world.gross_s[0] if world.slips else np.inf
     direction_deg, end_s = np.nan, np.inf
     if world.slips:
@@ -76,8 +71,7 @@ def from_world(world: World) -> Case:
         end_s = float(row + 1 + after[0]) / world.rate_hz if len(after) else np.inf
         direction_deg = np.nan if world.hand == "twist" else float(world.direction_deg[row])
     return Case(
-        group=RANDOM,
-        name=world.hand,
+        group=world.generator,
         array=world.array,
         block=world.block,
         utilisation=np.minimum(world.utilisation, 1.0),
@@ -89,26 +83,8 @@ def from_world(world: World) -> Case:
     )
 
 
-def from_scene(name: str, played: PlayedScene, noise_v: float) -> Case:
-    """Make a case of a played scene, read with some noise."""
-    slip = played.slip or FirstSlip(np.nan, np.inf, np.inf, np.inf, None)
-    return Case(
-        group=f"{1e3 * noise_v:g} mV",
-        name=name,
-        array=ARRAY,
-        block=played.read(noise_v),
-        # The sticking share of a ball's area is (1 - utilisation)^(2/3).
-        utilisation=1.0 - (1.0 - np.clip(played.slipping_share, 0.0, 1.0)) ** 1.5,
-        gross_s=slip.gross_s,
-        gross_end_s=slip.end_s,
-        tenth_s=slip.incipient_s,
-        direction_deg=np.nan if slip.direction_deg is None else slip.direction_deg,
-        shear_s=slip.shear_s,
-    )
-
-
 def draw_reported(seeds: range) -> list[World]:
-    """Draw a batch of random worlds; one batch in four has a contact law that was never learnt from."""
+    """Draw a batch of worlds of laws; one batch in four has a contact law that was never learnt from."""
     is_held_out = (seeds[0] // _BATCH) % _HELD_OUT_EACH == 0
     return draw_worlds(seeds, Population(laws=(HELD_OUT_LAW,)) if is_held_out else USUAL)
 

@@ -11,17 +11,20 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.report import NONE, grouped, ratio
-from bench.slip.scenes import ARRAY, play
+from bench.worlds.emulated import play, world_of
+from tactiled.array import load_array
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import begin, load_phase, log_uniform, made, slide_phase
 from tactiled.events.types import GripEvent
 
+ARRAY = load_array("wang2019-3x3")
 MINUTES_FROM = 7_000  # seeds
 N_SLIDES, N_RESTS = 100, 60
 N_QUICK_SLIDES, N_QUICK_RESTS = 10, 6
 _LENGTH_S, _TOLD_AFTER_S, _MOST_OF = 60.0, 0.5, 0.95
 _NOISE_V = (0.3e-3, 3e-3)
+_HOLD_EXTRA_S = 3.0  # so that the press is over and forgotten when something happens
 _EVEN = 0.5  # share of plates with the same friction at every place
 
 
@@ -39,11 +42,12 @@ def read_minute(seed: int, slides: bool) -> Minute | None:
     rng = np.random.default_rng([31, seed])
     unevenness = 0.0 if rng.random() < _EVEN else log_uniform(rng, 0.01, 0.15)
     noise_v = log_uniform(rng, *_NOISE_V)
-    played = play(lambda _: _scene(slides, unevenness, seed), seed)
-    events = GripDetector(ARRAY).process(played.read(noise_v))
-    if (played.slip is not None) != slides:  # friction at the place of a rest is that of a smoother one
+    scene = _scene(slides, unevenness, noise_v, seed)
+    world = world_of("plates", "minute", seed, scene, play(scene, ARRAY), ARRAY)
+    if world.slips != slides:  # friction at the place of a rest is that of a smoother one
         return None
-    begin_s = played.slip.gross_s if played.slip else played.duration_s - _LENGTH_S
+    events = GripDetector(ARRAY).process(world.block)
+    begin_s = world.gross_s[0] if slides else scene.duration_s - _LENGTH_S
     some = [
         event for event in events if isinstance(event, GripEvent) and event.time_s > begin_s + _TOLD_AFTER_S
     ]
@@ -51,9 +55,11 @@ def read_minute(seed: int, slides: bool) -> Minute | None:
     return Minute(slides, unevenness == 0.0, told, float(np.median([event.p_sliding for event in some])))
 
 
-def _scene(slides: bool, unevenness: float, seed: int) -> Scene:
+def _scene(slides: bool, unevenness: float, noise_v: float, seed: int) -> Scene:
     rng, scene = begin("minute", seed)
     scene["surface"]["unevenness"] = unevenness
+    scene["electronics"] = {"noise_v": noise_v}
+    scene["phases"][1]["duration_s"] += _HOLD_EXTRA_S
     if slides:
         speed_mm_s = log_uniform(rng, 0.25, 20.0)
         scene["phases"] += [slide_phase(rng, duration_s=_LENGTH_S, speed_mm_s=speed_mm_s)]

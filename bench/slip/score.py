@@ -129,20 +129,6 @@ def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
     return out
 
 
-def latency_s(reported: Sequence[Reported]) -> FloatArray:
-    """Return the time from the beginning of shear to the first event of each slip; infinite if missed."""
-    found = []
-    for case, events in reported:
-        if case.slips and np.isfinite(case.shear_s):
-            seen = [
-                e.detected_s
-                for e in events
-                if e.state == "onset" and case.shear_s <= e.detected_s <= case.gross_s + 0.5
-            ]
-            found.append(min(seen, default=np.inf) - case.shear_s)
-    return np.array(found)
-
-
 class Directions(NamedTuple):
     """Errors of direction and stated standard deviations, in degrees."""
 
@@ -198,14 +184,6 @@ def _early_at(reported: Sequence[Reported]) -> str:
     return f"{np.median(used):.2f}" if used else NONE
 
 
-def _latency(reported: Sequence[Reported]) -> str:
-    found = latency_s(reported)
-    if not len(found):
-        return NONE
-    median = float(np.median(found))
-    return f"{1e3 * median:.0f} ms" if np.isfinite(median) else "missed"
-
-
 QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
     f"slow slips reported {1e3 * AHEAD_S:.0f} ms ahead": lambda found: ratio(
         slow_reported_ahead(usual(found))
@@ -226,7 +204,6 @@ QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
     "ended while it slides": lambda found: ratio(ended_while_it_slides(found)),
     "direction at onset": partial(_direction, "incipient"),
     "direction at gross slip": partial(_direction, "gross"),
-    "first event since shear begins, median": _latency,
 }
 
 

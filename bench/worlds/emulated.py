@@ -1,4 +1,4 @@
-"""Worlds of the emulator: what was played, with readings and truth at each scan."""
+"""Worlds of the emulator: scenes are played, with readings and truth at each scan."""
 
 from dataclasses import dataclass
 
@@ -6,17 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from bench.hold.batch import RATE_HZ
+from bench.hold.batch import ALL_SLIDES, RATE_HZ
 from bench.worlds.sensors import runs
 from bench.worlds.world import World, onsets, tenths_s
 from tactiled.array import Array, FloatArray
+from tactiled.emulator.board.electronics import adc_counts
+from tactiled.emulator.board.noise import ScanNoise
+from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import START_N
+from tactiled.emulator.scene.truth import Truth
 from tactiled.samples.block import regular_block
 
-__all__ = ["RATE_HZ", "TOUCHING_N", "Played", "world_of"]
+__all__ = ["RATE_HZ", "TOUCHING_N", "Played", "play", "world_of"]
 
-
+_ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit
+_CHANNEL_STEP_S = 250e-6
+_PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 TOUCHING_N = 0.03 * START_N
 _GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
 _TOLD, _TOLD_N = 0.2, 1.0  # utilisation and load from which readings tell their ratio to the forces
@@ -34,6 +40,32 @@ class Played:
     shear_n: FloatArray  # (n, 2)
     friction: FloatArray  # (n,): coefficient that the contact bears at rest
     slides: NDArray[np.bool_]  # (n,): all of the contact slides
+
+
+def play(scene: Scene, array: Array) -> Played:
+    """Play a scene without line and clock, with its noise; channels are read one after the other."""
+    sensor = Sensor(scene, array, adc_bits=_ADC_BITS, adc_reference_v=_ADC_V)
+    truth = Truth(scene, 0.0, sensor.contact, array)
+    n = int(scene.duration_s * RATE_HZ) - 1
+    time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(array.n_channels)
+    volts, load, shear, shares = [], [], [], []
+    for first in range(0, n, _PIECE_SCANS):  # what is older than the newest seconds would be played anew
+        some = time_s[first : first + _PIECE_SCANS]
+        volts.append(sensor.volts(some))
+        state = truth.state(some[:, 0])
+        load.append(state.normal_n.sum(axis=1))
+        shear.append(state.tangential_n.sum(axis=1))
+        shares.append(state.slipping_share)
+    clean, load_n = np.concatenate(volts), np.concatenate(load)
+    noise = scene.electronics.noise_v * ScanNoise(scene.seed, clean.shape[1]).normal(0, n)
+    moves = truth.speed_mm_s(time_s[:, 0]) > 0.05
+    return Played(
+        volts=adc_counts(clean + noise, _ADC_BITS, _ADC_V) * (_ADC_V / 2**_ADC_BITS),
+        load_n=load_n,
+        shear_n=np.concatenate(shear),
+        friction=np.full(n, scene.surface.friction * scene.surface.static_ratio),
+        slides=(np.concatenate(shares) > ALL_SLIDES) & moves & (load_n > TOUCHING_N),
+    )
 
 
 def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played, array: Array) -> World:

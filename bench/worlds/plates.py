@@ -10,13 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.hold.batch import ALL_SLIDES
-from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
+from bench.worlds.emulated import play, world_of
 from bench.worlds.world import World
-from tactiled.array import Array, load_array
-from tactiled.emulator.board.electronics import adc_counts
-from tactiled.emulator.board.noise import ScanNoise
-from tactiled.emulator.board.sensor import Sensor
+from tactiled.array import load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
     any_direction_deg,
@@ -29,13 +25,9 @@ from tactiled.emulator.scene.families.parts import (
     slide_phase,
     turned,
 )
-from tactiled.emulator.scene.truth import Truth
 
 Document = dict[str, Any]
 
-_ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit
-_CHANNEL_STEP_S = 250e-6
-_PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 _NOISE_V = (0.1e-3, 10e-3)
 _FORCE_N = (2.0, 25.0)
 _SPEED_MM_S = (0.25, 20.0)
@@ -53,7 +45,7 @@ def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = ()) -> li
         rng = np.random.default_rng([59, seed])
         hand = str(rng.choice(hands or HANDS))
         scene = _scene(rng, hand, seed, 60 * minutes)
-        worlds.append(world_of("plates", hand, seed, scene, _play(scene, array), array))
+        worlds.append(world_of("plates", hand, seed, scene, play(scene, array), array))
     return worlds
 
 
@@ -213,28 +205,3 @@ HANDS = (
     *("slide",) * 4, *("grooves",) * 2, *("to-and-fro",) * 2, *("gripped",) * 2, *("short",) * 5,
     *("load",) * 4, *("oblique",) * 3, *("swing",) * 3, *("dragged",),
 )  # fmt: skip
-
-
-def _play(scene: Scene, array: Array) -> Played:
-    sensor = Sensor(scene, array, adc_bits=_ADC_BITS, adc_reference_v=_ADC_V)
-    truth = Truth(scene, 0.0, sensor.contact, array)
-    n = int(scene.duration_s * RATE_HZ) - 1
-    time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(array.n_channels)
-    volts, load, shear, shares = [], [], [], []
-    for first in range(0, n, _PIECE_SCANS):  # what is older than the newest seconds would be played anew
-        some = time_s[first : first + _PIECE_SCANS]
-        volts.append(sensor.volts(some))
-        state = truth.state(some[:, 0])
-        load.append(state.normal_n.sum(axis=1))
-        shear.append(state.tangential_n.sum(axis=1))
-        shares.append(state.slipping_share)
-    clean, load_n = np.concatenate(volts), np.concatenate(load)
-    noise = scene.electronics.noise_v * ScanNoise(scene.seed, clean.shape[1]).normal(0, n)
-    moves = truth.speed_mm_s(time_s[:, 0]) > 0.05
-    return Played(
-        volts=adc_counts(clean + noise, _ADC_BITS, _ADC_V) * (_ADC_V / 2**_ADC_BITS),
-        load_n=load_n,
-        shear_n=np.concatenate(shear),
-        friction=np.full(n, scene.surface.friction * scene.surface.static_ratio),
-        slides=(np.concatenate(shares) > ALL_SLIDES) & moves & (load_n > TOUCHING_N),
-    )

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.slip.scenes import play
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import poisson
 
+from bench.worlds.emulated import play
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.suite import DetectParams
@@ -183,13 +183,22 @@ def first_seconds(seed: int) -> Scene:
     return Scene.model_validate(document)
 
 
+def with_noise(scene: Scene, noise_v: float) -> Scene:
+    """Set the noise, and lengthen the first hold by 3 s, in which nothing happens."""
+    document = scene.model_dump() | {"electronics": {"noise_v": noise_v}}
+    document["phases"][1]["duration_s"] += 3.0
+    for disturbance in document["disturbances"]:
+        disturbance["start_s"] += 3.0
+    return Scene.model_validate(document)
+
+
 def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A contact that nothing disturbs, then an arm that starts and stops; nothing slips in either."""
     noise_v = 1e-3
     scenes = {"persistent-contact": first_seconds, "arm-acceleration": QUIET["arm-acceleration"]}
     for name, family in scenes.items():
-        block = play(family, 2).read(noise_v, 0)
-        np.savez(tmp_path / f"{name}.npz", time_s=block.time_s, volts=block.volts)
+        volts = play(with_noise(family(2), noise_v), ARRAY).volts
+        np.savez(tmp_path / f"{name}.npz", time_s=np.arange(len(volts)) / 100.0, volts=volts)
     judge(*read_pair(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz"), 60.0)
     out, err = capsys.readouterr()
     found = json.loads(out)

@@ -30,7 +30,6 @@ def case(*, slips: bool = True) -> Case:
     used = np.interp(t, [2.0, 4.0, 6.0, 6.1], [0.0, 1.0, 1.0, 0.0])
     return Case(
         group="by hand",
-        name="by hand",
         array=load_array("wang2019-3x3"),
         block=regular_block(np.zeros((len(t), 36)), RATE_HZ),
         utilisation=used if slips else 0.7 * used,
