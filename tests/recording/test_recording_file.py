@@ -138,7 +138,8 @@ def test_a_recording_opens_in_rosbags_with_its_own_schemas(tmp_path: Path) -> No
         for event in (STATUS, SLIP):
             writer.event(event, "TS0001", 1.7e9, "pipeline")
     with AnyReader([path]) as reader:
-        found = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in reader.messages()}
+        messages = reader.messages()
+        found: dict[str, Any] = {c.topic: reader.deserialize(data, c.msgtype) for c, _, data in messages}
     assert found["/tactile/status"].state == STATUS.state
     assert found["/tactile/slip"].board == "TS0001"
     assert [item.event for item in read_items(path) if isinstance(item, RecordedEvent)] == [STATUS, SLIP]
