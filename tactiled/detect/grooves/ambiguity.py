@@ -13,7 +13,7 @@ of k along it. Because phases are angles, the chord ``2 sin(residual / 2)`` stan
 the residual where that is small and makes the likelihood that of von Mises where it is large.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,6 @@ from tactiled.detect.grooves.model import (
     distinct,
     period_and_angle,
 )
-from tactiled.detect.grooves.phasors import Phasors
 from tactiled.detect.grooves.refine import RefinedWave, refine
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.search import search_wave_vectors
@@ -61,9 +60,6 @@ _TYPICAL_VARIANCE = 0.1**2
 # choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
 # millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
-# prior: likelihoods of the model of taxel loads are tempered (raised to the power 1 / 2), since loads are
-# few, and fitted instead of integrated out.
-_TEMPERATURE = 2.0
 # derived: spread of the channels' positions. With less there are no delays to measure.
 _LEAST_SPREAD_MM2 = 1e-6
 
@@ -169,27 +165,18 @@ def _residuals(
 def weigh_readings(best: RefinedWave, found: PlaneWaves, noise_inflation: float = 1.0) -> StrayPosterior:
     """Probabilities of all readings `found`, of which `best` is the first one refined.
 
-    Where strays that are independent leave it open which reading is true, the alternative is tried that they
-    follow the loads of the taxels (`Phasors`). Both models are averaged by their likelihoods.
     `noise_inflation` is the ratio of the noise at the line to that of `best`.
     """
     window, variance = best.window, best.variance * noise_inflation
-    z, layout = best.equations.phasors(), window.layout
-    posterior = weigh_waves(
-        z,
+    return weigh_waves(
+        best.equations.phasors(),
         2 * variance / window.n,
-        layout,
+        window.layout,
         found.k,
         window.motion,
         best.phase_rate / window.half_travel,
         best.equations.phase_rate_sd(variance) / window.half_travel,
     )
-    if 1 - posterior.weights.max() <= window.params.error_probability:
-        return posterior
-    by_channel, by_load = Phasors(z, 2 * variance / window.n, layout).by_mismatch(found.k)
-    part = special.expit(float(by_load.max() - by_channel.max()))
-    weights = part * special.softmax(by_load / _TEMPERATURE) + (1 - part) * posterior.weights
-    return replace(posterior, weights=weights)
 
 
 def contradicts_motion(best: RefinedWave, found: PlaneWaves) -> bool:

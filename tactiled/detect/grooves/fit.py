@@ -27,7 +27,7 @@ from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
 from tactiled.detect.grooves.ripple import Ripple, strongest_line
 from tactiled.detect.grooves.search import common_mode_power, search_wave_vectors
-from tactiled.detect.grooves.second_wave import has_second_wave
+from tactiled.detect.grooves.second_wave import LEAST_SECOND_PART, has_second_wave
 from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 from tactiled.events.types import TextureStatus
@@ -40,8 +40,6 @@ _BROAD_LINE = 0.25 * np.pi
 _MOST_LINES = 3
 # prior: harmonics of one grating, none of which is a second grating.
 _MOST_OWN_HARMONICS = 8
-# prior: part of a grating's power. A weaker second one may be what the model does not describe of the first.
-_LEAST_SECOND_PART = 0.01
 
 
 class _Found(NamedTuple):
@@ -86,7 +84,7 @@ def fit_wave(window: FitWindow) -> GrooveAnswer | Refusal:
     if isinstance(first, GrooveAnswer) and not first.uses_given_speed:
         # Evidence against the given speed from the first wave holds for the second one, too.
         prepared = prepared.without_speed
-    least = _LEAST_SECOND_PART * float(prepared.equations(found.phase_rate).explained.sum())
+    least = LEAST_SECOND_PART * float(prepared.equations(found.phase_rate).explained.sum())
     second = _strongest_wave(prepared.without_lines(found.phase_rate, found.harmonics), least)
     if not isinstance(second.outcome, GrooveAnswer):
         return first
@@ -178,8 +176,8 @@ def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
     if best.phase_rate * window.largest_step > 2 * np.pi * ALIASED:
         return _Found(refused("aliased"))
     scale, noise_inflation = inflation(best)
-    variance, is_mismatched = 2 * best.variance * noise_inflation / window.n, bool(best.mismatch.any())
-    if has_second_wave(window, best.equations.phasors(), variance, best.k, not is_mismatched):
+    is_mismatched = bool(best.mismatch.any())
+    if has_second_wave(window, best.equations.phasors(), best.k, not is_mismatched):
         return _Found(refused("several-gratings"))
     contradicts = contradicts_motion(best, found)
     if contradicts:
