@@ -176,8 +176,8 @@ def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
     if best.phase_rate * window.largest_step > 2 * np.pi * ALIASED:
         return _Found(refused("aliased"))
     scale, noise_inflation = inflation(best)
-    is_mismatched = bool(best.mismatch.any())
-    if has_second_wave(window, best.equations.phasors(), best.k, not is_mismatched):
+    variance, is_mismatched = 2 * best.variance * noise_inflation / window.n, bool(best.mismatch.any())
+    if has_second_wave(window, best.equations.phasors(), variance, best.k, not is_mismatched):
         return _Found(refused("several-gratings"))
     contradicts = contradicts_motion(best, found)
     if contradicts:

@@ -10,6 +10,7 @@ grid across it.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ChannelLayout
@@ -29,29 +30,42 @@ _MOST_HEADINGS = 3
 # wave takes a part, too: with offsets of 0.1 to 0.3 rad two waves left 0.60 to 0.88, with two gratings mostly
 # less than 0.3 (windows of `bench texture`, on which this was set).
 _MOST_LEFT = 0.58
-# tuned: the same where the phases suit one wave. Gains that differ, as of a pad that is pressed unevenly,
-# leave 0.35 and more; two waves that turn no phases, because one is an alias of the other, less than 0.03.
+# prior: the same where the phases suit one wave. Two waves that turn no phases, because one is an alias of
+# the other, leave nothing but noise; gains that differ, as of a pad that is pressed unevenly, leave 0.35 and
+# more.
 _MOST_LEFT_IF_ALIKE = 0.15
 # prior: part of the line's power. A second wave that explains less hardly moves the answer, and uneven pads
 # look like it: on plates that obey physics two waves explain 0.001 to 0.003 more than one.
 LEAST_SECOND_PART = 0.01
+# choice: probability that one wave on equal channels is tested for a second one.
+_FALSE_SECOND_WAVE = 1e-2
 
 
 def has_second_wave(
-    window: DetrendedWindow, z: NDArray[np.complex128], k: FloatArray, are_alike: bool
+    window: DetrendedWindow,
+    z: NDArray[np.complex128],
+    variance: FloatArray,
+    k: FloatArray,
+    are_alike: bool,
 ) -> bool:
     """True where a second wave of the same frequency explains most of what one wave (2,) leaves.
 
-    Of the phasors z (channels,) of the line, `are_alike` says that the phases of a kind show no mismatch.
+    Parameters
+    ----------
+    z, variance : (channels,) complex128 and float64
+        Phasors of the line, and the variance of noise in the real and in the imaginary part of each.
+    are_alike : bool
+        The phases of a kind show no mismatch.
     """
     layout, n_kinds = window.layout, window.layout.is_kind.shape[1]
     if len(z) < 4 * n_kinds + 5:  # too few for the amplitudes of both waves and their directions
         return False
     wave = np.exp(1j * layout.xy_mm @ k)
     amplitude = (wave.conj() * z) @ layout.is_kind / layout.is_kind.sum(axis=0)
-    by_one = float((np.abs(z - wave * (layout.is_kind @ amplitude)) ** 2).sum())
-    total = float((np.abs(z) ** 2).sum())
-    if by_one < LEAST_SECOND_PART * total:
+    left = np.abs(z - wave * (layout.is_kind @ amplitude)) ** 2
+    by_one, total = float(left.sum()), float((np.abs(z) ** 2).sum())
+    noise = special.chdtri(2 * (len(z) - n_kinds - 1), _FALSE_SECOND_WAVE)
+    if by_one < LEAST_SECOND_PART * total or float((left / variance).sum()) < noise:
         return False
     by_two = total - max(most_explained(z, layout, waves) for waves in _likely_waves(window, k))
     most_left = _MOST_LEFT_IF_ALIKE if are_alike else _MOST_LEFT
