@@ -360,25 +360,15 @@ def _refined(readings: FloatArray, cycles: float, floor: FloatArray) -> float:
 
 
 def _pooled_power(spectra: NDArray[np.complex128], log_cycles: FloatArray) -> FloatArray:
-    """Power (bins,) of spectra (bins, channels) over their own and their shared noise.
+    """Power of spectra (bins, channels) over their noise, mean of the channels (bins,): 1 without a line.
 
     The spectrum of each channel is divided by a floor: a parabola through the logarithm of power over the
-    logarithm of frequency, which follows noise of any even colour. Noise that channels share is whitened by
-    their coherence matrix C, shrunk towards the unit matrix by ``channels / (channels + bins)`` because few
-    bins know it badly. T = z* C^-1 z / channels is then about 1 without a line.
+    logarithm of frequency, which follows noise of any even colour.
     """
-    m, c = spectra.shape
     power = np.abs(spectra) ** 2
     log_power = np.log(np.maximum(power, power.mean(axis=0) * 1e-12))
     basis = np.linalg.qr(np.polynomial.legendre.legvander(_scaled(log_cycles), _FLOOR_ORDER))[0]
-    whitened = spectra / np.exp(basis @ (basis.T @ log_power) / 2)
-    # Each bin counts once, however strong: a line is no noise that channels share.
-    directions = whitened / np.maximum(np.linalg.norm(whitened, axis=1, keepdims=True), TINY)
-    coherence = c * (directions.T @ directions.conj()) / m
-    shrunk = c / (c + m)
-    coherence = (1 - shrunk) * coherence + shrunk * np.eye(c)
-    solved = np.linalg.solve(coherence, whitened.T).T
-    pooled = (whitened.conj() * solved).real.sum(axis=1) / c
+    pooled = (power / np.exp(basis @ (basis.T @ log_power))).mean(axis=1)
     return np.asarray(np.maximum(pooled, 1e-12))
 
 

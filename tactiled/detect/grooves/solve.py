@@ -9,7 +9,6 @@ noise. Each channel's phases may therefore differ from those of its kind, with a
 from the fit. The mismatch is integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
-import operator
 from dataclasses import dataclass
 
 import numpy as np
@@ -358,15 +357,8 @@ class WaveSolver:
         return near if self._mismatch is None else near.with_mismatch(self._mismatch)
 
     def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
-        """Linearise near waves without mismatch; the solvers of a wave look at the same point repeatedly."""
-        at = (waves.k, waves.phase_rate, waves.phase)
-        for known_at, weight, near in equations.newest:
-            if all(map(operator.is_, at, known_at)) and np.array_equal(weight, self._weight):
-                known: Linearisation = near
-                return known
-        near = linearise(equations, self._weight, waves, equations.product[np.newaxis])
-        equations.newest[:] = [(at, self._weight, near)]
-        return near
+        """Linearise near waves without mismatch."""
+        return linearise(equations, self._weight, waves, equations.product[np.newaxis])
 
     def _normal(self, near: Linearisation, slack: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Information and gradient, with the prior of a known motion: unit information on the slack."""

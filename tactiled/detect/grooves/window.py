@@ -9,9 +9,8 @@ from those.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -219,8 +218,6 @@ class NormalEquations:
     gram: FloatArray  # (1 or channels, 4 harmonics, 4 harmonics): products of the functions with each other
     product: FloatArray  # (channels, 4 harmonics): products of the functions with the readings
     window: DetrendedWindow
-    # Newest linearisation with weights and wave, kept by `solve.WaveSolver`
-    newest: list[Any] = field(default_factory=list)
 
     def times_gram(self, on: FloatArray) -> FloatArray:
         """Multiply combinations of the functions (..., functions, starts, channels) by the Gram matrix."""
