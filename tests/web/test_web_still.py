@@ -71,6 +71,8 @@ def test_two_boards_are_in_view_and_one_can_be_chosen(page: Page, tmp_path: Path
         expect(page.locator(".board:visible")).to_have_count(2)
         page.keyboard.press("1")
         expect(page.locator(".board:visible .who .name")).to_have_text("TS0001")
+        page.set_viewport_size({"width": 320, "height": 640})  # WCAG 2.2, success criterion 1.4.10
+        assert page.evaluate("document.documentElement.scrollWidth") <= 320
 
 
 LUMINANCE = """([ink, ground]) => {

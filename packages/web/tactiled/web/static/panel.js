@@ -183,7 +183,7 @@ export class BoardPanel {
     fill(at, `${texture.run}/${texture.seq}`, () => {
       if (texture.status === "ok" || texture.status === "period-only") {
         const lines = [el("p", "big number", pm(texture.period_mm, texture.period_sd_mm, "mm"))];
-        lines.push(el("p", "", texture.status === "ok" ? `normal at ${pm(texture.angle_deg, texture.angle_sd_deg, "°")}` : "angle not known"));
+        lines.push(el("p", "", texture.status === "ok" ? `normal at ${pm(texture.angle_deg, texture.angle_sd_deg, "").trim()}°` : "angle not known"));
         lines.push(el("p", "muted", `${pm(texture.speed_mm_s, texture.speed_sd_mm_s, "mm/s")} (${texture.speed_source}), ${sig(texture.frequency_hz, 3)} Hz, window ${sig(texture.window_s, 2)} s`));
         return lines;
       }
