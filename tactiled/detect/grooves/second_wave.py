@@ -30,9 +30,9 @@ _MOST_HEADINGS = 3
 # wave takes a part, too: with offsets of 0.1 to 0.3 rad two waves left 0.60 to 0.88, with two gratings mostly
 # less than 0.3 (windows of `bench texture`, on which this was set).
 _MOST_LEFT = 0.58
-# prior: the same where the phases suit one wave. Two waves that turn no phases, because one is an alias of
-# the other, leave nothing but noise; gains that differ, as of a pad that is pressed unevenly, leave 0.35 and
-# more.
+# choice: the same where the phases suit one wave: between the 0.03 that two waves leave which turn no phases,
+# because one is an alias of the other, and the 0.35 that gains leave which differ, as of a pad that is pressed
+# unevenly.
 _MOST_LEFT_IF_ALIKE = 0.15
 # prior: part of the line's power. A second wave that explains less hardly moves the answer, and uneven pads
 # look like it: on plates that obey physics two waves explain 0.001 to 0.003 more than one.
