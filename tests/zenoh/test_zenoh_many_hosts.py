@@ -7,6 +7,7 @@ from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 
 import msgpack
+import pytest
 import zenoh
 from routers import free_port, router
 from zenoh_threads import zenoh_threads
@@ -46,6 +47,8 @@ def hosts_on(port: int) -> Iterator[None]:
         yield
 
 
+@pytest.mark.system
+@pytest.mark.alone  # a list is given up after 2 s
 def test_a_thousand_hosts_are_listed_and_fresh() -> None:
     port = free_port()
     with closing(router(port)), hosts_on(port):

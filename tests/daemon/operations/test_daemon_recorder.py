@@ -153,8 +153,8 @@ def test_a_disk_that_fails_later_is_reported_and_retried(
     [
         (errno.ENOSPC, "No space left on device"),
         (errno.EIO, "Input/output error"),
-        (errno.EROFS, "the disk takes no writes"),
-        (errno.ESTALE, "the disk of another host is gone"),
+        (errno.EROFS, "Read-only file system"),
+        (errno.ESTALE, "Stale file handle"),
     ],
 )
 def test_a_disk_that_is_full_or_gone_is_named_as_such_when_it_takes_a_part_again(

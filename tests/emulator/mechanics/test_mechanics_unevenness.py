@@ -26,7 +26,7 @@ def test_friction_never_turns_round() -> None:
     assert friction_factor(5.0, places).min() > 0
 
 
-@pytest.mark.parametrize("model", ["signal", "lumped", "compliance"])
+@pytest.mark.parametrize("model", ["signal", "mechanics"])
 def test_taxels_that_slide_bear_other_friction_at_other_places(model: str) -> None:
     def ratios(unevenness: float) -> FloatArray:
         document = {

@@ -208,8 +208,7 @@ def test_any_bytes_get_lines_of_json(data: bytes) -> None:
 CONTACT = contact(held(PRESS))
 
 
-@pytest.mark.parametrize("kind", ["unix", "tcp"])
-def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind: str) -> None:
+def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path) -> None:
     reports: list[dict[str, Any]] = []
     ready = threading.Event()
 
@@ -217,20 +216,16 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path, kind:
         reports.append(what)
         ready.set()
 
-    address = f"unix://{tmp_path}/control" if kind == "unix" else "tcp://127.0.0.1:0"
+    address = f"unix://{tmp_path}/control"
     scene = held(PRESS, load(2.0), {"kind": "hold", "duration_s": 60.0})
     emulator = Emulator(scene, V1, PtyLink(None), report=report, control=make_control_link(address))
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:
         assert ready.wait(PATIENCE_S)
-        place = reports[0]["control"]
-        if kind == "unix":
-            peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            peer.connect(place.removeprefix("unix://"))
-        else:
-            host, port = place.removeprefix("socket://").split(":")
-            peer = socket.create_connection((host, int(port)))
+        assert reports[0]["control"] == address
+        peer = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        peer.connect(str(tmp_path / "control"))
         peer.settimeout(PATIENCE_S)
         board = os.open(reports[0]["device"], os.O_RDWR | os.O_NOCTTY)
         with peer, peer.makefile("rwb") as lines:

@@ -32,7 +32,7 @@ def test_the_creep_lag_solves_its_equation(tau: float) -> None:
     np.testing.assert_allclose(CreepLag(0.01, tau).feed(coarse), stepped[::100], atol=1e-5)
 
 
-@pytest.mark.parametrize("contact", ["signal", "lumped"])
+@pytest.mark.parametrize("contact", ["signal", "mechanics"])
 def test_a_disturbance_of_the_load_enters_creep(contact: str) -> None:
     extra = {"on": "load_n", "shape": "pulse", "amplitude": 8.0, "start_s": 1.0, "duration_s": 1.0}
     model = sensor(contact=contact, disturbances=[extra], electronics={"creep_time_s": 0.05}).contact

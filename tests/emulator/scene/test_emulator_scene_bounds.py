@@ -46,7 +46,7 @@ def at_extremes(part: type[Params]) -> st.SearchStrategy[dict[str, Any]]:
 @given(
     at_extremes(ElectronicsParams),
     at_extremes(phases.FlatPlate),
-    st.sampled_from(["signal", "lumped"]),
+    st.sampled_from(["signal", "mechanics"]),
     st.sampled_from([1e-300, 1e-6, 5.0, 2000.0]),
     st.sampled_from([1e-300, 1.0, 1000.0]),
     st.sampled_from([-10.0, 0.0, 10.0]),
