@@ -263,8 +263,7 @@ private:
         packer.pack("who").pack(who_);
         pack_fields(packer);
         until_s_ = monotonic_s() + TIMEOUT_S;
-        is_sent_ = false;
-        poll_socket();
+        is_sent_ = detail::send(socket_, request_);
     }
 
     Reply wait()

@@ -136,6 +136,9 @@ class BoardRunner:
                 if finished.done():
                     finished.result()
             await self._drain()
+        except Exception as error:
+            error.add_note(self._board)
+            raise
         finally:
             for task in tasks:
                 task.cancel()

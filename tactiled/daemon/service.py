@@ -132,7 +132,9 @@ async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) 
     loop = asyncio.get_running_loop()
     # Closing a port may block its thread for a while, which must not delay the ports of other boards.
     loop.set_default_executor(ThreadPoolExecutor(len(boards) + (os.cpu_count() or 1)))
-    signals = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)  # the last where its terminal is closed
+    signals = [signal.SIGTERM, signal.SIGINT]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # `nohup` outlives its terminal
+        signals.append(signal.SIGHUP)
     for number in signals:
         loop.add_signal_handler(number, service.stop)
     timer = None if duration_s is None else loop.call_later(duration_s, service.stop)

@@ -52,6 +52,10 @@ class DetectParams(Params):
                 install = f"pip install 'tactiled[{_PUBLISHED}]', or ./packages/{_PUBLISHED} in a checkout"
                 raise ValueError(f"needs tactiled-{_PUBLISHED}, which is not installed: {install}")
             raise ValueError(f"input should be one of {', '.join([*SETTINGS, _PUBLISHED])}")
+        try:
+            factories(setting)
+        except (ImportError, AttributeError) as error:
+            raise ValueError(f"its distribution cannot be loaded, install it again: {error}") from None
         return setting
 
     @model_validator(mode="before")

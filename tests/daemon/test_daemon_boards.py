@@ -8,7 +8,7 @@ import socket
 import threading
 import time
 import urllib.request
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +28,7 @@ from tactiled.daemon.runner import ServedBoard, ServiceParams
 from tactiled.daemon.serial.port import PortParams
 from tactiled.daemon.service import Service
 from tactiled.pipeline import Pipeline
+from tactiled.received import Output, Received
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.replay import replay as replay_files
 from tactiled.recording.session import RecordParams
@@ -250,6 +251,40 @@ def test_a_full_disk_of_one_board_stops_only_its_recording(
     verdict = replay_files(sorted(good.glob("*.mcap")), lambda _: None)
     assert verdict.is_good
     assert verdict.compared >= 20
+
+
+def test_a_fault_in_one_board_names_it_and_ends_the_recordings_of_all_others_whole(tmp_path: Path) -> None:
+    boards = Boards(tmp_path)
+
+    def fail(_received: Sequence[Received]) -> list[list[Output]]:
+        raise ZeroDivisionError("a bug in a detector")
+
+    async def main() -> ZeroDivisionError:
+        listening = asyncio.create_task(boards.daemon.listen())
+        serving = asyncio.create_task(Service(boards.served).run())
+        try:
+            await boards.until_running()
+            boards.served[1].pipeline.detect = fail  # type: ignore[method-assign, assignment]
+            with pytest.raises(ZeroDivisionError) as fault:
+                await serving
+        finally:
+            listening.cancel()
+            await asyncio.gather(listening, return_exceptions=True)
+        return fault.value
+
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    with (
+        Recorder(RecordParams(directory=str(folder), min_free_mb=0), HEADER) as recorder,
+        ExitStack() as stack,
+    ):
+        boards.served[0] = replace(boards.served[0], recorder=recorder)
+        for serial in SERIALS:
+            stack.enter_context(PtyBoard(boards.links[serial], boards.sims[serial]))
+        assert asyncio.run(main()).__notes__ == ["board TS0002"]
+    verdict = replay_files(sorted(folder.glob("*.mcap")), lambda _: None)
+    assert verdict.is_good
+    assert verdict.compared >= 3
 
 
 def test_commands_go_to_the_board_that_they_name(tmp_path: Path) -> None:

@@ -31,8 +31,8 @@ _MOST_HEADINGS = 3
 # less than 0.3 (windows of `bench texture`, on which this was set).
 _MOST_LEFT = 0.58
 # choice: the same where the phases suit one wave: between the 0.03 that two waves leave which turn no phases,
-# because one is an alias of the other, and the 0.35 that gains leave which differ, as of a pad that is pressed
-# unevenly.
+# because one is an alias of the other, and the 0.35 that gains leave which differ, as of a pad that is
+# pressed unevenly.
 _MOST_LEFT_IF_ALIKE = 0.15
 # prior: part of the line's power. A second wave that explains less hardly moves the answer, and uneven pads
 # look like it: on plates that obey physics two waves explain 0.001 to 0.003 more than one.

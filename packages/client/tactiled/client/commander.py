@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from tactiled.client.over_zenoh import Caller
 
 TIMEOUT_S = 5.0  # a reply takes a millisecond; a daemon that is being restarted is back within this time
+# A request has at most 16,384 bytes (protocols/control.md); a bridge to zenoh adds some to them.
+_MOST_BYTES = 16_128
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,12 @@ class Reply:
     ok: bool
     reason: str  # for a refusal; empty where `ok`
     data: dict[str, Any]  # the whole map (protocols/control.md)
+
+
+def _unanswered(endpoint: str) -> OperatorError:
+    return OperatorError(
+        f"{endpoint}: no answer; is tactiled running there, and has it the key of this client?"
+    )
 
 
 class _Request:
@@ -51,21 +59,24 @@ class _Request:
             raise OperatorError(f"{do}: a whole number is beyond 64 bits (-2^63 to 2^64 - 1)") from None
         except ValueError as error:  # nested too deeply, or a lone surrogate
             raise OperatorError(f"{do}: a value cannot be sent: {error}") from None
+        if len(self.payload) > _MOST_BYTES:
+            raise OperatorError(f"{do}: {len(self.payload)} bytes, a request has at most {_MOST_BYTES}")
         self.until_s = time.monotonic() + timeout_s
 
     def wait_ms(self, endpoint: str) -> int:
         """Return the time to wait for the reply, milliseconds; raises OperatorError after the time limit."""
         left_s = self.until_s - time.monotonic()
         if left_s <= 0:
-            raise OperatorError(
-                f"{endpoint}: no answer; is tactiled running there, and has it the key of this client?"
-            )
+            raise _unanswered(endpoint)
         return max(1, round(1000 * left_s))
 
     def reply(self, payload: bytes) -> Reply | None:
-        """Return the reply to this request, or None for another message."""
+        """Return the reply to this request, or None for another message.
+
+        A request that could not be read is refused with an empty id.
+        """
         data = parse_map(payload, "reply")
-        if isinstance(data, Malformed) or data.get("id") != self.id:
+        if isinstance(data, Malformed) or data.get("id") not in (self.id, ""):
             return None
         return Reply(data.get("ok") is True, str(data.get("reason", "")), data)
 
@@ -109,10 +120,11 @@ class _Connected:
 
     def _call(self, caller: "Caller", request: _Request) -> Reply:
         """Send a request through zenoh, and wait for its reply."""
-        while True:
-            payload = caller.call(request.payload, 1e-3 * request.wait_ms(self._endpoint))
-            if payload is not None and (reply := request.reply(payload)) is not None:
-                return reply
+        payload = caller.call(request.payload, 1e-3 * request.wait_ms(self._endpoint))
+        reply = None if payload is None else request.reply(payload)
+        if reply is None:
+            raise _unanswered(self._endpoint)
+        return reply
 
     def close(self) -> None:
         """Close the connection."""

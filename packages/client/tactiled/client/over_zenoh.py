@@ -43,6 +43,7 @@ _RECEIVE_HIGH_WATER = 2000  # messages, as over ZeroMQ; further ones are dropped
 _QUERY_TIMEOUT_S = 5.0
 # A request that reached no host is repeated while it may be of use: right after a cut, routes are missing.
 _AGAIN_S = 0.1
+_REACHES_NONE_S = 1.0  # a request that no host takes ends within some milliseconds, a lost one after 5 s
 _TRIES = round(PATIENT_HOLD_S / _AGAIN_S)
 _RETRY_S = 0.5  # period of looking for a router
 _CLOSE_S = 2.0  # a host that drops packets keeps a connection attempt waiting for longer; it ends by itself
@@ -343,14 +344,20 @@ class Caller:
         self._session = open_session(address)
 
     def call(self, payload: bytes, timeout_s: float) -> bytes | None:
-        """Send a request, again while it reaches no host, and return its reply; None after `timeout_s`."""
+        """Send a request, and return its reply; None after `timeout_s`, or where the reply was lost.
+
+        A request that ends at once without a reply has reached no host, and is sent again. Of one that ends
+        later, nobody knows whether it was carried out.
+        """
         until_s = time.monotonic() + timeout_s
         replies: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-        while (left_s := until_s - time.monotonic()) > 0:
+        while (left_s := until_s - (sent_s := time.monotonic())) > 0:
             ask(self._session, self._key, payload, replies.put, lambda: replies.put(b""))
             with suppress(queue.Empty):
                 if reply := replies.get(timeout=left_s):
                     return reply
+                if time.monotonic() > sent_s + _REACHES_NONE_S:
+                    return None
                 time.sleep(_AGAIN_S)
         return None
 
