@@ -59,6 +59,8 @@ def test_events_commands_and_a_restart(
                 client.say("inhibit duration_s -1")
                 refused = client.until(lambda all_: sum(w[0] == "Reply" for w in all_) == 2, "a refusal")
                 assert any(words[:2] == ["Reply", "0"] and "duration_s:" in words for words in refused)
+                client.say("many")
+                assert ["Many", "3000"] in client.until(has("Many"), "answers to many commands")
             # It may have said so before this process is told of the end; messages that waited come behind.
             client.until(is_stale, "stale without the daemon")
             first = len(client.lines)
@@ -78,7 +80,7 @@ def test_events_commands_and_a_restart(
 def assert_in_order(lines: list[list[str]]) -> None:
     """Messages of a topic have growing numbers in each run, without a hole; nothing is malformed or lost."""
     kinds = {words[0] for words in lines}
-    assert kinds <= {"Message", "Recovered", "Restarted", "Stale", "Fresh", "Reply"}
+    assert kinds <= {"Message", "Recovered", "Restarted", "Stale", "Fresh", "Reply", "Many"}
     newest: dict[tuple[str, ...], int] = {}
     for words in lines:
         if words[0] == "Restarted":
