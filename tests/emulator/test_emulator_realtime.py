@@ -36,11 +36,17 @@ Reports = list[dict[str, Any]]
 
 @contextlib.contextmanager
 def emulated(
-    link: PtyLink | SocketLink, layout: Layout = V1, **options: Any
+    link: PtyLink | SocketLink, layout: Layout = V1, *, scan_takes_s: float = 0.0, **options: Any
 ) -> Iterator[tuple[Emulator, Reports]]:
-    """An emulator in a thread, and what it reports."""
+    """An emulator in a thread, and what it reports; with scans, each can take long to compute."""
     reports: Reports = []
-    emulator = Emulator(DEMO, layout, link, report=reports.append, **options)
+
+    def report(what: dict[str, Any]) -> None:
+        if what["what"] == "scan":
+            time.sleep(scan_takes_s)
+        reports.append(what)
+
+    emulator = Emulator(DEMO, layout, link, report=report, **options)
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:
@@ -159,6 +165,42 @@ def test_a_host_that_does_not_read_does_not_block_the_emulator(tmp_path: Path) -
     counts = what(reports, "end")[0]["counts"]
     assert counts["bytes_in"] > 5 * 200 * 140
     assert counts["bytes_overflowed"] > 0
+
+
+def test_a_scene_slower_than_real_time_sends_each_scan_before_it_computes_the_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link, control = PtyLink(tmp_path / "board"), make_control_link(f"unix://{tmp_path}/control")
+    write = link.write
+    late: dict[str, Any] = {"with_scans": True, "scan_takes_s": 0.03}  # three periods
+    with emulated(link, control=control, **late) as (emulator, reports), opened(tmp_path / "board") as host:
+
+        def sent(data: bytes) -> int:
+            reports.append({"what": "sent"})
+            return write(data)
+
+        monkeypatch.setattr(link, "write", sent)
+        host.start()
+        first = scans(host.read(lambda items: len(scans(items)) >= 20))
+        with socket.socket(socket.AF_UNIX) as peer:
+            peer.settimeout(PATIENCE_S)
+            peer.connect(str(tmp_path / "control"))
+            peer.sendall(b"{}\n")
+            asked_s = json.loads(peer.recv(4096))["scene_s"]
+        computed = len(what(reports, "scan"))
+        os.write(host.fd, Encoder(V1).encode(Command("stop", 2)))
+        rest = host.read(lambda items: any(isinstance(item, Acknowledge) for item in items))
+        assert 0.19 < asked_s < 0.01 * (computed + 2)  # where the board is, not the clock
+        assert [s.sequence for s in first + scans(rest)] == list(range(len(first + scans(rest))))
+        assert len(scans(rest)) > 20  # up to the instant of the command, a multiple of the first
+        os.write(host.fd, Encoder(V1).encode(Command("start", 3)))
+        host.read(lambda items: len(scans(items)) >= 20)
+        emulator.stop()
+        computed = len(what(reports, "scan"))
+    assert len(what(reports, "scan")) <= computed + 1
+    kinds = [report["what"] for report in reports if report["what"] in ("scan", "sent")]
+    # The last bytes of a scan may be on the line when the next scan instant is due, but no later.
+    assert all("sent" in three for three in zip(kinds, kinds[1:], kinds[2:], strict=False))
 
 
 def test_hosts_come_and_go_on_a_pty(tmp_path: Path) -> None:

@@ -64,6 +64,11 @@ class EmulatedPort:
         out, self._out = self._out, []
         return out
 
+    def step(self, now_s: float) -> list[Arrival]:
+        """Do the first event that is due, if any, and return the bytes that arrived before the next one."""
+        arrived = self.advance(min(self._next_event_s(), now_s))
+        return arrived + self._line.arrivals(min(self._next_event_s(), now_s))
+
     def receive(self, data: bytes, now_s: float) -> None:
         """Take bytes that the host wrote; they reach the board at once."""
         self._run_until(now_s)

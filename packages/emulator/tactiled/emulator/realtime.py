@@ -3,7 +3,8 @@
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness does not accumulate. The loop sleeps in ``select``
 until the next deadline or until the host writes. Scene time starts with the board's first ``start`` command,
 which is reported. A host that cannot compute the scans in time sends them late, as an adapter that buffers
-does.
+does: each is sent before the next one is computed. What comes from outside, bytes and faults, takes effect
+when the board has reached the instant at which it came.
 """
 
 import contextlib
@@ -14,6 +15,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,7 @@ Report = Callable[[dict[str, Any]], None]
 _PLAYED_S = 0.1  # of a scene at once, while its tables are solved
 _TELL_S = 2.0  # between two reports of tables that are being solved
 _LONGEST_SLEEP_S = 1.0  # after a suspended machine wakes, the loop looks at its deadlines within this time
+_MOST_INPUTS = 64  # reads of the host that wait for a late board; the rest waits in the link
 
 
 class Emulator:
@@ -79,6 +82,8 @@ class Emulator:
         self._control = control
         self._control_lines = ControlLines(self._port.contact)
         self._faults_to_cause: deque[FaultKind] = deque()
+        # Bytes of the host and faults that the board has not reached, with their instants, in order.
+        self._inputs: deque[tuple[float, Callable[[float], None]]] = deque()
         self._is_stopping = False
         self._is_plugged = True
         self._is_scene_reported = False
@@ -92,7 +97,7 @@ class Emulator:
             os.write(self._wake_write, b"x")
 
     def inflict(self, kind: FaultKind) -> None:
-        """Cause a fault of line or board at once; may be called from another thread."""
+        """Cause a fault of line or board at this instant; may be called from another thread."""
         self._faults_to_cause.append(kind)
         os.write(self._wake_write, b"x")
 
@@ -117,30 +122,36 @@ class Emulator:
         self._report({"what": "end", "counts": counts})
 
     def _step(self) -> None:
-        """Do what is due, then sleep until something is."""
+        """Do one event or input that is due, then sleep until something is."""
+        now_s = time.monotonic()
         while self._faults_to_cause:
-            self._port.inflict(self._faults_to_cause.popleft(), time.monotonic())
-        for arrival in self._port.advance(time.monotonic()):
+            self._inputs.append((now_s, partial(self._port.inflict, self._faults_to_cause.popleft())))
+        until_s = self._inputs[0][0] if self._inputs else now_s
+        for arrival in self._port.step(until_s):
             self._bytes_overflowed += len(arrival.data) - self._link.write(arrival.data)
+        if self._inputs and self._port.next_deadline_s() > until_s:
+            _, take = self._inputs.popleft()
+            take(until_s)
         if self._is_plugged != self._port.plugged:
             self._is_plugged = self._port.plugged
             self._replug()
         self._report_scene()
-        wait_s = self._port.next_deadline_s() - time.monotonic()
-        fds, control_fds = self._link.fds(), self._control.fds() if self._control else []
+        wait_s = 0.0 if self._inputs else self._port.next_deadline_s() - time.monotonic()
         wait_s = min(max(wait_s, 0.0), _LONGEST_SLEEP_S)
+        fds = self._link.fds() if len(self._inputs) < _MOST_INPUTS else []
+        control_fds = self._control.fds() if self._control else []
         ready, _, _ = select.select([self._wake_read, *control_fds, *fds], [], [], wait_s)
         if self._wake_read in ready:
             os.read(self._wake_read, 64)
         if any(fd in fds for fd in ready) and (data := self._link.read()):
-            self._port.receive(data, time.monotonic())
+            self._inputs.append((time.monotonic(), partial(self._port.receive, data)))
         if self._control is not None and any(fd in control_fds for fd in ready):
             self._obey(self._control)
 
     def _obey(self, control: HostLink) -> None:
-        """Answer the controller; scene time is 0 before the scene begins."""
-        t0_s = self._port.board.scene_start_s
-        scene_s = 0.0 if t0_s is None else time.monotonic() - t0_s
+        """Answer the controller, as of where a late board is; scene time is 0 before the scene begins."""
+        t0_s, reached_s = self._port.board.scene_start_s, min(time.monotonic(), self._port.next_deadline_s())
+        scene_s = 0.0 if t0_s is None else reached_s - t0_s
         if answer := self._control_lines.receive(control.read(), scene_s):
             control.write(answer)
 
