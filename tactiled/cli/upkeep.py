@@ -182,11 +182,13 @@ def _tell_abilities(array: "Array", rate_hz: float, speed_mm_s: float, plot: Pat
     "speed_mm_s",
     type=SPEED,
     default=0.0,
-    help="Sliding speed (mm/s), for the range of groove periods.",
+    help="Sliding speed (mm/s), to see whether grooves can be measured at it; 0: unknown.",
 )
 @click.option("--json", "json_lines", is_flag=True, help="Print one JSON line per check.")
 def doctor(config: Path | None, port: str | None, speed_mm_s: float, json_lines: bool) -> None:
-    """Check port, board, array, endpoints, disk and installation, with remedies. Exit code 1 on failure.
+    """Check port, board, array, endpoints, keys and disk. Exit code 1 on failure.
+
+    Each finding that is not good comes with a remedy.
 
     Example: tactiled doctor --config /etc/tactiled/left.toml
     """
