@@ -7,6 +7,7 @@ never waits for any of them.
 import asyncio
 import contextlib
 import logging
+import os
 import socket
 from collections.abc import Callable
 
@@ -48,9 +49,11 @@ class Exporter:
         try:
             listening = socket.create_server((_HOST, self._port))
         except OSError as error:
+            # `error.strerror` repeats the address.
+            cause = os.strerror(error.errno) if error.errno else str(error)
             logger.error(  # noqa: TRY400  the cause is enough, a traceback would not help
                 "no metrics: metrics.port: %s:%d cannot be had (%s); free it (ss -tlnp 'sport = :%d'), and "
-                "restart tactiled", _HOST, self._port, error.strerror, self._port,
+                "restart tactiled", _HOST, self._port, cause, self._port,
             )  # fmt: skip
             await asyncio.Event().wait()
             return

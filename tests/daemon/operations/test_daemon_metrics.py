@@ -317,6 +317,8 @@ def test_a_port_in_use_is_logged_and_ends_nothing(
                 while words not in caplog.text:
                     await asyncio.sleep(0.01)
             assert not serving.done()  # the daemon senses without the page
+            assert "(Address already in use)" in caplog.text
+            assert caplog.text.count("127.0.0.1") == 1
             serving.cancel()
             await asyncio.gather(serving, return_exceptions=True)
 
