@@ -13,6 +13,7 @@ from typing import Any
 
 from tactiled import resources
 from tactiled.config import Setup
+from tactiled.daemon.board.diagnosis import SEARCH_ADVICE
 from tactiled.daemon.board.link import STOP_S, make_link
 from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
@@ -109,6 +110,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
             send(link.watch(time.monotonic(), _framing(port)))
         listened_s = now_s - began_s
         status = link.status(now_s, started_s=began_s, connects=1, warning=port.warning)
+        status = replace(status, reason=status.reason.removesuffix(SEARCH_ADVICE))
         if found_streaming == [False]:
             send(session.stop())
             end_s = time.monotonic() + STOP_S

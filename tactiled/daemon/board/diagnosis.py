@@ -22,6 +22,9 @@ from collections import Counter, deque
 
 from tactiled.pipeline import Health
 
+SEARCH_ADVICE = "; stop tactiled, then run tactiled doctor: it looks for both"
+"""End of a fault where baud rate or protocol may be wrong; the doctor, which reads the port, omits it."""
+
 HICCUP_S = 1.0  # shortest silence or noise for which a cause is named
 _WINDOW_S = 10.0  # length of the sliding window over which damaged bytes and missed scans are counted
 _MARK_S = 1.0  # period at which counts are stored for that window
@@ -193,7 +196,7 @@ class LineWatch:
             return "protocol", f"wrong protocol ({self._protocol} configured); {self._baud} baud is right"
         return "structure", (
             f"no frame structure in it: wrong baud rate ({self._baud} configured) most likely, "
-            f"else wrong protocol ({self._protocol} configured); tactiled doctor looks for both"
+            f"else wrong protocol ({self._protocol} configured){SEARCH_ADVICE}"
         )
 
 

@@ -76,7 +76,9 @@ def test_a_good_line_has_no_fault_and_no_warning() -> None:
 @pytest.mark.parametrize("sent_baud", [9600, 19200, 38400, 57600, 230400, 460800, 921600])
 def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
     received = [received_at(part, sent_baud, BAUD) for part in scans(LAYOUT)]
-    assert "wrong baud rate (115200 configured) most likely" in Line([part for part, _ in received]).fault
+    unsure = Line([part for part, _ in received]).fault
+    assert "wrong baud rate (115200 configured) most likely" in unsure
+    assert unsure.endswith("; stop tactiled, then run tactiled doctor: it looks for both")
     counted = np.cumsum([bad for _, bad in received]).tolist()
     line = Line([part for part, _ in received], counted)
     assert "wrong baud rate (115200 configured): the UART counts framing errors" in line.fault
