@@ -77,21 +77,25 @@ def _angle(array: Array, params: JointParams, speed_mm_s: float) -> Finding:
             remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
         return Finding(name, "warn", f"no angle (period-only): {how}", remedy)
     words = f"period and angle, of {params.min_period_mm:g} to {params.max_period_mm:g} mm"
-    if not (_has_equal_gaps(array.x_mm) or _has_equal_gaps(array.y_mm)):
+    # Over equal gaps, wave vectors that differ by 2 pi / gap give the same phases. None is longer than
+    # 2 pi / min_period, so two of them differ by at most twice that.
+    coarsest_mm = 2 * max(_equal_gap_mm(array.x_mm), _equal_gap_mm(array.y_mm))
+    if params.min_period_mm > coarsest_mm:
         return Finding(name, "ok", words)
     return Finding(
         name,
         "warn",
         f"{words}; gaps are equal, so that gratings of different periods have the same phases (ambiguous)",
-        "set speed and direction (detect.texture.speed_mm_s, direction_deg), or raise min_period_mm and "
-        "lower max_tilt_deg; or use an array with unequal gaps (wang2019-3x3)",
+        f"set detect.texture.min_period_mm above {coarsest_mm:g} if no grating is finer, or use an array "
+        "with unequal gaps (wang2019-3x3); a known speed and direction leave fewer such gratings",
     )
 
 
-def _has_equal_gaps(places_mm: FloatArray) -> bool:
-    """Return True for three or more places at equal distances."""
+def _equal_gap_mm(places_mm: FloatArray) -> float:
+    """Distance of three or more places at equal distances; 0 for others."""
     gaps_mm = np.diff(np.unique(places_mm.round(3)))
-    return len(gaps_mm) > 1 and bool(np.ptp(gaps_mm) < _SAME_GAP * gaps_mm.mean())
+    is_equal = len(gaps_mm) > 1 and bool(np.ptp(gaps_mm) < _SAME_GAP * gaps_mm.mean())
+    return float(gaps_mm.mean().round(3)) if is_equal else 0.0
 
 
 def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:

@@ -30,8 +30,14 @@ def test_findings_name_periods_speeds_and_options() -> None:
     poor, _ = check_waves(EQUAL, ALONG_X, 100.0, 0.0)
     assert poor.verdict == "warn"
     assert "gaps are equal" in poor.words
-    assert "set speed and direction" in poor.remedy
+    assert "set detect.texture.min_period_mm above 10 if" in poor.remedy
     assert "unequal gaps" in poor.remedy
+
+
+@pytest.mark.parametrize(("min_period_mm", "verdict"), [(9.9, "warn"), (10.0, "warn"), (10.1, "ok")])
+def test_equal_gaps_are_ambiguous_up_to_a_period_of_twice_the_gap(min_period_mm: float, verdict: str) -> None:
+    grooves, _ = check_waves(EQUAL, JointParams(min_period_mm=min_period_mm), 100.0, 1.5)
+    assert (grooves.verdict, "gaps are equal" in grooves.words) == (verdict, verdict == "warn")
 
 
 def test_one_taxel_resolves_no_angle() -> None:
