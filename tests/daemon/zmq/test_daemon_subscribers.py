@@ -18,7 +18,7 @@ from patience import PATIENCE_S
 from ports import free_pair
 
 from tactiled.daemon.zmq import peers, zmtp
-from tactiled.daemon.zmq.publisher import BOUNDS, MOST_SUBSCRIPTIONS, EventServer
+from tactiled.daemon.zmq.publisher import BOUNDS, MOST_SUBSCRIPTIONS, QUEUE_BYTES, EventServer
 from tactiled.daemon.zmq.zmtp import GREETING
 
 SUBSCRIBE_ALL = zmtp.ready("SUB") + b"\x00\x01\x01"
@@ -120,8 +120,24 @@ def test_each_subscriber_receives_the_topics_that_it_asked_for(play: Play) -> No
         late.unsubscribe("c/")
         late.subscribe("d/")
         await endpoint.heard(late, "d/1")  # the subscriptions before it have arrived
-        endpoint.server.send(b"c/2", b"payload", "board")
+        for topic in (b"c/1", b"c/2"):
+            endpoint.server.send(topic, b"payload", "board")
         assert set(await endpoint.heard(late, "d/2")) <= {b"d/1", b"d/2"}
+
+    play(story)
+
+
+def test_a_topic_that_was_published_reaches_those_who_subscribe_later(play: Play) -> None:
+    async def story(endpoint: Endpoint) -> None:
+        first = endpoint.connect("")
+        await endpoint.heard(first, "t")
+        second = endpoint.connect("")
+        await endpoint.heard(second, "t")
+        first.close()
+        third = endpoint.connect("other")
+        third.subscribe("t")
+        await endpoint.heard(third, "t")
+        await endpoint.heard(second, "t")
 
     play(story)
 
@@ -276,5 +292,25 @@ def test_a_connection_that_is_reset_is_forgotten(play: Play) -> None:
             writer.transport.abort()
             for _ in range(3):
                 await endpoint.heard(good)
+
+    play(story)
+
+
+def test_nothing_is_queued_for_a_subscriber_that_left(play: Play) -> None:
+    async def story(endpoint: Endpoint) -> None:
+        reader, writer = await endpoint.stranger(GREETING + zmtp.ready("SUB") + b"\x00\x02\x01g")
+        good = endpoint.connect("t")
+        while True:  # until the stranger has heard its topic
+            await endpoint.heard(good)
+            endpoint.server.send(b"gone", b"payload", "board")
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(reader.readuntil(b"gone"), 0.01)
+                break
+        writer.close()
+        for _ in range(3):
+            await endpoint.heard(good)
+        for _ in range(3):
+            endpoint.server.send(b"gone", bytes(QUEUE_BYTES // 2), "board")
+        assert not endpoint.server.dropped
 
     play(story)
