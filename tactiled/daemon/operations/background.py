@@ -54,8 +54,9 @@ class _ThreadJob(Generic[T]):
 class BackgroundWorker:
     """Compute jobs in a thread, which ends with the block; a job that was given up is ended or never begun.
 
-    The newest job comes first. All boards hand over jobs at the same rate while they slide, so none keeps
-    the others waiting, and a host that is too slow for all is late with old jobs only.
+    The newest job comes first, whichever board it is of: it has the most time left, so that a host that is
+    too slow for all still gives some answers in time. These may then be almost all of one board, because a
+    job that begins while the others wait depends on when each board hands over its own.
     """
 
     def __enter__(self) -> Self:
