@@ -78,6 +78,7 @@ class Extent:
     size_bytes: int = 0
     is_complete: bool = False  # the end-of-data record was found: nothing is cut off
     damages: list[Damage] = field(default_factory=list)  # unreadable stretches before the end
+    orphans: int = 0  # messages whose channel is unknown, because its description is lost
 
     @property
     def share_read(self) -> float:
@@ -87,7 +88,12 @@ class Extent:
     @property
     def is_whole(self) -> bool:
         """The file is complete and undamaged."""
-        return self.is_complete and not self.damages
+        return self.is_complete and not self.is_damaged
+
+    @property
+    def is_damaged(self) -> bool:
+        """Data before the end are missing."""
+        return bool(self.damages or self.orphans)
 
     def words(self) -> str:
         """Describe what could not be read; empty where everything was read."""
@@ -97,6 +103,8 @@ class Extent:
             duration_s = sum(damage.duration_s for damage in self.damages)
             places = "one place" if len(self.damages) == 1 else f"{len(self.damages)} places"
             words.append(f"{n_bytes} bytes in {places} are damaged: about {duration_s:.2f} s are missing")
+        if self.orphans:
+            words.append(f"{self.orphans} messages are left out: the description of their channel is lost")
         if not self.is_complete:
             rest = self.size_bytes - self.good_bytes
             words.append(
@@ -136,6 +144,7 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
             records = _records(opcode, stream.read(length)) if length <= _MOST_RECORD_BYTES else []
             yield from (record for record in records if isinstance(record, Metadata))
             entries = _entries(records, schemas, channels)
+            extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
             n_damaged += 0 if records else end - at
         at = end
         if entries:

@@ -51,7 +51,7 @@ class ReplayComparison:
         for path, extent in extents.items():
             if not extent.is_whole:
                 # A recorder that was killed, or still writes, leaves an incomplete end, which is expected.
-                is_expected = path.name.endswith(ACTIVE) and not extent.damages
+                is_expected = path.name.endswith(ACTIVE) and not extent.is_damaged
                 (self.unfinished if is_expected else self.unread).append(f"{path.name}: {extent.words()}")
 
     @property

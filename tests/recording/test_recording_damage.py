@@ -225,6 +225,25 @@ def test_an_unfinished_file_with_damage_in_its_middle_gives_what_is_behind(
     assert max(instants_s) > 3.9 + instants_s[0]
 
 
+def test_messages_whose_channel_is_lost_are_counted(long: tuple[Path, int], tmp_path: Path) -> None:
+    """The first chunk of an unfinished file, which alone describes the channels of reads, is damaged."""
+    data = bytearray(long[0].read_bytes()[: long[1]])
+    at = data.index(b"zstd") + 30
+    data[at] ^= 0xFF
+    killed = tmp_path / "killed.mcap.active"
+    killed.write_bytes(data)
+    extent = Extent()
+    assert not [item for item in read_items(killed, extent) if isinstance(item, Read)]
+    assert extent.orphans > 200
+    assert not extent.is_whole
+    lost = f"{extent.orphans} messages are left out: the description of their channel is lost"
+    assert lost in extent.words()
+    verdict, _ = verify(killed)
+    assert not verdict.is_good
+    assert lost in verdict.words()
+    assert lost in recover(killed).words()
+
+
 def test_a_description_that_is_damaged_twice_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     record(path, simulated_reads(0.1))
