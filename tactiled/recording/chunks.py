@@ -19,7 +19,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
@@ -27,7 +27,7 @@ from tactiled.outside import shown
 from tactiled.recording.contents import Input
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
-    Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read,
+    Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.STATISTICS: Statistics.read,
 }  # fmt: skip
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
@@ -100,9 +100,12 @@ class Extent:
         words = []
         if self.damages:
             n_bytes = sum(damage.n_bytes for damage in self.damages)
-            duration_s = sum(damage.duration_s for damage in self.damages)
+            durations_s = [damage.duration_s for damage in self.damages]
             places = "one place" if len(self.damages) == 1 else f"{len(self.damages)} places"
-            words.append(f"{n_bytes} bytes in {places} are damaged: about {duration_s:.2f} s are missing")
+            missing = f"{'about' if all(durations_s) else 'at least'} {sum(durations_s):.2f} s are missing"
+            if not any(durations_s):
+                missing = "the time missing is unknown"
+            words.append(f"{n_bytes} bytes in {places} are damaged: {missing}")
         if self.orphans:
             words.append(f"{self.orphans} messages are left out: the description of their channel is lost")
         if not self.is_complete:
@@ -127,9 +130,10 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     size = extent.size_bytes = stream.seek(0, 2)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
-    _entries(_summary(stream, size), schemas, channels)
+    summary = _summary(stream, size)
+    _entries(summary, schemas, channels)
     n_damaged = 0  # bytes of a stretch that is not reported yet
-    last_ns = 0
+    last_ns = newest_ns = 0  # of the chunk before, and of all: the wall clock may be set back
     stream.seek(0)
     at = len(MCAP0_MAGIC) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else size
     while at + _HEAD.size <= size and not extent.is_complete:
@@ -153,13 +157,16 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
                 yield _damage(extent, n_damaged, last_ns or min(instants_ns), min(instants_ns))
                 n_damaged = 0
             last_ns = max(instants_ns)
+            newest_ns = max(newest_ns, last_ns)
             yield entries
         if not n_damaged:
             extent.good_bytes = at
     if extent.is_complete:
         extent.good_bytes = at
         if n_damaged:
-            yield _damage(extent, n_damaged, last_ns, last_ns)
+            ends_ns = [record.message_end_time for record in summary if isinstance(record, Statistics)]
+            end_ns = max([newest_ns, *ends_ns])
+            yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
 
 
 def _entries(

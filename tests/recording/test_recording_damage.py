@@ -225,6 +225,19 @@ def test_an_unfinished_file_with_damage_in_its_middle_gives_what_is_behind(
     assert max(instants_s) > 3.9 + instants_s[0]
 
 
+def test_damage_at_either_end_of_a_finished_file(tmp_path: Path) -> None:
+    """The time of a lost last chunk is that of the summary; that of a lost first one is not known."""
+    path = tmp_path / "a.mcap"
+    sizes = record(path, simulated_reads(2.5), sync_every=50)
+    for at, says in (
+        ((sizes[-2] + sizes[-1]) // 2, "are damaged: about 0.5"),
+        (sizes[0] // 2, "are damaged: the time missing is unknown"),
+    ):
+        extent = Extent()
+        list(read_items(damaged(path, path.read_bytes(), at, 0xFF), extent))
+        assert says in extent.words()
+
+
 def test_messages_whose_channel_is_lost_are_counted(long: tuple[Path, int], tmp_path: Path) -> None:
     """The first chunk of an unfinished file, which alone describes the channels of reads, is damaged."""
     data = bytearray(long[0].read_bytes()[: long[1]])
