@@ -9,7 +9,7 @@ Loading and holding are distinguished by the slope of the array's pressure respo
 a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
 `ContactTracker` is the state machine. Sliding cannot be seen from pressure: the slip detector owns a tracker
-and calls `begin_sliding` and `end_sliding` .
+and calls `begin_sliding` and `end_sliding`.
 """
 
 import math
