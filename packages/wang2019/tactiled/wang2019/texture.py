@@ -81,11 +81,10 @@ class PaperTexture:
         direction_deg: float | None = None,
         is_given: bool = False,
         limits: GrooveLimits | None = None,
-        window_s: float = _WINDOW_S,
     ) -> None:
         self._n_channels = array.n_channels
         self._given_mm_s, self._speed_sd_mm_s, self._direction_deg = speed_mm_s, speed_sd_mm_s, direction_deg
-        self._settle_s, self._window_s = 0.0 if is_given else _SETTLE_S, window_s
+        self._settle_s = 0.0 if is_given else _SETTLE_S
         self._limits = limits or GrooveLimits()
         columns = array.columns()
         taxels = columns[0][:3] if columns else []
@@ -150,7 +149,7 @@ class PaperTexture:
 
     def _fill(self, block: ScanBlock) -> list[Event]:
         events: list[Event] = []
-        n_window = max(_MIN_WINDOW_SCANS, round(self._window_s * block.rate_hz))
+        n_window = max(_MIN_WINDOW_SCANS, round(_WINDOW_S * block.rate_hz))
         done = 0
         while done < len(block):
             if self._n_gathered == 0:
