@@ -218,3 +218,12 @@ def test_the_outcome_is_a_line(outcome: Outcome, words: str) -> None:
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="cannot be written: No such file"):
         detect_files([FileJob("a", None, None, Choices())], tmp_path / "none" / "events.parquet", 1)
+
+
+def test_a_second_run_into_one_table_is_refused_and_leaves_the_first_alone(tmp_path: Path) -> None:
+    to, other = tmp_path / "events.parquet", tmp_path / "events.parquet.unfinished"
+    other.write_bytes(b"of the first run")
+    with pytest.raises(OperatorError, match=r"another run writes it, as .*unfinished exists"):
+        detect_files([FileJob("gone.mcap", None, None, Choices())], to, 1)
+    assert other.read_bytes() == b"of the first run"
+    assert not to.exists()

@@ -1,14 +1,15 @@
 """``tactiled detect 'runs/**/*.mcap' --to events.parquet``: many files, on the cores of this host."""
 
+import contextlib
 import dataclasses
 import glob
 import io
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_origin
+from typing import Any, BinaryIO, get_args, get_origin
 
 import pyarrow
 import pyarrow.parquet
@@ -115,11 +116,10 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Ou
     """
     if jobs:
         jobs[0].choices.params()  # a fault of these is no fault of a file
-    unfinished = to.with_name(f"{to.name}.unfinished")
     n_done, n_events, failed = 0, 0, []
     try:
         with (
-            unfinished.open("wb") as sink,
+            _whole_file(to) as sink,
             pyarrow.parquet.ParquetWriter(sink, schema()) as writer,
             ProgressBar(f"detect {len(jobs)} files", len(jobs)) as progress,
             executor(n_workers) as workers,
@@ -131,16 +131,38 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Ou
                     failed.append((job.file, error))
                 n_done += 1
                 progress.advance(job.file)
-        unfinished.replace(to)
     except BrokenProcessPool:
         raise OperatorError(
             f"{jobs[n_done].file}, or one after it: its process ended, out of memory? Fewer --jobs need less"
         ) from None
     except OSError as error:
         raise OperatorError(f"{to}: cannot be written: {error.strerror}") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
     return Outcome(len(jobs), n_events, tuple(failed))
+
+
+@contextlib.contextmanager
+def _whole_file(to: Path) -> Iterator[BinaryIO]:
+    """Open a file that has its name once the block is done; an error leaves none.
+
+    Raises
+    ------
+    OperatorError
+        Another run writes the file.
+    """
+    unfinished = to.with_name(f"{to.name}.unfinished")
+    try:
+        sink = unfinished.open("xb")
+    except FileExistsError:
+        raise OperatorError(
+            f"{to}: another run writes it, as {unfinished} exists; if a killed run left that file, remove it"
+        ) from None
+    try:
+        with sink:
+            yield sink
+        unfinished.replace(to)
+    except BaseException:
+        unfinished.unlink(missing_ok=True)
+        raise
 
 
 def detect_patterns(
