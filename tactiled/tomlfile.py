@@ -62,11 +62,17 @@ def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:
 
 
 def _explain(detail: ErrorDetails, schema: type[BaseModel]) -> str:
-    place = _place(detail["loc"])
+    place = _place(detail["loc"], schema)
     if detail["type"] == "extra_forbidden":
         return f"{place}: unknown key{_hint(detail['loc'], schema)}"
     if detail["type"] == "missing":
         return f"{place}: missing"
+    if detail["type"] in ("union_tag_not_found", "union_tag_invalid"):
+        key = _place((*detail["loc"], detail["ctx"]["discriminator"].strip("'")), schema)
+        if detail["type"] == "union_tag_not_found":
+            return f"{key}: missing"
+        known = detail["ctx"]["expected_tags"].replace("'", "")
+        return f"{key}: input should be one of {known} (got {shown(detail['ctx']['tag'])})"
     message = detail["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:]
     given = detail["input"]
@@ -77,13 +83,17 @@ def _explain(detail: ErrorDetails, schema: type[BaseModel]) -> str:
     return f"{place}: {message}" if place else message
 
 
-def _place(location: tuple[int | str, ...]) -> str:
+def _place(location: tuple[int | str, ...], schema: type[BaseModel]) -> str:
     """``("grids", 0, "x_mm")`` as ``grids[0].x_mm``."""
     place = ""
+    models = [schema]
     for part in location:
-        place += (
-            f"[{part}]" if isinstance(part, int) else f".{part if _BARE.fullmatch(part) else shown(part)}"
-        )
+        if isinstance(part, int):
+            place += f"[{part}]"
+            continue
+        if not _tagged(part, models):  # the tag of a union is in the location, but no key
+            place += f".{part if _BARE.fullmatch(part) else shown(part)}"
+        models = _models_below(part, models)
     return place.lstrip(".")
 
 
@@ -105,15 +115,34 @@ def _models_at(location: tuple[int | str, ...], schema: type[BaseModel]) -> list
     """Models that are allowed at a place of the document."""
     models = [schema]
     for part in location:
-        if isinstance(part, int):
-            continue
-        models = [
+        if isinstance(part, str):
+            models = _models_below(part, models)
+    return models
+
+
+def _models_below(part: str, models: list[type[BaseModel]]) -> list[type[BaseModel]]:
+    """Models below a part of a location: those with that tag, those of that key, or the same ones."""
+    return (
+        _tagged(part, models)
+        or [
             inner
             for model in models
             if part in model.model_fields
             for inner in _models_in(model.model_fields[part].annotation)
-        ] or models  # the tag of a union is in the location, but no key
-    return models
+        ]
+        or models
+    )
+
+
+def _tagged(part: str, models: list[type[BaseModel]]) -> list[type[BaseModel]]:
+    """Models of a union that have `part` as their tag; none where there is no choice."""
+    if len(models) == 1:
+        return []
+    return [
+        model
+        for model in models
+        if any(part in get_args(field.annotation) for field in model.model_fields.values())
+    ]
 
 
 def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
