@@ -29,8 +29,8 @@ def model(array: Array) -> Suite:
 
 
 def published(array: Array) -> Suite:
-    """The published methods, with windows that the slide fills."""
-    return Suite(WaveletSlip(array), PaperTexture(array, SPEED_MM_S, window_s=2.0))
+    """The published methods, whose window the slide fills."""
+    return Suite(WaveletSlip(array), PaperTexture(array, SPEED_MM_S))
 
 
 # The contact gate is a part of slip detectors; no setting runs it alone.

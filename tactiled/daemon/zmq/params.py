@@ -10,12 +10,16 @@ from tactiled.tomlfile import Params
 
 
 class PublishParams(Params):
-    """Endpoints for events and requests, and access to them."""
+    """Endpoints for events and requests, and access to them.
+
+    They hold for the process: the files of several boards in one process must agree on all of them.
+    """
 
     endpoints: tuple[str, ...] = Field(
         default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
         description="ZeroMQ endpoints to bind for events; an empty list publishes nothing. Requests are "
-        "taken beside each: at the next TCP port, or at control.ipc in the same folder. PlotJuggler uses "
+        "taken beside each: at the next TCP port, or at the ipc file in the same folder whose name has "
+        "'control' for 'events', or '.control' at its end if it has no 'events' in it. PlotJuggler uses "
         "port 9872 by default; a second daemon on the host needs another port. {runtime} is "
         "/run/tactiled/NAME under systemd, else $XDG_RUNTIME_DIR/tactiled.",
     )

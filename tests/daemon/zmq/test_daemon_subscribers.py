@@ -120,8 +120,8 @@ def test_each_subscriber_receives_the_topics_that_it_asked_for(play: Play) -> No
         late.unsubscribe("c/")
         late.subscribe("d/")
         await endpoint.heard(late, "d/1")  # the subscriptions before it have arrived
-        for topic in (b"c/1", b"c/2"):
-            endpoint.server.send(topic, b"payload", "board")
+        for cancelled in (b"c/1", b"c/2"):
+            endpoint.server.send(cancelled, b"payload", "board")
         assert set(await endpoint.heard(late, "d/2")) <= {b"d/1", b"d/2"}
 
     play(story)
