@@ -1,5 +1,6 @@
 """Many files in one table: the same bytes on any number of cores, and one bad file is a row."""
 
+import io
 import json
 import multiprocessing
 import os
@@ -7,6 +8,8 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ from tactiled.archive.detect import (
     detect_files,
     event_rows,
     file_row,
+    in_order,
     matching,
     schema,
 )
@@ -227,3 +231,19 @@ def test_a_second_run_into_one_table_is_refused_and_leaves_the_first_alone(tmp_p
         detect_files([FileJob("gone.mcap", None, None, Choices())], to, 1)
     assert other.read_bytes() == b"of the first run"
     assert not to.exists()
+
+
+def test_jobs_are_begun_only_a_little_ahead_of_the_table(tmp_path: Path) -> None:
+    begun: list[str] = []
+
+    def jobs() -> Iterator[FileJob]:
+        for k in range(10):
+            begun.append(f"{tmp_path}/{k}.mcap")
+            yield FileJob(begun[-1], None, None, Choices())
+
+    found = []
+    with ThreadPoolExecutor(2) as workers:
+        for n_done, rows in enumerate(in_order(workers, jobs(), 3)):
+            assert len(begun) == min(n_done + 3, 10)
+            found += pyarrow.parquet.read_table(io.BytesIO(rows))["file"].to_pylist()
+    assert found == begun

@@ -5,7 +5,10 @@ import dataclasses
 import glob
 import io
 import itertools
+import os
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +26,8 @@ from tactiled.progress import ProgressBar
 
 # Events that are rows of Python before they are compressed: some 20 MB, 17 minutes of grip at 10 Hz.
 _GROUP_EVENTS = 10_000
+# Jobs for each process that run or wait for their turn in the table: their rows are in memory.
+_JOBS_AHEAD = 2
 # Value of `topic` in the row that stands for a whole file.
 FILE_TOPIC = "file"
 _PLAIN = {bool: pyarrow.bool_(), int: pyarrow.int64(), float: pyarrow.float64(), str: pyarrow.string()}
@@ -116,6 +121,7 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Ou
     """
     if jobs:
         jobs[0].choices.params()  # a fault of these is no fault of a file
+    n_ahead = _JOBS_AHEAD * (n_workers or os.cpu_count() or 1)
     n_done, n_events, failed = 0, 0, []
     try:
         with (
@@ -124,7 +130,7 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Ou
             ProgressBar(f"detect {len(jobs)} files", len(jobs)) as progress,
             executor(n_workers) as workers,
         ):
-            for job, rows in zip(jobs, workers.map(analyse, jobs), strict=True):
+            for job, rows in zip(jobs, in_order(workers, jobs, n_ahead), strict=True):
                 n_rows, error = _append(writer, rows)
                 n_events += n_rows
                 if error:
@@ -138,6 +144,17 @@ def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Ou
     except OSError as error:
         raise OperatorError(f"{to}: cannot be written: {error.strerror}") from None
     return Outcome(len(jobs), n_events, tuple(failed))
+
+
+def in_order(workers: Executor, jobs: Iterable[FileJob], n_ahead: int) -> Iterator[bytes]:
+    """Yield the rows of each file in the order of the jobs; at most `n_ahead` jobs are begun ahead of it."""
+    begun: deque[Future[bytes]] = deque()
+    for job in jobs:
+        begun.append(workers.submit(analyse, job))
+        if len(begun) == n_ahead:
+            yield begun.popleft().result()
+    while begun:
+        yield begun.popleft().result()
 
 
 @contextlib.contextmanager
