@@ -29,7 +29,7 @@ def model(array: Array) -> Suite:
 
 
 def published(array: Array) -> Suite:
-    """The published methods, whose window the slide fills."""
+    """Return the published methods."""
     return Suite(WaveletSlip(array), PaperTexture(array, SPEED_MM_S))
 
 
