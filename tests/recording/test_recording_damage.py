@@ -88,6 +88,17 @@ def test_behind_a_damaged_length_nothing_is_read(small: tuple[Path, bytes, list[
     assert "a length in it is damaged" in extent.words()
 
 
+@pytest.mark.parametrize("at", range(15))
+def test_a_damaged_index_costs_nothing(small: tuple[Path, bytes, list[Item], list[int]], at: int) -> None:
+    """Byte `at` of the index behind the second chunk of reads: opcode, length, channel or size."""
+    path, data, whole, ends = small
+    index_at = ends[2] - 15 - READS * 16
+    assert data[index_at] == Opcode.MESSAGE_INDEX
+    extent = Extent()
+    assert list(read_items(damaged(path, data, index_at + at, 0xFF), extent)) == whole
+    assert extent.is_whole
+
+
 @pytest.mark.parametrize(
     ("hit", "at"),
     [(1, 60), (2, 60), (3, 60)],
