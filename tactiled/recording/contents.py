@@ -13,6 +13,7 @@ pipeline's events bit for bit. A rotated recording is a chain of such files with
 """
 
 import hashlib
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -25,7 +26,7 @@ from tactiled.array import Array, ArrayFile, build
 from tactiled.errors import DataError
 from tactiled.events.types import EVENT_TYPES, Event
 from tactiled.outside import json_of, shown
-from tactiled.pipeline import PipelineParams
+from tactiled.pipeline import PipelineParams, check_hello
 from tactiled.recording.cdr import HEAD, Schema, fields_of
 from tactiled.version import __version__
 from tactiled.wire.frames import Hello
@@ -94,7 +95,24 @@ class Header:
         in_frames, in_array = header.source.layout.n_channels, header.source.array_file.n_channels
         if in_frames != in_array:  # before anything of its size is made
             raise ValueError(f"{in_frames} channels in the frames, {in_array} in the array")
+        if header.hello is not None:
+            _check_known(header.hello, header.source)
         return header
+
+
+def _check_known(hello: Hello, source: RecordedBoard) -> None:
+    """Refuse with a ValueError a board that no frame can have described, as the codec and the pipeline do."""
+    for name in ("board_serial", "array_id", "firmware_version"):
+        text = getattr(hello, name)
+        if not text.isprintable():  # it would reach terminals and names of topics
+            raise ValueError(f"hello.{name}: {shown(text)} is not printable")
+    n_offsets, n_channels = len(hello.channel_offset_s), source.layout.n_channels
+    if n_offsets not in (0, n_channels):
+        raise ValueError(f"hello.channel_offset_s: {n_offsets} offsets for {n_channels} channels")
+    if not all(math.isfinite(offset_s) for offset_s in hello.channel_offset_s):
+        raise ValueError("hello.channel_offset_s: not all are finite")
+    if fault := check_hello(hello, source.layout, source.array):
+        raise ValueError(f"hello: {fault}")
 
 
 _HEADER = TypeAdapter(Header)

@@ -7,7 +7,9 @@ import struct
 import tracemalloc
 import zipfile
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import numpy as np
@@ -24,11 +26,13 @@ from tactiled.recording import chunks
 from tactiled.recording.bag import MOST_CHUNK_BYTES, check_mcap, read_bag
 from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Header, Read
-from tactiled.recording.reader import read_items
+from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
 from tactiled.recording.table import MOST_CHANNELS, read_table
+from tactiled.recording.writer import RecordingWriter
 from tactiled.web.replay import ReplayFile
+from tactiled.wire.frames import Hello
 
 CLAIMED = 200_000_000
 MOST_BYTES = 40_000_000
@@ -219,3 +223,36 @@ def test_a_recording_whose_array_is_not_that_of_its_frames_is_damaged() -> None:
         text = json.dumps(header)
         with pytest.raises(ValueError, match=words):
             Header.from_metadata({"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()})
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"channel_offset_s": (1e-4,)}, r"hello\.channel_offset_s: 1 offsets for 36 channels"),
+        ({"board_serial": "\x1b[2J\n"}, r"hello\.board_serial: '\\x1b\[2J\\n' is not printable"),
+        ({"firmware_version": "\x07"}, r"hello\.firmware_version: .* is not printable"),
+        ({"rate_hz": 0.0}, "hello: board TS0001 reports 0 Hz"),
+        ({"adc_bits": 100_000}, "hello: board TS0001 reports 100 Hz, 100000 bits"),
+        ({"array_id": "other"}, "hello: board TS0001 carries the array 'other'"),
+    ],
+)
+def test_a_recorded_hello_is_checked_as_one_on_the_line(
+    tmp_path: Path, changed: dict[str, Any], words: str
+) -> None:
+    hello = Hello("TS0001", "wang2019-3x3", 100.0, 12, 3.0, (0.0,) * 36)
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path, replace(HEADER, hello=hello)):
+        pass
+    assert read_header(path).hello == hello
+    path.unlink()
+    with RecordingWriter(path, replace(HEADER, hello=replace(hello, **changed))):
+        pass
+    with pytest.raises(DataError, match=rf"a\.mcap: .*{words}"):
+        read_header(path)
+
+
+def test_a_recorded_offset_beyond_all_numbers_is_refused() -> None:
+    hello = Hello("TS0001", "wang2019-3x3", 100.0, 12, 3.0, (0.125,) * 36)
+    text = replace(HEADER, hello=hello).to_metadata()["header"].replace("0.125", "1e999")
+    with pytest.raises(ValueError, match=r"hello\.channel_offset_s: not all are finite"):
+        Header.from_metadata({"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()})
