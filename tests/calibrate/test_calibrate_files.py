@@ -73,6 +73,18 @@ def test_rows_with_holes_are_left_out_and_missing_columns_stay_unknown(tmp_path:
     assert table.outputs == [2]
 
 
+def test_columns_of_a_reference_that_are_not_used_are_named(tmp_path: Path) -> None:
+    header, *rows = GOOD.splitlines()
+    names = [header, "mx_nm", "Fx_n"]
+    (tmp_path / "ft.csv").write_text("\n".join([",".join(names), *(f"{row},0,0" for row in rows)]))
+    np.savez(tmp_path / "log.npz", time_s=np.arange(400) / 100, volts=np.ones((400, 36)))
+    said = CliRunner().invoke(
+        cli,
+        ["calibrate", f"{tmp_path}/log.npz", "--reference", f"{tmp_path}/ft.csv", "-o", f"{tmp_path}/a.toml"],
+    )
+    assert f"{tmp_path}/ft.csv: columns not used: 'mx_nm', 'Fx_n'; known are fx_n, fy_n, fz_n" in said.stderr
+
+
 def test_a_log_of_another_array_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", time_s=np.arange(50) / 100, volts=np.zeros((50, 5)))
     with pytest.raises(DataError, match="5 channels"):

@@ -33,6 +33,7 @@ class ReferenceTable:
 
     time_s: FloatArray  # (m,): in its own clock, increasing
     values: FloatArray  # (m, 6): fx, fy, fz (N), tx, ty, tz (N mm); NaN for columns that it does not have
+    unused: tuple[str, ...] = ()  # columns of its file that are neither a time nor one of these
 
     @property
     def outputs(self) -> list[int]:

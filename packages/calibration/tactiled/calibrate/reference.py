@@ -44,10 +44,11 @@ def read_reference(path: Path) -> ReferenceTable:
                 rows.append([_number(row.get(name, ""), where) for name in wanted])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
-    return _checked(np.array(rows, dtype=np.float64).reshape(len(rows), len(wanted)), path)
+    unused = tuple(name for name in header if name not in wanted)
+    return _checked(np.array(rows, dtype=np.float64).reshape(len(rows), len(wanted)), unused, path)
 
 
-def _checked(table: FloatArray, path: Path) -> ReferenceTable:
+def _checked(table: FloatArray, unused: tuple[str, ...], path: Path) -> ReferenceTable:
     """Reference of columns time and six outputs; rows with holes are left out."""
     has = ~np.isnan(table[:, 1:]).all(axis=0)
     good = np.isfinite(table[:, 0]) & np.isfinite(table[:, 1:][:, has]).all(axis=1)
@@ -57,7 +58,7 @@ def _checked(table: FloatArray, path: Path) -> ReferenceTable:
     if np.any(np.diff(table[:, 0]) <= 0):
         row = int(np.argmax(np.diff(table[:, 0]) <= 0)) + 2
         raise DataError(f"{path}: time_s does not grow at row {row}")
-    return ReferenceTable(table[:, 0], table[:, 1:])
+    return ReferenceTable(table[:, 0], table[:, 1:], unused)
 
 
 def _number(cell: str, where: str) -> float:

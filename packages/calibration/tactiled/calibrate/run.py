@@ -13,11 +13,13 @@ from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calib
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
+from tactiled.outside import shown
 from tactiled.progress import ProgressBar, tell
 from tactiled.recording.table import TimeUnit
 from tactiled.scan_log import read_log
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
+_MOST_NAMES = 12  # of columns, in a line for people
 _LONGEST = 64  # characters of the field `calibration` of messages
 
 
@@ -54,6 +56,10 @@ def calibrate_files(
         raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
     data = read_log(log, array, columns, time_unit, topic, rate_hz)
     table = read_reference(reference)
+    if table.unused:
+        names = ", ".join(map(shown, table.unused[:_MOST_NAMES]))
+        more = ", ..." if len(table.unused) > _MOST_NAMES else ""
+        tell(f"{reference}: columns not used: {names}{more}; known are {', '.join(COLUMNS)}")
     identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
     with ProgressBar("calibrate", N_STAGES) as bar:
         found = calibrate(
