@@ -121,7 +121,9 @@ class Choices:
         told = self.topics
         if params.is_packaged:  # such detectors have no grip messages
             told = tuple(topic for topic in told if topic != "grip")
-        return summary(log, told, params.texture.speed_mm_s, sliding_is_given=self.sliding is not None)
+        yield from summary(log, told, params.texture.speed_mm_s, sliding_is_given=self.sliding is not None)
+        if unread := params.unread():
+            yield f"not read by setting {params.setting}: {', '.join(f'detect.{key}' for key in unread)}"
 
     def array_of(self, array: Array) -> Array:
         """Return the array with the zero that the user asks for."""

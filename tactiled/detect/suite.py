@@ -75,6 +75,19 @@ class DetectParams(Params):
         """True where the detectors are those of another distribution, which have no grip messages."""
         return self.setting not in SETTINGS
 
+    def unread(self) -> list[str]:
+        """Return the keys that differ from their defaults but the setting ignores, as in ``grip.gross_p``."""
+        reads = factories(self.setting).reads
+        if reads is None:
+            return []
+        tables: dict[str, Params] = {"texture": self.texture, "grip": self.grip}
+        return [
+            f"{table}.{key}"
+            for table, params in tables.items()
+            for key, field in type(params).model_fields.items()
+            if getattr(params, key) != field.default and f"{table}.{key}" not in reads
+        ]
+
 
 class TextureEstimator(Protocol):
     """Estimator of grooves, gated by the events of the slip detector."""
@@ -164,6 +177,8 @@ class DetectorFactories(NamedTuple):
     # outside
     slip: Callable[[Array, DetectParams], ContactDetector]
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
+    # keys of `DetectParams` that these detectors read, as in "texture.speed_mm_s"; None: all
+    reads: Collection[str] | None = None
 
 
 # choice: times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for

@@ -16,7 +16,7 @@ _STARTS = "the daemon starts without recording, and records as soon as this has 
 
 
 def check_files(setup: Setup, source: str) -> list[str]:
-    """Check the keys and the record directory that a configuration names.
+    """Check the keys and the record directory that a configuration names, and what its setting reads.
 
     Returns
     -------
@@ -33,8 +33,11 @@ def check_files(setup: Setup, source: str) -> list[str]:
     if faults := [line for line, verdict in keys if verdict == "fail"]:
         raise ConfigError(source, faults)
     disk = [] if record.directory is None else check_disk(record)
-    return [line for line, verdict in keys if verdict == "warn"] + [
-        f"record.directory: {one.words}; {_STARTS}; {one.remedy}" for one in disk if one.verdict == "fail"
+    detect = setup.config.detect
+    return [
+        *(line for line, verdict in keys if verdict == "warn"),
+        *(f"record.directory: {one.words}; {_STARTS}; {one.remedy}" for one in disk if one.verdict == "fail"),
+        *(f"detect.{key}: not read by setting {detect.setting}" for key in detect.unread()),
     ]
 
 

@@ -1,12 +1,18 @@
 """The published methods as a setting of the detectors, found by its entry point."""
 
+from pathlib import Path
+
 import pytest
-from touches import Touch, onsets
+from commands import call
+from touches import Touch, onsets, textures
 
 from tactiled.array import load_array
 from tactiled.detect import suite
+from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.errors import ConfigError
+from tactiled.log_summary import LogTally
+from tactiled.offline import Choices
 from tactiled.tomlfile import parse
 
 
@@ -25,3 +31,42 @@ def test_without_the_distribution_the_error_says_how_to_get_it(monkeypatch: pyte
         parse({"setting": "wang2019"}, DetectParams, "test")
     with pytest.raises(ConfigError, match="setting: input should be one of fast, balanced, quiet, wang2019"):
         parse({"setting": "none"}, DetectParams, "test")
+
+
+@pytest.mark.parametrize(
+    ("limits", "statuses"),
+    [
+        ({}, {"ok"}),
+        ({"min_period_mm": 2.0}, {"ambiguous"}),  # excludes the only answer, 1.2 mm
+        ({"max_tilt_deg": 5.0}, {"ambiguous"}),  # excludes 10 degrees
+    ],
+)
+def test_period_and_tilt_limit_the_answers(limits: dict[str, float], statuses: set[str]) -> None:
+    array = load_array("wang2019-3x3")
+    touch = Touch(grooves=(1.2, 10.0), stop_s=40.0, lift_s=42.0, end_s=43.0)
+    params = DetectParams(setting="wang2019", texture=JointParams(speed_mm_s=1.0, **limits))
+    found = textures(build_suite(array, params).process(touch.block(array)))
+    assert {event.status for event in found} == statuses
+
+
+def test_keys_that_the_published_methods_do_not_read_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tables = "[detect.texture]\nmin_period_mm = 0.7\nhop_s = 1.0\n[detect.grip]\nincipient_p = 0.8\n"
+    config = tmp_path / "left.toml"
+    for setting in ("wang2019", "balanced"):
+        config.write_text(f'[port]\nurl = "loop://"\n[detect]\nsetting = "{setting}"\n{tables}')
+        assert call("check-config", str(config)) == 0
+        warnings = [line for line in capsys.readouterr().err.splitlines() if "not read" in line]
+        assert warnings == [
+            f"warning: detect.{key}: not read by setting wang2019"
+            for key in ("texture.hop_s", "grip.incipient_p")
+            if setting == "wang2019"
+        ]
+    assert Choices(setting="wang2019", max_tilt_deg=30.0).params().unread() == []
+    array = load_array("wang2019-3x3")
+    log = LogTally(array, "log")
+    block = Touch().block(array)
+    log.add_scans(block.time_s, block.volts)
+    told = list(Choices(setting="wang2019", period_mm=(1.0, 2.0)).summary(log))
+    assert told[-1] == "not read by setting wang2019: detect.texture.max_period_mm"
