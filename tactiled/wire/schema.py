@@ -331,3 +331,6 @@ class LayoutFile(Params):
         offsets = self.assumed_hello.channel_offset_s if self.assumed_hello else []
         if len(offsets) not in (0, self.channels):
             yield f"assumed_hello.channel_offset_s: {len(offsets)} numbers for {self.channels} channels"
+        for name in ("board_serial", "array_id"):  # a recording of others has such a file, too
+            if not str(getattr(self.assumed_hello, name, "")).isprintable():
+                yield f"assumed_hello.{name}: has characters that are not printable"

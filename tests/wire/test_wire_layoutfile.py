@@ -85,6 +85,8 @@ BROKEN: list[tuple[str, Callable[[Document], None], str]] = [
     ("lines-15", put("messages", 0, "fields", 0, "type", value="f32"), "counts"),
     (L9, drop("assumed_hello"), "give either a hello message or [assumed_hello]"),
     (L9, drop("assumed_hello", "array_id"), "assumed_hello.array_id: missing"),
+    (L9, put("assumed_hello", "board_serial", value="\x1b[2J"), "board_serial: has characters that are not"),
+    (L9, put("assumed_hello", "array_id", value="a\n"), "array_id: has characters that are not printable"),
     (L9, put("assumed_hello", "channel_offset_s", value=[0.1]), "assumed_hello.channel_offset_s: 1 numbers"),
     (L9, put("flags", value={"overrun": 0}), "flags.overrun: the scan's flags have no bit 0"),
     (V1, put("framing", "sync_hex", value="A55A"), "framing.sync_hex: unknown key"),
