@@ -4,6 +4,7 @@ A host that polls writes the newest reading again until the sensor has another. 
 noise looks smaller than it is, changes look like steps, and a ripple looks faster than the sensor can follow.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ _LEAST = 0.05
 # four: readings that creep over one step after the other change as regularly, and are scans.
 _STEPS, _FEW_STEPS = 2.0, 0.25
 _REGULAR = 0.5  # of the median, which it reaches in a log that polls: changes by chance come at any distance
+_PIECE_ROWS = 4096  # that are compared at once: a few copies of a whole log might not fit into memory
 _LATE = 1.5  # periods after which a reading that stays counts anew, as the host may poll late
 
 
@@ -73,15 +75,16 @@ def rows_of_a_reading(readings: FloatArray) -> int:
     readings : (n, channels) float64
         NaN where one is missing.
     """
-    held = _held(readings)
-    is_change = _changes(readings, held)
+    is_change = _changes(readings)
     rows = np.diff(np.flatnonzero(is_change))
     if len(rows) < _FEWEST:
         return 1
-    moved = np.abs(np.diff(held, axis=0))
-    smallest = np.where(moved > 0, moved, np.inf).min(axis=0)
-    steps = (moved[is_change] / smallest).sum(axis=1)
-    if np.quantile(steps, _FEW_STEPS) <= _STEPS:
+    smallest = np.full(readings.shape[1], np.inf)
+    for _, held in _pieces(readings):
+        moved = np.abs(np.diff(held, axis=0))
+        smallest = np.minimum(smallest, np.where(moved > 0, moved, np.inf).min(axis=0, initial=np.inf))
+    steps = [(np.abs(np.diff(held, axis=0)) / smallest).sum(axis=1) for _, held in _pieces(readings)]
+    if np.quantile(np.concatenate(steps)[is_change], _FEW_STEPS) <= _STEPS:
         return 1
     median, least = float(np.median(rows)), float(np.quantile(rows, _LEAST, method="lower"))
     return round(median) if least > 1 and least >= _REGULAR * median else 1
@@ -97,7 +100,7 @@ def scans_among(readings: FloatArray, period_rows: int) -> NDArray[np.bool_]:
         return is_scan
     longest = round(_LATE * period_rows)
     age = longest - period_rows + 1  # the first row is a scan
-    for row, changes in enumerate(_changes(readings, _held(readings)).tolist(), start=1):
+    for row, changes in enumerate(_changes(readings).tolist(), start=1):
         age += 1
         is_scan[row] = changes or age > longest
         if is_scan[row]:
@@ -105,14 +108,26 @@ def scans_among(readings: FloatArray, period_rows: int) -> NDArray[np.bool_]:
     return is_scan
 
 
-def _changes(rows: FloatArray, held: FloatArray) -> NDArray[np.bool_]:
-    """Return which rows (n - 1,) differ from the one before, of rows (n, channels) as read and as held.
+def _changes(readings: FloatArray) -> NDArray[np.bool_]:
+    """Return which rows (n - 1,) differ from the one before, of readings (n, channels).
 
     A reading that is missing in one of two rows tells nothing, unless no channel is read in both.
     """
-    is_pair = np.isfinite(rows[1:]) & np.isfinite(rows[:-1])
-    moves = held[1:] != held[:-1]
-    return np.asarray((moves & is_pair).any(axis=1) | (moves.any(axis=1) & ~is_pair.any(axis=1)))
+    changes = []
+    for rows, held in _pieces(readings):
+        is_pair = np.isfinite(rows[1:]) & np.isfinite(rows[:-1])
+        moves = held[1:] != held[:-1]
+        changes.append((moves & is_pair).any(axis=1) | (moves.any(axis=1) & ~is_pair.any(axis=1)))
+    return np.concatenate(changes)
+
+
+def _pieces(readings: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Yield readings (n, channels) piece by piece, as read and as held; the next begins with the last row."""
+    held = _held(readings[:1])
+    for start in range(0, len(readings), _PIECE_ROWS):
+        rows = readings[start : start + _PIECE_ROWS + 1]
+        held = _held(np.vstack([held[-1:], rows[1:]]))
+        yield rows, held
 
 
 def _held(rows: FloatArray) -> FloatArray:

@@ -18,8 +18,8 @@ from tactiled.array import FloatArray, load_array
 from tactiled.errors import DataError
 from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
-from tactiled.recording import table
-from tactiled.recording.spacing import rows_of_a_reading, to_blocks
+from tactiled.recording import spacing, table
+from tactiled.recording.spacing import rows_of_a_reading, scans_among, to_blocks
 from tactiled.recording.table import TableOptions, read_table
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -229,3 +229,26 @@ def test_rows_of_a_table_of_events_name_the_board_and_come_in_groups(
     assert [row["topic"] for row in rows_found] == [*(event["topic"] for event in printed), "file"]
     assert {row["board"] for row in rows_found[:-1]} == {"log"}
     assert "scans in" in rows_found[-1]["summary"]
+
+
+@pytest.mark.parametrize("piece_rows", [1, 7, 599, 600])
+def test_the_size_of_pieces_changes_no_scan(piece_rows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    readings = np.repeat(rng.normal(size=(200, 4)), 3, axis=0)
+    readings[rng.random(readings.shape) < 0.2] = np.nan
+    rows, is_scan = rows_of_a_reading(readings), scans_among(readings, 3)
+    monkeypatch.setattr(spacing, "_PIECE_ROWS", piece_rows)
+    assert rows_of_a_reading(readings) == rows == 3
+    assert np.array_equal(scans_among(readings, 3), is_scan)
+
+
+def test_blocks_of_a_log_take_less_memory_than_its_readings() -> None:
+    readings = np.random.default_rng(3).normal(size=(40_000, 36))
+    time_s, valid = np.arange(40_000) * 0.01, np.ones(readings.shape, dtype=np.bool_)
+    tracemalloc.start()
+    try:
+        to_blocks(time_s, readings, None, valid)
+        _, most_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most_bytes < readings.nbytes
