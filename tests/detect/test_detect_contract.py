@@ -17,6 +17,7 @@ from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock, regular_block
+from tactiled.wang2019.grooves import GrooveLimits
 from tactiled.wang2019.slip import WaveletSlip
 from tactiled.wang2019.texture import PaperTexture
 
@@ -29,8 +30,8 @@ def model(array: Array) -> Suite:
 
 
 def published(array: Array) -> Suite:
-    """Return the published methods."""
-    return Suite(WaveletSlip(array), PaperTexture(array, SPEED_MM_S))
+    """The published methods, with windows that the slide fills."""
+    return Suite(WaveletSlip(array), PaperTexture(array, SPEED_MM_S, limits=GrooveLimits(window_s=2.0)))
 
 
 # The contact gate is a part of slip detectors; no setting runs it alone.

@@ -56,8 +56,9 @@ _EQUAL_MM = 1e-6
 
 @dataclass(frozen=True)
 class GrooveLimits:
-    """Limits of the flow chart; the defaults are those of the paper and its plates."""
+    """Window and limits of the flow chart; the defaults are those of the paper and its plates."""
 
+    window_s: float = 10.0  # duration of the data of one estimate
     low_pass_hz: float = 20.0  # upper end of the band in which ripples are looked for
     agreement_mm: float = 0.01  # largest difference of the periods from maximum and minimum
     max_angle_deg: float = 65.0  # largest inclination considered

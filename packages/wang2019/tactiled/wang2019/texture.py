@@ -32,7 +32,6 @@ from tactiled.wang2019.grooves import GrooveEstimate, GrooveLimits, SlidingMotio
 from tactiled.wang2019.spectrum import Spectrum, spectrum
 
 ESTIMATOR = "wang2019"
-_WINDOW_S = 10.0  # of the paper
 _SETTLE_S = 1.0  # choice
 _MIN_WINDOW_SCANS = 8  # derived: a spectrum of fewer has no peaks
 
@@ -48,6 +47,8 @@ class PaperTexture:
         Direction of the skin's motion; by default that of the slip event.
     is_given : bool
         Sliding is known from outside: there is no onset that a window must not contain.
+    limits : GrooveLimits, optional
+        Limits of the flow chart and its window; by default those of the paper.
 
     Examples
     --------
@@ -149,7 +150,7 @@ class PaperTexture:
 
     def _fill(self, block: ScanBlock) -> list[Event]:
         events: list[Event] = []
-        n_window = max(_MIN_WINDOW_SCANS, round(_WINDOW_S * block.rate_hz))
+        n_window = max(_MIN_WINDOW_SCANS, round(self._limits.window_s * block.rate_hz))
         done = 0
         while done < len(block):
             if self._n_gathered == 0:
