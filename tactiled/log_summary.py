@@ -58,9 +58,9 @@ class LogTally:
             self.first_s = float(time_s[0])
         spacing_s = np.diff(time_s, prepend=self.last_s)
         self.last_s = float(time_s[-1])
-        finite = readings[np.isfinite(readings)]
-        if finite.size:
-            self.low, self.high = min(self.low, float(finite.min())), max(self.high, float(finite.max()))
+        is_finite = np.isfinite(readings)
+        self.low = min(self.low, float(readings.min(where=is_finite, initial=np.inf)))
+        self.high = max(self.high, float(readings.max(where=is_finite, initial=-np.inf)))
         self.n_lost += int((~self.array.in_range(readings)).sum())
         for k in range(-self.n_scans % self._stride, len(time_s), self._stride):
             self._scans.append((float(time_s[k]), float(spacing_s[k]), readings[k].copy()))
