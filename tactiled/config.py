@@ -230,6 +230,7 @@ def _set_up(config: Config, source: str) -> Setup:
     if layout_file is None or array_file is None:
         raise ConfigError(source, faults)
     array = build(array_file)
+    config.detect.check_array(array, source)
     calibration = _calibration(config.board, array, source)
     if array.n_channels != layout_file.channels:
         fault = (

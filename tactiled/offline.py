@@ -108,7 +108,9 @@ class Choices:
         return parse({**table, **_given({"setting": self.setting})}, DetectParams, source)
 
     def suite(self, array: Array, params: DetectParams) -> TunedSuite:
-        """Make the detectors that are asked for."""
+        """Make the detectors that are asked for; of a known slide, texture alone needs no slips."""
+        if self.sliding is None or {"slip", "contact", "grip"} & set(self.topics):
+            params.check_array(array, "command line")
         build = partial(build_suite, sliding=self.sliding, topics=self.topics)
         force: ForceSource | None = None
         if self.calibration is not None and self.force_hz > 0 and "force" in self.topics:

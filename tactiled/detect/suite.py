@@ -24,6 +24,7 @@ from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.worker import InPlace, Worker
+from tactiled.errors import ConfigError
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -74,6 +75,20 @@ class DetectParams(Params):
     def is_packaged(self) -> bool:
         """True where the detectors are those of another distribution, which have no grip messages."""
         return self.setting not in SETTINGS
+
+    def check_array(self, array: Array, source: str) -> None:
+        """Refuse an array whose slips the setting cannot report.
+
+        Raises
+        ------
+        ConfigError
+            The setting needs shear and load, and the array does not measure both.
+        """
+        if factories(self.setting).needs_shear and not array.measures_ratio:
+            fault = (
+                f"detect.setting: {self.setting} needs channels of shear and load: {array.name} lacks them"
+            )
+            raise ConfigError(source, [fault])
 
     def unread(self) -> list[str]:
         """Return the keys that differ from their defaults but the setting ignores, as in ``grip.gross_p``."""
@@ -179,6 +194,7 @@ class DetectorFactories(NamedTuple):
     texture: Callable[[Array, DetectParams, Worker, bool], TextureEstimator]
     # keys of `DetectParams` that these detectors read, as in "texture.speed_mm_s"; None: all
     reads: Collection[str] | None = None
+    needs_shear: bool = False  # slips are reported of arrays with shear and load only
 
 
 # choice: times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for

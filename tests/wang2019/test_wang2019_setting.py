@@ -9,6 +9,7 @@ from touches import Touch, onsets, textures
 from tactiled.array import load_array
 from tactiled.detect import suite
 from tactiled.detect.grooves.params import JointParams
+from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.errors import ConfigError
 from tactiled.log_summary import LogTally
@@ -70,3 +71,15 @@ def test_keys_that_the_published_methods_do_not_read_are_named(
     log.add_scans(block.time_s, block.volts)
     told = list(Choices(setting="wang2019", period_mm=(1.0, 2.0)).summary(log))
     assert told[-1] == "not read by setting wang2019: detect.texture.max_period_mm"
+
+
+def test_an_array_without_shear_is_refused(tmp_path: Path) -> None:
+    plain, known = load_array("normal-3x3"), KnownSliding(0.0, 1.0)
+    params = DetectParams(setting="wang2019")
+    with pytest.raises(ConfigError, match="wang2019 needs channels of shear and load: normal-3x3 lacks them"):
+        Choices(setting="wang2019").suite(plain, params)
+    Choices(setting="wang2019", sliding=known, topics=("texture",)).suite(plain, params)
+    config = tmp_path / "left.toml"
+    board = '[board]\nprotocol = "legacy-9"\narray = "normal-3x3"\n'
+    config.write_text(f'[port]\nurl = "loop://"\n[detect]\nsetting = "wang2019"\n{board}')
+    assert call("check-config", str(config)) == 2

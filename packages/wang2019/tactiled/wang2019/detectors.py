@@ -45,4 +45,5 @@ DETECTORS = DetectorFactories(
             "grip.publish",  # there are no grip messages, whatever it says
         }
     ),
+    needs_shear=True,
 )
