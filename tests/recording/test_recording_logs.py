@@ -243,7 +243,7 @@ def test_the_size_of_pieces_changes_no_scan(piece_rows: int, monkeypatch: pytest
 
 
 def test_blocks_of_a_log_take_less_memory_than_its_readings() -> None:
-    readings = np.random.default_rng(3).normal(size=(40_000, 36))
+    readings: FloatArray = np.random.default_rng(3).normal(size=(40_000, 36))
     time_s, valid = np.arange(40_000) * 0.01, np.ones(readings.shape, dtype=np.bool_)
     tracemalloc.start()
     try:
