@@ -243,8 +243,8 @@ def test_the_size_of_pieces_changes_no_scan(piece_rows: int, monkeypatch: pytest
 
 
 def test_blocks_of_a_log_take_less_memory_than_its_readings() -> None:
-    readings: FloatArray = np.random.default_rng(3).normal(size=(40_000, 36))
-    time_s, valid = np.arange(40_000) * 0.01, np.ones(readings.shape, dtype=np.bool_)
+    readings = np.asarray(np.random.default_rng(3).normal(size=(40_000, 36)), dtype=np.float64)
+    time_s, valid = np.linspace(0.0, 399.99, 40_000), np.ones(readings.shape, dtype=np.bool_)
     tracemalloc.start()
     try:
         to_blocks(time_s, readings, None, valid)
