@@ -40,7 +40,7 @@ _SLOWEST_LIKELY_HZ = 10.0
 
 @dataclass(frozen=True)
 class TableOptions:
-    """What the user says of a table."""
+    """Options for reading a table that the file itself does not answer."""
 
     # Rate of the rows. Without it, a log slower than 10 Hz is refused: its times may not be in seconds
     rate_hz: float | None = None

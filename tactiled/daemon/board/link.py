@@ -180,7 +180,7 @@ class BoardLink:
         return commands
 
     def sending(self, command: Command, now_s: float) -> dict[str, Any] | None:
-        """Tell the pipeline of a ping that is about to be written.
+        """Announce a ping, which is about to be written, to the pipeline.
 
         No board receives it before `now_s`. Returns the arguments of the pipeline's input of the same name,
         for the recording; None if none was given.
