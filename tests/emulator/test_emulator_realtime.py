@@ -198,6 +198,8 @@ def test_a_scene_slower_than_real_time_sends_each_scan_before_it_computes_the_ne
         emulator.stop()
         computed = len(what(reports, "scan"))
     assert len(what(reports, "scan")) <= computed + 1
+    assert what(reports, "behind")
+    assert all(report["behind_s"] > 0.5 for report in what(reports, "behind"))
     kinds = [report["what"] for report in reports if report["what"] in ("scan", "sent")]
     # The last bytes of a scan may be on the line when the next scan instant is due, but no later.
     assert all("sent" in three for three in zip(kinds, kinds[1:], kinds[2:], strict=False))

@@ -11,6 +11,24 @@ from pathlib import Path
 
 from patience import PATIENCE_S
 
+# Cheap to compute, so that a busy host keeps up.
+_TOUCH = """
+[[phases]]
+kind = "press"
+duration_s = 1.0
+force_n = 15.0
+
+[[phases]]
+kind = "slide"
+duration_s = 2.0
+speed_mm_s = 1.0
+
+[[phases]]
+kind = "lift"
+duration_s = 0.5
+"""
+SCENE = 'name = "touches"\ncontact = "mechanics"\n' + 500 * _TOUCH
+
 
 class Program:
     """Client in a process, with the lines that it has printed."""
@@ -68,8 +86,11 @@ def process(*arguments: str | Path) -> Iterator["subprocess.Popen[str]"]:
 
 @contextmanager
 def board(folder: Path) -> Iterator[None]:
-    """Emulated board on a pty: an object that sticks and slips."""
-    with process("emulate", "--scene", "stick-slip", "--link", folder / "board") as emulator:
+    """Emulated board on a pty: touches that slide, for longer than any test waits for it."""
+    scene = folder / "touches.toml"
+    scene.write_text(SCENE)
+    with process("emulate", "--scene", scene, "--link", folder / "board") as emulator:
         assert emulator.stdout is not None
         assert json.loads(emulator.stdout.readline())["what"] == "ready"
+        threading.Thread(target=emulator.stdout.read, daemon=True).start()  # a full pipe would stop it
         yield
