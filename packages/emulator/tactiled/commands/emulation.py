@@ -105,7 +105,10 @@ def emulate(
 
     def report(what: dict[str, Any]) -> None:
         print(json.dumps(what), flush=True)
-        if what["what"] == "preparing":
+        if what["what"] == "behind":
+            late = f"the board is {what['behind_s']:.1f} s late"
+            click.echo(f"emulate: the host is too slow for this scene: {late}", err=True)
+        elif what["what"] == "preparing":
             played_s, duration_s = what["played_s"], what["duration_s"]
             done = f"{played_s:.1f} of {duration_s:.1f} s of the scene"
             click.echo(f"emulate: solving grooves before the port appears: {done}", err=True)

@@ -3,8 +3,8 @@
 Deadlines are absolute on CLOCK_MONOTONIC, so lateness does not accumulate. The loop sleeps in ``select``
 until the next deadline or until the host writes. Scene time starts with the board's first ``start`` command,
 which is reported. A host that cannot compute the scans in time sends them late, as an adapter that buffers
-does: each is sent before the next one is computed. What comes from outside, bytes and faults, takes effect
-when the board has reached the instant at which it came.
+does: each is sent before the next one is computed, and how far the board is behind is reported. What comes
+from outside, bytes and faults, takes effect when the board has reached the instant at which it came.
 """
 
 import contextlib
@@ -35,7 +35,8 @@ from tactiled.wire.layout import Layout
 
 Report = Callable[[dict[str, Any]], None]
 _PLAYED_S = 0.1  # of a scene at once, while its tables are solved
-_TELL_S = 2.0  # between two reports of tables that are being solved
+_TELL_S = 2.0  # between two reports of tables that are being solved, or of a board that is behind
+_BEHIND_S = 0.5  # further behind than this, the board is too late for a host that waits for scans or answers
 _LONGEST_SLEEP_S = 1.0  # after a suspended machine wakes, the loop looks at its deadlines within this time
 _MOST_INPUTS = 64  # reads of the host that wait for a late board; the rest waits in the link
 
@@ -47,7 +48,8 @@ class Emulator:
     ----------
     report : callable
         Gets maps with ``what``: ``"ready"`` (address of the port), ``"scene"`` (truth, instants on
-        CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"end"`` (counts).
+        CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"behind"`` (the
+        host is too slow for the scene), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
 
@@ -88,6 +90,7 @@ class Emulator:
         self._is_plugged = True
         self._is_scene_reported = False
         self._bytes_overflowed = 0
+        self._told_behind_s = float("-inf")
         self._wake_read, self._wake_write = os.pipe()
 
     def stop(self) -> None:
@@ -136,6 +139,7 @@ class Emulator:
             self._is_plugged = self._port.plugged
             self._replug()
         self._report_scene()
+        self._report_behind()
         wait_s = 0.0 if self._inputs else self._port.next_deadline_s() - time.monotonic()
         wait_s = min(max(wait_s, 0.0), _LONGEST_SLEEP_S)
         fds = self._link.fds() if len(self._inputs) < _MOST_INPUTS else []
@@ -169,6 +173,13 @@ class Emulator:
             self._is_scene_reported = True
             truth = Truth(self._scene, t0_s, self._port.contact, self._port.array)
             self._report({"what": "scene", **truth.to_map()})
+
+    def _report_behind(self) -> None:
+        now_s = time.monotonic()
+        behind_s = now_s - self._port.next_deadline_s()
+        if behind_s > _BEHIND_S and now_s > self._told_behind_s + _TELL_S:
+            self._told_behind_s = now_s
+            self._report({"what": "behind", "behind_s": behind_s})
 
     def _report_scan(self, scan: ScanTruth) -> None:
         names = ("index", "sequence", "boot", "began_s", "sent")
