@@ -144,16 +144,24 @@ def test_golden_commands_are_ours() -> None:
         assert Encoder(LAYOUT).encode(command).hex() == golden[request]
 
 
-def test_thousands_of_frames_are_the_same_octets(answer: Answer) -> None:
-    frames = board_frames(4000, seed=11)
-    written_in_c = answer(map(request_of, frames))
-    assert [Encoder(LAYOUT).encode(frame).hex() for frame in frames] == written_in_c
-    assert Decoder(LAYOUT).feed(bytes.fromhex("".join(written_in_c))) == frames
+@pytest.fixture(scope="module")
+def frames() -> list[tuple[str, str]]:
+    """Random frames as requests and as octets written and read by Python."""
+    drawn = board_frames(4000, seed=11)
+    written = [Encoder(LAYOUT).encode(frame) for frame in drawn]
+    assert Decoder(LAYOUT).feed(b"".join(written)) == drawn
+    return [(request_of(frame), octets.hex()) for frame, octets in zip(drawn, written, strict=True)]
 
 
-def test_thousands_of_commands_are_understood_by_the_board(answer: Answer) -> None:
+def test_thousands_of_frames_are_the_same_octets(answer: Answer, frames: list[tuple[str, str]]) -> None:
+    assert answer(request for request, _ in frames) == [octets for _, octets in frames]
+
+
+@pytest.fixture(scope="module")
+def commands() -> list[tuple[str, str]]:
+    """Random commands as requests, and what the board understands."""
     rng = np.random.default_rng(12)
-    requests, expected = [], []
+    found = []
     for _ in range(3000):
         name = str(rng.choice(list(COMMANDS)))
         token, millihertz = int(rng.integers(0, 65536)), int(rng.integers(0, 2**32))
@@ -164,9 +172,15 @@ def test_thousands_of_commands_are_understood_by_the_board(answer: Answer) -> No
             octet | int(rubbish) << 8
             for octet, rubbish in zip(octets, rng.integers(0, 256, 99), strict=False)
         ]
-        requests.append("receive " + " ".join(map(hex, words)))
-        expected.append(f"command {COMMANDS[name]:#04x} {token} {millihertz if rate_hz is not None else 0};")
-    assert answer(requests) == expected
+        understood = f"command {COMMANDS[name]:#04x} {token} {millihertz if rate_hz is not None else 0};"
+        found.append(("receive " + " ".join(map(hex, words)), understood))
+    return found
+
+
+def test_thousands_of_commands_are_understood_by_the_board(
+    answer: Answer, commands: list[tuple[str, str]]
+) -> None:
+    assert answer(request for request, _ in commands) == [understood for _, understood in commands]
 
 
 def test_long_bodies_are_stuffed_alike(answer: Answer) -> None:
@@ -177,15 +191,24 @@ def test_long_bodies_are_stuffed_alike(answer: Answer) -> None:
     assert answer("body " + " ".join(map(str, body)) for body in bodies) == expected
 
 
-def test_any_octets_the_board_accepts_the_host_would_too(answer: Answer) -> None:
-    """Noise around commands: what C takes for a command Python takes too (and rescues some more)."""
+@pytest.fixture(scope="module")
+def noisy() -> list[tuple[bytes, list[Command]]]:
+    """Noise around commands, and what Python takes for commands."""
     rng = np.random.default_rng(13)
     lines = [b"".join(noise(rng) for _ in range(8)) for _ in range(2000)]
-    said = answer("receive " + " ".join(map(str, line)) for line in lines)
+    items = [Decoder(LAYOUT, "host-to-board").feed(line) for line in lines]
+    commands = [[item for item in found if isinstance(item, Command)] for found in items]
+    return list(zip(lines, commands, strict=True))
+
+
+def test_any_octets_the_board_accepts_the_host_would_too(
+    answer: Answer, noisy: list[tuple[bytes, list[Command]]]
+) -> None:
+    """What C takes for a command Python takes too (and rescues some more)."""
+    said = answer("receive " + " ".join(map(str, line)) for line, _ in noisy)
     n_accepted = 0
-    for line, answers in zip(lines, said, strict=True):
-        items = Decoder(LAYOUT, "host-to-board").feed(line)
-        heard = iter([item for item in items if isinstance(item, Command)])
+    for (line, commands), answers in zip(noisy, said, strict=True):
+        heard = iter(commands)
         accepted = [command for text in answers.split(";") if (command := command_of(text))]
         assert all(command in heard for command in accepted), line.hex()
         n_accepted += len(accepted)
