@@ -1,7 +1,7 @@
 """Build and check what a release uploads: ``./run release [--dry-run]``.
 
 Everything is built from the last commit, in a temporary folder: first the sdist of each distribution, then a
-wheel from each sdist, as pip builds one. With ``--dry-run`` nothing remains but what is printed. Without it
+wheel from each sdist. With ``--dry-run`` nothing remains but what is printed. Without it
 the files stay in dist/ and the commit gets a tag, both on this machine only. Nothing is pushed or uploaded.
 
 A wheel with compiled modules is left out of the upload: indexes refuse the platform `linux_x86_64`. pip takes
@@ -16,6 +16,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tarfile
 import tempfile
 import tomllib
 import zipfile
@@ -40,10 +41,14 @@ def projects(tree: Path) -> list[Path]:
 
 def build(tree: Path, folder: Path) -> None:
     """Build an sdist of each distribution of a tree, and a wheel from each sdist, without the network."""
+    hatchling = [sys.executable, "-m", "hatchling", "build", "-d", str(folder)]
     for project in projects(tree):
-        run([sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(folder)], project)
-    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps", "--no-build-isolation"]
-    run([*pip, "--wheel-dir", str(folder), *map(str, sorted(folder.glob("*.tar.gz")))], folder)
+        run([*hatchling, "-t", "sdist"], project)
+    # What `pip wheel --no-build-isolation` does with an sdist, in a third of the time.
+    for sdist in sorted(folder.glob("*.tar.gz")):
+        with tempfile.TemporaryDirectory() as unpacked, tarfile.open(sdist) as archive:
+            archive.extractall(unpacked, filter="data")
+            run([*hatchling, "-t", "wheel"], Path(unpacked, sdist.name.removesuffix(".tar.gz")))
 
 
 def metadata_of(wheel: Path) -> email.message.Message:
