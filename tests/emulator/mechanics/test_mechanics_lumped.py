@@ -144,14 +144,14 @@ def test_a_held_load_that_comes_obliquely_does_not_slip() -> None:
 
 def test_vibration_below_the_limit_gives_closed_loops() -> None:
     # Dahl's and LuGre's laws creep here. A shear of half the limit, then thousands of cycles of 5 um.
-    cycles = 0.06 + 0.005 * np.sin(2 * np.pi * np.arange(100_000) / 10)
+    cycles = 0.06 + 0.005 * np.sin(2 * np.pi * np.arange(30_000) / 10)
     felt = run(Surface(0.6), np.concatenate([line(0.06), cycles]))
     cycle = felt.tangential_n[200:, 0, 0].reshape(-1, 10)
     np.testing.assert_allclose(cycle[-1], cycle[1], atol=1e-12)
 
 
-def test_a_million_steps_do_not_drift() -> None:
-    steps = 1_000_000
+def test_hundreds_of_thousands_of_steps_do_not_drift() -> None:
+    steps = 300_000
     skin = Lumped(Surface(0.6), SIDES, 1)
     value, base = np.full((10_000, 1), HOLD_N), np.zeros((10_000, 1, 2))
     base[:, 0, 0] = 0.1 * np.sin(2 * np.pi * np.arange(10_000) / 1000)
