@@ -1,6 +1,7 @@
 """Tables of the slip bench, from short worlds."""
 
 import pytest
+from in_place import InPlace
 
 from bench.report import BenchOptions
 from bench.slip import bench as slip_bench
@@ -33,7 +34,7 @@ def test_a_rest_has_no_slip() -> None:
 
 
 def test_the_bench_prints_all_tables(slide: CaseEvents, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(slip_bench, "executor", _InPlace)
+    monkeypatch.setattr(slip_bench, "executor", InPlace)
     monkeypatch.setattr(slip_bench, "read_laws", lambda _: [])
     monkeypatch.setattr(slip_bench, "read_plates", lambda _: [slide])
     monkeypatch.setattr(slip_bench, "N_QUICK_GRATINGS", 1)
@@ -44,16 +45,3 @@ def test_the_bench_prints_all_tables(slide: CaseEvents, monkeypatch: pytest.Monk
     assert text.count("| question") == 1
     assert "Worlds of plates: 4 cases, 4 with gross slip." in text  # one of each batch
     assert "Slides and rests of a minute (seeds 7000..7001" in text
-
-
-class _InPlace:
-    """Executor that runs its jobs in this process."""
-
-    def __init__(self, *_: object) -> None: ...
-
-    def __enter__(self) -> "_InPlace":
-        return self
-
-    def __exit__(self, *_: object) -> None: ...
-
-    map = staticmethod(map)

@@ -4,11 +4,14 @@ import dataclasses
 import json
 import math
 from array import array
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from in_place import InPlace
+from threadpoolctl import threadpool_limits
 
 from bench.train import fit, rows, slip
 from bench.train.__main__ import train
@@ -22,6 +25,13 @@ from tactiled.detect.contact.signs import NAMES
 from tactiled.resources import shipped
 
 LOOKS = ("time_s", "signs", "begins", "slides", "utilisation", "ahead_s")
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Grow trees on one thread: on few rows several cost more time than they save."""
+    with threadpool_limits(1, user_api="openmp"):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +114,9 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     monkeypatch.setattr(rows, "MINUTES", 0.1)
     monkeypatch.setattr(rows, "BATCH", 6)
     monkeypatch.setattr(slip, "QUICK_WORLDS", 6)
+    monkeypatch.setattr(slip, "executor", InPlace)
+    few = (shape._replace(trees=2, leaves=4) for shape in fit.QUICK)
+    monkeypatch.setattr(slip, "QUICK", fit.Shapes(*few))
     path = tmp_path / "slip.npz"
     done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
     assert done.exit_code == 0, done.output
