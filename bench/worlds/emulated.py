@@ -48,7 +48,7 @@ def play(scene: Scene, array: Array) -> Played:
     truth = Truth(scene, 0.0, sensor.contact, array)
     n = int(scene.duration_s * RATE_HZ) - 1
     time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(array.n_channels)
-    volts, load, shear, shares = [], [], [], []
+    volts, load, shear, shares, speed = [], [], [], [], []
     for first in range(0, n, _PIECE_SCANS):  # what is older than the newest seconds would be played anew
         some = time_s[first : first + _PIECE_SCANS]
         volts.append(sensor.volts(some))
@@ -56,9 +56,10 @@ def play(scene: Scene, array: Array) -> Played:
         load.append(state.normal_n.sum(axis=1))
         shear.append(state.tangential_n.sum(axis=1))
         shares.append(state.slipping_share)
+        speed.append(truth.speed_mm_s(some[:, 0]))
     clean, load_n = np.concatenate(volts), np.concatenate(load)
     noise = scene.electronics.noise_v * ScanNoise(scene.seed, clean.shape[1]).normal(0, n)
-    moves = truth.speed_mm_s(time_s[:, 0]) > 0.05
+    moves = np.concatenate(speed) > 0.05
     return Played(
         volts=adc_counts(clean + noise, _ADC_BITS, _ADC_V) * (_ADC_V / 2**_ADC_BITS),
         load_n=load_n,
