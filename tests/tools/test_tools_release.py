@@ -133,7 +133,7 @@ def test_an_sdist_that_does_not_build_the_whole_wheel_is_refused(
         f'{project.read_text()}[tool.hatch.build.targets.wheel.force-include]\n"none" = "none"\n'
     )
     commit(root)
-    with pytest.raises(SystemExit, match="hatchling build.*-t wheel"):
+    with pytest.raises(SystemExit, match=r"hatchling build.*-t wheel"):
         release.main(["--dry-run"], root)
 
 
