@@ -1,14 +1,22 @@
 """Random families keep their promise: what slips slips, what is quiet never does."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families import FAMILIES, HELD_OUT_QUIET, HELD_OUT_SLIPPING, QUIET, SLIPPING
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 
 FLAT = sorted(FAMILIES.keys() - {"grooves"})
 SLIPS, STAYS = SLIPPING | HELD_OUT_SLIPPING, QUIET | HELD_OUT_QUIET
+
+
+def short_scene(family: Callable[[int], Scene]) -> Scene:
+    """The shortest of a family's first scenes: each second takes half a second to play."""
+    return min(map(family, range(24)), key=lambda scene: scene.duration_s)
 
 
 def test_grooves_are_slid_over() -> None:
@@ -19,7 +27,7 @@ def test_grooves_are_slid_over() -> None:
 
 @pytest.mark.parametrize("name", sorted(SLIPS.keys() & set(FLAT)))
 def test_slipping_families_slip(name: str) -> None:
-    truth = Truth(SLIPS[name](1))
+    truth = Truth(short_scene(SLIPS[name]))
     assert truth.slips
     for slip in truth.slips:
         instants = [slip.shear_s, slip.incipient_s, slip.gross_s, slip.end_s]
@@ -28,7 +36,7 @@ def test_slipping_families_slip(name: str) -> None:
 
 @pytest.mark.parametrize("name", STAYS)
 def test_quiet_families_have_no_gross_slip(name: str) -> None:
-    truth = Truth(STAYS[name](1))
+    truth = Truth(short_scene(STAYS[name]))
     assert truth.slips == []
     assert isinstance(truth.contact, PhysicalContact)
     assert not truth.contact.has_fallen
