@@ -23,10 +23,6 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from nspawn import bare_debian, wheels
-
-# Fixtures of several modules, which make something once for all tests.
-__all__ = ["bare_debian", "wheels"]
 
 # Hypothesis checks no durations: they depend on the machine, and the benches measure them.
 settings.register_profile("explore", deadline=None)

@@ -11,10 +11,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import pytest
+from hatchling.builders.wheel import WheelBuilder
 
 from tactiled.version import __version__
 
@@ -45,9 +46,16 @@ def make_root(root: Path) -> None:
     _or_cannot(f"no Debian {SUITE} could be made", command)
 
 
-def copy_root(root: Path, to: Path) -> None:
-    """A second Debian like the one at `root`, in a tenth of the time."""
-    subprocess.run(["cp", "-a", str(root), str(to)], check=True, timeout=COMMAND_S)
+def make_all(root: Path, wheels: Path) -> None:
+    """A Debian at `root`; in `wheels` both versions, as wheels with all that they need and as packages."""
+    check_able()
+    with ThreadPoolExecutor() as pool:
+        debian = pool.submit(make_root, root)
+        download_pins(wheels)
+        for version in (OLD, NEW):
+            make_wheels(wheels, version)
+            make_package(wheels, version)
+        debian.result()
 
 
 def make_wheels(folder: Path, version: str) -> None:
@@ -60,9 +68,8 @@ def make_wheels(folder: Path, version: str) -> None:
     projects = [copy / "pyproject.toml", *copy.glob("packages/*/pyproject.toml")]
     for path in (*projects, copy / "packages" / "client" / "tactiled" / "version.py"):
         path.write_text(path.read_text().replace(__version__, version))
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
     for path in projects:
-        subprocess.run(build, cwd=path.parent, check=True, timeout=COMMAND_S)
+        list(WheelBuilder(str(path.parent)).build(directory=str(folder)))
 
 
 def download_pins(folder: Path) -> None:
@@ -171,41 +178,10 @@ def wait_until(reached: Callable[[], bool], what: str, limit_s: float = COMMAND_
     return time.monotonic() - began_s
 
 
-def make_package(wheels: Path, version: str) -> Path:
-    """The Debian package of a version whose wheels are there, in the same folder."""
-    out = wheels / "packages"
-    build = [str(CHECKOUT / "packages/debian/build"), "--version", version]
-    subprocess.run([*build, "--wheels", str(wheels), "--out", str(out)], check=True, timeout=DOWNLOAD_S)
-    (package,) = out.glob(f"tactiled_{version}_*.deb")
-    return package
-
-
-@pytest.fixture(scope="session")
-def bare_debian(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Root of a small Debian, to be copied; tests are skipped, with the reason, where none can be."""
-    root = tmp_path_factory.mktemp("debian") / "root"
-    try:
-        check_able()
-        make_root(root)
-        yield root
-    except ContainerError as reason:
-        pytest.skip(f"not tested in a container: {reason}")
-    finally:
-        shutil.rmtree(root, ignore_errors=True)
-
-
-@pytest.fixture(scope="session")
-def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder with two versions of tactiled, `OLD` and `NEW`, and all that they need."""
-    folder = tmp_path_factory.mktemp("wheels")
-    try:
-        check_able()
-        download_pins(folder)
-    except ContainerError as reason:
-        pytest.skip(f"not tested in a container: {reason}")
-    for version in (OLD, NEW):
-        make_wheels(folder, version)
-    return folder
+def make_package(wheels: Path, version: str) -> None:
+    """The Debian package of a version whose wheels are there, in a folder beside them."""
+    build = [str(CHECKOUT / "packages/debian/build"), "--version", version, "--wheels", str(wheels)]
+    subprocess.run([*build, "--out", str(wheels / "packages")], check=True, timeout=DOWNLOAD_S)
 
 
 def _or_cannot(what: str, command: list[str]) -> None:
