@@ -27,10 +27,10 @@ from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.realtime import Emulator
-from tactiled.emulator.scene.description import load_scene
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.errors import TactiledError
 from tactiled.pipeline import Pipeline
-from tactiled.wire.layout import load_layout
+from tactiled.wire.layout import Layout, load_layout
 
 SERIAL = "TS0001"
 RATE_HZ = 90.0  # not the board's default of 100: it must be set again after each reboot
@@ -55,7 +55,7 @@ class TamperedLink(PtyLink):
 
 
 class BoardInThread:
-    """Emulated board without contact, on a pty under `path`.
+    """Emulated board on a pty under `path`; without a scene, nothing touches it.
 
     Attributes
     ----------
@@ -63,19 +63,21 @@ class BoardInThread:
         Instants at which the board was plugged in.
     """
 
-    def __init__(self, path: Path, serial: str) -> None:
+    def __init__(
+        self, path: Path, board: EmulatedBoardParams, layout: Layout = LAYOUT, scene: Scene | None = None
+    ) -> None:
         self.link = TamperedLink(path)
         self.plugged_s: list[float] = []
         self._ready = threading.Event()
         self.emulator = Emulator(
-            load_scene("rest"),
-            LAYOUT,
+            scene or load_scene("rest"),
+            layout,
             self.link,
-            board=EmulatedBoardParams(board_serial=serial),
+            board=board,
             faults=FaultParams(stall_s=STALL_S, unplug_s=UNPLUG_S),
             report=self._reported,
         )
-        self._thread = threading.Thread(target=self.emulator.run, name=f"board {serial}")
+        self._thread = threading.Thread(target=self.emulator.run, name=f"board at {path.name}")
 
     def __enter__(self) -> Self:
         """Power up and plug in."""
@@ -114,7 +116,7 @@ class DaemonOnPty:
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "board"
-        self.board = BoardInThread(self.path, SERIAL)
+        self.board = BoardInThread(self.path, EmulatedBoardParams(board_serial=SERIAL))
         self._endpoint = f"ipc://{folder}/events.ipc"
         self.scans: list[ReceivedMessage] = []
         self.statuses: list[ReceivedMessage] = []

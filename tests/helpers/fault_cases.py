@@ -10,6 +10,7 @@ from daemon_on_pty import LAYOUT, RATE_HZ, STALL_S, BoardInThread, DaemonOnPty, 
 from uart import received_at
 
 from tactiled.emulator.board.firmware import BOOT_S
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultKind
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Corrupt, Hello, Scan
@@ -114,7 +115,7 @@ def _other_board(*, stays_open: bool) -> FaultPlay:
     """
 
     async def play(daemon: DaemonOnPty) -> FaultSpan:
-        other = BoardInThread(daemon.path, "TS0666")
+        other = BoardInThread(daemon.path, EmulatedBoardParams(board_serial="TS0666"))
         right = asyncio.create_task(_unplug(daemon))
         await daemon.until_status("no-device")
         with other:
