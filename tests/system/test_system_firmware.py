@@ -25,7 +25,7 @@ from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Hello, Scan
 from tactiled.wire.layout import load_layout
 
-pytestmark = [pytest.mark.system, pytest.mark.alone]
+pytestmark = pytest.mark.system
 LAYOUT = load_layout("board-v1")
 RATE_HZ = 90.0  # not the firmware's default: the daemon must set it after each reset
 OVERRUN = 1 << LAYOUT.file.flags["overrun"]
@@ -185,17 +185,25 @@ def test_scans_for_which_the_board_had_no_room_are_counted(image: Path, tmp_path
         daemon.process.send_signal(signal.SIGCONT)
         daemon.until(lambda: daemon.status["scans_missing"] >= 20, "missing scans are counted")
         daemon.until(lambda: daemon.status["valid"], "the backlog is over")
-        board.command("stop")
-        # The file of qemu is no full witness here: it holds the octet twice at which the pty was full.
-        (*_, newest) = scans_in(board)
-        attempted = newest.sequence + 1
-        daemon.until(
-            lambda: daemon.status["scans"] + daemon.status["scans_missing"] >= attempted, "all scans"
-        )
-        assert daemon.status["scans"] + daemon.status["scans_missing"] == attempted
-        faults = board.faults()
-        assert daemon.status["scans_missing"] == faults["frames_dropped"] + faults["scans_missed"]
+        until_s = time.monotonic() + PATIENCE_S
+        # On a busy host it may have missed scans since the newest one: the next one tells the daemon.
+        while (behind := missed_behind(board, daemon)) > 0:
+            assert time.monotonic() < until_s, behind
+            board.command("cont")
+            daemon.until_more_scans(10)
+        assert behind == 0
         assert daemon.status["restarts"] == 0
+
+
+def missed_behind(board: BoardInQemu, daemon: DaemonOnBoard) -> int:
+    """Stop the board's time; return how many scans it has missed that its newest one could not tell of."""
+    board.command("stop")
+    # The file of qemu is no full witness here: it holds the octet twice at which the pty was full.
+    attempted = scans_in(board)[-1].sequence + 1
+    daemon.until(lambda: daemon.status["scans"] + daemon.status["scans_missing"] >= attempted, "all scans")
+    assert daemon.status["scans"] + daemon.status["scans_missing"] == attempted
+    faults = board.faults()
+    return faults["frames_dropped"] + faults["scans_missed"] - int(daemon.status["scans_missing"])
 
 
 def test_a_hung_board_is_reset_by_its_watchdog_and_started_again(image: Path, tmp_path: Path) -> None:
