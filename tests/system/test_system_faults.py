@@ -15,7 +15,7 @@ from fault_cases import CALM_S, CASES, FaultCase
 
 from tactiled.daemon.board.session import SILENT_PERIODS
 
-pytestmark = [pytest.mark.system, pytest.mark.alone]
+pytestmark = pytest.mark.system
 RECOVERS_S = 5.0  # 0.03 to 0.2 s on a quiet machine
 # A status is valid up to twice the silence that is a stall; with a margin for errors of instants.
 OLDEST_VALID_S = 2 * SILENT_PERIODS / RATE_HZ + 0.01
@@ -54,7 +54,8 @@ def test_the_daemon_recovers(case: FaultCase, tmp_path: Path) -> None:
             span = await case.play(daemon)
             fresh = await daemon.until_fresh_scan(span.end_s)
             after = await calm(daemon, CALM_S)
-            assert fresh.received_s - span.end_s < RECOVERS_S
+            # When the daemon sent it: this process may have read it later.
+            assert fresh.time_s + fresh.data["age_s"] - span.end_s < RECOVERS_S
             assert after.data["restarts"] - before.data["restarts"] == case.restarts
             assert after.data["scans_overrun"] - before.data["scans_overrun"] >= case.overruns
             assert after.data["rate_hz"] == RATE_HZ
