@@ -18,7 +18,7 @@ from ports import free_pair
 
 from tactiled.daemon.zmq import zmtp
 
-pytestmark = [pytest.mark.system, pytest.mark.alone]
+pytestmark = pytest.mark.system
 ATTACK_S = 2.0
 MOST_MB = 150.0  # resident memory of the daemon, whatever a client does
 SUBSCRIBER = zmtp.GREETING + zmtp.ready("SUB")
