@@ -13,7 +13,7 @@ of k along it. Because phases are angles, the chord ``2 sin(residual / 2)`` stan
 the residual where that is small and makes the likelihood that of von Mises where it is large.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,6 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import (
-    FALSE_ALARM,
     MAX_CANDIDATES,
     TINY,
     ChannelLayout,
@@ -29,10 +28,10 @@ from tactiled.detect.grooves.model import (
     distinct,
     period_and_angle,
 )
-from tactiled.detect.grooves.refine import RefinedWave, refine
+from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.ripple import Ripple
 from tactiled.detect.grooves.search import search_wave_vectors
-from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.worker import pause
 from tactiled.events.types import Candidate
 
@@ -60,6 +59,8 @@ _TYPICAL_VARIANCE = 0.1**2
 # choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
 # millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
+# derived: tail probability at two standard deviations, at which intervals are matched.
+_TAIL = 0.025
 # derived: spread of the channels' positions. With less there are no delays to measure.
 _LEAST_SPREAD_MM2 = 1e-6
 
@@ -70,6 +71,8 @@ class StrayPosterior:
 
     weights: FloatArray  # (waves,): probabilities of the waves; they sum to 1
     k: FloatArray  # (2,): the likeliest wave: mean over the standard deviations of strays
+    covariance: FloatArray  # (2, 2): of k
+    log_evidence: float  # logarithm of the probability density of the phases, mean over the waves
     # Root of the mean variance of strays, of channel and taxel together, given the likeliest wave
     stray_rad: float
     # Probability of the waves other than the likeliest if the channels of a kind were alike
@@ -147,9 +150,21 @@ def weigh_waves(
     weights = special.softmax(of_wave)
     likeliest = int(weights.argmax())
     p = np.exp(log[:, :, likeliest] - of_wave[likeliest])
-    moved = np.einsum("st,sta->a", p, unknown[:, :, -2:, likeliest])
-    stray_rad = float(np.sqrt((p * _VARIANCES).sum()))
-    return StrayPosterior(weights, k[likeliest] + moved, stray_rad, error_if_alike)
+    moves, pull = unknown[:, :, -2:, likeliest], pull[:, :, -2:, likeliest]
+    moved = np.einsum("st,sta->a", p, moves)
+    within = inverse[:, :, -2:, -2:] - (
+        pull[..., np.newaxis] * pull[..., np.newaxis, :] / spread[..., likeliest, np.newaxis, np.newaxis]
+    )
+    moves = moves - moved
+    covariance = np.einsum("st,stab->ab", p, within + moves[..., np.newaxis] * moves[..., np.newaxis, :])
+    return StrayPosterior(
+        weights=weights,
+        k=k[likeliest] + moved,
+        covariance=covariance,
+        log_evidence=float(np.logaddexp.reduce(of_wave)) - np.log(len(k)),
+        stray_rad=float(np.sqrt((p * _VARIANCES).sum())),
+        error_if_alike=error_if_alike,
+    )
 
 
 def _residuals(
@@ -162,47 +177,53 @@ def _residuals(
     return np.asarray(2 * np.sin(left / 2))
 
 
-def weigh_readings(best: RefinedWave, found: PlaneWaves, noise_inflation: float = 1.0) -> StrayPosterior:
-    """Probabilities of all readings `found`, of which `best` is the first one refined.
+def weigh_readings(
+    best: RefinedWave, k: FloatArray, noise_inflation: float = 1.0, motion: WaveMotion | None = None
+) -> StrayPosterior:
+    """Probabilities of all readings k (waves, 2) of a line, of which `best` is the first one refined.
 
-    `noise_inflation` is the ratio of the noise at the line to that of `best`.
+    `noise_inflation` is the ratio of the noise at the line to that of `best`. The motion is that of the
+    window unless another one is given.
     """
     window, variance = best.window, best.variance * noise_inflation
+    phase_rate, sd = best.equations.own_phase_rate(variance)
     return weigh_waves(
         best.equations.phasors(),
         2 * variance / window.n,
         window.layout,
-        found.k,
-        window.motion,
-        best.phase_rate / window.half_travel,
-        best.equations.phase_rate_sd(variance) / window.half_travel,
+        k,
+        motion or window.motion,
+        phase_rate / window.half_travel,
+        sd / window.half_travel,
     )
 
 
-def contradicts_motion(best: RefinedWave, found: PlaneWaves) -> bool:
-    """True where a wave of another motion suits the phases far better than the given motion."""
-    window, layout = best.window, best.window.layout
+def with_strays(best: RefinedWave, posterior: StrayPosterior, noise_inflation: float) -> RefinedWave:
+    """The wave of a posterior: its wave vector and the channels' own frequency, with their covariance."""
+    phase_rate, sd = best.equations.own_phase_rate(best.variance * noise_inflation)
+    covariance = np.zeros((1, 3, 3))
+    # Strays that taxels share are estimated from few taxels: their intervals are Student's. Phase and wave
+    # vector spend three degrees of freedom.
+    left = max(len(best.window.layout.places_mm) - 3, 1)
+    wider = (special.stdtrit(left, _TAIL) / special.ndtri(_TAIL)) ** 2
+    covariance[0, :2, :2], covariance[0, 2, 2] = wider * posterior.covariance, sd**2
+    waves = replace(
+        best.waves, k=posterior.k[np.newaxis], phase_rate=np.array([phase_rate]), covariance=covariance
+    )
+    return replace(best, waves=waves)
+
+
+def contradicts_motion(best: RefinedWave, k: FloatArray) -> bool:
+    """True where waves of another motion are far likelier than all waves k of the given motion."""
+    window = best.window
     free = window.without_speed
-    if not window.motion.has_speed or not best.mismatch.any() or not has_baseline(layout, free.motion):
+    if not window.motion.has_speed or not best.is_uneven or not has_baseline(window.layout, free.motion):
         return False
-    ripple = Ripple(free, best.phase_rate, best.variance)
-    equations, others = ripple.equations, search_wave_vectors(ripple, 0.0)
-    if not len(others.k):
+    others = search_wave_vectors(Ripple(free, best.phase_rate, best.variance), 0.0).k
+    if not len(others):
         return False
-    shared = len(layout.x_mm) / len(layout.places_mm)
-    least = shared * special.chdtri(1, FALSE_ALARM)
-    # Allowing for mismatch improves both fits: a free motion gains more without mismatch than with it.
-    likeliest = found[int(found.gain.argmax())]
-    plain = WaveSolver(window, best.variance).solve(equations, likeliest.k, likeliest.phase_rate, 2)
-    if others.gain[0] - plain.gain[0] <= least:
-        return False
-    other = refine(free, others[0])
-    mismatch = other.fundamental_mismatch
-    tied = WaveSolver(window, other.variance, mismatch).solve(equations, found.k, found.phase_rate, 2)
-    loose = WaveSolver(free, other.variance, mismatch).solve(
-        equations, other.waves.k, other.waves.phase_rate, 2
-    )
-    return bool(loose.gain[0] - tied.gain.max() > least)
+    tied, loose = weigh_readings(best, k), weigh_readings(best, others, motion=free.motion)
+    return loose.log_evidence - tied.log_evidence > -np.log(window.params.error_probability)
 
 
 def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:

@@ -21,7 +21,7 @@ from tactiled.detect.grooves.ambiguity import (
     likely_gratings,
     weigh_readings,
 )
-from tactiled.detect.grooves.estimates import disagreement, groove_answer, inflation
+from tactiled.detect.grooves.estimates import groove_answer, inflation
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, wave_vector
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.refine import RefinedWave, foreign_lines, refine
@@ -32,8 +32,6 @@ from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 from tactiled.events.types import TextureStatus
 
-# prior: variance, radians^2. With more, what suits no wave suits its mirror image no better.
-_MOST_ALIASED_MISMATCH = 0.2
 # prior: phase rate to either side of a line that is no wave, which is rarely a narrow line either.
 _BROAD_LINE = 0.25 * np.pi
 # prior: lines tried: hum and the like may be stronger than the grooves.
@@ -124,12 +122,12 @@ def _wave(ripple: Ripple) -> _Found | None:
     if not has_baseline(window.layout, motion):
         return _Found(Refusal("ambiguous", window.frequency_hz(ripple.phase_rate)))
     best, found = _best_reading(ripple)
-    if ripple.is_line and (best is None or (motion.has_speed and best.mismatch.any())):
+    if ripple.is_line and (best is None or (motion.has_speed and best.is_uneven)):
         image = _mirror_image(ripple, -np.inf if best is None else found.gain[0])
         if image is not None:
             return _Found(image)
-    if best is not None:
-        return _judged(ripple, best, found)
+    if best is not None and not contradicts_motion(best, found.k):
+        return _judged(best, found)
     if motion.has_speed and has_baseline(window.layout, window.without_speed.motion):
         return _wave(replace(ripple, window=window.without_speed))
     return None
@@ -142,9 +140,9 @@ def _best_reading(ripple: Ripple) -> tuple[RefinedWave | None, PlaneWaves]:
     if not len(found.k):
         return None, found
     best = refine(window, found[0])
-    if best.mismatch.any():
+    if best.is_uneven:
         # Strays of channels may have made another reading the best.
-        weights = weigh_readings(best, found).weights
+        weights = weigh_readings(best, found.k).weights
         if weights.argmax():
             found = found[np.argsort(-weights, kind="stable")]
             best = refine(window, found[0])
@@ -161,12 +159,12 @@ def _mirror_image(ripple: Ripple, least_gain: float) -> Refusal | None:
         found = search_wave_vectors(replace(ripple, phase_rate=fast), least_power)
         if len(found.k) and found.gain[0] > least_gain:
             image = refine(ripple.window, found[0])
-            if image.is_wave and image.fundamental_mismatch.mean() < _MOST_ALIASED_MISMATCH:
+            if image.is_wave:
                 return Refusal("aliased", image.frequency_hz, image.snr_db)
     return None
 
 
-def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
+def _judged(best: RefinedWave, found: PlaneWaves) -> _Found:
     """The answer that a wave gives, or the refusal where another reading or a second wave is likely."""
     window = best.window
 
@@ -176,24 +174,17 @@ def _judged(ripple: Ripple, best: RefinedWave, found: PlaneWaves) -> _Found:
     if best.phase_rate * window.largest_step > 2 * np.pi * ALIASED:
         return _Found(refused("aliased"))
     scale, noise_inflation = inflation(best)
-    variance, is_mismatched = 2 * best.variance * noise_inflation / window.n, bool(best.mismatch.any())
-    if has_second_wave(window, best.equations.phasors(), variance, best.k, not is_mismatched):
+    variance = 2 * best.variance * noise_inflation / window.n
+    if has_second_wave(window, best.equations.phasors(), variance, best.k, not best.is_uneven):
         return _Found(refused("several-gratings"))
-    contradicts = contradicts_motion(best, found)
-    if contradicts:
-        loose = _wave(replace(ripple, window=window.without_speed))
-        if loose is not None and loose.outcome.status == "ok":
-            return loose
-    posterior = weigh_readings(best, found, noise_inflation)
+    posterior = weigh_readings(best, found.k, noise_inflation)
     # `best` is the first; where another one is likelier by now, the two are hard to tell.
-    error, stray_rad = float(1 - posterior.weights[0]), posterior.stray_rad
-    most = window.params.error_probability
-    if contradicts or posterior.weights.argmax() or error > most:
+    error, most = float(1 - posterior.weights[0]), window.params.error_probability
+    if posterior.weights.argmax() or error > most:
         status: TextureStatus = "uneven-channels" if posterior.error_if_alike <= most else "ambiguous"
         candidates = likely_gratings(found, posterior.weights)
-        return _Found(refused(status, candidates, stray_rad), best.phase_rate, _own_harmonics(best))
-    added = disagreement(best, posterior.k) if is_mismatched else np.zeros((3, 3))
-    answer = groove_answer(best, scale, added, error, stray_rad)
+        return _Found(refused(status, candidates, posterior.stray_rad), best.phase_rate, _own_harmonics(best))
+    answer = groove_answer(best, posterior, scale, noise_inflation, error)
     answer = replace(answer, wave=None) if window.removed else answer
     return _Found(answer, best.phase_rate, _own_harmonics(best))
 

@@ -16,12 +16,10 @@ class TrackedWave:
     k: FloatArray  # (2,): wave vector, radians per millimetre
     # Phase per unit of travel: radians per millimetre, or per second where no speed was given
     frequency: float
-    # (kinds, harmonics): variance of phases within a kind, radians^2, as `RefinedWave` has it
-    mismatch: FloatArray
+    n_harmonics: int
     # (3,): factors that the fit found for the standard deviations of period, angle and speed
     scale: FloatArray
-    # (3, 3): covariance that the fit added after that, because two models of mismatch gave different answers
-    added: FloatArray
+    noise_inflation: float  # ratio of the noise at the line to that of white noise
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -1,4 +1,4 @@
-"""Refine the best wave of a line: climb to the maximum, with harmonics, noise and mismatch that agree."""
+"""Refine the best wave of a line: climb to the maximum, with its harmonics."""
 
 from dataclasses import dataclass, replace
 
@@ -11,16 +11,13 @@ from tactiled.detect.grooves.search import explained_power, most_explained_power
 from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
-# choice: iterations at most; noise and mismatch of each are those of the one before.
+# choice: iterations at most; the frequency of each is that of the one before.
 _REFINEMENTS = 4
 # choice: radians, and radians per millimetre.
 _CONVERGED_RAD = 1e-5
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
-# physical: variance, radians^2. Phases of real skins deviate by 0.3 radians; random phases by 1.8.
-_MOST_MISMATCH = 0.5
-
 # prior: part of a line's power. Less is not worth a search for another wave.
 _LEAST_FOREIGN_PART = 0.05
 # prior: part of a line's power, as the channels' own fits explain it. A wave that leaves more does not
@@ -50,8 +47,8 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
     """Multiples of a wave's frequency that are not harmonics of this wave; 1 is the fundamental.
 
     The phases of a harmonic advance h times as fast across the array as those of the fundamental. The phases
-    of noise, or of another grating whose ripple happens to be at a multiple, do not. Phase mismatch is taken
-    as the cause of a misfit, unless another wave vector explains the line so much better that mismatch is
+    of noise, or of another grating whose ripple happens to be at a multiple, do not. Strays of channels are
+    taken as the cause of a misfit, unless another wave vector explains the line so much better that they are
     unlikely (likelihood ratio of the phase variances, corrected for the number of vectors tried).
 
     The equations have the lines in question.
@@ -83,9 +80,7 @@ class RefinedWave:
 
     waves: PlaneWaves  # one wave
     equations: NormalEquations  # at its frequency, with its harmonics
-    # (kinds, harmonics): variance of phases within a kind, radians^2, widened so that all harmonics count as
-    # one observation
-    mismatch: FloatArray
+    is_uneven: bool  # True where the phases of a kind differ by more than noise
     is_wave: bool = True  # True where the phases of one wave suit the channels
 
     @property
@@ -114,11 +109,6 @@ class RefinedWave:
         return self.window.frequency_hz(self.phase_rate)
 
     @property
-    def fundamental_mismatch(self) -> FloatArray:
-        """Variance of the fundamental's phases, for fits of the fundamental only: (kinds, 1), radians^2."""
-        return self.mismatch[:, :1] / self.equations.n_harmonics
-
-    @property
     def snr_db(self) -> float:
         """Power of the ripple over that of the noise, mean of the channels."""
         snr = float((self.equations.explained / self.variance).mean()) / self.window.n
@@ -141,17 +131,15 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
 
 
 def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> RefinedWave:
-    """Alternate between wave, noise and mismatch until they agree."""
-    mismatch = np.zeros((window.layout.is_kind.shape[1], n_harmonics))
+    """Climb until the normal equations are those of the wave's frequency."""
     k, phase_rate, phase = start.k, start.phase_rate, None
     for _ in range(_REFINEMENTS):
-        best = refine_once(window, k, phase_rate, mismatch, phase)
+        best = refine_once(window, k, phase_rate, n_harmonics, phase)
         moved = max(
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
-        is_converged = moved < _CONVERGED_RAD and np.allclose(best.mismatch, mismatch, rtol=0.05)
-        k, phase_rate, phase, mismatch = best.waves.k, best.waves.phase_rate, best.waves.phase, best.mismatch
-        if is_converged:
+        k, phase_rate, phase = best.waves.k, best.waves.phase_rate, best.waves.phase
+        if moved < _CONVERGED_RAD:
             break
     return replace(best, is_wave=suits_channels(best, float(start.phase_rate[0])))
 
@@ -160,32 +148,20 @@ def refine_once(
     window: DetrendedWindow,
     k: FloatArray,
     phase_rate: FloatArray,
-    mismatch: FloatArray,
+    n_harmonics: int,
     phase: FloatArray | None = None,
 ) -> RefinedWave:
-    """Climb from a wave vector (1, 2) and phase rate (1,) with a known mismatch; then estimate that anew.
-
-    `is_wave` is not tested.
-    """
-    equations = window.equations(float(phase_rate[0]), mismatch.shape[1])
-    solver = WaveSolver(window, equations.variance, mismatch)
+    """Climb from a wave vector (1, 2) and phase rate (1,); `is_wave` is not tested."""
+    equations = window.equations(float(phase_rate[0]), n_harmonics)
+    solver = WaveSolver(window, equations.variance)
     waves = solver.solve(equations, k, phase_rate, 2, phase)
-    return RefinedWave(waves, equations, solver.mismatch_variance(equations, waves))
+    return RefinedWave(waves, equations, solver.has_strays(equations, waves))
 
 
 def suits_channels(best: RefinedWave, phase_rate: float) -> bool:
     """True where the phases of a wave that was found from a start at `phase_rate` suit the channels."""
-    waves, equations = best.waves, best.equations
     if abs(best.phase_rate - phase_rate) >= _LARGEST_PHASE_RATE_MOVE:
         return False
-    if float(best.mismatch[:, 0].mean()) / equations.n_harmonics >= _MOST_MISMATCH:
-        return False
-    free = float((equations.explained / best.variance).sum())
-    noise = float(special.chdtri(len(best.variance) * equations.n_harmonics, FALSE_ALARM))
-    plain = WaveSolver(best.window, best.variance)
-    # Where this wave is right, it also passes at the maximum without mismatch.
-    most = max(MOST_UNEXPLAINED_PART * free, noise)
-    if free - float(plain.gain(equations, waves)[0]) < most:
-        return True
-    moved = plain.solve(equations, waves.k, waves.phase_rate, 2, waves.phase)
-    return free - float(moved.gain[0]) < most
+    free = float((best.equations.explained / best.variance).sum())
+    noise = float(special.chdtri(len(best.variance) * best.equations.n_harmonics, FALSE_ALARM))
+    return free - float(best.waves.gain[0]) < max(MOST_UNEXPLAINED_PART * free, noise)

@@ -52,7 +52,7 @@ def _starts(ripple: Ripple) -> FloatArray:
     """Wave vectors (starts, 2) of the highest peaks of a grid, from each channel's own amplitude."""
     window, equations, motion = ripple.window, ripple.equations, ripple.window.motion
     heading, normal = _axes(window)
-    along, across = _grid(window, equations.phase_rate, equations.phase_rate_sd(ripple.variance))
+    along, across = _grid(window, equations.phase_rate, equations.own_phase_rate(ripple.variance)[1])
     if not len(along) or not len(across):
         return np.zeros((0, 2))
     scores = _scores(equations.phasors(), window.layout, heading, along, across, ripple.variance)

@@ -55,7 +55,7 @@ def has_second_wave(
     z, variance : (channels,) complex128 and float64
         Phasors of the line, and the variance of noise in the real and in the imaginary part of each.
     are_alike : bool
-        The phases of a kind show no mismatch.
+        The phases of a kind differ by no more than noise.
     """
     layout, n_kinds = window.layout, window.layout.is_kind.shape[1]
     if len(z) < 4 * n_kinds + 5:  # too few for the amplitudes of both waves and their directions

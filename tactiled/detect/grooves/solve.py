@@ -3,10 +3,6 @@
 Gauss-Newton steps with the linear part, the amplitudes of each channel, solved exactly at each step (variable
 projection: Golub, Pereyra 1973). Several starts are refined side by side. Starts and channels are the last
 axes of whatever is computed for each of them, so that small matrices are handled together.
-
-No two taxels of a real skin are alike, and with a good signal this phase mismatch limits the accuracy, not
-noise. Each channel's phases may therefore differ from those of its kind, with a variance that is estimated
-from the fit. The mismatch is integrated out like any Gaussian unknown; frequencies do not depend on them.
 """
 
 from dataclasses import dataclass
@@ -16,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
+from tactiled.detect.grooves.model import TINY
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
@@ -25,10 +22,8 @@ _NEWTON_STEPS = 3
 _CONVERGED_SIGMAS = 0.03
 # derived: phase at the edge of the array. Beyond it the linear model of a phase does not hold.
 LARGEST_STEP_RAD = 0.5
-# choice: probability that noise alone passes as phase mismatch.
-_FALSE_MISMATCH = 1e-3
-# derived: variance of a uniformly distributed phase, radians^2.
-_ANY_PHASE = np.pi**2 / 3
+# choice: probability that noise alone passes for strays.
+_FALSE_STRAYS = 1e-3
 # derived: ridge that keeps the standard deviation of an undetermined quantity finite.
 _NO_INFORMATION = 1e-12
 
@@ -60,23 +55,6 @@ class Linearisation:
     gain: FloatArray  # (starts, channels): twice the log-likelihood ratio over no wave
     gradient: FloatArray  # (harmonics + 1, starts, channels): of the log-likelihood
     information: FloatArray  # (harmonics + 1, harmonics + 1, starts, channels)
-
-    def with_mismatch(self, mismatch: FloatArray) -> "Linearisation":
-        """Integrate out a Gaussian mismatch of phases, of some variance (harmonics, channels), radians^2.
-
-        Woodbury's identity, in a form that also holds for a variance of zero.
-        """
-        n = len(mismatch)
-        sd = np.sqrt(mismatch)[:, np.newaxis]
-        both = np.zeros((2 * n + 2, 2 * n + 2, *self.gain.shape))
-        both[n:-1, n:-1] = self.information
-        both[n:-1, -1] = both[-1, n:-1] = self.gradient
-        both[:n, n:] = sd[:, np.newaxis] * both[n:-2, n:]
-        both[n:, :n] = both[:n, n:].swapaxes(0, 1)
-        both[:n, :n] = both[:n, n:-2] * sd
-        both[range(n), range(n)] += 1.0
-        left = sweep(both, n)
-        return Linearisation(self.gain - left[-1, -1], left[n:-1, -1], left[n:-1, n:-1])
 
 
 def sweep(square: FloatArray, n: int) -> FloatArray:
@@ -199,23 +177,11 @@ def total_information(
 
 
 class WaveSolver:
-    """Fits of one window, given the variances of noise and mismatch.
+    """Fits of one window, given the variance of each channel's noise, volts^2: (channels,)."""
 
-    Parameters
-    ----------
-    variance : (channels,) float64
-        Of each channel's noise, volts^2.
-    mismatch : (kinds, harmonics) float64, optional
-        Of phases within a kind, radians^2; zeros where left out.
-    """
-
-    def __init__(
-        self, window: DetrendedWindow, variance: FloatArray, mismatch: FloatArray | None = None
-    ) -> None:
-        is_kind = window.layout.is_kind
+    def __init__(self, window: DetrendedWindow, variance: FloatArray) -> None:
         self._window, self._motion, self._weight = window, window.motion, 1.0 / variance
         self._rim_mm = max(float(np.abs(window.layout.xy_mm).max()), 1e-3)
-        self._mismatch = None if mismatch is None or not mismatch.any() else (is_kind @ mismatch).T
 
     def likely_phase_rate(self, k: FloatArray, line: float, sigmas: float) -> FloatArray:
         """Phase rate nearest to a line's among those that the motion allows: (starts,)."""
@@ -269,20 +235,12 @@ class WaveSolver:
             phase = phase + move[:, 3:].reshape(phase.shape)
             if is_last:
                 break
-        gain = self._gain(near, off)
+        gain = near.gain.sum(axis=1) - off**2 * self._motion.has_speed
         to_phase_rate = self._to_phase_rate(slack)
         covariance = _solved(normal, np.eye(normal.shape[1])[:, :3])[:, :3]
         return PlaneWaves(
             k, phase_rate, gain, to_phase_rate @ covariance @ to_phase_rate.transpose(0, 2, 1), phase
         )
-
-    def gain(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
-        """Gain (starts,) of waves as they are, with the phases of this solver's mismatch."""
-        off = self._off(waves.k, waves.phase_rate, self._slack(waves.k))
-        return self._gain(self._near(equations, waves), off)
-
-    def _gain(self, near: Linearisation, off: FloatArray) -> FloatArray:
-        return np.asarray(near.gain.sum(axis=1) - off**2 * self._motion.has_speed)
 
     def _off(self, k: FloatArray, phase_rate: FloatArray, slack: FloatArray) -> FloatArray:
         """Distance of phase rates from those of a known motion, in units of the slack: (starts,)."""
@@ -303,45 +261,20 @@ class WaveSolver:
         """
         slack = self._slack(waves.k)
         noisy = expected_products(equations, waves) + noise
-        near = linearise(equations, self._weight, waves, noisy)
-        near = near if self._mismatch is None else near.with_mismatch(self._mismatch)
-        normal, gradient = self._normal(near, slack)
+        normal, gradient = self._normal(linearise(equations, self._weight, waves, noisy), slack)
         return np.asarray(
             _solved(normal, gradient[..., np.newaxis])[:, :3, 0] @ self._to_phase_rate(slack)[0].T
         )
 
-    def mismatch_variance(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
-        """Variance of phases within each kind that exceeds the noise: (kinds, harmonics), radians^2.
-
-        The moment estimate of DerSimonian and Laird (1986), where a chi-square test finds any mismatch.
-        """
-        near = self._plain(equations, waves)
-        is_kind = self._window.layout.is_kind
-        known = np.einsum("hhsc->ch", near.information[:-1, :-1])
-        excess = np.where(known > 0, near.gradient[:-1, 0].T ** 2 / np.where(known > 0, known, 1.0), 0.0)
-        seen = (known > 0).astype(np.float64)
+    def has_strays(self, equations: NormalEquations, waves: PlaneWaves) -> bool:
+        """True where phases of a kind differ by more than noise (chi-square test)."""
+        near = self._near(equations, waves)
+        known = np.einsum("hhsc->hc", near.information[:-1, :-1])
+        excess = near.gradient[:-1, 0] ** 2 / np.maximum(known, TINY)
         # Each kind uses one degree of freedom for each harmonic's phase; all kinds together two for the wave
         # vector.
-        spent = 1.0 + 2.0 / max(equations.n_harmonics * is_kind.shape[1], 1)
-        dof = np.maximum(is_kind.T @ seen - spent, 0.0)
-        q, total = is_kind.T @ excess, is_kind.T @ known
-        if q.sum() <= special.chdtri(max(float(dof.sum()), 1e-3), _FALSE_MISMATCH):
-            return np.zeros_like(q)
-        share = dof / np.maximum(is_kind.T @ seen, 1.0)
-        found = (q > dof) & (dof > 0)
-        own = np.where(found, (q - dof) / np.where(found, np.maximum(total * share, 1e-200), 1.0), 0.0)
-        # A kind has few channels: the pooled estimate of all kinds counts as one more channel.
-        pooled = np.maximum((q - dof).sum(axis=0) / np.maximum((total * share).sum(axis=0), 1e-200), 0.0)
-        # The mismatch of a channel is common to its harmonics, which then count as one observation.
-        mismatch = np.minimum((dof * own + pooled) / (dof + 1.0), _ANY_PHASE)
-        return np.asarray(equations.n_harmonics * mismatch)
-
-    def standardised_mismatch(self, equations: NormalEquations, waves: PlaneWaves) -> FloatArray:
-        """Deviation of each channel's fundamental from its kind, in standard deviations: (channels,)."""
-        near = self._plain(equations, waves)
-        known = near.information[0, 0, 0]
-        allowed = 0.0 if self._mismatch is None else self._mismatch[0]
-        return np.asarray(near.gradient[0, 0] / np.sqrt(np.maximum(known * (1 + known * allowed), 1e-300)))
+        dof = int((known > 0).sum()) - equations.n_harmonics * self._window.layout.is_kind.shape[1] - 2
+        return bool(excess.sum() > special.chdtri(max(dof, 1e-3), _FALSE_STRAYS))
 
     def _first_phase(self, equations: NormalEquations, k: FloatArray, phase_rate: FloatArray) -> FloatArray:
         """Phases of the kinds that suit the channels' own phasors: (starts, kinds, harmonics)."""
@@ -353,11 +286,6 @@ class WaveSolver:
         return np.asarray(np.angle(np.einsum("sch,cg->sgh", turned, self._window.layout.is_kind)))
 
     def _near(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
-        near = self._plain(equations, waves)
-        return near if self._mismatch is None else near.with_mismatch(self._mismatch)
-
-    def _plain(self, equations: NormalEquations, waves: PlaneWaves) -> Linearisation:
-        """Linearise near waves without mismatch."""
         return linearise(equations, self._weight, waves, equations.product[np.newaxis])
 
     def _normal(self, near: Linearisation, slack: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -4,8 +4,7 @@ A fit (`fit`) spends its time on questions that one answer settles for the windo
 grooves', which of the wave vectors that its phases allow is the true one, whether there are two waves. The
 wave itself costs a thirtieth. It is climbed to from the last answer, in a window of raw scans, with the
 equations of the fit; the result is the maximum of the same likelihood, so that nothing accumulates and
-standard deviations mean what they mean in a fit. What coloured noise and mismatch add to them is that of the
-last fit.
+standard deviations mean what they mean in a fit. What coloured noise adds to them is that of the last fit.
 
 Another pattern under the skin is noticed by its phasors: the window is divided into blocks, and those of the
 newest must be those of the blocks before, apart from a common factor, which an uneven speed changes too.
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from tactiled.detect.grooves.ambiguity import weigh_readings
 from tactiled.detect.grooves.estimates import groove_answer
 from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM, SAME_WAVE_RAD, TINY
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Refusal
@@ -44,10 +44,8 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
         window = window.curved
     if not last.uses_given_speed:
         window = window.without_speed
-    if window.layout.is_kind.shape[1] != len(last.wave.mismatch):
-        return None
-    phase_rate = last.wave.frequency * window.half_travel
-    best = refine_once(window, last.wave.k[np.newaxis], np.array([phase_rate]), last.wave.mismatch)
+    wave, phase_rate = last.wave, last.wave.frequency * window.half_travel
+    best = refine_once(window, wave.k[np.newaxis], np.array([phase_rate]), wave.n_harmonics)
     least, most = np.pi * scans.params.min_periods, 2 * np.pi * ALIASED / window.largest_step
     if not least <= best.phase_rate <= most or not suits_channels(best, phase_rate):
         return None
@@ -55,7 +53,8 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
     n_block = round(max(_BLOCK_S, _BLOCK_PERIODS / best.frequency_hz) * rate_hz)
     if is_another_pattern(best, n_block):
         return NewPattern("ambiguous", best.frequency_hz, best.snr_db)
-    return groove_answer(best, last.wave.scale, last.wave.added, last.error_probability, last.stray_rad)
+    posterior = weigh_readings(best, best.waves.k, wave.noise_inflation)
+    return groove_answer(best, posterior, wave.scale, wave.noise_inflation, last.error_probability)
 
 
 def is_another_pattern(best: RefinedWave, n_block: int) -> bool:

@@ -250,12 +250,15 @@ class NormalEquations:
         n_free = max(window.n - window.trend.shape[1] - 2 * self.n_harmonics, 1)
         return np.asarray(np.maximum((window.power - self.explained) / n_free, LEAST_VARIANCE))
 
-    def phase_rate_sd(self, variance: FloatArray) -> float:
-        """Cramer-Rao bound of the phase rate where channels share nothing else, fundamental only."""
-        m = 2 * self.n_harmonics
+    def own_phase_rate(self, variance: FloatArray) -> tuple[float, float]:
+        """Phase rate where channels share nothing else, by a Gauss-Newton step, and its Cramer-Rao bound."""
+        m, times = 2 * self.n_harmonics, np.arange(1.0, self.n_harmonics + 1)
         late = np.zeros_like(self.product)  # derivative by the phase rate, as parts of the functions
-        late[:, m], late[:, m + 1] = self.parts[:, 1], -self.parts[:, 0]
+        late[:, m::2], late[:, m + 1 :: 2] = times * self.parts[:, 1::2], -times * self.parts[:, ::2]
         seen = (self.gram @ late[..., np.newaxis])[..., 0]
         own = np.linalg.solve(self.gram[:, :m, :m], seen[:, :m, np.newaxis])[..., 0]
         information = (late * seen).sum(axis=1) - (own * seen[:, :m]).sum(axis=1)
-        return float(1 / np.sqrt(max(float((information / variance).sum()), 1e-12)))
+        total = max(float((information / variance).sum()), 1e-12)
+        left = self.product[:, m:] - (self.gram[:, m:, :m] @ self.parts[..., np.newaxis])[..., 0]
+        pull = float(((late[:, m:] * left).sum(axis=1) / variance).sum())
+        return self.phase_rate + pull / total, float(1 / np.sqrt(total))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from gratings import ARRAY, Grating, Slide, fit, grid, known
-from scipy import stats
+from scipy import linalg, stats
 
 from tactiled.array import Array
 from tactiled.detect.grooves.ambiguity import LOG_PRIOR, SIGMAS_C, SIGMAS_T, has_baseline, weigh_waves
@@ -76,7 +76,7 @@ def test_evenly_spaced_taxels_leave_readings_that_differ_by_whole_turns() -> Non
 
 @pytest.mark.parametrize(("sigma_c", "sigma_t"), [(0.05, 0.0), (0.1, 0.06), (0.02, 0.2)])
 @pytest.mark.parametrize("motion", [UNKNOWN, ALONG_X])
-def test_weights_are_those_of_the_dense_gaussian_model(
+def test_weights_and_covariance_are_those_of_the_dense_gaussian_model(
     sigma_c: float, sigma_t: float, motion: WaveMotion
 ) -> None:
     """Unknown phases and corrections of k as Gaussians of huge variance in one dense covariance matrix."""
@@ -87,26 +87,27 @@ def test_weights_are_those_of_the_dense_gaussian_model(
 
     same = CENTRED.taxel[:, np.newaxis] == CENTRED.taxel
     noise = np.diag(1e-4 / np.abs(z) ** 2 + sigma_c**2) + sigma_t**2 * same
-    log = []
+    log, covariances = [], []
     for each in k:
         left = np.angle(z * np.exp(-1j * (PLACE @ each)))
         for kind in range(4):  # the mean phase of a kind is free: any shift of it is as good
             mine = CENTRED.kind == kind
             left[mine] = np.angle(np.exp(1j * (left[mine] - np.angle(np.exp(1j * left[mine]).sum()))))
         unknown = np.concatenate([10.0 * CENTRED.is_kind, 10.0 * PLACE], axis=1)
-        observed, covariance = 2 * np.sin(left / 2), noise + unknown @ unknown.T
+        observed, rows, own = 2 * np.sin(left / 2), unknown, noise
         if motion.has_speed:
             slack = np.linalg.norm(
                 [each[1] * np.radians(1.5), each[0] * np.sqrt(3) / 2 * np.radians(1.5) ** 2, 0.05]
             )
             rows = np.concatenate([unknown, 10.0 * np.array([[0, 0, 0, 0, 1.0, 0]])])
-            covariance = rows @ rows.T
-            covariance[:36, :36] += noise
-            covariance[36, 36] += slack**2
+            own = linalg.block_diag(noise, slack**2)
             observed = np.append(observed, TRUE[0] - each[0])
+        covariance = own + rows @ rows.T
+        covariances.append(100 * np.linalg.inv(rows.T @ np.linalg.inv(own) @ rows + np.eye(6))[-2:, -2:])
         log.append(stats.multivariate_normal(np.zeros(len(observed)), covariance).logpdf(observed))
     odds = np.exp(log[1] - log[0])
     assert found.weights[1] / found.weights[0] == pytest.approx(odds, rel=1e-3, abs=1e-12)
+    assert found.covariance == pytest.approx(covariances[int(odds > 1)], rel=1e-6)
 
 
 def test_strays_of_channels_and_taxels_are_found() -> None:

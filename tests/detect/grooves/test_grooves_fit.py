@@ -42,9 +42,10 @@ def test_finds_period_angle_and_speed(motion_of: MotionOf, direction_deg: float,
     assert found.speed_mm_s == pytest.approx(3.0, abs=5 * found.speed_sd_mm_s + 1e-9)
 
 
-def test_a_told_speed_that_the_phases_contradict_is_replaced_by_the_estimated_one() -> None:
+@pytest.mark.parametrize("told_mm_s", [1.0, 1.9, 2.1, 3.0, 4.0])
+def test_a_told_speed_that_the_phases_contradict_is_replaced_by_the_estimated_one(told_mm_s: float) -> None:
     slide = Slide((Grating(),), speed_mm_s=2.0)
-    found = answer(fit(slide, dataclasses.replace(known(slide), speed_mm_s=4.0)))
+    found = answer(fit(slide, dataclasses.replace(known(slide), speed_mm_s=told_mm_s)))
     assert_right(found, Grating())
     assert not found.uses_given_speed
     assert found.speed_mm_s == pytest.approx(2.0, abs=5 * found.speed_sd_mm_s)

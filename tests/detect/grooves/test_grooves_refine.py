@@ -1,4 +1,4 @@
-"""Standard deviations of the joint fit in coloured noise and with phase mismatch between channels."""
+"""Standard deviations of the joint fit in coloured noise and with strays of channels."""
 
 import dataclasses
 

@@ -76,27 +76,6 @@ def test_gradient_is_the_slope_of_the_gain(seed: int) -> None:
     assert slope == pytest.approx(here.gradient[2, 0], abs=1e-5 * scale)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_mismatch_is_a_gaussian_unknown(seed: int) -> None:
-    weight, equations, waves = case(seed)
-    plain = near(weight, equations, waves)
-    rng = np.random.default_rng(seed)
-    mismatch = rng.uniform(0, 0.5, (2, N_CHANNELS)) * (rng.uniform(size=(2, N_CHANNELS)) > 0.3)
-    mismatched = plain.with_mismatch(mismatch)
-    for c in range(N_CHANNELS):
-        variance = np.zeros((3, 3))
-        variance[[0, 1], [0, 1]] = mismatch[:, c]
-        information, gradient = plain.information[..., 0, c], plain.gradient[:, 0, c]
-        # The mismatch adds its variance to that of the measured unknowns (without inverting either).
-        softened = np.linalg.inv(np.eye(3) + information @ variance)
-        assert mismatched.information[..., 0, c] == pytest.approx(softened @ information, rel=1e-6, abs=1e-6)
-        assert mismatched.gradient[:, 0, c] == pytest.approx(softened @ gradient, rel=1e-6, abs=1e-6)
-        more = gradient @ variance @ softened @ gradient
-        assert mismatched.gain[0, c] - plain.gain[0, c] == pytest.approx(more, rel=1e-6, abs=1e-6)
-    none = plain.with_mismatch(np.zeros((2, N_CHANNELS)))
-    assert none.information == pytest.approx(plain.information)
-
-
 def direct_fit(volts: FloatArray, time_s: FloatArray, start: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least squares over wave vector, frequency and the phase of each kind, by numerical derivatives.
 
