@@ -64,7 +64,7 @@ def test_the_command_that_installs_an_extra_names_its_libraries() -> None:
     """No index has tactiled; the libraries can be installed from anywhere."""
     assert install_command("parquet").startswith("pip install ")
     assert "tactiled" not in install_command("parquet")
-    assert "zenoh" in install_command("zenoh", "tactiled-client")
+    assert "zenoh" in install_command("", "tactiled-zenoh")
     assert install_command("web", "no-such") == "pip install '.[web]' in the checkout of no-such"
 
 

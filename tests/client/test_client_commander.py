@@ -167,6 +167,8 @@ def test_values_that_no_message_can_have_are_refused_before_sending(
 def test_an_invalid_endpoint_leaves_nothing_open(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="endpoint"):
         Commander(control="nonsense")
+    with pytest.raises(ConfigError, match="endpoint"):
+        Commander("inproc://x")  # to which no endpoint of requests belongs
     with pytest.raises(ConfigError, match="cannot be read"):
         Commander(control=f"ipc://{tmp_path}/c.ipc", keys=tmp_path / "none.toml")
 

@@ -5,7 +5,7 @@ from contextlib import closing
 import pytest
 from routers import free_port, router
 
-from tactiled.client.over_zenoh import open_session, parse_address
+from tactiled.zenoh.session import open_session, parse_address
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,7 +8,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgpack
 import pytest
 import zenoh
 from patience import PATIENCE_S
@@ -17,11 +16,11 @@ from simulated_daemon import Rates, SimulatedDaemon
 from zenoh_threads import zenoh_threads
 
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
-from tactiled.client.over_zenoh import Caller, open_session, parse_address, spread
 from tactiled.errors import UnavailableError
 from tactiled.zenoh.bridge import LivelyBoards, ZenohBridge, ZenohBridgeParams
 from tactiled.zenoh.fleet import FleetList, FleetRow
 from tactiled.zenoh.safety import bridge_config
+from tactiled.zenoh.session import open_session, parse_address, spread
 
 BOARDS = ("TS0001", "TS0002")
 THINNED_HZ = 10.0
@@ -184,19 +183,8 @@ def test_the_asyncio_client_gets_the_same_items(fleet: Fleet) -> None:
 
 def test_a_command_reaches_the_daemon_once_with_its_origin(fleet: Fleet) -> None:
     done = len(fleet.daemon.commands)
-    request = msgpack.packb(
-        {
-            "v": 1,
-            "id": "1",
-            "do": "mark",
-            "text": "here",
-            "who": "gripper",
-            "board": "TS0001",
-        }
-    )
-    with closing(Caller(fleet.endpoint, None)) as caller:
-        reply = msgpack.unpackb(caller.call(request, PATIENCE_S) or b"\x80")
-        assert reply["ok"] is True
+    with Commander(fleet.endpoint, "gripper") as commander:
+        assert commander.send("mark", PATIENCE_S, text="here", board="TS0001").ok
     [command] = fleet.daemon.commands[done:]
     assert command.who == "gripper zenoh"
     assert command.arguments == {"text": "here"}

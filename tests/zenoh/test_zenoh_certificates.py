@@ -13,11 +13,11 @@ from simulated_daemon import Rates, SimulatedDaemon
 from zenoh_threads import zenoh_threads
 
 from tactiled.client import Commander, Message, Subscription
-from tactiled.client.over_zenoh import states
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams
 from tactiled.zenoh.certificates import FleetMembers, access_control, make_fleet
 from tactiled.zenoh.safety import bridge_config
+from tactiled.zenoh.session import states
 
 __all__ = ["zenoh_threads"]  # a fixture for every test here
 

@@ -4,14 +4,13 @@ A command is sent once, as soon as the daemon is connected. Without a reply with
 been carried out, or not; the caller decides whether to send it again.
 """
 
-import asyncio
 import itertools
 import secrets
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import msgpack
 import zmq
@@ -20,15 +19,13 @@ import zmq.asyncio
 from tactiled.client import nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
-from tactiled.client.transports import connect_requests
+from tactiled.client.transports import RETRY_MS, Transport, open_requests
 from tactiled.errors import DataError, OperatorError
-from tactiled.events.endpoints import ZENOH_SCHEME, control_endpoint
+from tactiled.events.endpoints import control_endpoint
 from tactiled.outside import json_of
 
-if TYPE_CHECKING:
-    from tactiled.client.over_zenoh import Caller
-
 TIMEOUT_S = 5.0  # a reply takes a millisecond; a daemon that is being restarted is back within this time
+_LOOK_MS = 100  # between two looks at a request that may have to be repeated, over zenoh
 # A request has at most 16,384 bytes (protocols/control.md); a bridge to zenoh adds some to them.
 _MOST_BYTES = 16_128
 
@@ -42,47 +39,49 @@ class Reply:
     data: dict[str, Any]  # the whole map (protocols/control.md)
 
 
-def _unanswered(endpoint: str) -> OperatorError:
-    return OperatorError(
-        f"{endpoint}: no answer; is tactiled running there, and has it the key of this client?"
-    )
-
-
 class _Request:
-    """Request until it is answered."""
+    """Request until it is answered, over a transport to `endpoint`."""
 
-    def __init__(self, do: str, id_: str, rest: dict[str, Any], timeout_s: float) -> None:
-        self.id = id_
+    def __init__(
+        self, transport: Transport, endpoint: str, request: dict[str, Any], timeout_s: float
+    ) -> None:
+        self._transport, self._endpoint = transport, endpoint
+        self._id, do = request["id"], request["do"]
         try:
-            self.payload = msgpack.packb({"v": 1, "id": id_, "do": do, **rest})
+            self._payload = msgpack.packb(request)
         except OverflowError:
             raise OperatorError(f"{do}: a whole number is beyond 64 bits (-2^63 to 2^64 - 1)") from None
         except ValueError as error:  # nested too deeply, or a lone surrogate
             raise OperatorError(f"{do}: a value cannot be sent: {error}") from None
-        if len(self.payload) > _MOST_BYTES:
-            raise OperatorError(f"{do}: {len(self.payload)} bytes, a request has at most {_MOST_BYTES}")
-        self.until_s = time.monotonic() + timeout_s
+        if len(self._payload) > _MOST_BYTES:
+            raise OperatorError(f"{do}: {len(self._payload)} bytes, a request has at most {_MOST_BYTES}")
+        self._until_s = time.monotonic() + timeout_s
+        self._is_sent = False
 
-    def wait_ms(self, endpoint: str) -> int:
-        """Return the time to wait for the reply, milliseconds; raises OperatorError after the time limit."""
-        left_s = self.until_s - time.monotonic()
-        if left_s <= 0:
-            raise _unanswered(endpoint)
-        return max(1, round(1000 * left_s))
-
-    def reply(self, payload: bytes) -> Reply | None:
-        """Return the reply to this request, or None for another message.
+    def advance(self) -> Reply | None:
+        """Send it as soon as that is possible; return the reply once it has arrived.
 
         A request that could not be read is refused with an empty id.
         """
-        data = parse_map(payload, "reply")
-        if isinstance(data, Malformed) or data.get("id") not in (self.id, ""):
-            return None
-        return Reply(data.get("ok") is True, str(data.get("reason", "")), data)
+        self._is_sent = self._is_sent or self._transport.send(self._payload, self._until_s)
+        while (payload := self._transport.take_reply()) is not None:
+            data = parse_map(payload, "reply")
+            if not isinstance(data, Malformed) and data.get("id") in (self._id, ""):
+                return Reply(data.get("ok") is True, str(data.get("reason", "")), data)
+        return None
+
+    def wait_ms(self) -> int:
+        """Return the time to wait before `advance`; raises OperatorError after the time limit."""
+        left_s = self._until_s - time.monotonic()
+        if left_s <= 0:
+            raise OperatorError(
+                f"{self._endpoint}: no answer; is tactiled running there, and has it the key of this client?"
+            )
+        return min(max(1, round(1000 * left_s)), _LOOK_MS if self._is_sent else RETRY_MS)
 
 
 class _Connected:
-    """Socket for requests, with their numbers."""
+    """Transport of requests, with their numbers."""
 
     def __init__(
         self,
@@ -100,39 +99,16 @@ class _Connected:
             self._endpoint = control_endpoint(endpoint)
         else:
             self._endpoint = nearby.control()
-        self._caller: Caller | None = None
-        if self._endpoint.startswith(ZENOH_SCHEME):
-            from tactiled.client import over_zenoh  # zenoh is an extra
-
-            self._caller = over_zenoh.Caller(self._endpoint, None if keys is None else Path(keys))
-            return
-        self._context = zmq.Context()
-        self._socket: zmq.Socket[bytes] = self._context.socket(zmq.DEALER)
-        try:
-            connect_requests(self._socket, self._endpoint, None if keys is None else Path(keys))
-        except BaseException:
-            self.close()
-            raise
+        self._transport = open_requests(self._endpoint, None if keys is None else Path(keys))
 
     def _request(self, do: str, arguments: dict[str, Any], timeout_s: float) -> _Request:
-        rest = {"who": self._who, **arguments}
-        return _Request(do, f"{self._name}-{next(self._numbers)}", rest, timeout_s)
-
-    def _call(self, caller: "Caller", request: _Request) -> Reply:
-        """Send a request through zenoh, and wait for its reply."""
-        payload = caller.call(request.payload, 1e-3 * request.wait_ms(self._endpoint))
-        reply = None if payload is None else request.reply(payload)
-        if reply is None:
-            raise _unanswered(self._endpoint)
-        return reply
+        id_ = f"{self._name}-{next(self._numbers)}"
+        request = {"v": 1, "id": id_, "do": do, "who": self._who, **arguments}
+        return _Request(self._transport, self._endpoint, request, timeout_s)
 
     def close(self) -> None:
         """Close the connection."""
-        if self._caller is not None:
-            self._caller.close()
-            return
-        self._socket.close(linger=0)
-        self._context.term()
+        self._transport.close()
 
 
 class Commander(_Connected):
@@ -174,16 +150,12 @@ class Commander(_Connected):
             No reply came in time. The command may have been carried out all the same.
         """
         request = self._request(do, arguments, timeout_s)
-        if self._caller is not None:
-            return self._call(self._caller, request)
-        while not self._socket.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):
-            pass  # until the daemon is connected, or the time limit
-        self._socket.send(request.payload)
-        while True:
-            if self._socket.poll(request.wait_ms(self._endpoint)):
-                reply = request.reply(self._socket.recv_multipart()[-1])
-                if reply is not None:
-                    return reply
+        poller = zmq.Poller()
+        for pollable in self._transport.pollables:
+            poller.register(pollable, zmq.POLLIN)
+        while (reply := request.advance()) is None:
+            poller.poll(request.wait_ms())
+        return reply
 
     def announce_motion(
         self,
@@ -220,18 +192,13 @@ class AsyncCommander(_Connected):
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply, one at a time; errors as for `Commander.send`."""
         request = self._request(do, arguments, timeout_s)
-        if self._caller is not None:
-            return await asyncio.to_thread(self._call, self._caller, request)
-        sock: zmq.asyncio.Socket = zmq.asyncio.Socket(shadow=self._socket)
-        # pyzmq's stub lacks the flags.
-        while not await sock.poll(request.wait_ms(self._endpoint), zmq.POLLOUT):  # type: ignore[call-arg]
-            pass  # as in `Commander.send`
-        self._socket.send(request.payload)
-        while True:
-            if await sock.poll(request.wait_ms(self._endpoint)):
-                reply = request.reply(self._socket.recv_multipart()[-1])
-                if reply is not None:
-                    return reply
+        poller = zmq.asyncio.Poller()
+        for pollable in self._transport.pollables:
+            is_socket = isinstance(pollable, zmq.Socket)
+            poller.register(zmq.asyncio.Socket(shadow=pollable) if is_socket else pollable, zmq.POLLIN)
+        while (reply := request.advance()) is None:
+            await poller.poll(request.wait_ms())
+        return reply
 
     async def announce_motion(
         self,

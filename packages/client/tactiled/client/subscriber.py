@@ -13,16 +13,16 @@ import msgpack
 import zmq
 import zmq.asyncio
 
+from tactiled.client.catchup import PATIENT_HOLD_S
 from tactiled.client.inbox import Inbox
 from tactiled.client.items import Item, Message
-from tactiled.client.transports import Transport, open_transport
+from tactiled.client.transports import RETRY_MS, Transport, open_transport
 from tactiled.client.typed import Topic
 from tactiled.errors import DataError
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, ZENOH_SCHEME, control_endpoint
 
 STALE_AFTER_S = 0.5  # five periods of the status
 _INFO_S = 5.0  # a daemon publishes the description of a board once a second
-_RETRY_MS = 10  # interval of sending a request while the socket is not connected
 
 
 class _SubscriptionBase:
@@ -90,7 +90,7 @@ class _SubscriptionBase:
                 self._items += self._inbox.receive(parts, time.monotonic(), time.time(), thinned | newest_of)
         self._items += self._inbox.tick(time.monotonic())
         for request in self._inbox.catch_up.unsent:
-            if not self._transport.send(msgpack.packb(request)):
+            if not self._transport.send(msgpack.packb(request), time.monotonic() + PATIENT_HOLD_S):
                 return
             self._inbox.catch_up.sent(request)
 
@@ -98,8 +98,8 @@ class _SubscriptionBase:
         """Time to wait for a message before the next deadline, milliseconds; -1 without a deadline."""
         due_s = min(self._inbox.deadline_s, until_s)
         wait_ms = -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
-        if self._inbox.catch_up.unsent and not 0 <= wait_ms < _RETRY_MS:
-            return _RETRY_MS
+        if self._inbox.catch_up.unsent and not 0 <= wait_ms < RETRY_MS:
+            return RETRY_MS
         return wait_ms
 
 

@@ -1,9 +1,10 @@
-"""Transports of a subscription, and the ZeroMQ sockets of clients, with keys where the daemon requires them.
+"""Transports of subscriptions and commands, and the ZeroMQ sockets of clients, with keys where a daemon asks.
 
-`ZmqTransport` is the connection to a daemon over ZeroMQ; `tactiled.client.over_zenoh` has that over zenoh.
+`ZmqTransport` is the connection to a daemon over ZeroMQ; the distribution tactiled-zenoh has that over zenoh.
 Both carry the same payloads, so that an `Inbox` cannot tell them apart.
 """
 
+import importlib
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +17,7 @@ from tactiled.events.codec import topic_of
 from tactiled.events.endpoints import DEAD_PEER_OPTIONS, DEFAULT_ENDPOINT, ZENOH_SCHEME
 from tactiled.outside import read_secret
 
+RETRY_MS = 10  # interval of sending a request while the daemon is not connected
 _RECEIVE_HIGH_WATER = 2000  # as the publisher's: a pause of some 18 s loses nothing
 # The largest message has some 40 kB (4096 channels); libzmq disconnects from larger ones.
 _LARGEST_BYTES = 1 << 20
@@ -24,7 +26,7 @@ _RECONNECT_MS = 30  # requests wait for the connection to a daemon that restarts
 
 
 class Transport(Protocol):
-    """Connection of one subscription; no method waits."""
+    """Connection of one subscription or of commands; no method waits."""
 
     thinned: frozenset[str]
     """Topics of which the newest received message says that not every message is sent."""
@@ -39,8 +41,8 @@ class Transport(Protocol):
     def take_reply(self) -> bytes | None:
         """Return a reply that has arrived; None for none."""
 
-    def send(self, payload: bytes) -> bool:
-        """Send a request; False where that is not possible now."""
+    def send(self, payload: bytes, until_s: float) -> bool:
+        """Send a request, of use until then (``time.monotonic()``); False where that is not possible now."""
 
     def close(self) -> None:
         """Close the connection."""
@@ -60,56 +62,77 @@ def open_transport(
     asyncio or not.
     """
     if not endpoint.startswith(ZENOH_SCHEME):
-        return ZmqTransport(make_context(), endpoint, control, topics, board, keys)
+        return ZmqTransport(make_context(), endpoint, control or None, topics, board, keys)
     if control not in ("", endpoint):
         raise OperatorError(
             "control: requests over zenoh go to the host that the endpoint names: leave it out"
         )
-    from tactiled.client.over_zenoh import ZenohTransport  # zenoh is an extra
+    return _over_zenoh().subscription(endpoint, topics, board, keys, can_ask=bool(control))  # type: ignore[no-any-return]
 
-    return ZenohTransport(endpoint, topics, board, keys, can_ask=bool(control))
+
+def open_requests(control: str, keys: Path | None) -> Transport:
+    """Connect to a daemon for commands; errors as for `Client`."""
+    if control.startswith(ZENOH_SCHEME):
+        return _over_zenoh().requests(control, keys)  # type: ignore[no-any-return]
+    return ZmqTransport(zmq.Context(), None, control, (), None, keys)
+
+
+def _over_zenoh() -> Any:
+    """Import what serves ``zenoh://`` endpoints; this distribution does not depend on it."""
+    try:
+        return importlib.import_module("tactiled.zenoh.transport")
+    except ModuleNotFoundError as error:
+        words = f"install tactiled-zenoh, as in pip install ./packages/client ./packages/zenoh ({error})"
+        raise OperatorError(f"{ZENOH_SCHEME} endpoints: {words}") from None
 
 
 class ZmqTransport:
-    """SUB socket for events, and DEALER for requests; `close` terminates their context."""
+    """SUB socket for events, and DEALER for requests; `close` terminates their context.
+
+    Where the endpoint of events is None, or that of requests (`control`), there is no such socket.
+    """
 
     thinned: frozenset[str] = frozenset()
 
     def __init__(
         self,
         context: zmq.Context[Any],
-        endpoint: str,
-        control: str,
+        endpoint: str | None,
+        control: str | None,
         topics: Sequence[str],
         board: str | None,
         keys: Path | None,
     ) -> None:
         self._context = context
-        self.pollables: list[zmq.Socket[Any]] = [context.socket(zmq.SUB)]
-        if control:
-            self.pollables.append(context.socket(zmq.DEALER))
+        self.pollables: list[zmq.Socket[Any]] = []
+        # Blocking shadows read without waiting, also from the sockets of asyncio.
+        self._events: zmq.Socket[bytes] | None = None
+        self._control: zmq.Socket[bytes] | None = None
         try:
-            connect_events(self.pollables[0], endpoint, topics, board, keys)
-            if control:
-                connect_requests(self.pollables[1], control, keys)
+            if endpoint is not None:
+                self._events = self._socket(zmq.SUB)
+                connect_events(self._events, endpoint, topics, board, keys)
+            if control is not None:
+                self._control = self._socket(zmq.DEALER)
+                connect_requests(self._control, control, keys)
         except BaseException:
             self.close()
             raise
-        # Blocking shadows read without waiting, also from the sockets of asyncio.
-        shadows: list[zmq.Socket[bytes]] = [zmq.Socket.shadow(sock.underlying) for sock in self.pollables]
-        self._events = shadows[0]
-        self._control = shadows[1] if control else None
+
+    def _socket(self, kind: int) -> "zmq.Socket[bytes]":
+        self.pollables.append(self._context.socket(kind))
+        return zmq.Socket.shadow(self.pollables[-1].underlying)
 
     def receive(self) -> list[bytes]:
         """Return topic and payload of a message that has arrived; empty for none."""
-        return take(self._events)
+        return [] if self._events is None else take(self._events)
 
     def take_reply(self) -> bytes | None:
         """Return a reply that has arrived; None for none."""
         parts = [] if self._control is None else take(self._control)
         return parts[-1] if parts else None
 
-    def send(self, payload: bytes) -> bool:
+    def send(self, payload: bytes, until_s: float) -> bool:  # noqa: ARG002  a request that was sent arrives
         """Send a request; False while the daemon is not connected."""
         return self._control is not None and send_now(self._control, payload)
 

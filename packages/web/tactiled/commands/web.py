@@ -97,8 +97,8 @@ def web(
     from tactiled.web.server import Listening, run_web
 
     if any(endpoint.startswith(ZENOH_SCHEME) for endpoint in endpoints):
-        need_extra("zenoh", "zenoh", "zenoh:// endpoints", "tactiled-client")
-        from tactiled.client.over_zenoh import spread
+        need_extra("tactiled.zenoh", "zenoh", "zenoh:// endpoints", "tactiled-web")
+        from tactiled.zenoh.session import spread
 
         endpoints = spread(endpoints, keys, _HOSTS_S)
     array_files = {name: load_array(name) for name in arrays}

@@ -51,14 +51,14 @@ def bridge(
 
     Example: tactiled zenoh --events ipc:///run/tactiled/left/events.ipc --config /etc/tactiled/zenoh.json5
     """
-    need_extra("zenoh", "zenoh", "the bridge", "tactiled-client")
+    need_extra("zenoh", "", "the bridge", "tactiled-zenoh")
     if allow_commands and keys is None and not endpoint.startswith("ipc://"):
         raise click.UsageError(
             f"--allow-commands: the daemon takes commands over ipc, or with --keys; not {endpoint}"
         )
-    from tactiled.client.over_zenoh import is_chunk
     from tactiled.zenoh.bridge import ZenohBridge, ZenohBridgeParams, host_name, wait_for_session
     from tactiled.zenoh.safety import bridge_config
+    from tactiled.zenoh.session import is_chunk
 
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stderr)
     name = host_name() if host is None else host
@@ -111,7 +111,7 @@ def fleet(
 
     Example: tactiled fleet zenoh://router:7447/* --once --expect robot7
     """
-    need_extra("zenoh", "zenoh", "the list", "tactiled-client")
+    need_extra("zenoh", "", "the list", "tactiled-zenoh")
     from tactiled.errors import UnavailableError
     from tactiled.zenoh.fleet import FleetList, FleetMetrics, draw_table
 

@@ -17,11 +17,12 @@ from pathlib import Path
 import zenoh
 import zmq
 
-from tactiled.client.over_zenoh import WakeUp, words_of, zenoh_chunk
 from tactiled.client.transports import connect_events, connect_requests, send_now, take
 from tactiled.errors import UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.zenoh.relay import Relay
+from tactiled.zenoh.session import chunk_of, words_of
+from tactiled.zenoh.transport import WakeUp
 
 logger = logging.getLogger(__name__)
 
@@ -72,7 +73,7 @@ def key_of(host: str, topic: bytes) -> str | None:
     parts = topic.decode(errors="replace").split("/")
     if len(parts) != 3 or not all(parts):
         return None
-    return "/".join(("tactile", host, *map(zenoh_chunk, parts[1:])))
+    return "/".join(("tactile", host, *map(chunk_of, parts[1:])))
 
 
 def wait_for_session(config: "zenoh.Config") -> "zenoh.Session":
@@ -207,7 +208,7 @@ class LivelyBoards:
     def heard(self, topic: bytes, now_s: float) -> None:
         """Take note of a status."""
         if topic not in self._tokens:
-            board = zenoh_chunk(topic.decode(errors="replace").split("/")[1])
+            board = chunk_of(topic.decode(errors="replace").split("/")[1])
             self._tokens[topic] = self._session.liveliness().declare_token(f"tactile/{self._host}/{board}")
             logger.info("tactile/%s/%s is on the network", self._host, board)
         self._heard_s[topic] = now_s
@@ -236,7 +237,7 @@ def _refuse_second(session: "zenoh.Session", host: str) -> None:
 
 def host_name() -> str:
     """Return the name of this host without its domain, as a part of keys."""
-    return zenoh_chunk(os.uname().nodename.split(".")[0]) or "host"
+    return chunk_of(os.uname().nodename.split(".")[0]) or "host"
 
 
 def _publisher(session: "zenoh.Session", key: str, topic: str) -> "zenoh.Publisher":

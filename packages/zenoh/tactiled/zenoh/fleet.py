@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tactiled.client.over_zenoh import states
 from tactiled.errors import UnavailableError
+from tactiled.zenoh.session import states
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing

@@ -12,9 +12,9 @@ from typing import Any
 
 import zenoh
 
-from tactiled.client.over_zenoh import DEFAULT_ROUTER, quiet_config, words_of
 from tactiled.errors import ConfigError
 from tactiled.outside import read_text
+from tactiled.zenoh.session import DEFAULT_ROUTER, quiet_config, words_of
 
 _ENCRYPTED = ("tls", "quic")
 _CHECKED = ("enable_mtls", "verify_name_on_connect")  # settings in a locator come before those of the file

@@ -1,0 +1,185 @@
+"""Sessions with a zenoh network: endpoints such as ``zenoh://router:7447/robot7``, and the hosts there."""
+
+import json
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import msgpack
+import zenoh
+
+from tactiled.errors import ConfigError, UnavailableError
+from tactiled.events.endpoints import ZENOH_SCHEME
+
+DEFAULT_ROUTER = "tcp/127.0.0.1:7447"
+_LONGEST_CHUNK = 128
+
+
+@dataclass(frozen=True)
+class ZenohAddress:
+    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST?config=FILE``."""
+
+    router: str  # locator, such as ``tcp/router:7447``; empty: the file of the configuration has it
+    host: str  # name under which `tactiled zenoh` publishes; ``*`` for all hosts
+    config: Path | None  # configuration of zenoh (JSON5)
+
+    @property
+    def control(self) -> str:
+        """Key of the questions."""
+        return f"tactile/{self.host}/control"
+
+    @property
+    def command(self) -> str:
+        """Key of the commands: one of its own, so that routers can tell who may use it."""
+        return f"tactile/{self.host}/command"
+
+
+def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
+    """Parse an endpoint.
+
+    `keys` is a configuration of zenoh with the certificates of this client; the endpoint may name it instead.
+    With it, the router is reached over TLS.
+
+    Raises
+    ------
+    ConfigError
+        It names no host, or has other faults.
+    """
+    form = f"it should look like {ZENOH_SCHEME}ROUTER:7447/HOST"
+    try:
+        url = urlsplit(endpoint)
+        port = url.port
+    except ValueError as error:
+        raise ConfigError("endpoint", [f"{endpoint!r}: {error}; {form}"]) from None
+    if not endpoint.startswith(ZENOH_SCHEME):
+        raise ConfigError("endpoint", [f"{endpoint!r} is none of zenoh; {form}"])
+    host = url.path.strip("/")
+    if not is_chunk(host) and host != "*":
+        raise ConfigError("endpoint", [f"{endpoint!r} names no host; {form}"])
+    named = parse_qs(url.query).get("config", [])
+    config = keys or (Path(named[0]) if named else None)
+    router = ""
+    if url.hostname:
+        name = f"[{url.hostname}]" if ":" in url.hostname else url.hostname
+        router = f"{'tcp' if config is None else 'tls'}/{name}:{port or 7447}"
+    elif config is None:
+        router = DEFAULT_ROUTER
+    return ZenohAddress(router, host, config)
+
+
+def is_chunk(name: str) -> bool:
+    """Return True for a name that can stand between two slashes of a key of zenoh."""
+    return 0 < len(name) <= _LONGEST_CHUNK and name.isprintable() and not set(name) & set("/*$?# @")
+
+
+def chunk_of(name: str) -> str:
+    """Return a name with ``-`` for the characters that have a meaning in keys of zenoh."""
+    return "".join("-" if c in "*$?#@" else c for c in name)
+
+
+def quiet_config(file: Path | None) -> "zenoh.Config":
+    """Read a configuration of zenoh; where it does not say otherwise, a client that looks for nobody.
+
+    Raises
+    ------
+    zenoh.ZError
+        The file cannot be read.
+    """
+    config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
+    for key, value in (("mode", '"client"'), ("scouting/multicast/enabled", "false")):
+        if config.get_json(key) == "null":
+            config.insert_json5(key, value)
+    config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
+    return config
+
+
+def session_config(address: ZenohAddress) -> "zenoh.Config":
+    """Make the configuration of a session in the mode `client`, which listens nowhere.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read.
+    """
+    try:
+        config = quiet_config(address.config)
+        config.insert_json5("mode", '"client"')
+        if address.router:
+            config.insert_json5("connect/endpoints", json.dumps([address.router]))
+    except zenoh.ZError as error:
+        raise ConfigError(str(address.config or "endpoint"), [words_of(error)]) from None
+    return config
+
+
+def open_session(address: ZenohAddress) -> "zenoh.Session":
+    """Open a session.
+
+    Raises
+    ------
+    ConfigError
+        The configuration cannot be read.
+    UnavailableError
+        The router does not answer.
+    """
+    try:
+        return zenoh.open(session_config(address))
+    except zenoh.ZError as error:
+        where = address.router or str(address.config)
+        words = f"{where}: no session with a router of zenoh there: {words_of(error)}"
+        raise UnavailableError(words) from None
+
+
+def words_of(error: "zenoh.ZError") -> str:
+    """Return the message of an error of zenoh, without the places in its source."""
+    return re.sub(r"\s+at /\S+", "", str(error)).strip()
+
+
+def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict[str, Any] | None]:
+    """Return the replies of all hosts to ``state`` (protocols/control.md); None for a host that is silent.
+
+    The endpoint is ``zenoh://ROUTER:7447/*``, or has one host. `timeout_s` is for the slowest host. Tokens of
+    bridge and boards make a host known.
+    """
+    address = parse_address(endpoint, keys)
+    with open_session(address) as session:
+        found: dict[str, dict[str, Any] | None] = {}
+        for reply in session.liveliness().get(f"tactile/{address.host}/*", timeout=timeout_s):
+            if (sample := reply.ok) is not None:
+                found.setdefault(str(sample.key_expr).split("/")[1], None)
+        replies = session.get(
+            address.control,
+            target=zenoh.QueryTarget.ALL,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            payload=msgpack.packb({"v": 1, "id": f"state-{session.zid()}", "do": "state"}),
+            timeout=timeout_s,
+        )
+        for reply in replies:
+            if (sample := reply.ok) is not None:
+                with suppress(ValueError, msgpack.exceptions.UnpackException):
+                    found[str(sample.key_expr).split("/")[1]] = msgpack.unpackb(sample.payload.to_bytes())
+        return found
+
+
+def spread(endpoints: Sequence[str], keys: Path | None, timeout_s: float) -> tuple[str, ...]:
+    """Replace endpoints of all hosts (``zenoh://ROUTER:7447/*``) by one for each host that is there now.
+
+    Raises
+    ------
+    UnavailableError
+        There is none, or the router does not answer.
+    """
+    found: list[str] = []
+    for endpoint in endpoints:
+        path, query, options = endpoint.partition("?")
+        if not (endpoint.startswith(ZENOH_SCHEME) and path.endswith("/*")):
+            found.append(endpoint)
+            continue
+        hosts = sorted(states(endpoint, keys, timeout_s))
+        if not hosts:
+            raise UnavailableError(f"{endpoint}: no host of tactiled is on this network")
+        found += [f"{path[:-1]}{host}{query}{options}" for host in hosts]
+    return tuple(found)
