@@ -11,6 +11,7 @@ import pytest
 
 from tactiled.client import nearby
 from tactiled.errors import OperatorError
+from tactiled.events.endpoints import control_endpoint
 
 
 class Host:
@@ -22,12 +23,12 @@ class Host:
         self.own = root / "session/tactiled"
         self._stack = stack
 
-    def listen(self, folder: Path) -> str:
-        folder.mkdir(parents=True)
+    def listen(self, folder: Path, name: str = "control.ipc") -> str:
+        folder.mkdir(parents=True, exist_ok=True)
         sock = self._stack.enter_context(socket.socket(socket.AF_UNIX))
-        sock.bind(str(folder / "control.ipc"))
+        sock.bind(str(folder / name))
         sock.listen()
-        return f"ipc://{folder}/control.ipc"
+        return f"ipc://{folder}/{name}"
 
     def find(self) -> str:
         return nearby.control(self.environ, self.units)
@@ -52,6 +53,19 @@ def test_our_own_daemon_is_found(host: Host) -> None:
     assert host.find() == endpoint
 
 
+@pytest.mark.parametrize("name", ["left-control.ipc", "a.ipc.control"])
+def test_an_endpoint_of_another_name_is_found_and_named_by_its_events(host: Host, name: str) -> None:
+    """The names follow from publish.endpoints; what is no endpoint for requests does not count."""
+    endpoint = host.listen(host.own, name)
+    host.listen(host.own, "left-events.ipc")
+    assert host.find() == endpoint
+    host.listen(host.units / "TS0001")
+    expected = control_endpoint(f"ipc://{host.own}/left-events.ipc") if "left" in name else endpoint
+    assert expected == endpoint
+    with pytest.raises(OperatorError, match=r"tactiled/left-events\.ipc," if "left" in name else r"/a\.ipc,"):
+        host.find()
+
+
 def test_of_several_one_must_be_named(host: Host) -> None:
     host.listen(host.own)
     host.listen(host.units / "TS0001")
@@ -62,7 +76,7 @@ def test_of_several_one_must_be_named(host: Host) -> None:
 
 
 def test_the_error_says_that_no_daemon_runs(host: Host) -> None:
-    with pytest.raises(OperatorError, match="no daemon"):
+    with pytest.raises(OperatorError, match=r"no daemon.*session/tactiled or .*units/\*.*publish\.endpoints"):
         host.find()
     folder = host.units / "TS0001"
     folder.mkdir(parents=True)
