@@ -82,13 +82,17 @@ class DetectParams(Params):
         Raises
         ------
         ConfigError
-            The setting needs shear and load, and the array does not measure both.
+            The setting needs shear and load, and the array does not measure both; or the unit of the array is
+            not that of its thresholds.
         """
-        if factories(self.setting).needs_shear and not array.measures_ratio:
-            fault = (
-                f"detect.setting: {self.setting} needs channels of shear and load: {array.name} lacks them"
-            )
-            raise ConfigError(source, [fault])
+        made = factories(self.setting)
+        if made.needs_shear and not array.measures_ratio:
+            fault = f"needs channels of shear and load: {array.name} lacks them"
+        elif made.unit not in ("", array.unit):
+            fault = f"has thresholds in {made.unit}: the readings of {array.name} are in {array.unit}"
+        else:
+            return
+        raise ConfigError(source, [f"detect.setting: {self.setting} {fault}"])
 
     def unread(self) -> list[str]:
         """Return the keys that differ from their defaults but the setting ignores, as in ``grip.gross_p``."""
@@ -195,6 +199,7 @@ class DetectorFactories(NamedTuple):
     # keys of `DetectParams` that these detectors read, as in "texture.speed_mm_s"; None: all
     reads: Collection[str] | None = None
     needs_shear: bool = False  # slips are reported of arrays with shear and load only
+    unit: str = ""  # of the thresholds of slip, which other arrays do not have; empty: they are relative
 
 
 # choice: times the longest window of a slide: 32 s hold eight periods of 20 mm at 5 mm/s. A log waits for

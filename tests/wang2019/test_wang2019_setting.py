@@ -73,6 +73,15 @@ def test_keys_that_the_published_methods_do_not_read_are_named(
     assert told[-1] == "not read by setting wang2019: detect.texture.max_period_mm"
 
 
+def test_an_array_in_another_unit_than_volts_is_refused() -> None:
+    """0.5 and 0.002 are volts: of newtons they would be other loads and other kinks."""
+    newtons, known = load_array("xyz-two-pads-4x4"), KnownSliding(0.0, 1.0)
+    params = DetectParams(setting="wang2019")
+    with pytest.raises(ConfigError, match=r"wang2019 has thresholds in V: .* xyz-two-pads-4x4 are in N"):
+        Choices(setting="wang2019").suite(newtons, params)
+    Choices(setting="wang2019", sliding=known, topics=("texture",)).suite(newtons, params)
+
+
 def test_an_array_without_shear_is_refused(tmp_path: Path) -> None:
     plain, known = load_array("normal-3x3"), KnownSliding(0.0, 1.0)
     params = DetectParams(setting="wang2019")

@@ -46,4 +46,5 @@ DETECTORS = DetectorFactories(
         }
     ),
     needs_shear=True,
+    unit="V",
 )
