@@ -8,9 +8,10 @@
 import json
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from tactiled import resources
+from tactiled.events import types
 from tactiled.events.codec import evidence_key
 from tactiled.events.types import EVENT_TYPES
 from tactiled.ros2 import own_types
@@ -36,8 +37,11 @@ and in which unit, is in protocols/events.md.
 from typing import Literal, TypedDict
 
 from tactiled.client.items import Message
+from tactiled.events.types import {aliases}
 
 '''
+# Names of the sets of values that several fields, or other modules, use.
+_ALIASES = {get_args(kind): name for name, kind in vars(types).items() if get_origin(kind) is Literal}
 _OVERRIDE = "# type: ignore[assignment]  # a TypedDict is a dict"
 _HEAD = ("v", "timestamp", "seq", "board", "run")  # fields that every message has
 _PYTHON = {"number": "float", "integer": "int", "boolean": "bool", "string": "str"}
@@ -86,7 +90,8 @@ def schemas() -> dict[str, dict[str, Any]]:
 def typed_python() -> str:
     """Return the module with a `TypedDict` and a class of messages for each topic."""
     names = "".join(f'    "{topic}",\n' for topic in EVENT_TYPES)
-    parts = [f"{_PYTHON_HEAD}Topic = Literal[\n{names}]\n"]
+    head_text = _PYTHON_HEAD.replace("{aliases}", ", ".join(sorted(_ALIASES.values())))
+    parts = [f"{head_text}Topic = Literal[\n{names}]\n"]
     first = next(iter(schemas().values()))["properties"]
     head = {name: first[name] for name in _HEAD}
     parts.append(_python_class("Head", "TypedDict", head, "Fields that every message has."))
@@ -148,9 +153,7 @@ def _python_type(name: str, field: dict[str, Any]) -> str:
     if "enum" not in field:
         return _PYTHON[field["type"]]
     one_line = ", ".join(f'"{value}"' for value in field["enum"])
-    if len(f"    {name}: Literal[{one_line}]") <= _WIDTH:
-        return f"Literal[{one_line}]"
-    return "Literal[\n" + "".join(f'        "{value}",\n' for value in field["enum"]) + "    ]"
+    return _ALIASES.get(tuple(field["enum"]), f"Literal[{one_line}]")
 
 
 def _cpp_struct(name: str, schema: dict[str, Any], topic: str) -> str:

@@ -16,6 +16,7 @@ and in which unit, is in protocols/events.md.
 from typing import Literal, TypedDict
 
 from tactiled.client.items import Message
+from tactiled.events.types import BoardState, ContactState, GripState, ScanPath, Suppressed, TextureStatus
 
 Topic = Literal[
     "slip",
@@ -57,7 +58,7 @@ class SlipData(HeadData):
     threshold: float
     valid: bool
     detected: float
-    suppressed: Literal["", "inhibit", "load-change"]
+    suppressed: Suppressed
 
 
 class SlipMessage(Message):
@@ -70,8 +71,8 @@ class SlipMessage(Message):
 class ContactData(HeadData):
     """Fields of `contact` messages."""
 
-    state: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
-    previous: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
+    state: ContactState
+    previous: ContactState
     taxels: list[int]
     valid: bool
 
@@ -103,10 +104,10 @@ class GripData(HeadData):
     torsion: float
     unit: Literal["N", "relative"]
     needed_load: float
-    state: Literal["none", "unknown", "sticking", "partial", "gross", "unloading"]
+    state: GripState
     valid: bool
     late: bool
-    suppressed: Literal["", "inhibit", "load-change"]
+    suppressed: Suppressed
 
 
 class GripMessage(Message):
@@ -162,20 +163,7 @@ class CandidateData(TypedDict):
 class TextureData(HeadData):
     """Fields of `texture` messages."""
 
-    status: Literal[
-        "ok",
-        "period-only",
-        "no-slip",
-        "too-few-periods",
-        "aliased",
-        "ambiguous",
-        "uneven-channels",
-        "several-gratings",
-        "machine",
-        "low-snr",
-        "saturated",
-        "stale",
-    ]
+    status: TextureStatus
     answered: float
     period_mm: float
     period_sd_mm: float
@@ -236,7 +224,7 @@ class SentData(TypedDict):
 class StatusData(HeadData):
     """Fields of `status` messages."""
 
-    state: Literal["no-device", "syncing", "running", "stalled", "fault"]
+    state: BoardState
     valid: bool
     reason: str
     warning: str
@@ -254,7 +242,7 @@ class StatusData(HeadData):
     bytes_discarded: int
     bytes_pending: int
     connects: int
-    contact: Literal["none", "unknown", "loading", "holding", "shearing", "sliding"]
+    contact: ContactState
     slipping: bool
     uptime_s: float
     inhibited_s: float
@@ -263,7 +251,7 @@ class StatusData(HeadData):
     fits_late: int
     loss_known: bool
     damage_known: bool
-    path: Literal["compiled", "python"]
+    path: ScanPath
     hidden_below: float
     sent: SentData
 

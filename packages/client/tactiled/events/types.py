@@ -1,5 +1,8 @@
 """Event types: results of the detectors, state of the board, outcome of commands.
 
+What each field means, and in which unit, is in the schemas of protocols/events, which a test compares with
+these types.
+
 Instants are host monotonic seconds live, and in the clock of the file offline. They become epoch seconds
 once, in `codec.encode`. No field is ever None or NaN, because controllers in other languages read it: an
 unknown quantity has a value that shows it (a direction without information has ``direction_sd_deg = 180``).
@@ -62,8 +65,7 @@ class SlipEvent(Event):
     threshold: float
     valid: bool
     detected_s: float
-    """Instant of the scan that completed the evidence; `detected_s - onset_s` is the detector's delay."""
-    suppressed: Suppressed = ""  # announcement that covers this slip; `valid` is then false. Empty for none
+    suppressed: Suppressed = ""
 
 
 # "unknown": in contact, but the beginning of the contact was not observed (start or long gap in mid-contact),
@@ -94,16 +96,15 @@ class GripEvent(Event):
     """
 
     topic: ClassVar[str] = "grip"
-    utilisation: float = 0.0  # tangential load over the friction limit (median); 1 is gross slip
+    utilisation: float = 0.0
     utilisation_low: float = 0.0
     utilisation_high: float = 1.0
     friction: float = 0.0
     friction_low: float = 0.0
     friction_high: float = 0.0
-    slipping_share: float = 0.0  # part of the contact area that slips now
-    p_sliding: float = 0.0  # probability that all of the contact slides now
+    slipping_share: float = 0.0
+    p_sliding: float = 0.0
     p_gross_50ms: float = 0.0
-    """Probability that gross slip begins within 50 ms, if the contact does not slide yet; 1 in gross slip."""
     p_gross_100ms: float = 0.0
     p_gross_300ms: float = 0.0
     load: float = 0.0
@@ -111,7 +112,7 @@ class GripEvent(Event):
     shear_y: float = 0.0
     torsion: float = 0.0
     unit: Literal["N", "relative"] = "relative"
-    needed_load: float = 0.0  # load at which utilisation would be 0.7 at `friction_low`
+    needed_load: float = 0.0
     state: GripState = "none"
     valid: bool = False
     late: bool = False
@@ -126,28 +127,26 @@ class ForceEvent(Event):
     """
 
     topic: ClassVar[str] = "force"
+    # values of `calibration` with which no force is known in newtons; a nominal one is off by up to 2.7
     UNCALIBRATED: ClassVar[frozenset[str]] = frozenset(("nominal", "none"))
-    """Values of `calibration` with which no force is known in newtons; a nominal one is off by up to 2.7."""
     fx_n: float = 0.0
     fy_n: float = 0.0
-    fz_n: float = 0.0  # normal force; above 0 presses
+    fz_n: float = 0.0
     fx_sd_n: float = UNKNOWN_SD_N
     fy_sd_n: float = UNKNOWN_SD_N
     fz_sd_n: float = UNKNOWN_SD_N
-    tx_nmm: float = 0.0  # moments about the origin of the array frame
+    tx_nmm: float = 0.0
     ty_nmm: float = 0.0
     tz_nmm: float = 0.0
-    x_mm: float = 0.0  # centre of pressure; the centre of the array where there is hardly any normal force
+    x_mm: float = 0.0
     y_mm: float = 0.0
     taxel_fx_n: tuple[float, ...] = ()
     taxel_fy_n: tuple[float, ...] = ()
     taxel_fz_n: tuple[float, ...] = ()
     calibration: str = "none"
-    """Name of the calibration; "nominal" for one from published numbers, "none" where there is none."""
-    saturated: bool = False  # True where a channel is saturated: the force is at least this
-    beyond_range: bool = False  # True where a reading exceeds those of the calibration
+    saturated: bool = False
+    beyond_range: bool = False
     channels_missing: int = 0
-    """Number of channels without a valid reading, which were replaced by others of their taxel."""
     valid: bool = False
     late: bool = False
 
@@ -175,9 +174,8 @@ class Candidate:
     period_mm: float
     angle_deg: float
     weight: float
-    period_sd_mm: float = 0.0  # standard deviation of the period with "period-only"; else 0.0
+    period_sd_mm: float = 0.0
     period_min_mm: float = 0.0
-    """Shortest period with "period-only", as of the event; else 0.0. The longest is next."""
     period_max_mm: float = 0.0
 
 
@@ -193,7 +191,6 @@ class TextureEvent(Event):
     evidence: ClassVar[str] = "answered_s"
     status: TextureStatus
     answered_s: float
-    """Instant of the scan at which this was reported; `time_s` is the end of the window that was used."""
     period_mm: float = 0.0
     period_sd_mm: float = 0.0
     angle_deg: float = 0.0
@@ -201,14 +198,12 @@ class TextureEvent(Event):
     speed_mm_s: float = 0.0
     speed_sd_mm_s: float = 0.0
     period_min_mm: float = 0.0
-    """Shortest period for the permitted tilts of the grooves, with "period-only"; else 0.0."""
-    period_max_mm: float = 0.0  # longest period: that of motion across the grooves
+    period_max_mm: float = 0.0
     speed_source: Literal["given", "estimated", "none"] = "none"
     frequency_hz: float = 0.0
     window_s: float = 0.0
     snr_db: float = 0.0
     stray_rad: float = 0.0
-    """Root-mean-square difference of channels' phases from the wave; 0.0 where there is no wave."""
     candidates: tuple[Candidate, ...] = ()
     estimator: str = ""
 
@@ -222,7 +217,7 @@ class ScanEvent(Event):
     volts: tuple[float, ...]
     valid: tuple[bool, ...]
     time_sd_s: float
-    age_s: float  # seconds from the instant of the scan to its handling by the daemon
+    age_s: float
     late: bool
 
 
@@ -256,16 +251,15 @@ class StatusEvent(Event):
     valid: bool
     reason: str
     warning: str
-    """Fault that does not stop the board: a noisy line, a board clock that deviates, a slow adapter."""
-    age_s: float  # seconds since the newest scan began: the age of the newest data on the other topics
-    clock_sd_s: float  # standard deviation of the newest scan's instant in seconds; 1e9 before any scan
+    age_s: float
+    clock_sd_s: float
     clock_rate_ppm: float
     rate_hz: float
     scans: int
     frames_corrupt: int
     scans_missing: int
     scans_duplicate: int
-    restarts: int  # number of boots of the board, or of restarts of its counters
+    restarts: int
     bytes_in: int
     bytes_framed: int
     bytes_discarded: int
@@ -275,21 +269,14 @@ class StatusEvent(Event):
     slipping: bool
     uptime_s: float
     inhibited_s: float = 0.0
-    """Remaining seconds for which slips are published as not valid, on the request of a client."""
     scans_overrun: int = 0
-    """Part of `scans_missing`: the board missed the scan instant and flagged it; the line is in order."""
     loop_lag_s: float = 0.0
-    """Longest time since the last status for which the daemon could not react to anything."""
-    fits_late: int = 0  # number of groove fits that were not ready at the scan at which they were due
-    loss_known: bool = True  # False where frames have no sequence number: lost scans are then not counted
+    fits_late: int = 0
+    loss_known: bool = True
     damage_known: bool = True
-    """False where frames have no checksum: a damaged reading may then pass as a good one."""
     path: ScanPath = "compiled"
-    """Compiled code, or numpy where the library is missing; the results are the same."""
     hidden_below: float = 0.0
-    """Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without shear,
-    15 % of the largest load of late. 0 where no load hides another."""
-    sent: Sent = Sent()  # messages that a subscriber without losses has received by now
+    sent: Sent = Sent()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -320,12 +307,12 @@ class RecordingEvent(Event):
     topic: ClassVar[str] = "recording"
     state: Literal["off", "recording", "no-room", "failed"]
     reason: str
-    file: str  # final name of the file being written; empty for none
+    file: str
     parts: int
     bytes_written: int
     free_mb: float
-    reads_dropped: int  # number of reads of the port that are in no file
-    reads_waiting: int  # number of items that wait for the disk
+    reads_dropped: int
+    reads_waiting: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -335,13 +322,13 @@ class CommandEvent(Event):
     topic: ClassVar[str] = "command"
     request_id: str
     command: str
-    arguments: str  # arguments as a JSON object
-    who: str  # name that the client gives itself
-    key: str  # name of the CURVE key of the client; empty on plain endpoints
-    uid: int  # user id of the client from the kernel; -1 where the transport does not provide it
+    arguments: str
+    who: str
+    key: str
+    uid: int
     ok: bool
-    reason: str  # reason for a refusal; empty where `ok`
-    scan_index: int  # index of the first scan that the command applies to
+    reason: str
+    scan_index: int
 
 
 AnyEvent = (
