@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import correlation_of, has_signs, quiet_bins
-from tactiled.calibrate.data import BinnedLog, ReferenceTable
+from tactiled.calibrate.data import BinnedLog, FitData, ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES, has_nominal, load_calibration
 from tactiled.force.model import build_model
@@ -29,10 +29,8 @@ def check_reference(table: ReferenceTable, array: Array) -> None:
     span = float(np.nanmax(np.nanmax(forces, axis=0) - np.nanmin(forces, axis=0)))
     most = _LARGEST_MPA * _area_mm2(array)
     if span > most:
-        raise DataError(
-            f"the reference reaches {span:.0f} N, but this array bears at most about {most:.0f} N: are these "
-            f"grams? Then divide by {_GRAMS_PER_N}; {span:.0f} g are {span / _GRAMS_PER_N:.1f} N"
-        )
+        words = f"the reference reaches {span:.0f} N, but this array bears at most about {most:.0f} N"
+        raise DataError(words + _are_grams(span))
     if span == 0:
         raise DataError("the reference never changes: is the force sensor connected, is it the right file?")
 
@@ -46,10 +44,13 @@ def check_unit(log: BinnedLog, table: ReferenceTable, array: Array) -> None:
     nominal = float(model.weights[2] @ model.features(pressed[np.newaxis], [log.step_s])[0])
     span = float(np.nanmax(table.values[:, 2]) - np.nanmin(table.values[:, 2]))
     if nominal > 0 and span > _MOST_NOMINAL * nominal:
-        raise DataError(
-            f"fz_n changes by {span:.0f}; by published sensitivities it is about {nominal:.2g} N: are these "
-            f"grams? Then divide by {_GRAMS_PER_N}; {span:.0f} g are {span / _GRAMS_PER_N:.1f} N"
-        )
+        words = f"fz_n changes by {span:.0f}; by published sensitivities it is about {nominal:.2g} N"
+        raise DataError(words + _are_grams(span))
+
+
+def _are_grams(span: float) -> str:
+    grams = f"{span:.0f} g are {span / _GRAMS_PER_N:.1f} N"
+    return f": are these grams? Then divide by {_GRAMS_PER_N}; {grams}"
 
 
 def _area_mm2(array: Array) -> float:
@@ -142,10 +143,10 @@ def _without(columns: FloatArray, other: FloatArray) -> FloatArray:
     return np.asarray(columns - np.outer(centred, slope))
 
 
-def check_fit(left_out: FloatArray, outputs: FloatArray, used: list[int]) -> None:
-    """Refuse a fit that explains none of the forces (n, 6) in the segments that were left out."""
-    forces = [k for k in used if k < len(AXES)]
-    spread = np.maximum(outputs[:, forces].std(axis=0), 1e-12)
+def check_fit(left_out: FloatArray, data: FitData) -> None:
+    """Refuse a fit that explains none of the forces in the segments that were left out."""
+    forces = [k for k in data.used if k < len(AXES)]
+    spread = np.maximum(data.shown[:, forces].std(axis=0), 1e-12)
     part = float((np.sqrt((left_out[:, forces] ** 2).mean(axis=0)) / spread).min())
     if part > _MOST_LEFT:
         raise DataError(

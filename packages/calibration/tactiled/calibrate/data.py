@@ -7,12 +7,14 @@ drift, so that a fit can move it by parts of a sample.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.calibrate.folds import segments
 from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS, Curve, PairsModelParams, SmoothModelParams
 
@@ -83,6 +85,27 @@ class BinnedLog:
     def step_s(self) -> float:
         """Median of the steps."""
         return float(np.median(self.steps_s))
+
+
+@dataclass(frozen=True, eq=False)
+class FitData:
+    """What a model is fitted to, once the clocks are known."""
+
+    array: Array
+    log: BinnedLog
+    outputs: FloatArray  # (n, 6): reference without its offset; 0 in columns that it does not have
+    used: list[int]  # columns that it has
+    rows: NDArray[np.bool_]  # (n,): bins that it covers
+
+    @cached_property
+    def shown(self) -> FloatArray:
+        """Reference in the bins that it covers."""
+        return np.asarray(self.outputs[self.rows])
+
+    @cached_property
+    def segment(self) -> NDArray[np.int64]:
+        """Number of the segment of each of these bins."""
+        return segments(self.shown, self.used, self.log.step_s)
 
 
 @dataclass(frozen=True, eq=False)

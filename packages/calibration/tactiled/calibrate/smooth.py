@@ -8,12 +8,11 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import CREEP_S
-from tactiled.calibrate.data import BinnedLog, FittedModel
-from tactiled.calibrate.folds import correlation_bins, folds, segments
+from tactiled.calibrate.data import BinnedLog, FitData, FittedModel
+from tactiled.calibrate.folds import correlation_bins, folds
 from tactiled.force.calibration import Curve, SmoothFeatures, SmoothModelParams
 from tactiled.force.model import FeatureMaker, bent, product_pairs
 
@@ -46,8 +45,10 @@ class FeatureTerms:
 
 PLAIN = FeatureTerms()
 """Ridge regression with squares, the baseline."""
-RICH = FeatureTerms(products=True, creep=True)
-CHOICES = (FeatureTerms(squares=False), PLAIN, FeatureTerms(creep=True), FeatureTerms(products=True), RICH)
+_CHOICES = (
+    FeatureTerms(squares=False), PLAIN, FeatureTerms(creep=True), FeatureTerms(products=True),
+    FeatureTerms(products=True, creep=True),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,15 +62,12 @@ class SmoothFit:
     of_zero: FloatArray  # (6,): mean squares of the errors that an error of the zero causes
     left_out: FloatArray  # (n, 6): differences from the reference in the folds; 0 in bins that were not used
 
-    def at(self, array: Array, log: BinnedLog) -> FloatArray:
-        """Return the features (n, features) of other readings."""
-        return _features(array, self.kinds, log)
-
-    def model(self, array: Array, log: BinnedLog, used: list[int], rows: NDArray[np.bool_]) -> FittedModel:
+    def model(self, data: FitData) -> FittedModel:
         """Return the fit with a covariance that counts correlated bins as one."""
+        array, log, rows = data.array, data.log, data.rows
         left = self.left_out[rows]
         variances = [
-            float((errors**2).mean()) * (correlation_bins(errors) if axis in used else 1.0)
+            float((errors**2).mean()) * (correlation_bins(errors) if axis in data.used else 1.0)
             for axis, errors in enumerate(left[:, :3].T)
         ]
         return FittedModel(
@@ -78,8 +76,8 @@ class SmoothFit:
             covariance=[c * variance for c, variance in zip(self.covariance, variances, strict=True)],
             features=self.features[rows],
             left_out=left,
-            moved=lambda change: self.at(array, replace(log, readings=log.readings + change))[rows],
-            table=self._params(array, used),
+            moved=lambda change: _features(array, self.kinds, log, change)[rows],
+            table=self._params(array, data.used),
             feature_units=np.ones(self.weights.shape[1]),
         )
 
@@ -96,43 +94,33 @@ class SmoothFit:
         return SmoothModelParams(**self.kinds.model_dump(), weights=weights.tolist())
 
 
-def _features(array: Array, kinds: SmoothFeatures, log: BinnedLog) -> FloatArray:
-    """Features (n, features) of all bins, as the running model makes them of scans."""
-    return FeatureMaker(array, kinds).features(log.readings, log.steps_s.tolist())
+def _features(
+    array: Array, kinds: SmoothFeatures, log: BinnedLog, change: FloatArray | float = 0.0
+) -> FloatArray:
+    """Features (n, features) of all bins, of other readings by `change`, as the running model makes them."""
+    return FeatureMaker(array, kinds).features(log.readings + change, log.steps_s.tolist())
 
 
-def fit_smooth(
-    array: Array,
-    log: BinnedLog,
-    outputs: FloatArray,
-    used: list[int],
-    rows: NDArray[np.bool_],
-    terms: FeatureTerms,
-) -> SmoothFit:
-    """Fit one choice of features; the strength of the ridge of each output by cross-validation.
-
-    Parameters
-    ----------
-    outputs : (n, 6) float64
-        Reference without its offset.
-    """
+def fit_smooth(data: FitData, terms: FeatureTerms) -> SmoothFit:
+    """Fit one choice of features; the strength of the ridge of each output by cross-validation."""
+    log, rows, y = data.log, data.rows, data.shown
     kinds = terms.params(log)
-    features = _features(array, kinds, log)
-    f, y = features[rows], outputs[rows]
+    features = _features(data.array, kinds, log)
+    f = features[rows]
     strengths = _STRENGTHS * float((f**2).sum(axis=0).mean())
     errors = np.zeros((len(strengths), *y.shape))
-    for left_out in folds(segments(y, used, log.step_s)):
+    for left_out in folds(data.segment):
         for k, found in enumerate(_ridges(f[~left_out], y[~left_out], strengths)):
             errors[k, left_out] = y[left_out] - f[left_out] @ found
     whole = _ridges(f, y, strengths)
-    by_zero = _by_zero(array, kinds, log, features, rows)
+    by_zero = _by_zero(data, kinds, features)
     of_zero = np.stack([((by_zero @ found) ** 2).sum(axis=0) for found in whole])
     squares = (errors**2).mean(axis=1) + of_zero  # (strengths, 6)
     best = squares.argmin(axis=0)
     weights = np.zeros((6, f.shape[1]))
-    left = np.zeros_like(outputs)
+    left = np.zeros_like(data.outputs)
     at = np.flatnonzero(rows)
-    for output in used:
+    for output in data.used:
         weights[output] = whole[best[output]][:, output]
         left[at, output] = errors[best[output], :, output]
     gram = f.T @ f
@@ -146,31 +134,23 @@ def fit_smooth(
     )
 
 
-def _by_zero(
-    array: Array,
-    kinds: SmoothFeatures,
-    log: BinnedLog,
-    features: FloatArray,
-    rows: NDArray[np.bool_],
-) -> FloatArray:
+def _by_zero(data: FitData, kinds: SmoothFeatures, features: FloatArray) -> FloatArray:
     """Rows (probes, features) whose products with weights have the mean square that errors of the zero cause.
 
     The folds share the zero of the log; another contact begins with a zero of its own. A regression that
     lives on small differences of large weights does well in the folds and not there.
     """
-    rng = np.random.default_rng(0)
+    log, rng = data.log, np.random.default_rng(0)
     total = np.zeros((features.shape[1], features.shape[1]))
     for _ in range(_PROBES):
         pattern = log.zero_sd * rng.standard_normal(log.readings.shape[1])
-        change = (_features(array, kinds, replace(log, readings=log.readings + pattern)) - features)[rows]
+        change = (_features(data.array, kinds, log, pattern) - features)[data.rows]
         total += change.T @ change / (len(change) * _PROBES)
     values, vectors = np.linalg.eigh(total)
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
 
 
-def choose_smooth(
-    array: Array, log: BinnedLog, outputs: FloatArray, used: list[int], rows: NDArray[np.bool_]
-) -> SmoothFit:
+def choose_smooth(data: FitData) -> SmoothFit:
     """Fit all choices of features; return the one with the fewest that is as good as the best.
 
     As good means: its mean square error in the folds and by the zero is larger by at most one standard
@@ -178,19 +158,18 @@ def choose_smooth(
     section 7.10). The plain choice stays where it is as good: it is the one that does well
     in motions of other kinds, too.
     """
-    segment = segments(outputs[rows], used, log.step_s)
-    count = np.bincount(segment)
-    spread = np.maximum(outputs[rows][:, used].std(axis=0), 1e-12)
+    log, used = data.log, data.used
+    count = np.bincount(data.segment)
+    spread = np.maximum(data.shown[:, used].std(axis=0), 1e-12)
     fits: dict[FeatureTerms, SmoothFit] = {}
     errors: dict[FeatureTerms, FloatArray] = {}
-    for terms in (replace(terms, curve=curve) for curve in log.curves for terms in CHOICES):
-        if terms.products and len(product_pairs(array)) > _MOST_PRODUCTS:
+    for terms in (replace(terms, curve=curve) for curve in log.curves for terms in _CHOICES):
+        is_too_much = terms.products and len(product_pairs(data.array)) > _MOST_PRODUCTS
+        if is_too_much or (terms.creep and log.are_poses):
             continue
-        if terms.creep and log.are_poses:
-            continue
-        fits[terms] = fit = fit_smooth(array, log, outputs, used, rows, terms)
-        squares = ((fit.left_out[rows][:, used] ** 2 + fit.of_zero[used]) / spread**2).mean(axis=1)
-        errors[terms] = np.bincount(segment, squares) / count
+        fits[terms] = fit = fit_smooth(data, terms)
+        squares = ((fit.left_out[data.rows][:, used] ** 2 + fit.of_zero[used]) / spread**2).mean(axis=1)
+        errors[terms] = np.bincount(data.segment, squares) / count
     least = min(errors.values(), key=np.mean)
     excess = {terms: found - least for terms, found in errors.items()}
     good = [fits[terms] for terms, e in excess.items() if e.mean() <= e.std() / math.sqrt(len(e))]

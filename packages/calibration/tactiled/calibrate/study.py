@@ -14,6 +14,7 @@ from tactiled.calibrate.clock import align, free_level, quiet_bins
 from tactiled.calibrate.data import (
     AlignedReference,
     BinnedLog,
+    FitData,
     FittedModel,
     PoseReference,
     ReferenceTable,
@@ -21,7 +22,6 @@ from tactiled.calibrate.data import (
     pose_log,
     same_poses,
 )
-from tactiled.calibrate.folds import segments
 from tactiled.calibrate.pairs import PairsFitter, has_pairs
 from tactiled.calibrate.smooth import PLAIN, choose_smooth, fit_smooth
 from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
@@ -131,16 +131,16 @@ def calibrate(
     if level is not None:
         outputs = outputs - level
     outputs[:, [k for k in range(6) if k not in used]] = 0.0
-    baseline = _rms(fit_smooth(array, log, outputs, used, rows, PLAIN).left_out[rows])
+    data = FitData(array, log, outputs, used, rows)
+    baseline = _rms(fit_smooth(data, PLAIN).left_out[rows])
     reached("baseline")
-    candidates.append(choose_smooth(array, log, outputs, used, rows).model(array, log, used, rows))
-    shown = outputs[rows]
-    best = _chosen(candidates, shown, used)
+    candidates.append(choose_smooth(data).model(data))
+    shown, segment = data.shown, data.segment
+    best = _chosen(candidates, data)
     reached("choice of the model")
-    check_fit(best.left_out, shown, used)
+    check_fit(best.left_out, data)
     forces = best.features @ best.weights.T
-    segment = segments(shown, used, log.step_s)
-    axes = _uncertainties(best, forces, reference, log, used, int(segment.max()) + 1)
+    axes = _uncertainties(best, forces, reference, data)
     sd = np.zeros((len(shown), 3))
     for axis in range(3):
         if axis in used:
@@ -156,7 +156,7 @@ def calibrate(
         date=identity.date,
         temperature_c=identity.temperature_c,
         axes=[axis for k, axis in enumerate(AXES) if k in used],
-        verdict=verdict(array, best, [axis.covariance for axis in axes], used, shown),
+        verdict=verdict(data, best, [axis.covariance for axis in axes]),
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
         residuals=Residuals(
             fx_n=rms[0], fy_n=rms[1], fz_n=rms[2], baseline_fz_n=float(baseline[2]) if 2 in used else None
@@ -184,34 +184,29 @@ def _rms(left_out: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((left_out**2).mean(axis=0)))
 
 
-def _chosen(candidates: list[FittedModel], outputs: FloatArray, used: list[int]) -> FittedModel:
+def _chosen(candidates: list[FittedModel], data: FitData) -> FittedModel:
     """Model of pairs, if there is one and no other has much smaller errors in the folds."""
-    spread = np.maximum(outputs[:, used].std(axis=0), 1e-12)
+    spread = np.maximum(data.shown[:, data.used].std(axis=0), 1e-12)
     first, *others = candidates
-    errors = [float(np.sqrt(((one.left_out[:, used] / spread) ** 2).mean())) for one in candidates]
+    errors = [float(np.sqrt(((one.left_out[:, data.used] / spread) ** 2).mean())) for one in candidates]
     return others[0] if others and errors[0] > _PREFERENCE * errors[1] else first
 
 
 def _uncertainties(
-    best: FittedModel,
-    forces: FloatArray,
-    reference: AlignedReference,
-    log: BinnedLog,
-    used: list[int],
-    n_segments: int,
+    best: FittedModel, forces: FloatArray, reference: AlignedReference, data: FitData
 ) -> list[AxisUncertainty]:
     """Uncertainties of fx, fy and fz."""
-    samples = max(log.step_s / reference.sample_s, 1.0)
+    samples = max(data.log.step_s / reference.sample_s, 1.0)
     return [
         axis_uncertainty(
             AXES[axis],
             best.features,
             best.covariance[axis],
-            best.left_out[:, axis] if axis in used else np.zeros(len(forces)),
+            best.left_out[:, axis] if axis in data.used else np.zeros(len(forces)),
             forces[:, axis],
             forces[:, 2],
             float(np.nan_to_num(reference.noise[axis])) / np.sqrt(samples),
-            n_segments,
+            int(data.segment.max()) + 1,
         )
         for axis in range(3)
     ]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.data import FittedModel
+from tactiled.calibrate.data import FitData, FittedModel
 from tactiled.force.calibration import AXES
 from tactiled.force.model import N_KINDS
 
@@ -37,10 +37,9 @@ def _sensitivity_sd(
     return out
 
 
-def verdict(
-    array: Array, best: FittedModel, covariance: list[FloatArray], used: list[int], outputs: FloatArray
-) -> list[str]:
-    """Return sentences, by the covariances of the file and the reference (n, 6) without its offset."""
+def verdict(data: FitData, best: FittedModel, covariance: list[FloatArray]) -> list[str]:
+    """Return sentences, by the covariances of the file."""
+    array, used, outputs = data.array, data.used, data.shown
     words = [f"{_WORDS[k]} is not known: the reference has no {AXES[k]}_n" for k in range(3) if k not in used]
     largest = np.abs(outputs[:, :3]).max(axis=0)
     is_pairs = best.name == "pairs"
