@@ -111,10 +111,10 @@ class ZmqTransport:
         try:
             if endpoint is not None:
                 self._events = self._socket(zmq.SUB)
-                connect_events(self._events, endpoint, topics, board, keys)
+                _connect_events(self._events, endpoint, topics, board, keys)
             if control is not None:
                 self._control = self._socket(zmq.DEALER)
-                connect_requests(self._control, control, keys)
+                _connect_requests(self._control, control, keys)
         except BaseException:
             self.close()
             raise
@@ -125,16 +125,22 @@ class ZmqTransport:
 
     def receive(self) -> list[bytes]:
         """Return topic and payload of a message that has arrived; empty for none."""
-        return [] if self._events is None else take(self._events)
+        return _take(self._events)
 
     def take_reply(self) -> bytes | None:
         """Return a reply that has arrived; None for none."""
-        parts = [] if self._control is None else take(self._control)
+        parts = _take(self._control)
         return parts[-1] if parts else None
 
     def send(self, payload: bytes, until_s: float) -> bool:  # noqa: ARG002  a request that was sent arrives
         """Send a request; False while the daemon is not connected."""
-        return self._control is not None and send_now(self._control, payload)
+        if self._control is None:
+            return False
+        try:
+            self._control.send(payload, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True
 
     def close(self) -> None:
         """Close the sockets."""
@@ -143,7 +149,15 @@ class ZmqTransport:
         self._context.term()
 
 
-def connect_events(
+def _take(sock: "zmq.Socket[bytes] | None") -> list[bytes]:
+    """Return the parts of a message that has arrived; empty for none, and without a socket."""
+    try:
+        return [] if sock is None else sock.recv_multipart(zmq.NOBLOCK)
+    except zmq.Again:
+        return []
+
+
+def _connect_events(
     sock: zmq.Socket[Any], endpoint: str, topics: Sequence[str], board: str | None, keys: Path | None
 ) -> None:
     """Set up a SUB socket and connect it; parameters and errors as for `Client`."""
@@ -158,30 +172,13 @@ def connect_events(
     _connect(sock, endpoint, keys)
 
 
-def connect_requests(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
+def _connect_requests(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
     """Set up a DEALER socket and connect it; it accepts requests only while it is connected."""
     sock.setsockopt(zmq.SNDHWM, _REQUEST_HIGH_WATER)
     sock.setsockopt(zmq.RCVHWM, _REQUEST_HIGH_WATER)
     sock.setsockopt(zmq.IMMEDIATE, 1)
     sock.setsockopt(zmq.RECONNECT_IVL, _RECONNECT_MS)
     _connect(sock, endpoint, keys)
-
-
-def take(sock: zmq.Socket[bytes]) -> list[bytes]:
-    """Return the parts of a message that has arrived; empty for none."""
-    try:
-        return sock.recv_multipart(zmq.NOBLOCK)
-    except zmq.Again:
-        return []
-
-
-def send_now(sock: zmq.Socket[bytes], payload: bytes) -> bool:
-    """Send a request; False while the daemon is not connected."""
-    try:
-        sock.send(payload, zmq.NOBLOCK)
-    except zmq.Again:
-        return False
-    return True
 
 
 def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:

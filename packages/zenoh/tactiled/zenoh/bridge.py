@@ -6,6 +6,7 @@ daemon's store by their sequence numbers, as over ZeroMQ.
 """
 
 import logging
+import math
 import os
 import time
 from collections import deque
@@ -17,7 +18,7 @@ from pathlib import Path
 import zenoh
 import zmq
 
-from tactiled.client.transports import connect_events, connect_requests, send_now, take
+from tactiled.client.transports import ZmqTransport
 from tactiled.errors import UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.zenoh.relay import Relay
@@ -113,12 +114,10 @@ class ZenohBridge:
         self._queries: deque[zenoh.Query] = deque()
         self._ended = False
         self._wakeup = WakeUp()
-        self._context = zmq.Context()
-        self._events = self._context.socket(zmq.SUB)
-        self._control = self._context.socket(zmq.DEALER)
-        connect_events(self._events, params.endpoint, (), None, params.keys)
-        connect_requests(self._control, control_endpoint(params.endpoint), params.keys)
-        self._relay = Relay(partial(send_now, self._control), allow_commands=params.allow_commands)
+        control = control_endpoint(params.endpoint)
+        self._daemon = ZmqTransport(zmq.Context(), params.endpoint, control, (), None, params.keys)
+        ask = partial(self._daemon.send, until_s=math.inf)
+        self._relay = Relay(ask, allow_commands=params.allow_commands)
         self._command_key = f"tactile/{params.host}/command"
         self._queryables = [
             session.declare_queryable(key, self._asked)
@@ -128,7 +127,7 @@ class ZenohBridge:
     def run(self) -> None:
         """Forward until `stop`."""
         poller = zmq.Poller()
-        for pollable in (self._events, self._control, self._wakeup.fileno()):
+        for pollable in (*self._daemon.pollables, self._wakeup.fileno()):
             poller.register(pollable, zmq.POLLIN)
         while not self._ended:
             poller.poll(_TURN_MS)
@@ -136,10 +135,10 @@ class ZenohBridge:
             now_s = time.monotonic()
             while self._queries:
                 self._take(self._queries.popleft(), now_s)
-            while parts := take(self._control):
-                self._relay.reply(parts[-1])
+            while (reply := self._daemon.take_reply()) is not None:
+                self._relay.reply(reply)
             for _ in range(_MOST_AT_ONCE):
-                if len(parts := take(self._events)) != 2:
+                if len(parts := self._daemon.receive()) != 2:
                     break
                 self._forward(parts[0], parts[1], now_s)
             self._boards.drop_silent(now_s)
@@ -154,9 +153,7 @@ class ZenohBridge:
             queryable.undeclare()
         self._boards.close()
         self._token.undeclare()
-        for sock in (self._events, self._control):
-            sock.close(linger=0)
-        self._context.term()
+        self._daemon.close()
         self._wakeup.close()
 
     def _forward(self, topic: bytes, payload: bytes, now_s: float) -> None:
