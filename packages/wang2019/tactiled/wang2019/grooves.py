@@ -54,6 +54,9 @@ _IMAGE_RAD = 0.102
 _EQUAL_MM = 1e-6
 
 
+_Input = FloatArray | float
+
+
 @dataclass(frozen=True)
 class GrooveLimits:
     """Window and limits of the flow chart; the defaults are those of the paper and its plates."""
@@ -89,6 +92,16 @@ class GrooveEstimate:
     angle_deg: float = 0.0
     angle_sd_deg: float = 0.0
     candidates: tuple[Candidate, ...] = ()
+
+
+class _Measured(NamedTuple):
+    """Delay over the difference of two gaps, modulo the period, and frequency of the ripple."""
+
+    delay_s: float
+    delay_sd_s: float
+    gap_mm: float
+    frequency_hz: float
+    frequency_sd_hz: float
 
 
 def estimate(
@@ -139,37 +152,44 @@ def estimate(
     if len(gaps_mm) != 2 or abs(gaps_mm[0] - gaps_mm[1]) < _EQUAL_MM:
         return replace(found, status="ambiguous")  # nothing to divide by
     period_s = 1.0 / seen.peak_hz
-    bin_sd_hz = rate_hz / len(volts) / np.sqrt(12)
     # Ours: a taxel that is sampled later seems to lead by the skew.
     skews_s = np.diff(offsets_s)
     leads_s = _leads_scans(seen, len(volts)) / rate_hz - skews_s
     phase_sd = np.hypot(np.sqrt(1 / (len(volts) * 10 ** (seen.snr_db / 10))), _IMAGE_RAD / seen.peak)
     phase_sd_s = float(phase_sd) * period_s / (2 * np.pi)
     # Flow chart: delays t1 - t2 over l1 - l2.
-    gap_mm = float(gaps_mm[0] - gaps_mm[1])
     delays_s = _wrap_delays(leads_s[:, 0] - leads_s[:, 1], period_s)
-    delay_sd_s = float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s))  # 2 p1 - p0 - p2
-    # Ours: refuse where more than one period may have been added to the delay.
-    readings = _possible_readings(
-        float(delays_s.mean()), delay_sd_s, gap_mm, seen.peak_hz, bin_sd_hz, motion, limits
+    measured = _Measured(
+        delay_s=float(delays_s.mean()),
+        delay_sd_s=float(np.hypot(np.sqrt(2 / 12) / rate_hz, np.sqrt(6) * phase_sd_s)),  # 2 p1 - p0 - p2
+        gap_mm=float(gaps_mm[0] - gaps_mm[1]),
+        frequency_hz=seen.peak_hz,
+        frequency_sd_hz=rate_hz / len(volts) / np.sqrt(12),
     )
+    # Ours: refuse where more than one period may have been added to the delay.
+    readings = _possible_readings(measured, motion, limits)
     if len(readings) != 1 or not readings[0].is_within(limits, 0.0):
         return replace(found, status="ambiguous", candidates=_candidates(readings[:_MAX_CANDIDATES]))
     (reading,) = readings
-    delays_s = delays_s + reading.turns * period_s
-    answers = [_angle_and_period(float(delay_s), gap_mm, seen.peak_hz, motion) for delay_s in delays_s]
+    angles_deg, periods_mm = _angle_and_period(
+        delays_s + reading.turns * period_s,
+        measured.gap_mm,
+        seen.peak_hz,
+        motion.speed_mm_s,
+        motion.direction_deg,
+    )
     # Flow chart: two values of D, which must agree within 0.01 mm; the result is their mean.
-    (angle_max, period_max), (angle_min, period_min) = answers
-    if abs(period_max - period_min) > limits.agreement_mm:
+    if abs(periods_mm[0] - periods_mm[1]) > limits.agreement_mm:
         both = [
-            reading._replace(angle_deg=angle_deg, period_mm=period_mm) for angle_deg, period_mm in answers
+            reading._replace(angle_deg=angle_deg, period_mm=period_mm)
+            for angle_deg, period_mm in zip(angles_deg.tolist(), periods_mm.tolist(), strict=True)
         ]
         return replace(found, status="ambiguous", candidates=_candidates(both))
     return replace(
         found,
-        period_mm=(period_max + period_min) / 2,
+        period_mm=float(periods_mm.mean()),
         period_sd_mm=reading.period_sd_mm,
-        angle_deg=(angle_max + angle_min) / 2,
+        angle_deg=float(angles_deg.mean()),
         angle_sd_deg=reading.angle_sd_deg,
     )
 
@@ -206,15 +226,14 @@ def _wrap_delays(delays_s: FloatArray, period_s: float) -> FloatArray:
 
 
 def _angle_and_period(
-    delay_s: float, gap_mm: float, frequency_hz: float, motion: SlidingMotion
-) -> tuple[float, float]:
-    """Angle (degrees, within -90..90) and period (mm) by the equations of the module's docstring."""
-    theta = np.radians(motion.direction_deg)
-    rho = motion.speed_mm_s * delay_s / gap_mm
+    delay_s: FloatArray, gap_mm: float, frequency_hz: _Input, speed_mm_s: _Input, direction_deg: _Input
+) -> tuple[FloatArray, FloatArray]:
+    """Angles (degrees, within -90..90) and periods (mm) by the equations of the module's docstring."""
+    theta = np.radians(direction_deg)
+    rho = speed_mm_s * delay_s / gap_mm
     angle = np.arctan2(rho * np.cos(theta), 1 - rho * np.sin(theta))
     angle -= np.pi * np.round(angle / np.pi)  # a groove normal has no sign
-    period_mm = motion.speed_mm_s * abs(np.cos(theta - angle)) / frequency_hz
-    return float(np.degrees(angle)), float(period_mm)
+    return np.degrees(angle), np.asarray(speed_mm_s * np.abs(np.cos(theta - angle)) / frequency_hz)
 
 
 class _Reading(NamedTuple):
@@ -234,27 +253,18 @@ class _Reading(NamedTuple):
         )
 
 
-def _possible_readings(
-    delay_s: float,
-    delay_sd_s: float,
-    gap_mm: float,
-    frequency_hz: float,
-    frequency_sd_hz: float,
-    motion: SlidingMotion,
-    limits: GrooveLimits,
-) -> list[_Reading]:
+def _possible_readings(measured: _Measured, motion: SlidingMotion, limits: GrooveLimits) -> list[_Reading]:
     """Every answer within or near the limits for a delay known modulo the period; smallest angle first."""
     # |sin a| / D = |t| f / l is at most 1 / D. One more for the standard deviations, one for rounding.
-    most = int(abs(gap_mm) / limits.min_period_mm) + 2
-    readings = []
-    for turns in range(-most, most + 1):
-        turned_s = delay_s + turns / frequency_hz
-        answer = _angle_and_period(turned_s, gap_mm, frequency_hz, motion)
-        sigmas = _standard_deviations(turned_s, delay_sd_s, gap_mm, frequency_hz, frequency_sd_hz, motion)
-        readings.append(_Reading(*answer, *sigmas, turns))
-    return sorted(
-        (r for r in readings if r.is_within(limits, _COUNTED_SIGMAS)), key=lambda r: abs(r.angle_deg)
-    )
+    most = int(abs(measured.gap_mm) / limits.min_period_mm) + 2
+    turns = np.arange(-most, most + 1)
+    delay_s = measured.delay_s + turns / measured.frequency_hz
+    sigmas = _standard_deviations(delay_s, measured, motion)
+    known = measured.gap_mm, measured.frequency_hz, motion.speed_mm_s, motion.direction_deg
+    columns = *_angle_and_period(delay_s, *known), *sigmas, turns
+    readings = map(_Reading._make, zip(*(column.tolist() for column in columns), strict=True))
+    near = [reading for reading in readings if reading.is_within(limits, _COUNTED_SIGMAS)]
+    return sorted(near, key=lambda reading: abs(reading.angle_deg))
 
 
 def _candidates(readings: Sequence[_Reading]) -> tuple[Candidate, ...]:
@@ -265,36 +275,19 @@ def _candidates(readings: Sequence[_Reading]) -> tuple[Candidate, ...]:
 
 
 def _standard_deviations(
-    delay_s: float,
-    delay_sd_s: float,
-    gap_mm: float,
-    frequency_hz: float,
-    frequency_sd_hz: float,
-    motion: SlidingMotion,
-) -> tuple[float, float]:
-    """Standard deviations of angle (degrees) and period (mm), from each input moved by its own."""
-
-    def spread(*ends: tuple[float, float]) -> tuple[float, float]:
-        (angle_a, period_a), (angle_b, period_b) = ends
-        turn = angle_a - angle_b
-        return (turn - 180 * round(turn / 180)) / 2, (period_a - period_b) / 2
-
-    def at(
-        *, delay: float = 0.0, frequency: float = 0.0, speed: float = 0.0, direction: float = 0.0
-    ) -> tuple[float, float]:
-        moved = replace(
-            motion,
-            speed_mm_s=max(motion.speed_mm_s + speed * motion.speed_sd_mm_s, 0.0),
-            direction_deg=motion.direction_deg + direction * motion.direction_sd_deg,
-        )
-        moved_hz = frequency_hz + frequency * frequency_sd_hz
+    delay_s: FloatArray, measured: _Measured, motion: SlidingMotion
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations of angles (degrees) and periods (mm), from each input moved by its own."""
+    given = np.array([0.0, measured.frequency_hz, motion.speed_mm_s, motion.direction_deg])
+    sds = measured.delay_sd_s, measured.frequency_sd_hz, motion.speed_sd_mm_s, motion.direction_sd_deg
+    ends = []
+    for moved in (given + np.diag(sds), given - np.diag(sds)):  # (input that is moved, input)
+        more_s, frequency_hz, speed_mm_s, direction_deg = moved.T[:, :, np.newaxis]
         # The measured phase yields the delay through the frequency, so the two change together.
-        return _angle_and_period(
-            delay_s * frequency_hz / moved_hz + delay * delay_sd_s, gap_mm, moved_hz, moved
-        )
-
-    parts = [
-        spread(at(**{name: 1.0}), at(**{name: -1.0})) for name in ("delay", "frequency", "speed", "direction")
-    ]
-    angle_sd_deg, period_sd_mm = np.sqrt((np.array(parts) ** 2).sum(axis=0))
-    return min(float(angle_sd_deg), 90.0), float(period_sd_mm)
+        at_s = delay_s * measured.frequency_hz / frequency_hz + more_s
+        known = frequency_hz, np.maximum(speed_mm_s, 0.0), direction_deg
+        ends.append(_angle_and_period(at_s, measured.gap_mm, *known))
+    (angle_a, period_a), (angle_b, period_b) = ends
+    turn = angle_a - angle_b
+    angle_sd_deg = np.sqrt((((turn - 180 * np.round(turn / 180)) / 2) ** 2).sum(axis=0))
+    return np.minimum(angle_sd_deg, 90.0), np.sqrt((((period_a - period_b) / 2) ** 2).sum(axis=0))

@@ -112,21 +112,9 @@ class LoadSteadiness:
 class ActiveSlip:
     """Track one slip from its onset to its end, by the pair response along its direction.
 
-    Parameters
-    ----------
-    weights : (2, channels) float64
-        From readings to the response; on a grid, so that sums are exact.
-    along : (2,) float64
-        Unit vector of the slip.
-    n_before : int
-        Scans at the beginning of the filter's window that precede any kink it responds to.
-    delay_s : float
-        Time from a kink to its crossing.
-
-    Attributes
-    ----------
-    ended_s : float
-        Instant of the end, if the slip proves to have ended.
+    `weights` (2, channels) lead from readings to the response, `along` (2,) is the unit vector of the slip,
+    `n_before` scans at the beginning of the filter's window precede any kink that it responds to. `ended_s`
+    is the instant of the end, if the slip proves to have ended.
     """
 
     def __init__(
@@ -134,16 +122,12 @@ class ActiveSlip:
     ) -> None:
         self._onset, self._weights, self._along, self._n_before = onset, weights, along, n_before
         self._start = mean_response(weights, view.steps[:n_before])
-        self._delay_s = view.time_s - onset.onset_s
         self.ended_s = view.time_s
         self._before_kinks = 0.0  # largest response before the opposite kinks of this burst of crossings
         self._kinking_back = False
 
-    def _before_kink(self, view: ScanView) -> float:
-        return self._above_start(mean_response(self._weights, view.steps[: self._n_before]))
-
-    def _above_start(self, response: FloatArray) -> float:
-        return float((response - self._start) @ self._along)
+    def _above_start(self, steps: FloatArray) -> float:
+        return float((mean_response(self._weights, steps) - self._start) @ self._along)
 
     def cross(self, view: ScanView, *, is_first: bool) -> None:
         """Process a crossing, the first of a burst or a later one."""
@@ -151,9 +135,9 @@ class ActiveSlip:
             self._before_kinks, self._kinking_back = 0.0, False
         kinks_back = bool(self._along @ (self._weights @ view.coefficients) < 0)
         if kinks_back:
-            self._before_kinks = max(self._before_kinks, self._before_kink(view))
-            if not self._kinking_back:
-                self.ended_s = view.time_s - self._delay_s
+            self._before_kinks = max(self._before_kinks, self._above_start(view.steps[: self._n_before]))
+            if not self._kinking_back:  # as long before its crossing as the kink of the onset
+                self.ended_s = view.time_s - (self._onset.detected_s - self._onset.onset_s)
         self._kinking_back = kinks_back
 
     def has_relaxed(self, view: ScanView) -> bool:
@@ -163,14 +147,12 @@ class ActiveSlip:
         yet.
         """
         left = (1 - _RELAXED_PART) * self._before_kinks
-        now, before = self._above_start(self._weights @ view.steps[-1]), self._before_kink(view)
+        now, before = map(self._above_start, (view.steps[-1:], view.steps[: self._n_before]))
         return now < left and (before < left or before - now < _RELAXED_PART / 2 * self._before_kinks)
 
-    def end(self, ended_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
+    def end(self, at_s: float, detected_s: float, *, valid: bool) -> SlipEvent:
         """Event for the end, with the other fields of the onset's event."""
-        return dataclasses.replace(
-            self._onset, state="end", time_s=ended_s, detected_s=detected_s, valid=valid
-        )
+        return dataclasses.replace(self._onset, state="end", time_s=at_s, detected_s=detected_s, valid=valid)
 
 
 def mean_response(weights: FloatArray, steps: FloatArray) -> FloatArray:
@@ -200,9 +182,8 @@ class WaveletSlip:
 
     def __init__(self, array: Array) -> None:
         self._array = array
-        self._weights = (
-            np.rint(array.shear_weights() * _WEIGHT_SCALE) / _WEIGHT_SCALE
-        )  # (2, taxels, channels)
+        # (2, taxels, channels)
+        self._weights = np.rint(array.shear_weights() * _WEIGHT_SCALE) / _WEIGHT_SCALE
         self._sizes = np.abs(self._weights).sum(axis=2)  # (2, taxels)
         self._common = array.normal_weights()  # (taxels, channels)
         # A taxel with one resistor of a pair missing would take pressure for shear.
@@ -293,8 +274,7 @@ class WaveletSlip:
                     crossing[scan],
                     steps[scan : scan + self._border + 1],
                 )
-                slip = self._change(view, crosses[scan])
-                if slip is not None:
+                if (slip := self._change(view, crosses[scan])) is not None:
                     events.append(slip)
                     if (change := self._update_tracker(slip)) is not None:
                         events.append(contact_event(block, scan, pressure, change))
@@ -339,7 +319,7 @@ class WaveletSlip:
         if self._tracker.state == "unknown":
             confidence /= 2  # it may equally be the stop of a slide that began unobserved
         weights = np.asarray(self._weights[:, taxels].sum(axis=1))
-        moved = weights @ view.steps[-1] - mean_response(weights, view.steps[: self._n_before])
+        moved = mean_response(weights, view.steps[-1:]) - mean_response(weights, view.steps[: self._n_before])
         size = float(np.hypot(*moved))
         along = moved / size if size else np.array([1.0, 0.0])
         onset_s = view.time_s - 0.5 * self._longest / self._rate_hz

@@ -17,7 +17,6 @@ two periods disagree, sample again; otherwise output their mean, and continue wh
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,11 +88,8 @@ class PaperTexture:
         self._limits = limits or GrooveLimits()
         columns = array.columns()
         taxels = columns[0][:3] if columns else []
-        self._y_mm, self._resistors, self._grid = (
-            array.y_mm[taxels],
-            _resistors(array, taxels),
-            Quantiser(array),
-        )
+        self._y_mm, self._resistors = array.y_mm[taxels], _resistors(array, taxels)
+        self._grid = Quantiser(array)
         self.reset()
 
     def reset(self) -> None:
@@ -138,25 +134,20 @@ class PaperTexture:
             self._stop()
         return events
 
-    def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
+    def _gather(self, block: ScanBlock, speeds_mm_s: FloatArray) -> list[Event]:
         """Fill windows; a change of speed begins a new one."""
         events: list[Event] = []
-        edges = [0, *(np.flatnonzero(np.diff(speeds)) + 1).tolist(), len(block)]
-        for first, last in pairwise(edges):
-            if speeds[first] != self._speed_mm_s:
-                self._speed_mm_s, self._n_gathered = float(speeds[first]), 0
-            events += self._fill(block[first:last])
-        return events
-
-    def _fill(self, block: ScanBlock) -> list[Event]:
-        events: list[Event] = []
         n_window = max(_MIN_WINDOW_SCANS, round(self._limits.window_s * block.rate_hz))
+        ends = [*(np.flatnonzero(np.diff(speeds_mm_s)) + 1).tolist(), len(block)]
         done = 0
         while done < len(block):
+            if speeds_mm_s[done] != self._speed_mm_s:
+                self._speed_mm_s, self._n_gathered = float(speeds_mm_s[done]), 0
             if self._n_gathered == 0:
                 self._volts = np.empty((n_window, self._n_channels))
                 self._good = np.ones(self._n_channels, dtype=np.bool_)
-            part = block[done : done + n_window - self._n_gathered]
+            ends = [end for end in ends if end > done]
+            part = block[done : min(done + n_window - self._n_gathered, ends[0])]
             self._volts[self._n_gathered : self._n_gathered + len(part)] = part.volts
             in_scale = np.abs(part.volts) <= self._grid.full_scale_volts  # no NaN is
             self._good &= (part.valid & in_scale).all(axis=0)
@@ -164,8 +155,7 @@ class PaperTexture:
             done += len(part)
             if self._n_gathered == n_window:
                 # only the last scan counts: an earlier backlog is over, and its readings are good
-                is_stale = bool(part.late[-1])
-                found = GrooveEstimate("stale") if is_stale else self._estimate(block)
+                found = GrooveEstimate("stale") if part.late[-1] else self._estimate(block)
                 events.append(self._event(float(part.time_s[-1]), n_window / block.rate_hz, found))
                 self._answered, self._n_gathered = True, 0
         return events
@@ -198,22 +188,16 @@ class PaperTexture:
         )
 
     def _event(self, time_s: float, window_s: float, found: GrooveEstimate) -> TextureEvent:
+        is_known = self._speed_mm_s > 0
         return TextureEvent(
             time_s=time_s,
             answered_s=time_s,
-            status=found.status,
-            period_mm=found.period_mm,
-            period_sd_mm=found.period_sd_mm,
-            angle_deg=found.angle_deg,
-            angle_sd_deg=found.angle_sd_deg,
             speed_mm_s=self._speed_mm_s,
-            speed_sd_mm_s=self._speed_sd_mm_s if self._speed_mm_s > 0 else 0.0,
-            speed_source="given" if self._speed_mm_s > 0 else "none",
-            frequency_hz=found.frequency_hz,
+            speed_sd_mm_s=self._speed_sd_mm_s if is_known else 0.0,
+            speed_source="given" if is_known else "none",
             window_s=window_s,
-            snr_db=found.snr_db,
-            candidates=found.candidates,
             estimator=ESTIMATOR,
+            **vars(found),
         )
 
 
@@ -224,13 +208,7 @@ def _strength(seen: Spectrum) -> tuple[bool, float]:
 
 def _resistors(array: Array, taxels: list[int]) -> list[NDArray[np.int64]]:
     """Channels of equal kind and azimuth that are present in all taxels: all R1, all R2, ..."""
-    found: dict[tuple[str, float], list[int]] = {}
-    for taxel in taxels:
-        for channel in np.flatnonzero(array.channel_taxel == taxel).tolist():
-            azimuth_deg = float(np.nan_to_num(array.azimuth_deg[channel]))
-            found.setdefault((array.channel_kind[channel], azimuth_deg), []).append(channel)
-    return [
-        np.array(channels)
-        for channels in found.values()
-        if [int(array.channel_taxel[c]) for c in channels] == taxels
-    ]
+    kinds = list(zip(array.channel_kind, np.nan_to_num(array.azimuth_deg).tolist(), strict=True))
+    own = [{kinds[c]: c for c in np.flatnonzero(array.channel_taxel == taxel)} for taxel in taxels]
+    shared = [kind for kind in (own[0] if own else ()) if all(kind in one for one in own)]
+    return [np.array([one[kind] for one in own]) for kind in shared]
