@@ -143,6 +143,17 @@ def test_on_an_array_without_shear_every_setting_has_the_same_reports() -> None:
     assert found.friction is None
 
 
+def test_a_hold_in_newtons_has_a_level_of_its_own() -> None:
+    """0.5 V are no newtons: 0.4 N on each taxel of a fine array is a firm hold."""
+    array = load_array("pillars-3x3")
+    held_n = np.zeros((600, array.n_channels)) + 0.4 * (array.normal_weights() != 0).any(axis=0)
+    held_n[:100] = 0.0
+    held_n += np.random.default_rng(0).normal(0, 1e-3, held_n.shape)
+    assert recording(held_n, array).contact_s() == pytest.approx(5.0, abs=0.1)
+    with pytest.raises(DataError, match="no taxel above its level, in N"):
+        recording(held_n[:100], array).contact_s()
+
+
 @pytest.mark.parametrize(
     ("volts", "says"),
     [

@@ -4,14 +4,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.table import TimeUnit
+from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import LiveScans, read_log
-from tactiled.tune.study import HELD, Recording
+from tactiled.tune.study import Recording, contact_level, touching
 
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
@@ -85,16 +84,15 @@ def record_live(
 def _await_touch(scans: LiveScans) -> None:
     """Wait until an object is in contact."""
     until_s = time.monotonic() + _GRIP_S
-    least_v = HELD.contact_volts
-    weights = scans.array.normal_weights()
+    scans.drop()
     while time.monotonic() < until_s:
-        scans.drop()
         scans.listen(0.1)
-        if scans.readings and (weights @ np.nan_to_num(scans.readings[-1])).max() > least_v:
-            return
-    raise DataError(
-        f"no contact within {_GRIP_S:g} s (no taxel above {least_v:g} V): run again and grip an object"
-    )
+        if len(scans.readings) > 1:
+            blocks = [item for item in scans.log().blocks() if isinstance(item, ScanBlock)]
+            if touching(blocks[-1], scans.array)[-1]:
+                return
+    level = contact_level(scans.array)
+    raise DataError(f"no contact within {_GRIP_S:g} s (no taxel above {level}): run again and grip an object")
 
 
 def _record(scans: LiveScans, name: str, seconds: float, report: Report) -> Recording:

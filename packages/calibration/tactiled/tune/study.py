@@ -31,8 +31,8 @@ _CONTACT_SD = 0.15
 _KNOWN = 0.95  # of the spread before any contact: friction that is known no better is not proposed
 _FIVE_PERCENT = 1.645  # standard deviations from the median to the quantile of 95 %
 
-# A firm hold, whose noise is that of work.
-HELD = ContactParams(contact_volts=0.5, release_volts=0.35, loading_volts_s=0.03)
+# A firm hold of an array in volts, whose noise is that of work. Other units: as the detectors find it.
+_HELD_V = ContactParams(contact_volts=0.5, release_volts=0.35, loading_volts_s=0.03)
 # A shorter contact shows less than the model needs: 0.6 s for its zero, then a second to settle.
 _LEAST_S = 4.0
 _LEVEL = 0.95  # of the intervals of a rate, as in trials of reliability
@@ -57,8 +57,8 @@ class Recording:
         """Return the time in contact of some taxel (s); raise `DataError` where it is too little."""
         held_s = sum(float(touching(one, self.array).sum()) / one.rate_hz for one in self._blocks())
         if held_s < _LEAST_S:
-            least_v = HELD.contact_volts
-            found = f"{held_s:.1f} s of contact" if held_s else f"no contact (no taxel above {least_v:g} V)"
+            nothing = f"no contact (no taxel above {contact_level(self.array)})"
+            found = f"{held_s:.1f} s of contact" if held_s else nothing
             raise DataError(
                 f"{self.name}: {found} in {self.seconds:.1f} s, at least {_LEAST_S:g} s are needed: grip an "
                 "object and hold it for the whole recording"
@@ -69,9 +69,14 @@ class Recording:
         return [item for item in self.items if isinstance(item, ScanBlock)]
 
 
+def contact_level(array: Array) -> str:
+    """Return words for the level above which a taxel counts as touched."""
+    return f"{_HELD_V.contact_volts:g} V" if array.unit == "V" else f"its level, in {array.unit}"
+
+
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Flags (n,) of scans in which some taxel is above the contact threshold."""
-    tracker = ContactTracker(array, HELD, block.rate_hz)
+    tracker = ContactTracker(array, _HELD_V if array.unit == "V" else ContactParams(), block.rate_hz)
     return tracker.measure(block, Quantiser(array).process(block)).touches
 
 
