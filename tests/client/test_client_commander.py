@@ -264,6 +264,13 @@ def test_zenoh_subscribes_to_one_host_and_finds_requests_by_itself() -> None:
         Subscription("zenoh://127.0.0.1:1/h", control="tcp://127.0.0.1:2")
 
 
+def test_zenoh_endpoints_name_the_distribution_that_serves_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tactiled.zenoh.transport", None)
+    for connect in (Subscription, Commander):
+        with pytest.raises(OperatorError, match=r"zenoh:// endpoints: install tactiled-zenoh"):
+            connect("zenoh://127.0.0.1:1/h")
+
+
 def test_a_fault_of_the_listener_is_its_exit_code(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
