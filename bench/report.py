@@ -6,15 +6,13 @@ heading to the words in its cell, so that both stand in one line of the code::
 
     table({"model": s.name, "cost (ms/s)": f"{s.cost_ms:.1f}"} for s in scores)
 
-An `Aim` has a name, its limit in words, and `measure`: a function from what was measured to a `Reading`
-(words, and "met", "open" or "MISSED"). `aims_table` applies the same aims to every thing measured::
+`aims_table` makes one of aims, each with its limit, what was measured, and whether that meets it::
 
-    AIMS = (
-        at_most("processor time of a simulated second", 5.0, " ms", lambda found: found.cost_ms, ".1f"),
-        never("answers where there are no grooves", lambda found: [t.is_ok for t in found.flat]),
-        Aim("direction within one stated standard deviation", "68 % within 5 points", measure_coverage),
-    )
-    aims_table(AIMS, {"quick": found["quick"], "balanced": found["balanced"]})
+    aims_table([
+        at_most("processor time of a simulated second", 5.0, found.cost_ms, ".1f", " ms"),
+        never("answers where there are no grooves", [t.is_ok for t in found.flat]),
+        aim("direction within one stated standard deviation", "68 %", f"{100 * part:.0f} %", part >= 0.68),
+    ])
 """
 
 import json
@@ -26,7 +24,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Generic, Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,60 +77,39 @@ def load_words() -> str:
     return f"load average {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
 
 
-class Reading(NamedTuple):
-    """Measured value of an aim in words, and the verdict; open: too few data to decide."""
+class Aim(NamedTuple):
+    """A limit in words, what was measured, and the verdict; open: too few data to decide."""
 
+    name: str
+    limit: str
     words: str
     verdict: Literal["met", "open", "MISSED"]
 
 
-def judge(words: str, is_met: bool, *, is_open: bool = False) -> Reading:
-    """Reading that is met, else open, else missed."""
-    return Reading(words, "met" if is_met else "open" if is_open else "MISSED")
+def aim(name: str, limit: str, words: str, is_met: bool, *, is_open: bool = False) -> Aim:
+    """Aim that is met, else open, else missed."""
+    return Aim(name, limit, words, "met" if is_met else "open" if is_open else "MISSED")
 
 
-@dataclass(frozen=True)
-class Aim(Generic[T]):
-    """A limit in words, and the function that measures against it."""
-
-    name: str
-    limit: str
-    measure: Callable[[T], Reading]
-
-
-def at_most(name: str, limit: float, unit: str, value: Callable[[T], float], form: str) -> Aim[T]:
+def at_most(name: str, limit: float, value: float, form: str, unit: str = "") -> Aim:
     """Aim that a number does not exceed a limit; one that is not finite misses it. A unit has its blank."""
-
-    def measure(found: T) -> Reading:
-        number = value(found)
-        return judge(f"{number:{form}}{unit}" if np.isfinite(number) else NONE, bool(number <= limit))
-
-    return Aim(name, f"at most {limit:g}{unit}", measure)
+    words = f"{value:{form}}{unit}" if np.isfinite(value) else NONE
+    return aim(name, f"at most {limit:g}{unit}", words, bool(value <= limit))
 
 
 def median_aim(
-    name: str, limit: float, values: Callable[[T], Sequence[float]], form: str, *, is_least: bool = False
-) -> Aim[T]:
+    name: str, limit: float, repeats: Sequence[float], form: str, *, is_least: bool = False
+) -> Aim:
     """Aim that the median over repeats is at most, or at least, a limit; their range is said, too."""
-
-    def measure(found: T) -> Reading:
-        repeats = values(found)
-        median = np.median(repeats)
-        return judge(over_runs(repeats, form), bool(median >= limit if is_least else median <= limit))
-
-    return Aim(name, f"at {'least' if is_least else 'most'} {limit:g}", measure)
+    median = np.median(repeats)
+    words, is_met = over_runs(repeats, form), bool(median >= limit if is_least else median <= limit)
+    return aim(name, f"at {'least' if is_least else 'most'} {limit:g}", words, is_met)
 
 
-def never(name: str, happened: Callable[[T], int | Sequence[bool]]) -> Aim[T]:
+def never(name: str, happened: int | Sequence[bool]) -> Aim:
     """Aim that something did not happen, as a count or in any of the cases."""
-
-    def measure(found: T) -> Reading:
-        cases = happened(found)
-        if isinstance(cases, int):
-            return judge(f"{cases}", cases == 0)
-        return judge(ratio(cases), not any(cases))
-
-    return Aim(name, "none", measure)
+    words = f"{happened}" if isinstance(happened, int) else ratio(happened)
+    return aim(name, "none", words, happened == 0 if isinstance(happened, int) else not any(happened))
 
 
 class Table(str):
@@ -141,13 +118,9 @@ class Table(str):
     rows: list[dict[str, str]]
 
 
-def aims_table(aims: Iterable[Aim[T]], measured: Mapping[str, T]) -> Table:
-    """Table of aims with a column for each thing measured: the verdict, then what was measured."""
-    return table(
-        {"aim": aim.name, "limit": aim.limit}
-        | {name: ": ".join(reversed(aim.measure(found))) for name, found in measured.items()}
-        for aim in aims
-    )
+def aims_table(aims: Iterable[Aim], measured: str = "measured") -> Table:
+    """Table of aims, with the verdict before what was measured in a column of that name."""
+    return table({"aim": a.name, "limit": a.limit, measured: f"{a.verdict}: {a.words}"} for a in aims)
 
 
 def table(rows: Iterable[Mapping[str, str]]) -> Table:

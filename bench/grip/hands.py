@@ -10,16 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bench.report import (
-    BENCH_WORKERS,
-    NONE,
-    Aim,
-    BenchOptions,
-    Reading,
-    aims_table,
-    judge,
-    table,
-)
+from bench.report import BENCH_WORKERS, NONE, Aim, BenchOptions, aim, aims_table, table
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.detect.contact.filter import SETTINGS
@@ -85,7 +76,7 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"{n - left_out} random worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
         f"{left_out} used half of the limit or more and were left out), "
         f"{everything.hours:.1f} h in contact.",
-        aims_table(AIMS, {"measured": everything}),
+        aims_table(_aims(everything)),
         "False slip events an hour, by setting: onsets where less than a tenth of the area has slipped "
         "so far / gross slips.",
         table(_event_row(hand, count) for hand, count in rows.items()),
@@ -132,20 +123,17 @@ def _event_row(hand: str, count: HandCount) -> dict[str, str]:
     return row
 
 
-def _false_gross(count: HandCount) -> Reading:
-    per_hour = count.gross[_AIM_SETTING] / max(count.hours, 1e-9)
-    words = f"{per_hour:.1f} over {count.hours:.1f} h"
-    if count.hours < 0.9 * _HOURS:  # some worlds are left out
-        return Reading(words, "open")
-    return judge(words, per_hour <= _MOST_PER_HOUR)
-
-
-def _worst_minute(count: HandCount) -> Reading:
-    most = count.most_gross[_AIM_SETTING]
-    return judge(f"{most}", most <= _MOST_IN_A_MINUTE)
-
-
-AIMS = (
-    Aim(f"false gross slips an hour, {_AIM_SETTING}", f"at most {_MOST_PER_HOUR:g}", _false_gross),
-    Aim("the most in a minute", f"at most {_MOST_IN_A_MINUTE}", _worst_minute),
-)
+def _aims(count: HandCount) -> list[Aim]:
+    per_hour, most = count.gross[_AIM_SETTING] / max(count.hours, 1e-9), count.most_gross[_AIM_SETTING]
+    words, is_quick = f"{per_hour:.1f} over {count.hours:.1f} h", count.hours < 0.9 * _HOURS
+    is_met = not is_quick and per_hour <= _MOST_PER_HOUR  # some worlds are left out
+    return [
+        aim(
+            f"false gross slips an hour, {_AIM_SETTING}",
+            f"at most {_MOST_PER_HOUR:g}",
+            words,
+            is_met,
+            is_open=is_quick,
+        ),
+        aim("the most in a minute", f"at most {_MOST_IN_A_MINUTE}", f"{most}", most <= _MOST_IN_A_MINUTE),
+    ]

@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +32,9 @@ from bench.processes import (
 from bench.report import (
     Aim,
     BenchOptions,
-    Reading,
+    aim,
     aims_table,
     at_most,
-    judge,
     load_words,
     median_aim,
     never,
@@ -91,6 +89,10 @@ class Run:
         """Quantile of the daemon's latency over that of the reference."""
         return self.daemon[phase].quantile_ms(q) / self.reference[phase].quantile_ms(q)
 
+    def cpu_ratio(self, phase: str) -> float:
+        """Processor time of the daemon over that of the reference."""
+        return self.daemon[phase].cpu_part / max(self.reference[phase].cpu_part, 1e-9)
+
 
 def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure the latency of both programs."""
@@ -107,7 +109,7 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"{repeats} runs; {load_words()}. A ratio compares two programs in the same run; the table has its "
         "median over the runs, and its range."
     )
-    return [text, _latency_table(runs), aims_table(AIMS, {"measured": runs})]
+    return [text, _latency_table(runs), aims_table(_aims(runs))]
 
 
 def play_scene(folder: Path, reference: Path) -> Run:
@@ -250,49 +252,35 @@ def _latency_table(runs: Sequence[Run]) -> str:
     return table(rows)
 
 
-def _ratio_aim(phase: str, percent: int, limit: float) -> Aim[Sequence[Run]]:
-    def ratios(runs: Sequence[Run]) -> list[float]:
-        return [run.ratio(phase, percent / 100) for run in runs]
-
-    return median_aim(f"p{percent} of tactiled over C, {phase}", limit, ratios, ".1f")
-
-
 def _longest_turn_ms(runs: Sequence[Run], phase: str) -> float:
     return 1e3 * max(run.loop_lag_s[phase] for run in runs)
 
 
-def _cpu_ratios(phase: str, runs: Sequence[Run]) -> list[float]:
-    return [run.daemon[phase].cpu_part / max(run.reference[phase].cpu_part, 1e-9) for run in runs]
-
-
-def _turn_over_rest(runs: Sequence[Run]) -> Reading:
-    sliding_ms, rest_ms = (_longest_turn_ms(runs, phase) for phase in ("sliding", "rest"))
-    words = f"{sliding_ms / max(rest_ms, 1e-6):.1f} times {rest_ms:.1f} ms"
-    return judge(words, sliding_ms <= 3 * rest_ms)
-
-
-AIMS: tuple[Aim[Sequence[Run]], ...] = (
-    *(_ratio_aim(phase, 50, limit) for phase, limit in zip(PHASES, (2.5, 2.5, 3.0), strict=True)),
-    *(_ratio_aim(phase, 99, limit) for phase, limit in zip(PHASES, (3.0, 3.0, 4.0), strict=True)),
-    at_most(
-        "longest turn of the loop while sliding, on a quiet machine",
-        5.0,
-        " ms",
-        lambda runs: _longest_turn_ms(runs, "sliding"),
-        ".1f",
-    ),
-    Aim("the same, on any machine", "at most 3 times that at rest", _turn_over_rest),
-    never("scans lost", lambda runs: sum(one.lost for run in runs for one in run.daemon.values())),
-    never("groove fits late", lambda runs: sum(run.fits_late for run in runs)),
-    at_most(
-        "memory of the daemon after the slide (RSS)",
-        70.0,
-        " MB",
-        lambda runs: float(np.median([run.memory_mb for run in runs])),
-        ".0f",
-    ),
-    *(
-        median_aim(f"processor of tactiled over C, {phase}", limit, partial(_cpu_ratios, phase), ".1f")
-        for phase, limit in (("rest", 3.0), ("sliding", 8.0))
-    ),
-)
+def _aims(runs: Sequence[Run]) -> list[Aim]:
+    turn_ms, rest_ms = (_longest_turn_ms(runs, phase) for phase in ("sliding", "rest"))
+    ratios = [
+        median_aim(
+            f"p{percent} of tactiled over C, {phase}",
+            limit,
+            [run.ratio(phase, percent / 100) for run in runs],
+            ".1f",
+        )
+        for percent, limits in ((50, (2.5, 2.5, 3.0)), (99, (3.0, 3.0, 4.0)))
+        for phase, limit in zip(PHASES, limits, strict=True)
+    ]
+    over_rest = f"{turn_ms / max(rest_ms, 1e-6):.1f} times {rest_ms:.1f} ms"
+    memory_mb = float(np.median([run.memory_mb for run in runs]))
+    return [
+        *ratios,
+        at_most("longest turn of the loop while sliding, on a quiet machine", 5.0, turn_ms, ".1f", " ms"),
+        aim("the same, on any machine", "at most 3 times that at rest", over_rest, turn_ms <= 3 * rest_ms),
+        never("scans lost", sum(one.lost for run in runs for one in run.daemon.values())),
+        never("groove fits late", sum(run.fits_late for run in runs)),
+        at_most("memory of the daemon after the slide (RSS)", 70.0, memory_mb, ".0f", " MB"),
+        *(
+            median_aim(
+                f"processor of tactiled over C, {phase}", limit, [run.cpu_ratio(phase) for run in runs], ".1f"
+            )
+            for phase, limit in (("rest", 3.0), ("sliding", 8.0))
+        ),
+    ]

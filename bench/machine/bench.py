@@ -18,10 +18,9 @@ from bench.machine.image import make_image
 from bench.report import (
     Aim,
     BenchOptions,
-    Reading,
+    aim,
     aims_table,
     at_most,
-    judge,
     load_words,
     median_aim,
     never,
@@ -35,39 +34,32 @@ _SWAPS, _QUICK_SWAPS = 4, 1
 _FIRST_S = 1.0  # a port is tried at least each 0.5 s (`daemon.serial.port`)
 
 
-def _verified(found: Found) -> Reading:
-    return judge(ratio(found.verified), bool(found.verified) and all(found.verified))
-
-
-def _lost_by_step(found: Found) -> int:
-    return found.clock.lost_with_board + abs(found.clock.unaccounted)
-
-
-def _over_own_boot(found: Found) -> list[float]:
-    return [fresh_s / found.own_boot_s for fresh_s in found.fresh_s]
-
-
-AIMS: tuple[Aim[Found], ...] = (
-    never("setup: configuration, unit, user, name of the port: missing", lambda f: len(f.missing_files)),
-    never("setup: no board found though one is there", lambda f: f.setups_failed),
-    at_most("latency timer of the adapter, set by the rule", 1, " ms", lambda f: f.timer_ms, "d"),
-    never("setup and --remove: files that differ", lambda f: len(f.left_by_remove)),
-    never("installed and purged: files that differ, without recordings", lambda f: len(f.left_by_purge)),
-    median_aim("first fresh scan over multi-user.target without the daemon", 1.1, _over_own_boot, ".2f"),
-    never("replugs: scans unaccounted for", lambda f: abs(f.plugs.unaccounted)),
-    never("replugs: scans lost with the adapter plugged in", lambda f: f.plugs.lost_with_board),
-    median_aim("replugs: device node to first scan (s)", _FIRST_S, lambda f: f.replugged_s, ".2f"),
-    at_most("adapter in another socket: the same", _FIRST_S, " s", lambda f: f.other_socket_s, ".2f"),
-    never("two adapters swapped: daemons with the wrong board", lambda f: f.swapped),
-    never("clock stepped: scans lost or unaccounted for", _lost_by_step),
-    at_most("clock stepped: until messages follow", 2, " s", lambda f: max(f.stepped_s), ".2f"),
-    never("disk full for 10 s: scans lost", lambda f: f.full_disk_missing),
-    at_most("disk has room again: until recorded", 15, " s", lambda f: f.recording_again_s, ".1f"),
-    never("64 MB of memory left for 30 s: scans lost", lambda f: f.low_memory_missing),
-    never("64 MB of memory left for 30 s: restarts", lambda f: f.low_memory_restarts),
-    Aim("power cuts: recordings that verify", "all", _verified),
-    at_most("power cuts: lost before the cut", 2, " s", lambda f: max(f.lost_by_cut_s), ".2f"),
-)
+def _aims(found: Found) -> list[Aim]:
+    """Judge what was found."""
+    stepped, lost_by_step = max(found.stepped_s), found.clock.lost_with_board + abs(found.clock.unaccounted)
+    over_own_boot = [fresh_s / found.own_boot_s for fresh_s in found.fresh_s]
+    verifies = bool(found.verified) and all(found.verified)
+    return [
+        never("setup: configuration, unit, user, name of the port: missing", len(found.missing_files)),
+        never("setup: no board found though one is there", found.setups_failed),
+        at_most("latency timer of the adapter, set by the rule", 1, found.timer_ms, "d", " ms"),
+        never("setup and --remove: files that differ", len(found.left_by_remove)),
+        never("installed and purged: files that differ, without recordings", len(found.left_by_purge)),
+        median_aim("first fresh scan over multi-user.target without the daemon", 1.1, over_own_boot, ".2f"),
+        never("replugs: scans unaccounted for", abs(found.plugs.unaccounted)),
+        never("replugs: scans lost with the adapter plugged in", found.plugs.lost_with_board),
+        median_aim("replugs: device node to first scan (s)", _FIRST_S, found.replugged_s, ".2f"),
+        at_most("adapter in another socket: the same", _FIRST_S, found.other_socket_s, ".2f", " s"),
+        never("two adapters swapped: daemons with the wrong board", found.swapped),
+        never("clock stepped: scans lost or unaccounted for", lost_by_step),
+        at_most("clock stepped: until messages follow", 2, stepped, ".2f", " s"),
+        never("disk full for 10 s: scans lost", found.full_disk_missing),
+        at_most("disk has room again: until recorded", 15, found.recording_again_s, ".1f", " s"),
+        never("64 MB of memory left for 30 s: scans lost", found.low_memory_missing),
+        never("64 MB of memory left for 30 s: restarts", found.low_memory_restarts),
+        aim("power cuts: recordings that verify", "all", ratio(found.verified), verifies),
+        at_most("power cuts: lost before the cut", 2, max(found.lost_by_cut_s), ".2f", " s"),
+    ]
 
 
 def bench_machine(progress: ProgressBar, options: BenchOptions) -> list[str]:
@@ -111,4 +103,4 @@ def bench_machine(progress: ProgressBar, options: BenchOptions) -> list[str]:
         for name, lines in (("--remove", found.left_by_remove), ("apt purge", found.left_by_purge))
         if lines
     ]
-    return [intro, aims_table(AIMS, {"measured": found}), *changed]
+    return [intro, aims_table(_aims(found)), *changed]

@@ -76,7 +76,7 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
     return [
         *_sections(trials, sizes),
         "Aims, worst case of what was measured; open: too few windows to tell.",
-        aims_table(tables.AIMS, {"measured": trials}),
+        aims_table(tables.aims(trials)),
     ]
 
 

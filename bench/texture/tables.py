@@ -5,12 +5,11 @@ answers cannot show to be small enough: a quick run leaves most so.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 
 import numpy as np
 from scipy import special
 
-from bench.report import NONE, Aim, Reading, Table, counts_in_words, grouped, judge, never, rms, table
+from bench.report import NONE, Aim, Table, aim, counts_in_words, grouped, never, rms, table
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
@@ -109,80 +108,72 @@ _OVER_BOUND = 1.1
 _HELD = (0.93, 0.97)  # of 95 % intervals, on white noise
 _WRONG = 1e-3  # of answers
 _SURE = 2.0  # standard errors
-_NOTHING = judge("nothing answered", False, is_open=True)
+_IN_1000 = f"at most {1e3 * _WRONG:g} in 1000"
 
 
-def _near_the_bound(quantity: Quantity, is_known: bool, found: Found) -> Reading:
+def aims(found: Found) -> list[Aim]:
+    """Judge the trials of all parts."""
+    whole = [t for t in found["grid"] if t.periods >= MIN_PERIODS]
+    slides = TrialSet(found["tracks"])
+    over, held = [], []
+    for quantity in QUANTITIES:
+        for is_known, speed in SPEEDS.items():
+            some = [t for t in whole if t.is_speed_known == is_known]
+            over.append(_near_the_bound(f"{quantity}: error over its bound, {speed}", quantity, some))
+            own = TrialSet(t for t in found["grid"] if t.is_speed_known == is_known)
+            held.append(_held(f"{quantity}: truth within 95 % intervals, {speed}", quantity, own))
+        words = f"{len(slides.bounded)} windows"
+        over.append(
+            _over_bound(f"{quantity}: error over its bound, followed slides", quantity, slides, words)
+        )
+    return [
+        *over,
+        *held,
+        _rarely_wrong("wrong answers, white noise", TrialSet(found["grid"])),
+        _rarely_wrong("wrong answers, coloured noise", TrialSet(found["coloured noise"])),
+        # Answers of one slide are not independent: only their rate is judged.
+        aim(
+            "wrong answers, followed slides",
+            _IN_1000,
+            f"{slides.n_wrong} of {len(slides.ok)}",
+            slides.n_wrong <= _WRONG * len(slides.ok),
+            is_open=not slides.ok,
+        ),
+        never("surfaces without grooves: answered", [t.is_wrong for t in found["grooveless"]]),
+    ]
+
+
+def _near_the_bound(name: str, quantity: Quantity, some: Sequence[Trial]) -> Aim:
     """Take all noises of a window together, and all windows of a noise: a cell cannot tell 1.1 from 1."""
-    mine = [t for t in found["grid"] if t.is_speed_known == is_known and t.periods >= MIN_PERIODS]
-    parts = {f"{s:g} s": TrialSet(some) for s, some in grouped(mine, lambda t: t.window_s).items()}
-    parts |= {f"{db:g} dB": TrialSet(some) for db, some in grouped(mine, lambda t: t.snr_db).items()}
-    parts = {name: part for name, part in parts.items() if part.right}
-    if not parts:
-        return _NOTHING
-    name = max(parts, key=lambda part: parts[part].over_bound(quantity))
-    all_words = f"{name}; all {TrialSet(mine).over_bound(quantity):.2f}"
-    return _over_bound(quantity, parts[name], all_words)
+    parts = {f"{s:g} s": TrialSet(of) for s, of in grouped(some, lambda t: t.window_s).items()}
+    parts |= {f"{db:g} dB": TrialSet(of) for db, of in grouped(some, lambda t: t.snr_db).items()}
+    parts = {part: trials for part, trials in parts.items() if trials.right}
+    worst = max(parts, key=lambda part: parts[part].over_bound(quantity), default="")
+    words = f"{worst}; all {TrialSet(some).over_bound(quantity):.2f}"
+    return _over_bound(name, quantity, parts.get(worst, TrialSet(())), words)
 
 
-def _followed(quantity: Quantity, found: Found) -> Reading:
-    trials = TrialSet(found["tracks"])
-    return _over_bound(quantity, trials, f"{len(trials.bounded)} windows") if trials.bounded else _NOTHING
-
-
-def _over_bound(quantity: Quantity, trials: TrialSet, words: str) -> Reading:
+def _over_bound(name: str, quantity: Quantity, trials: TrialSet, words: str) -> Aim:
+    limit = f"at most {_OVER_BOUND:g}"
+    if not trials.bounded:
+        return aim(name, limit, "nothing answered", False, is_open=True)
     error = trials.over_bound(quantity)
     least = error * (1 - _SURE / np.sqrt(2 * len(trials.bounded)))
-    return judge(f"{error:.2f} ({words})", error <= _OVER_BOUND, is_open=bool(least <= _OVER_BOUND))
+    return aim(
+        name, limit, f"{error:.2f} ({words})", error <= _OVER_BOUND, is_open=bool(least <= _OVER_BOUND)
+    )
 
 
-def _held(quantity: Quantity, is_known: bool, found: Found) -> Reading:
-    trials = TrialSet(t for t in found["grid"] if t.is_speed_known == is_known)
+def _held(name: str, quantity: Quantity, trials: TrialSet) -> Aim:
     # The sigma of intervals that hold what they should: those measured are too few to say how far they stray.
     part, sd = trials.within(quantity), np.sqrt(_HELD[0] * (1 - _HELD[0]) / max(len(trials.ok), 1))
     off = max(_HELD[0] - part, part - _HELD[1])
-    return judge(f"{100 * part:.1f} %", off <= 0, is_open=bool(off <= _SURE * sd))
+    return aim(name, "93 to 97 %", f"{100 * part:.1f} %", off <= 0, is_open=bool(off <= _SURE * sd))
 
 
-def _rarely_wrong(part: str, found: Found) -> Reading:
+def _rarely_wrong(name: str, trials: TrialSet) -> Aim:
     """Judge a rate by its upper 95 % confidence bound, which must be within the limit."""
-    trials = TrialSet(found[part])
     words = f"{trials.n_wrong} of {len(trials.ok)} ({100 * CONFIDENCE:.0f} %: below "
     words += f"{1e3 * trials.most_wrong:.2f} in 1000)"
-    return judge(words, trials.most_wrong <= _WRONG, is_open=trials.n_wrong <= _WRONG * len(trials.ok))
-
-
-def _rarely_wrong_slides(found: Found) -> Reading:
-    """Answers of one slide are not independent: only their rate is judged."""
-    trials = TrialSet(found["tracks"])
-    is_met = trials.n_wrong <= _WRONG * len(trials.ok)
-    return judge(f"{trials.n_wrong} of {len(trials.ok)}", is_met, is_open=not trials.ok)
-
-
-_IN_1000 = f"at most {1e3 * _WRONG:g} in 1000"
-AIMS: tuple[Aim[Found], ...] = (
-    *(
-        Aim(f"{quantity}: error over its bound, {speed}", f"at most {_OVER_BOUND:g}", measure)
-        for quantity in QUANTITIES
-        for speed, measure in (
-            *((speed, partial(_near_the_bound, quantity, known)) for known, speed in SPEEDS.items()),
-            ("followed slides", partial(_followed, quantity)),
-        )
-    ),
-    *(
-        Aim(
-            f"{quantity}: truth within 95 % intervals, {speed}", "93 to 97 %", partial(_held, quantity, known)
-        )
-        for quantity in QUANTITIES
-        for known, speed in SPEEDS.items()
-    ),
-    *(
-        Aim(f"wrong answers, {words}", _IN_1000, partial(_rarely_wrong, part))
-        for words, part in (
-            ("white noise", "grid"),
-            ("coloured noise", "coloured noise"),
-        )
-    ),
-    Aim("wrong answers, followed slides", _IN_1000, _rarely_wrong_slides),
-    never("surfaces without grooves: answered", lambda found: [t.is_wrong for t in found["grooveless"]]),
-)
+    is_open = trials.n_wrong <= _WRONG * len(trials.ok)
+    return aim(name, _IN_1000, words, trials.most_wrong <= _WRONG, is_open=is_open)

@@ -3,8 +3,6 @@
 import json
 import os
 import subprocess
-from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -14,13 +12,13 @@ from click.testing import CliRunner
 
 from bench.__main__ import bench
 from bench.report import (
-    Aim,
+    aim,
     aims_table,
     as_json,
     at_most,
     counts_in_words,
     grouped,
-    judge,
+    median_aim,
     never,
     ratio,
     rms,
@@ -28,30 +26,26 @@ from bench.report import (
 )
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Measured values of a bench."""
-
-    latency_ms: float
-    missed: Sequence[bool] = ()
-
-
-AIMS: tuple[Aim[Timing], ...] = (
-    at_most("latency", 5, " ms", lambda t: t.latency_ms, ".1f"),
-    never("misses", lambda t: t.missed),
-    Aim("enough cases", "10", lambda t: judge(f"{len(t.missed)}", len(t.missed) >= 10, is_open=True)),
-)
-
-
-def test_aims_are_judged_for_every_column() -> None:
-    measured = {"quick": Timing(4.96, (False, True)), "fine": Timing(float("nan"), (False,) * 10)}
-    rows = [
-        [cell.strip() for cell in line.split("|")[1:-1]] for line in aims_table(AIMS, measured).splitlines()
+def test_aims_are_judged() -> None:
+    aims = [
+        at_most("latency", 5, 4.96, ".1f", " ms"),
+        at_most("latency", 5, float("nan"), ".1f", " ms"),
+        median_aim("ratio", 2.0, [1.0, 4.0, 3.0], ".1f"),
+        median_aim("ratio", 2.0, [1.0, 4.0, 3.0], ".1f", is_least=True),
+        never("misses", [False, True]),
+        never("misses", 0),
+        aim("enough cases", "10", "2", False, is_open=True),
     ]
-    assert rows[0] == ["aim", "limit", "quick", "fine"]
-    assert rows[2] == ["latency", "at most 5 ms", "met: 5.0 ms", "MISSED: -"]
-    assert rows[3] == ["misses", "none", "MISSED: 1 of 2", "met: 0 of 10"]
-    assert rows[4] == ["enough cases", "10", "open: 2", "met: 10"]
+    assert [list(row.values()) for row in aims_table(aims, "quick").rows] == [
+        ["latency", "at most 5 ms", "met: 5.0 ms"],
+        ["latency", "at most 5 ms", "MISSED: -"],
+        ["ratio", "at most 2", "MISSED: 3.0 (1.0 to 4.0)"],
+        ["ratio", "at least 2", "met: 3.0 (1.0 to 4.0)"],
+        ["misses", "none", "MISSED: 1 of 2"],
+        ["misses", "none", "met: 0"],
+        ["enough cases", "10", "open: 2"],
+    ]
+    assert aims_table(aims, "quick").splitlines()[0].split() == ["|", "aim", "|", "limit", "|", "quick", "|"]
 
 
 def test_json_says_when_and_where() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
-from bench.hold.bench import AIMS
+from bench.hold.bench import aims
 from bench.hold.play import Episodes, FixedGrip, GraspResult, TightenOnSlip, least_at_rest_n, play
 from tactiled.array import load_array
 from tactiled.emulator.scene.contact import make_contact
@@ -71,6 +71,6 @@ def test_slip_events_tighten() -> None:
 def test_aims_are_judged_on_drops_and_on_what_held() -> None:
     held = [GraspResult("none", False, 1.3, 0.0, float("nan"))] * 199
     lost = [GraspResult("none", True, float("nan"), 20.0, 0.05)]
-    assert [aim.measure(held * 4 + lost).verdict for aim in AIMS] == ["met", "met"]
-    assert [aim.measure(held).verdict for aim in AIMS] == ["open", "met"]
-    assert [aim.measure(held[:98] + lost).verdict for aim in AIMS] == ["MISSED", "met"]
+    assert [aim.verdict for aim in aims(held * 4 + lost)] == ["met", "met"]
+    assert [aim.verdict for aim in aims(held)] == ["open", "met"]
+    assert [aim.verdict for aim in aims(held[:98] + lost)] == ["MISSED", "met"]

@@ -13,7 +13,6 @@ from cpp import HEADERS, need_native
 from bench.hold.play import play
 from bench.native import bench
 from bench.processes import compile_program
-from bench.report import aims_table
 from tactiled.array import load_array
 from tactiled.client.grip_controller import GripController
 from tactiled.emulator.scene.families.holding import hold
@@ -23,11 +22,9 @@ def test_the_client_is_judged_beside_zmq_recv() -> None:
     latency_us = {"client": np.full(100, 105.0), "bare": np.full(100, 100.0)}
     run = bench.NativeRun(latency_us, {"client": 70.0, "bare": 45.0})
     assert run.ratio(0.5) == pytest.approx(1.05)
-    found = bench.NativeResults([run], bench.NativeCost(scan_us=7.0, allocations=6.0, of_msgpack=5.0))
-    verdicts = [
-        line.split("|")[3].split(":")[0].strip() for line in aims_table(bench.AIMS, {"m": found}).splitlines()
-    ]
-    assert verdicts[2:] == ["met", "met", "met", "MISSED", "MISSED"]
+    cost = bench.NativeCost(scan_us=7.0, allocations=6.0, of_msgpack=5.0)
+    verdicts = [aim.verdict for aim in bench.aims([run], cost)]
+    assert verdicts == ["met", "met", "met", "MISSED", "MISSED"]
 
 
 def test_both_programs_receive_scans(tmp_path: Path) -> None:

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from bench.report import aims_table
-from bench.texture.tables import AIMS, TrialSet
+from bench.texture import tables
+from bench.texture.tables import TrialSet
 from bench.texture.trials import Estimate, Trial
 
 NAN = float("nan")
@@ -33,11 +33,6 @@ RIGHT = trial()
 WRONG = replace(RIGHT, is_wrong=True)
 
 
-def rows(text: str) -> list[list[str]]:
-    lines = [line for line in text.splitlines() if line.startswith("|")]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-
-
 def test_wrong_answers_are_counted_and_not_averaged() -> None:
     wrong = off(WRONG, 1e4, 1e4)
     found = TrialSet([RIGHT, trial(over_bound=-1.0), wrong, refused(RIGHT)])
@@ -62,7 +57,7 @@ def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
         "tracks": [replace(t, name="white noise, 20 dB") for t in grid],
     }
     found |= {name.replace("_", " "): trials for name, trials in parts.items()}
-    return {row[0]: row[2] for row in rows(aims_table(AIMS, {"measured": found}))}
+    return {aim.name: f"{aim.verdict}: {aim.words}" for aim in tables.aims(found)}
 
 
 def test_aims_that_are_met() -> None:

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.report import aims_table
-from bench.web.bench import AIMS, PageCost, WebResult, cost_table
+from bench.web.bench import PageCost, WebResult, aims, cost_table
 
 COST = PageCost(
     kb_s=9.0, shift=0.01, page_part=0.1, browser_part=0.2, server_part=0.02, fresh_part=1.0,
@@ -14,11 +13,11 @@ COST = PageCost(
 
 
 def verdicts(result: WebResult) -> list[str]:
-    return [row["measured"].split(":")[0] for row in aims_table(AIMS, {"measured": result}).rows]
+    return [aim.verdict for aim in aims(result)]
 
 
 def test_every_aim_is_met_or_missed_by_its_own_number() -> None:
-    assert verdicts(WebResult(COST, COST, COST)) == ["met"] * len(AIMS)
+    assert verdicts(WebResult(COST, COST, COST)) == ["met"] * 6
     late = replace(COST, delay_s=np.full(4, 0.2))  # of 102 in all: more than one in a hundred
     bad = replace(COST, kb_s=26.0, shift=0.06, page_part=0.16, server_part=0.04)
     assert verdicts(WebResult(bad, late, COST)) == ["MISSED"] * 5 + ["met"]
