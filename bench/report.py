@@ -19,7 +19,6 @@ import json
 import os
 import platform
 import subprocess
-from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -154,11 +153,6 @@ def ratio(cases: Iterable[bool]) -> str:
     """``3 of 40``."""
     known = list(cases)
     return f"{sum(known)} of {len(known)}"
-
-
-def counts_in_words(names: Iterable[str]) -> str:
-    """Names with how often each occurs, the most frequent first."""
-    return ", ".join(f"{name} {n}" for name, n in Counter(names).most_common()) or NONE
 
 
 def seeds_in_words(number: int, first: int = 0) -> str:

@@ -3,13 +3,13 @@
 The model is a plane wave, with phases in turns of the groove pattern: a channel c at (x, y), sampled at the
 instant t, reads
 
-    level_c + drift_c t + sum over h of A_ch cos(2 pi h s + psi_kh) + white noise of sigma_c
+    level_c + drift_c t + A_c cos(2 pi s + psi_k) + white noise of sigma_c
     s = ((x + v t cos(theta)) cos(a) + (y + v t sin(theta)) sin(a)) / D
 
-for a period D, an angle a of the groove normal, a speed v along theta, and harmonics h = 1, 2, ... Unknown,
-besides D, a and (where it is not given) v: level, drift and amplitudes of each channel, and a phase psi for
-each harmonic and kind k of channel (R1 of all taxels, R2 of all, ...), since the four sides of a bump meet a
-ridge at different times but taxels are alike.
+for a period D, an angle a of the groove normal, and a speed v along theta. Unknown, besides D, a and (where
+it is not given) v: level, drift and amplitude of each channel, and a phase psi for each kind k of channel (R1
+of all taxels, R2 of all, ...), since the four sides of a bump meet a ridge at different times but taxels are
+alike.
 
 `bound` is the Cramer-Rao bound of this model. With G the derivatives of all readings by the parameters over
 sigma, the Fisher information is ``G' G`` and no unbiased estimator has a covariance below its inverse (Kay,
@@ -23,6 +23,7 @@ numbers of the grid.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,18 +71,16 @@ class ArrayResponse:
     y_mm: FloatArray
     offset_s: FloatArray
     kind: NDArray[np.int64]  # (channels,): channels of one number share their phases
-    amplitude_volts: FloatArray  # (channels, harmonics)
-    phase_rad: FloatArray  # (kinds, harmonics)
+    amplitude_volts: FloatArray  # (channels,)
+    phase_rad: FloatArray  # (kinds,)
     noise_volts: FloatArray  # (channels,): sigma of the white noise
 
 
-@dataclass(frozen=True)
-class Bound:
+class Bound(NamedTuple):
     """Least standard deviations of unbiased estimators; infinite for what the array cannot tell."""
 
     period_sd_mm: float
     angle_sd_deg: float
-    speed_sd_mm_s: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,13 +105,10 @@ def kinds_of(array: Array) -> NDArray[np.int64]:
     return np.array([sorted(set(names)).index(name) for name in names], dtype=np.int64)
 
 
-def sensed_by(
-    array: Array, rng: np.random.Generator, snr_db: float, harmonics: tuple[float, ...] = ()
-) -> ArrayResponse:
+def sensed_by(array: Array, rng: np.random.Generator, snr_db: float) -> ArrayResponse:
     """Response of an array whose channels all ripple alike, each kind at a phase of its own.
 
-    The signal-to-noise ratio is ``10 log10(amplitude^2 / (2 sigma^2))`` of the fundamental of each channel;
-    harmonics are amplitudes of the 2nd, 3rd, ... over it.
+    The signal-to-noise ratio is ``10 log10(amplitude^2 / (2 sigma^2))`` of each channel.
     """
     kind = kinds_of(array)
     return ArrayResponse(
@@ -120,8 +116,8 @@ def sensed_by(
         y_mm=array.y_mm[array.channel_taxel],
         offset_s=_CHANNEL_STEP_S * np.arange(array.n_channels, dtype=np.float64),
         kind=kind,
-        amplitude_volts=np.tile(AMPLITUDE_VOLTS * np.array([1.0, *harmonics]), (array.n_channels, 1)),
-        phase_rad=rng.uniform(-np.pi, np.pi, (kind.max() + 1, 1 + len(harmonics))),
+        amplitude_volts=np.full(array.n_channels, AMPLITUDE_VOLTS),
+        phase_rad=rng.uniform(-np.pi, np.pi, kind.max() + 1),
         noise_volts=np.full(array.n_channels, AMPLITUDE_VOLTS / np.sqrt(2 * 10 ** (snr_db / 10))),
     )
 
@@ -178,10 +174,8 @@ def readings(grating: Grating, rng: np.random.Generator, memory: float = 0.0) ->
 
 def wave_volts(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:
     """Ripple alone, (n, channels)."""
-    phase = 2 * np.pi * turns(wave, sensed, time_s)
-    order = np.arange(1, sensed.amplitude_volts.shape[1] + 1)
-    own = phase[..., None] * order + sensed.phase_rad[sensed.kind]
-    return np.asarray((sensed.amplitude_volts * np.cos(own)).sum(axis=-1))
+    phase = 2 * np.pi * turns(wave, sensed, time_s) + sensed.phase_rad[sensed.kind]
+    return np.asarray(sensed.amplitude_volts * np.cos(phase))
 
 
 def turns(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:
@@ -202,22 +196,19 @@ def bound(wave: Wave, sensed: ArrayResponse, time_s: FloatArray, *, is_speed_kno
     by_angle = 2 * np.pi * (y * np.cos(angle) - x * np.sin(angle)) / wave.period_mm
     by_speed = 2 * np.pi * (time_s[:, None] + sensed.offset_s) * np.cos(theta - angle) / wave.period_mm
     shared = [by_period, by_angle] if is_speed_known else [by_period, by_angle, by_speed]
-    n_kinds, n_harmonics = sensed.phase_rad.shape
-    order = np.arange(1, n_harmonics + 1)
     n_wave = len(shared)
-    information = np.zeros((n_wave + n_kinds * n_harmonics,) * 2)
+    information = np.zeros((n_wave + len(sensed.phase_rad),) * 2)
     for c, kind in enumerate(sensed.kind):
-        own_phase = phase[:, c, None] * order + sensed.phase_rad[kind]
-        swing = -sensed.amplitude_volts[c] * np.sin(own_phase)  # by the phase of each harmonic
+        own_phase = phase[:, c] + sensed.phase_rad[kind]
+        swing = -sensed.amplitude_volts[c] * np.sin(own_phase)  # by the phase
         columns = np.zeros((len(time_s), len(information)))
-        columns[:, :n_wave] = (swing @ order)[:, None] * np.stack([part[:, c] for part in shared], axis=1)
-        columns[:, n_wave + kind * n_harmonics + np.arange(n_harmonics)] = swing
-        own = np.column_stack([np.vander(time_s, 2), np.cos(own_phase)])
-        basis, _ = np.linalg.qr(own)
+        columns[:, :n_wave] = swing[:, None] * np.stack([part[:, c] for part in shared], axis=1)
+        columns[:, n_wave + kind] = swing
+        basis, _ = np.linalg.qr(np.column_stack([np.vander(time_s, 2), np.cos(own_phase)]))
         columns -= basis @ (basis.T @ columns)
         information += columns.T @ columns / sensed.noise_volts[c] ** 2
-    period_sd, angle_sd, *speed_sd = _sigmas(information, n_wave)
-    return Bound(period_sd, float(np.degrees(angle_sd)), speed_sd[0] if speed_sd else 0.0)
+    period_sd, angle_sd = _sigmas(information)
+    return Bound(period_sd, float(np.degrees(angle_sd)))
 
 
 def _places(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -230,8 +221,8 @@ def _places(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> tuple[Floa
     )
 
 
-def _sigmas(information: FloatArray, n_wave: int) -> list[float]:
-    """Roots of the first diagonal entries of the inverse; infinite where it has none."""
+def _sigmas(information: FloatArray) -> list[float]:
+    """Roots of the first two diagonal entries of the inverse; infinite where it has none."""
     size = np.sqrt(np.diag(information))
     used = size > 0  # dead channels of a kind tell nothing of its phase, which is not asked for
     scaled = information[np.ix_(used, used)] / np.outer(size[used], size[used])
@@ -241,4 +232,4 @@ def _sigmas(information: FloatArray, n_wave: int) -> list[float]:
     variance[used] = (vector[:, seen] ** 2 / value[seen]).sum(axis=1) / size[used] ** 2
     is_open = np.zeros(len(information), dtype=np.bool_)
     is_open[used] = (np.abs(vector[:, ~seen]) > 1e-6).any(axis=1)  # it depends on what is not observed
-    return [float("inf") if is_open[k] else float(np.sqrt(variance[k])) for k in range(n_wave)]
+    return [float("inf") if is_open[k] else float(np.sqrt(variance[k])) for k in range(2)]

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from scipy import special
 
-from bench.report import NONE, Aim, Table, aim, counts_in_words, grouped, never, rms, table
-from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
+from bench.report import NONE, Aim, Table, aim, grouped, never, rms, table
+from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial, noise_name
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
 CONFIDENCE = 0.95  # of the largest rate that is not excluded
@@ -44,19 +44,10 @@ class TrialSet:
         """Root mean square of errors over their bounds, of answers that are not wrong."""
         return rms([t.of(quantity).error / t.of(quantity).bound for t in self.bounded])
 
-    def error(self, quantity: Quantity) -> float:
-        """Root mean square error of the answers that are not wrong."""
-        return rms([t.of(quantity).error for t in self.right])
-
     def within(self, quantity: Quantity) -> float:
         """Part of 95 % intervals that hold the truth; NaN where there are none."""
         inside = [abs(t.of(quantity).error) <= _WITHIN * t.of(quantity).sd for t in self.ok]
         return float(np.mean(inside)) if inside else float("nan")
-
-    @property
-    def errors(self) -> str:
-        """Root mean square errors in words."""
-        return f"{1e3 * self.error('period'):.3g} um, {self.error('angle'):.2g} deg" if self.right else NONE
 
 
 def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> Table:
@@ -76,31 +67,6 @@ def over_bound_table(trials: Sequence[Trial], is_speed_known: bool) -> Table:
         {"window": f"{window_s:g} s"} | {f"{snr_db:g} dB": cell(window_s, snr_db) for snr_db in snrs_db}
         for window_s in sorted({t.window_s for t in trials})
     )
-
-
-def answers_table(what: str, groups: Mapping[str, Iterable[Trial]]) -> Table:
-    """Answers of each group of windows: how many, how good, and why not."""
-
-    def row(name: str, found: TrialSet) -> dict[str, str]:
-        held = [f"{100 * found.within(quantity):.1f}" for quantity in QUANTITIES]
-        over = [f"{found.over_bound(quantity):.2f}" for quantity in QUANTITIES]
-        return {
-            what: name,
-            "answered": f"{len(found.ok)} of {len(found.all)}",
-            "wrong": f"{found.n_wrong}",
-            "in 1000, at most (95 %)": f"{1e3 * found.most_wrong:.2f}" if found.ok else NONE,
-            "error: D, angle": found.errors,
-            "over the bound: D, angle": ", ".join(over) if found.bounded else NONE,
-            "within 95 % (%): D, angle": ", ".join(held) if found.ok else NONE,
-            "refused as": counts_in_words(t.status for t in found.all if t.status != "ok"),
-        }
-
-    return table(row(name, TrialSet(trials)) for name, trials in groups.items())
-
-
-def named(trials: Iterable[Trial], *, with_speed: bool = True) -> dict[str, list[Trial]]:
-    """Trials by name, and by whether the speed was known."""
-    return grouped(trials, lambda t: t.name + f", {SPEEDS[t.is_speed_known]}" * with_speed)
 
 
 Found = Mapping[str, Sequence[Trial]]  # by the parts of the bench
@@ -126,18 +92,16 @@ def aims(found: Found) -> list[Aim]:
         over.append(
             _over_bound(f"{quantity}: error over its bound, followed slides", quantity, slides, words)
         )
+    noises = grouped([*found["grid"], *found["coloured noise"]], lambda t: t.noise)
+    white = noise_name(0.0)
+    followed = grouped(found["tracks"], lambda t: white if t.noise == white else "coloured noise")
     return [
         *over,
         *held,
-        _rarely_wrong("wrong answers, white noise", TrialSet(found["grid"])),
-        _rarely_wrong("wrong answers, coloured noise", TrialSet(found["coloured noise"])),
-        # Answers of one slide are not independent: only their rate is judged.
-        aim(
-            "wrong answers, followed slides",
-            _IN_1000,
-            f"{slides.n_wrong} of {len(slides.ok)}",
-            slides.n_wrong <= _WRONG * len(slides.ok),
-            is_open=not slides.ok,
+        *(_rarely_wrong(f"wrong answers, {noise}", TrialSet(some)) for noise, some in noises.items()),
+        *(
+            _rarely_followed(f"the same, followed slides, {n}", TrialSet(some))
+            for n, some in followed.items()
         ),
         never("surfaces without grooves: answered", [t.is_wrong for t in found["grooveless"]]),
     ]
@@ -177,3 +141,9 @@ def _rarely_wrong(name: str, trials: TrialSet) -> Aim:
     words += f"{1e3 * trials.most_wrong:.2f} in 1000)"
     is_open = trials.n_wrong <= _WRONG * len(trials.ok)
     return aim(name, _IN_1000, words, trials.most_wrong <= _WRONG, is_open=is_open)
+
+
+def _rarely_followed(name: str, trials: TrialSet) -> Aim:
+    """Judge the rate alone: answers of one slide are not independent."""
+    is_met, words = trials.n_wrong <= _WRONG * len(trials.ok), f"{trials.n_wrong} of {len(trials.ok)}"
+    return aim(name, _IN_1000, words, is_met, is_open=not trials.ok)

@@ -56,9 +56,7 @@ _NAN = float("nan")
 class Estimate:
     """Period (mm) or angle (degrees) of a window; NaN where it was not answered, or the bound not asked."""
 
-    # true, error: the truth, and the signed error of the answer
-    true: float
-    error: float = _NAN
+    error: float = _NAN  # signed
     # sd, bound: the sigma that the answer states, and the least that any unbiased estimator has
     sd: float = _NAN
     bound: float = _NAN
@@ -68,13 +66,12 @@ class Estimate:
 class Trial:
     """One window and its answer."""
 
-    name: str  # noise, or surface
-    seed: int
+    noise: str  # or surface
     window_s: float
     is_speed_known: bool
     status: str
-    period: Estimate
-    angle: Estimate
+    period: Estimate = Estimate()
+    angle: Estimate = Estimate()
     is_wrong: bool = False  # "ok", and on another lobe; or "ok" where there are no grooves
     # snr_db, periods: of a cell of the grid: noise, and number of periods in the window
     snr_db: float = _NAN
@@ -87,17 +84,16 @@ class Trial:
 
 def compare(answer: GratingAnswer, wave: Wave, least: Bound | None = None, /, **fields: Any) -> Trial:
     """Put an answer beside the truth and the bound; `fields` are the other ones of `Trial`."""
-    bounds = (least.period_sd_mm, least.angle_sd_deg) if least is not None else (_NAN, _NAN)
-    period, angle = Estimate(wave.period_mm, bound=bounds[0]), Estimate(wave.angle_deg, bound=bounds[1])
     if isinstance(answer, Refusal) or answer.status != "ok":
-        return Trial(status=answer.status, period=period, angle=angle, **fields)
+        return Trial(status=answer.status, **fields)
+    period_bound_mm, angle_bound_deg = least if least is not None else (_NAN, _NAN)
     angle_deg = (answer.angle_deg - wave.angle_deg + 90) % 180 - 90  # a groove normal has no sense
-    is_wrong = turns_off(wave, answer.period_mm, answer.angle_deg) > _WRONG_TURNS
     return Trial(
         status="ok",
-        period=replace(period, error=answer.period_mm - wave.period_mm, sd=answer.period_sd_mm),
-        angle=replace(angle, error=angle_deg, sd=answer.angle_sd_deg),
-        **{"is_wrong": is_wrong} | fields,
+        period=Estimate(answer.period_mm - wave.period_mm, answer.period_sd_mm, period_bound_mm),
+        angle=Estimate(angle_deg, answer.angle_sd_deg, angle_bound_deg),
+        is_wrong=turns_off(wave, answer.period_mm, answer.angle_deg) > _WRONG_TURNS,
+        **fields,
     )
 
 
@@ -138,8 +134,8 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
     least = None
     if answer.status == "ok":
         least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
-    fields = {"seed": seed, "window_s": window_s, "is_speed_known": is_speed_known, "snr_db": snr_db}
-    return compare(answer, grating.wave, least, name=noise_name(0.0), periods=grating.periods, **fields)
+    fields = {"window_s": window_s, "is_speed_known": is_speed_known, "snr_db": snr_db}
+    return compare(answer, grating.wave, least, noise=noise_name(0.0), periods=grating.periods, **fields)
 
 
 def noise_name(memory: float) -> str:
@@ -158,23 +154,15 @@ def coloured_trial(memory: float, seed: int) -> Trial:
     is_known = seed % 2 == 1
     grating = draw_grating(ARRAY, rng, window_s, snr_db, MIN_PERIODS, _SLOW_HZ)
     answer = joint(grating, readings(grating, rng, memory), is_known)
-    fields = {"seed": seed, "window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
-    return compare(answer, grating.wave, name=noise_name(memory), is_speed_known=is_known, **fields)
+    fields = {"window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
+    return compare(answer, grating.wave, noise=noise_name(memory), is_speed_known=is_known, **fields)
 
 
 def grooveless_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     """Ask the joint fit for the grating of a surface without one: any answer is wrong."""
     volts, offset_s = grooveless.readings(name, ARRAY, np.random.default_rng(seed))
     answer = joint_fit(volts, offset_s, grooveless.SPEED_MM_S if is_speed_known else 0.0, 0.0)
-    fields: dict[str, Any] = {
-        "seed": seed,
-        "window_s": grooveless.WINDOW_S,
-        "is_speed_known": is_speed_known,
-    }
-    return Trial(
-        name, status=answer.status, period=Estimate(_NAN), angle=Estimate(_NAN),
-        is_wrong=answer.status == "ok", **fields,
-    )  # fmt: skip
+    return Trial(name, grooveless.WINDOW_S, is_speed_known, answer.status, is_wrong=answer.status == "ok")
 
 
 def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
@@ -185,7 +173,7 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     rng = np.random.default_rng([seed, round(snr_db) + 100, round(100 * memory)])
     grating = draw_grating(ARRAY, rng, COMPARED_S[0], snr_db, MIN_PERIODS)
     wave, time_s = grating.wave, scan_times_s(SLIDE_S)
-    gain = rng.uniform(*_GAINS, (ARRAY.n_channels, 1))
+    gain = rng.uniform(*_GAINS, ARRAY.n_channels)
     sensed = replace(grating.sensed, amplitude_volts=gain * grating.sensed.amplitude_volts)
     grating = replace(grating, sensed=sensed, time_s=time_s)
     is_known = seed % 2 == 1
@@ -193,7 +181,7 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     params = _SLIDE_PARAMS.model_copy(update={"direction_deg": wave.direction_deg})
     volts = readings(grating, rng, memory)
     events = online_answers(params, volts, sensed.offset_s, wave, is_speed_known=is_known)
-    longest_s, name = params.criteria.max_window_s, f"{noise_name(memory)}, {snr_db:g} dB"
+    longest_s, noise = params.criteria.max_window_s, noise_name(memory)
     trials = []
     for event in events:
         end_s = round(event.time_s + 1 / RATE_HZ, 3)
@@ -201,8 +189,8 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
         least = None
         if event.status == "ok" and not memory and end_s in COMPARED_S:
             least = bound(wave, sensed, used_s, is_speed_known=is_known)
-        fields = {"seed": seed, "is_speed_known": is_known, "window_s": end_s, "snr_db": snr_db}
-        trials.append(compare(event, wave, least, name=name, **fields))
+        fields = {"is_speed_known": is_known, "window_s": end_s, "snr_db": snr_db}
+        trials.append(compare(event, wave, least, noise=noise, **fields))
     return trials
 
 

@@ -16,7 +16,6 @@ from bench.report import (
     aims_table,
     as_json,
     at_most,
-    counts_in_words,
     grouped,
     median_aim,
     never,
@@ -65,8 +64,6 @@ def commit() -> str:
 
 def test_words_of_cells() -> None:
     assert ratio([True, False, True]) == "2 of 3"
-    assert counts_in_words(["b", "a", "a"]) == "a 2, b 1"
-    assert counts_in_words([]) == "-"
     assert rms([3.0, 4.0]) == pytest.approx(np.sqrt(12.5))
     assert np.isnan(rms([]))
     assert grouped([3, 1, 5, 2], lambda n: n % 2) == {1: [3, 1, 5], 0: [2]}

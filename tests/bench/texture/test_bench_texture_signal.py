@@ -27,7 +27,7 @@ from tactiled.array import FloatArray, load_array
 ARRAY = load_array("wang2019-3x3")
 
 
-def column(snr_db: float, harmonics: int = 1) -> ArrayResponse:
+def column(snr_db: float) -> ArrayResponse:
     """Three taxels of one column, as in the first study of what limits the estimate."""
     sigma = np.sqrt(0.5 / 10 ** (snr_db / 10))
     return ArrayResponse(
@@ -35,8 +35,8 @@ def column(snr_db: float, harmonics: int = 1) -> ArrayResponse:
         y_mm=np.array([0.0, 3.5, 7.3]),
         offset_s=np.zeros(3),
         kind=np.zeros(3, dtype=np.int64),
-        amplitude_volts=np.ones((3, 1)) * 0.5 ** np.arange(harmonics),
-        phase_rad=np.zeros((1, harmonics)),
+        amplitude_volts=np.ones(3),
+        phase_rad=np.zeros(1),
         noise_volts=np.full(3, sigma),
     )
 
@@ -74,12 +74,12 @@ def test_frequency_alone_has_the_classical_bound() -> None:
 
 def test_what_cannot_be_known_is_infinite() -> None:
     least = bound(Wave(1.2, 15.0, 1.0), column(20.0), scans(10), is_speed_known=False)
-    assert np.isinf([least.period_sd_mm, least.angle_sd_deg, least.speed_sd_mm_s]).all()
+    assert np.isinf(least).all()
     one = ArrayResponse(**vars(column(20.0)) | {"y_mm": np.zeros(3)})
     assert np.isinf(bound(Wave(1.2, 15.0, 1.0), one, scans(10), is_speed_known=True).angle_sd_deg)
     whole = sensed_by(ARRAY, np.random.default_rng(0), 20.0)
     known = bound(Wave(1.2, 15.0, 1.0), whole, scans(10), is_speed_known=False)
-    assert np.isfinite([known.period_sd_mm, known.angle_sd_deg, known.speed_sd_mm_s]).all()
+    assert np.isfinite(known).all()
 
 
 @settings(max_examples=25, deadline=None)
@@ -93,9 +93,6 @@ def test_more_is_never_worse(period_mm: float, angle_deg: float, speed_mm_s: flo
     wave = Wave(period_mm, angle_deg, speed_mm_s)
     rng = np.random.default_rng(seed)
     plain = sensed_by(ARRAY, rng, 20.0)
-    phases = np.column_stack([plain.phase_rad, rng.uniform(0, 6, len(plain.phase_rad))])
-    volts = np.column_stack([plain.amplitude_volts, 0.3 * plain.amplitude_volts])
-    harmonic = ArrayResponse(**vars(plain) | {"phase_rad": phases, "amplitude_volts": volts})
     quiet = ArrayResponse(**vars(plain) | {"noise_volts": plain.noise_volts / 10})
     known = bound(wave, plain, scans(4), is_speed_known=True)
     unknown = bound(wave, plain, scans(4), is_speed_known=False)
@@ -106,14 +103,12 @@ def test_more_is_never_worse(period_mm: float, angle_deg: float, speed_mm_s: flo
     assert bound(wave, quiet, scans(4), is_speed_known=True).angle_sd_deg == pytest.approx(
         known.angle_sd_deg / 10, rel=1e-6
     )
-    if abs(wave.frequency_hz) * 4 > 3:  # fewer periods than that, and a harmonic's own phase costs more
-        assert bound(wave, harmonic, scans(4), is_speed_known=True).period_sd_mm < known.period_sd_mm
 
 
 def test_derivatives_are_those_of_the_signal() -> None:
     # The information about D alone, all else known, from differences of the signal itself.
     rng = np.random.default_rng(3)
-    sensed = sensed_by(ARRAY, rng, 20.0, (0.3,))
+    sensed = sensed_by(ARRAY, rng, 20.0)
     wave, time_s, step = Wave(1.7, 25.0, 1.3, 10.0), scans(3), 1e-6
     ends = [wave_volts(Wave(1.7 + d, 25.0, 1.3, 10.0), sensed, time_s) for d in (step, -step)]
     alone = 1 / np.linalg.norm((ends[0] - ends[1]) / (2 * step) / sensed.noise_volts)
@@ -136,7 +131,7 @@ def test_signal_is_its_own_model() -> None:
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
 def test_noise_remembers_and_keeps_its_size(memory: float) -> None:
     drawn = draw_grating(ARRAY, np.random.default_rng(0), 20.0, 0.0)
-    flat = replace(drawn.sensed, amplitude_volts=np.zeros((36, 1)))
+    flat = replace(drawn.sensed, amplitude_volts=np.zeros(36))
     still = replace(drawn, sensed=flat, drift=np.zeros((36, 2)))
     noise = readings(still, np.random.default_rng(1), memory) / drawn.sensed.noise_volts
     assert np.sqrt((noise**2).mean()) == pytest.approx(1, abs=0.1)

@@ -45,7 +45,7 @@ def answer(wave: Wave, period_mm: float = 0.0, angle_deg: float = 0.0) -> Textur
 
 def compared(event: TextureEvent, of: Grating) -> Trial:
     least = bound(of.wave, of.sensed, of.time_s, is_speed_known=True)
-    return compare(event, of.wave, least, name="x", seed=0, window_s=2.0, is_speed_known=True)
+    return compare(event, of.wave, least, noise="x", window_s=2.0, is_speed_known=True)
 
 
 def test_the_truth_has_no_error() -> None:
