@@ -42,7 +42,7 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> No
     random worlds of two generators, on gratings and over minutes. grip: sliding, margins and forecasts of
     the contact filter on worlds of a generator that it never saw. hands: false alarms of hands that hold,
     over two hours. hold: drops and grip force of a controller that follows the filter's margin, beside
-    fixed grips and slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong
+    slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong
     answers. recordings: public recordings of other groups, beside simple rules and trees. web: bytes,
     layout shifts, processor and delay of the live page in Chromium. machine: the Debian package in a
     virtual machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.

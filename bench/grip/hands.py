@@ -7,15 +7,15 @@ drifts and never uses half of the friction limit. Whatever is reported there is 
 import math
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import chain
 
 import numpy as np
 
-from bench.report import BENCH_WORKERS, NONE, Aim, BenchOptions, aim, aims_table, table
+from bench.report import BENCH_WORKERS, NONE, Aim, BenchOptions, aim, aims_table, counted, table
+from bench.slip.cases import run_settings
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.detect.contact.filter import SETTINGS
-from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.detect.suite import DetectParams
 from tactiled.events.types import GripEvent, SlipEvent
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
@@ -58,16 +58,13 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     n = math.ceil(3600 * hours / _DURATION_S / _BATCH) * _BATCH
     progress.begin(n)
     counts = {hand: HandCount() for hand in HANDS}
-    left_out = 0
     batches = [range(start, start + _BATCH) for start in range(_FROM, _FROM + n, _BATCH)]
     with executor(BENCH_WORKERS) as pool:
-        for found in pool.map(_measure, batches):
-            for hand, count in found:
-                progress.advance("world")
-                if count is None:
-                    left_out += 1
-                else:
-                    counts[hand].add(count)
+        found = list(chain.from_iterable(counted(pool.map(_measure, batches), progress, "worlds", _BATCH)))
+    for hand, count in found:
+        if count is not None:
+            counts[hand].add(count)
+    left_out = sum(count is None for _, count in found)
     everything = HandCount()
     for count in counts.values():
         everything.add(count)
@@ -97,20 +94,15 @@ def count_reports(world: World) -> HandCount:
     """Count what the filter reports of a world in which nothing slips."""
     has_slipped = np.maximum.accumulate(world.utilisation) >= INCIPIENT_USED
     count = HandCount()
-    for name in SETTINGS:
-        params = DetectParams.model_validate({"setting": name}).grip
-        events = GripDetector(world.array, params).process(world.block)
+    for name, events in run_settings(world.array, world.block).items():
         if name == _AIM_SETTING:
             touches = sum(isinstance(event, GripEvent) and event.state != "none" for event in events)
             count.hours = touches / world.rate_hz / 3600
         for event in events:
-            if not isinstance(event, SlipEvent) or event.state != "onset":
-                continue
-            if event.kind == "gross":
-                count.gross[name] += 1
-            else:
+            if isinstance(event, SlipEvent) and event.state == "onset":
                 k = min(round((event.detected_s or 0.0) * world.rate_hz), len(has_slipped) - 1)
-                count.onsets[name] += not has_slipped[k]
+                count.gross[name] += event.kind == "gross"
+                count.onsets[name] += event.kind != "gross" and not has_slipped[k]
     count.most_gross = count.gross.copy()
     return count
 

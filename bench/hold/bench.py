@@ -10,15 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.hold.play import (
-    Controller,
-    FixedGrip,
-    GraspResult,
-    TightenOnSlip,
-    Topic,
-    least_at_rest_n,
-    play,
-)
+from bench.hold.play import Controller, GraspResult, TightenOnSlip, Topic, play
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -33,7 +25,6 @@ from bench.report import (
 )
 from tactiled.array import load_array
 from tactiled.client.grip_controller import TARGET, GripController
-from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
@@ -41,67 +32,44 @@ from tactiled.progress import ProgressBar
 REPORTED_FROM = 10_000
 N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
 _BATCH = 40  # grasps that are simulated at once, and by one process
-_FIXED = (1.5, 3.0, 6.0)  # times the least grip of each object, which no controller knows
-_FIXED_N = (8.0, 12.0, 16.0, 24.0)  # the same for all objects
 _TIGHTER = (1.2, 1.5, 2.0)
+_PARTS = (0.7, 0.85, 1.0, 1.15)  # of the controller's own target
 _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are dropped
 
 
-class Kind(NamedTuple):
-    """Kind of grip: its name in a table, its controller from a number and a scene, and what that hears."""
+class Arm(NamedTuple):
+    """A way of holding: name in a table, controller from a number, what that hears, and number of grasps."""
 
     words: str
-    make: Callable[[float, Scene], Controller]
-    topic: Topic | None = None
-
-
-KINDS = {
-    "times the least": Kind(
-        "{:g} times the least", lambda times, scene: FixedGrip(times * least_at_rest_n(scene))
-    ),
-    "newtons": Kind("{:g} N for all", lambda force_n, _: FixedGrip(force_n)),
-    "slip events": Kind("times {:g} at each slip event", lambda times, _: TightenOnSlip(times), "slip"),
-    "margin": Kind("margin, target {:g}", lambda target, _: GripController(target), "grip"),
-}
-
-
-class Arm(NamedTuple):
-    """A way of holding: one of `KINDS`, its number, and how many grasps are reported of it."""
-
-    kind: str
+    make: Callable[[float], Controller]
     number: float
+    topic: Topic
     n: int
-
-    @property
-    def words(self) -> str:
-        """Name in a table."""
-        return KINDS[self.kind].words.format(self.number)
 
 
 def arms(quick: bool) -> list[Arm]:
     """List what is compared."""
     n, n_margin = (N_QUICK,) * 2 if quick else (N_OTHERS, N_MARGIN)
-    return [
-        *(Arm("times the least", number, n) for number in _FIXED),
-        *(Arm("newtons", number, n) for number in _FIXED_N),
-        *(Arm("slip events", number, n) for number in _TIGHTER),
-        *(
-            Arm("margin", round(TARGET * part, 2), n_margin if part == 1.0 else n)
-            for part in (0.7, 0.85, 1.0, 1.15)
-        ),
+    slips = [
+        Arm(f"times {times:g} at each slip event", TightenOnSlip, times, "slip", n) for times in _TIGHTER
     ]
+    targets = {round(TARGET * part, 2): n_margin if part == 1.0 else n for part in _PARTS}
+    return slips + [Arm(_margin(of), GripController, of, "grip", each) for of, each in targets.items()]
+
+
+def _margin(target: float) -> str:
+    return f"margin, target {target:g}"
 
 
 def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     """Play grasps of some seeds."""
-    kind, scenes = KINDS[arm.kind], [hold(seed) for seed in seeds]
-    controllers = [kind.make(arm.number, scene) for scene in scenes]
-    return play(scenes, load_array("wang2019-3x3"), controllers, kind.topic).results()
+    controllers = [arm.make(arm.number) for _ in seeds]
+    return play([hold(seed) for seed in seeds], load_array("wang2019-3x3"), controllers, arm.topic).results()
 
 
 def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
-    """Drops over grip of fixed grips, of tightening on slip events, and of the margin.
+    """Drops over grip of tightening on slip events, and of the margin.
 
     Quick: 40 grasps of each instead of 120 or 1000.
     """
@@ -112,23 +80,23 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
         for start in range(REPORTED_FROM, REPORTED_FROM + arm.n, _BATCH)
     ]
     progress.begin(len(jobs))
-    found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
+    found: dict[str, list[GraspResult]] = {arm.words: [] for arm in compared}
     with executor(BENCH_WORKERS) as pool:
         measured = counted(pool.map(measure, *zip(*jobs, strict=True)), progress, "batch")
     for (arm, _), some in zip(jobs, measured, strict=True):
-        found[arm] += some
+        found[arm.words] += some
     return report(found)
 
 
-def report(found: Mapping[Arm, Sequence[GraspResult]]) -> list[str]:
+def report(found: Mapping[str, Sequence[GraspResult]]) -> list[str]:
     """Make the tables."""
-    chosen = next(arm for arm in found if arm.kind == "margin" and arm.number == round(TARGET, 2))
+    chosen = _margin(round(TARGET, 2))
     return [
         f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
         "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
         "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
-        aims_table(aims(found[chosen]), f"margin, target {TARGET:g}"),
-        table({"grip": arm.words, **_numbers(some)} for arm, some in found.items()),
+        aims_table(aims(found[chosen]), chosen),
+        table({"grip": words, **_numbers(some)} for words, some in found.items()),
         f"The margin with target {TARGET:g}, by event.",
         table(
             {"event": event, **_numbers([r for r in found[chosen] if r.event == event])} for event in EVENTS

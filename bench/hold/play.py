@@ -21,7 +21,6 @@ MOST_N = 40.0  # of a gripper
 _BEFORE_S = 0.1
 _TIGHTER = 1.05
 
-
 Topic = Literal["grip", "slip"]
 
 
@@ -39,17 +38,6 @@ class Controller(Protocol):
     def take(self, message: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N)."""
         ...
-
-
-class FixedGrip:
-    """One force from the first touch on."""
-
-    def __init__(self, force_n: float) -> None:
-        self._force_n = force_n
-
-    def take(self, _message: Mapping[str, Any], _present_n: float) -> float:
-        """Return the force."""
-        return self._force_n
 
 
 class TightenOnSlip:
@@ -71,11 +59,6 @@ def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
     state = SceneMotion(scene).at(time_s)
     friction = scene.surface.friction * scene.surface.static_ratio * state.friction_part
     return np.asarray(np.hypot(state.pull_x_n, state.pull_y_n) / friction)
-
-
-def least_at_rest_n(scene: Scene) -> float:
-    """Return the grip that just bears the object once it hangs freely, before any event."""
-    return float(least_n(scene, np.array([LIFTED_S + 0.4]))[0])
 
 
 @dataclass(frozen=True)
@@ -140,40 +123,30 @@ class Episodes:
         ]
 
 
-def play(
-    scenes: Sequence[Scene],
-    array: Array,
-    controllers: Sequence[Controller],
-    topic: Topic | None = None,
-) -> Episodes:
-    """Play grasps with a controller for each, which gets the messages of a topic, or one that is empty.
+def play(scenes: Sequence[Scene], array: Array, controllers: Sequence[Controller], topic: Topic) -> Episodes:
+    """Play grasps with a controller for each, which gets the messages of a topic.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
     The gripper's own delay follows.
     """
     batch = HeldBatch(scenes, array)
     scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
-    detectors: list[Detector] = []
-    if topic is not None:
-        detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
+    detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
     shape = (batch.n_scans, len(scenes))
     grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
     slides = np.zeros(shape, dtype=np.bool_)
     command = np.full(len(scenes), START_N)
-    if topic is None:
-        command = np.array([controller.take({}, 0.0) for controller in controllers])
     batch.command(command)
     sent = command.copy()
     for scan in range(batch.n_scans):
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)
-        if topic is not None:
-            for e in np.flatnonzero(~batch.has_fallen).tolist():
-                for message in messages_of(detectors[e], topic, scan, volts[e : e + 1]):
-                    command[e] = controllers[e].take(message, float(batch.grip_n[e]))
-            batch.command(sent)
-            sent = command.copy()
+        for e in np.flatnonzero(~batch.has_fallen).tolist():
+            for message in messages_of(detectors[e], topic, scan, volts[e : e + 1]):
+                command[e] = controllers[e].take(message, float(batch.grip_n[e]))
+        batch.command(sent)
+        sent = command.copy()
         slides[scan] = (batch.sliding > ALL_SLIDES) & (batch.grip_n > 0)
         command_n[scan] = command
     least = np.stack([least_n(scene, scan_s) for scene in scenes], axis=1)

@@ -5,11 +5,10 @@ common with the detector's, and `plates`, the emulator's skin. Everything is mea
 nothing was set.
 """
 
-import itertools
-from collections.abc import Iterator, Sequence
+from itertools import chain
 
-from bench.report import BENCH_WORKERS, BenchOptions, counted, grouped, seeds_in_words, table
-from bench.slip.cases import REPORTED_FROM, CaseEvents, draw_reported, from_world, run_case
+from bench.report import BENCH_WORKERS, BenchOptions, counted, seeds_in_words, table
+from bench.slip.cases import NAMES, REPORTED_FROM, Reported, draw_reported, run_case
 from bench.slip.gratings import (
     GRATINGS_FROM,
     LENGTH_S,
@@ -43,47 +42,11 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     Quick: 48 worlds of each generator instead of 240, a tenth of the minutes.
     """
     n_worlds = N_QUICK_WORLDS if options.quick else N_WORLDS
-    firsts = {read_laws: REPORTED_FROM, read_plates: PLATES_FROM}
-    starts = range(0, n_worlds, _BATCH)
     n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
     n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
-    progress.begin(2 * len(starts) + n_gratings + len(minutes))
-    with executor(BENCH_WORKERS) as pool:
-        some: list[list[CaseEvents]] = []
-        for read_worlds, first in firsts.items():
-            batches = [range(first + start, first + start + _BATCH) for start in starts]
-            some += counted(pool.map(read_worlds, batches), progress, "worlds")
-        slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
-        gratings = counted(pool.map(read_grating, slides), progress, "gratings")
-        read = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
-    long = [one for one in read if one is not None]
-    events = list(itertools.chain.from_iterable(some))
-    return [
-        *_sections(events, n_worlds),
-        f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
-        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: reported as gross slip, and answered by the "
-        "groove estimator, whose speed is given.",
-        table(rows(gratings)),
-        f"Slides and rests of a minute ({seeds_in_words(len(read), MINUTES_FROM)}; {len(read) - len(long)} "
-        "rests slip, left out) at 0.3 to 3 mV, setting balanced: an even slide at 0.25 to 20 mm/s, from "
-        "0.5 s after it began; a rest at 80 to 97 % of the limit.",
-        table(minute_rows(long)),
-    ]
-
-
-def read_laws(seeds: range) -> list[CaseEvents]:
-    """Run all detectors over a batch of worlds of laws."""
-    return [run_case(from_world(world)) for world in draw_reported(seeds)]
-
-
-def read_plates(seeds: range) -> list[CaseEvents]:
-    """Run all detectors over a batch of worlds of plates."""
-    return [run_case(from_world(world)) for world in draw("plates", seeds, PLATE_MINUTES)]
-
-
-def _sections(events: Sequence[CaseEvents], n_worlds: int) -> Iterator[str]:
-    yield (
+    starts = range(0, n_worlds, _BATCH)
+    sections = [
         f"{n_worlds} worlds of laws ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {n_worlds} of plates "
         f"({seeds_in_words(n_worlds, PLATES_FROM)}). Slow slips take {SLOW_S:g} s or more "
         "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
@@ -93,8 +56,37 @@ def _sections(events: Sequence[CaseEvents], n_worlds: int) -> Iterator[str]:
         "direction within one stated standard deviation. Reversed: an error beyond 90 deg with a standard "
         "deviation below 30 deg. The head of a column has the probabilities from which incipient and gross "
         "slip are reported."
-    )
-    for generator, some in grouped(events, lambda one: one.case.group).items():
-        slips = sum(one.case.slips for one in some)
-        yield f"Worlds of {generator}: {len(some)} cases, {slips} with gross slip."
-        yield settings_table(some)
+    ]
+    progress.begin(2 * len(starts) + n_gratings + len(minutes))
+    with executor(BENCH_WORKERS) as pool:
+        for name, read, first in (("laws", read_laws, REPORTED_FROM), ("plates", read_plates, PLATES_FROM)):
+            batches = [range(first + start, first + start + _BATCH) for start in starts]
+            some = list(chain.from_iterable(counted(pool.map(read, batches), progress, "worlds")))
+            slips = sum(one[NAMES[0]].case.slips for one in some)
+            sections.append(f"Worlds of {name}: {len(some)} cases, {slips} with gross slip.")
+            sections.append(settings_table(some))
+        slides = range(GRATINGS_FROM, GRATINGS_FROM + n_gratings)
+        gratings = counted(pool.map(read_grating, slides), progress, "gratings")
+        read_minutes = counted(pool.map(read_minute, *zip(*minutes, strict=True)), progress, "minutes")
+    long = [one for one in read_minutes if one is not None]
+    return [
+        *sections,
+        f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
+        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: reported as gross slip, and answered by the "
+        "groove estimator, whose speed is given.",
+        table(rows(gratings)),
+        f"Slides and rests of a minute ({seeds_in_words(len(minutes), MINUTES_FROM)}; "
+        f"{len(minutes) - len(long)} rests slip, left out) at 0.3 to 3 mV, setting balanced: an even slide "
+        "at 0.25 to 20 mm/s, from 0.5 s after it began; a rest at 80 to 97 % of the limit.",
+        table(minute_rows(long)),
+    ]
+
+
+def read_laws(seeds: range) -> list[dict[str, Reported]]:
+    """Run all detectors over a batch of worlds of laws."""
+    return [run_case(world) for world in draw_reported(seeds)]
+
+
+def read_plates(seeds: range) -> list[dict[str, Reported]]:
+    """Run all detectors over a batch of worlds of plates."""
+    return [run_case(world) for world in draw("plates", seeds, PLATE_MINUTES)]

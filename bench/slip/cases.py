@@ -1,7 +1,8 @@
 """Cases of ``./run bench slip``: random worlds, with the truth that events are compared with."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +10,10 @@ from numpy.typing import NDArray
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
-from tactiled.detect.base import Detector
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.suite import DetectParams, build_suite
-from tactiled.events.types import SlipEvent
+from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import ScanBlock
 
 REPORTED_FROM = 3_000
@@ -26,8 +26,6 @@ _JUST_NOW_S = 0.1  # an onset reported so soon after a partial slip ended belong
 class Case:
     """Scans of one world, and the truth of its first gross slip."""
 
-    group: str  # generator of the world
-    array: Array
     block: ScanBlock
     utilisation: FloatArray  # (n,): tangential load over its limit
     # gross_s, gross_end_s, tenth_s: first gross slip: from where all of the contact slips until it stops; a
@@ -55,11 +53,6 @@ class Case:
         recent = np.convolve(self.partial, np.ones(before + 1))[: len(self.utilisation)] > 0.5
         return np.asarray(~recent)
 
-    def utilisation_at(self, time_s: float) -> float:
-        """Utilisation at an instant."""
-        row = round((time_s - float(self.block.time_s[0])) * self.block.rate_hz)
-        return float(self.utilisation[min(max(row, 0), len(self.utilisation) - 1)])
-
 
 def from_world(world: World) -> Case:
     """Make a case of a world."""
@@ -71,8 +64,6 @@ def from_world(world: World) -> Case:
         end_s = float(row + 1 + after[0]) / world.rate_hz if len(after) else np.inf
         direction_deg = np.nan if world.hand == "twist" else float(world.direction_deg[row])
     return Case(
-        group=world.generator,
-        array=world.array,
         block=world.block,
         utilisation=np.minimum(world.utilisation, 1.0),
         gross_s=gross_s,
@@ -92,24 +83,25 @@ def draw_reported(seeds: range) -> list[World]:
 NAMES = (*SETTINGS, "wang2019")
 
 
-@dataclass(frozen=True, eq=False)
-class CaseEvents:
-    """Slip events of one case, by name of a setting."""
+class Reported(NamedTuple):
+    """One case and the slip events of one setting."""
 
     case: Case
-    by_name: Mapping[str, Sequence[SlipEvent]]
+    events: Sequence[SlipEvent]
 
 
-def run_case(case: Case) -> CaseEvents:
-    """Run all detectors over a case."""
-    detectors: dict[str, Detector] = {}
-    for name in SETTINGS:
-        params = DetectParams.model_validate({"setting": name}).grip
-        detectors[name] = GripDetector(case.array, params)
-    published = DetectParams(setting="wang2019")
-    detectors["wang2019"] = build_suite(case.array, published, topics=("slip", "contact"))
-    by_name = {
-        name: [event for event in detector.process(case.block) if isinstance(event, SlipEvent)]
-        for name, detector in detectors.items()
+def run_settings(array: Array, block: ScanBlock) -> dict[str, list[Event]]:
+    """Return the events of the contact filter by setting."""
+    params = {name: DetectParams.model_validate({"setting": name}).grip for name in SETTINGS}
+    return {name: GripDetector(array, of).process(block) for name, of in params.items()}
+
+
+def run_case(world: World) -> dict[str, Reported]:
+    """Run all detectors over a world; what they report by name."""
+    published = build_suite(world.array, DetectParams(setting="wang2019"), topics=("slip", "contact"))
+    events = {**run_settings(world.array, world.block), "wang2019": published.process(world.block)}
+    case = from_world(world)
+    return {
+        name: Reported(case, [one for one in some if isinstance(one, SlipEvent)])
+        for name, some in events.items()
     }
-    return CaseEvents(case, by_name)

@@ -1,30 +1,20 @@
 """A controller's questions about slip events, and their answers by the truth of the cases."""
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from bench.report import NONE, ratio, table
-from bench.slip.cases import NAMES, Case, CaseEvents
+from bench.slip.cases import NAMES, Case, Reported
 from tactiled.array import FloatArray
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 SLOW_S = 0.2  # from a tenth of the area to all of it
 AHEAD_S = 0.1  # before gross slip, in time for a gripper; a gross slip reported before that is early
-LEADS_TO_S = 1.0  # an onset that gross slip follows within this time announced it
 _REOPENS_S = 0.1  # a slip that ends and begins anew within this time (a turn, a swing) went on
 _REVERSED_DEG, _SURE_DEG = 90.0, 30.0
 _CLEAR = 0.8  # utilisation below which a contact that holds is far from gross slip
-
-
-class Reported(NamedTuple):
-    """One case and the slip events of one setting."""
-
-    case: Case
-    events: Sequence[SlipEvent]
 
 
 def open_at(events: Sequence[SlipEvent], time_s: float) -> SlipEvent | None:
@@ -33,53 +23,38 @@ def open_at(events: Sequence[SlipEvent], time_s: float) -> SlipEvent | None:
     return before[-1] if before and before[-1].state == "onset" else None
 
 
-def onsets(events: Sequence[SlipEvent], kind: str) -> list[SlipEvent]:
-    """Return the onsets of a kind."""
-    return [e for e in events if (e.state, e.kind) == ("onset", kind)]
+def is_early(case: Case, events: Sequence[SlipEvent]) -> bool:
+    """Return True if a gross slip is open `AHEAD_S` before that of a case."""
+    slip = open_at(events, case.gross_s - AHEAD_S)
+    return slip is not None and slip.kind == "gross"
 
 
-def usual(reported: Sequence[Reported]) -> list[Reported]:
-    """Return the cases but those whose friction falls at constant load."""
-    return [t for t in reported if not t.case.is_falling]
+def gross_onsets(events: Sequence[SlipEvent]) -> list[SlipEvent]:
+    """Return the onsets of gross slip."""
+    return [e for e in events if (e.state, e.kind) == ("onset", "gross")]
 
 
-def falling(reported: Sequence[Reported]) -> list[Reported]:
-    """Return the cases whose friction falls at constant load."""
-    return [t for t in reported if t.case.is_falling]
+def reported_early(reported: Sequence[Reported]) -> list[bool]:
+    """Return, for each gross slip, True if one was reported more than `AHEAD_S` before it."""
+    return [is_early(case, events) for case, events in reported if case.slips]
 
 
 def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
     """Return, for each gross slip, True if one was open, or was reported up to a time after its beginning."""
     return [
-        is_gross_at(events, case.gross_s - AHEAD_S)
+        is_early(case, events)
         or any(
-            case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in onsets(events, "gross")
+            case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in gross_onsets(events)
         )
         for case, events in reported
         if case.slips
     ]
 
 
-def is_gross_at(events: Sequence[SlipEvent], time_s: float) -> bool:
-    """Return True if a gross slip is open at an instant."""
-    slip = open_at(events, time_s)
-    return slip is not None and slip.kind == "gross"
-
-
-def reported_early(reported: Sequence[Reported]) -> list[float]:
-    """Return the true utilisation at each report of gross slip that came more than `AHEAD_S` before it."""
-    found = []
-    for case, events in reported:
-        slip = open_at(events, case.gross_s - AHEAD_S) if case.slips else None
-        if slip is not None and slip.kind == "gross":
-            found.append(case.utilisation_at(slip.detected_s))
-    return found
-
-
 def rests_called_gross(reported: Sequence[Reported], most_used: float = 1.0) -> list[bool]:
     """Return, for each case without gross slip, True if one was reported; of cases up to a utilisation."""
     return [
-        bool(onsets(events, "gross"))
+        bool(gross_onsets(events))
         for case, events in reported
         if not case.slips and case.utilisation.max() <= most_used
     ]
@@ -106,16 +81,6 @@ def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
     return n / max(hours, 1e-9)
 
 
-def onsets_that_lead(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each onset of incipient slip before the first gross one, True if that follows soon."""
-    return [
-        case.gross_s - event.detected_s <= LEADS_TO_S
-        for case, events in reported
-        for event in onsets(events, "incipient")
-        if event.detected_s <= case.gross_s
-    ]
-
-
 def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
     """Return, for each gross slip, True if its end was reported while it went on."""
     out = []
@@ -129,87 +94,57 @@ def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
     return out
 
 
-class Directions(NamedTuple):
-    """Errors of direction and stated standard deviations, in degrees."""
+def directions(reported: Sequence[Reported]) -> FloatArray:
+    """Return errors and stated standard deviations (n, 2) of direction, in degrees.
 
-    error_deg: FloatArray
-    sd_deg: FloatArray
-
-    @property
-    def inside(self) -> list[bool]:
-        """Errors within one stated standard deviation."""
-        return [bool(one) for one in np.abs(self.error_deg) <= self.sd_deg]
-
-    @property
-    def n_reversed(self) -> int:
-        """Number of errors beyond 90 degrees that claim to be within 30."""
-        return int(((np.abs(self.error_deg) > _REVERSED_DEG) & (self.sd_deg < _SURE_DEG)).sum())
-
-
-def directions(reported: Sequence[Reported], kind: str) -> Directions:
-    """Return the directions of the onset that belongs to each gross slip.
-
-    Incipient: the newest up to gross slip. Gross: the first within 0.1 s before and 0.3 s after.
+    They are those of the first onset of gross slip from 0.1 s before each gross slip to 0.3 s after it.
     """
-    errors, sds = [], []
+    found = []
     for case, events in reported:
-        if not case.slips or not np.isfinite(case.direction_deg):
-            continue
-        some = onsets(events, kind)
-        if kind == "gross":
-            near = [e for e in some if -AHEAD_S <= e.detected_s - case.gross_s <= 0.3][:1]
-        else:
-            near = [e for e in some if case.tenth_s - SLOW_S <= e.detected_s <= case.gross_s][-1:]
-        for event in near:
-            if event.direction_sd_deg < UNKNOWN_SD_DEG:
-                errors.append((event.direction_deg - case.direction_deg + 180.0) % 360.0 - 180.0)
-                sds.append(event.direction_sd_deg)
-    return Directions(np.array(errors), np.array(sds))
+        if case.slips and np.isfinite(case.direction_deg):
+            near = [e for e in gross_onsets(events) if -AHEAD_S <= e.detected_s - case.gross_s <= 0.3]
+            for event in near[:1]:
+                if event.direction_sd_deg < UNKNOWN_SD_DEG:
+                    error_deg = (event.direction_deg - case.direction_deg + 180.0) % 360.0 - 180.0
+                    found.append((error_deg, event.direction_sd_deg))
+    return np.array(found).reshape(-1, 2)
 
 
-def _direction(kind: str, reported: Sequence[Reported]) -> str:
-    found = directions(usual(reported), kind)
-    if not len(found.error_deg):
+def _direction(reported: Sequence[Reported]) -> str:
+    off_deg, sd_deg = np.abs(directions(reported)).T
+    if not len(off_deg):
         return NONE
-    median = f"{np.median(np.abs(found.error_deg)):.1f} deg"
-    return f"{median}, {ratio(found.inside)} inside, {found.n_reversed} reversed"
+    reversed_ = (off_deg > _REVERSED_DEG) & (sd_deg < _SURE_DEG)
+    return f"{np.median(off_deg):.1f} deg, {ratio(off_deg <= sd_deg)} inside, {reversed_.sum()} reversed"
 
 
-def _early(reported: Sequence[Reported]) -> str:
-    return f"{len(reported_early(usual(reported)))} of {sum(one.case.slips for one in usual(reported))}"
+def _usual(reported: Sequence[Reported], *, falls: bool = False) -> list[Reported]:
+    """Return the cases but those whose friction falls at constant load, or these."""
+    return [one for one in reported if one.case.is_falling == falls]
 
 
-def _early_at(reported: Sequence[Reported]) -> str:
-    used = reported_early(usual(reported))
-    return f"{np.median(used):.2f}" if used else NONE
-
-
+_MS = f"{1e3 * AHEAD_S:.0f} ms"
 QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
-    f"slow slips reported {1e3 * AHEAD_S:.0f} ms ahead": lambda found: ratio(
-        slow_reported_ahead(usual(found))
-    ),
+    f"slow slips reported {_MS} ahead": lambda found: ratio(slow_reported_ahead(_usual(found))),
     "onsets an hour where nothing slips": lambda found: f"{false_onsets_per_hour(found):.0f}",
-    f"onsets that gross slip follows in {LEADS_TO_S:g} s": lambda found: ratio(
-        onsets_that_lead(usual(found))
+    "gross reported in 100 ms": lambda found: ratio(gross_reported(_usual(found), 0.1)),
+    "gross reported in 300 ms": lambda found: ratio(gross_reported(_usual(found), 0.3)),
+    "gross reported in 300 ms where friction falls": lambda found: ratio(
+        gross_reported(_usual(found, falls=True), 0.3)
     ),
-    "gross reported in 100 ms": lambda found: ratio(gross_reported(usual(found), 0.1)),
-    "gross reported in 300 ms": lambda found: ratio(gross_reported(usual(found), 0.3)),
-    "gross reported in 300 ms where friction falls": lambda found: ratio(gross_reported(falling(found), 0.3)),
-    f"gross reported more than {1e3 * AHEAD_S:.0f} ms early": _early,
-    "utilisation at these, median": _early_at,
+    f"gross reported more than {_MS} early": lambda found: ratio(reported_early(_usual(found))),
     "rests called gross": lambda found: ratio(rests_called_gross(found)),
     f"rests below {_CLEAR:.0%} of the limit called gross": lambda found: ratio(
         rests_called_gross(found, _CLEAR)
     ),
     "ended while it slides": lambda found: ratio(ended_while_it_slides(found)),
-    "direction at onset": partial(_direction, "incipient"),
-    "direction at gross slip": partial(_direction, "gross"),
+    "direction at gross slip": lambda found: _direction(_usual(found)),
 }
 
 
-def settings_table(events: Sequence[CaseEvents]) -> str:
+def settings_table(by_name: Sequence[Mapping[str, Reported]]) -> str:
     """Answers to all questions, a column for each setting."""
-    columns = {_head(name): [Reported(one.case, one.by_name[name]) for one in events] for name in NAMES}
+    columns = {_head(name): [one[name] for one in by_name] for name in NAMES}
     return table(
         {"question": question} | {head: answer(found) for head, found in columns.items()}
         for question, answer in QUESTIONS.items()

@@ -1,14 +1,16 @@
 """The hold bench against the emulator, and its numbers against what is known of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import aims
-from bench.hold.play import Episodes, FixedGrip, GraspResult, TightenOnSlip, least_at_rest_n, play
+from bench.hold.play import Episodes, GraspResult, TightenOnSlip, least_n
 from tactiled.array import load_array
 from tactiled.emulator.scene.contact import make_contact
-from tactiled.emulator.scene.families.holding import EVENTS, hold
+from tactiled.emulator.scene.families.holding import EVENTS, LIFTED_S, hold
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 
@@ -33,15 +35,13 @@ def test_the_batch_moves_as_the_emulator_does() -> None:
 
 
 def test_twice_the_least_holds_a_lift_and_less_than_the_least_does_not() -> None:
-    seeds = [seed for seed in range(40) if hold(seed).description == "none"][:4]
-    scenes = [hold(seed) for seed in seeds]
-    times = (2.0, 2.0, 0.9, 0.9)
-    grips = [FixedGrip(t * least_at_rest_n(scene)) for t, scene in zip(times, scenes, strict=True)]
-    episodes = play(scenes, ARRAY, grips)
-    assert episodes.dropped.tolist() == [False, False, True, True]
-    np.testing.assert_allclose(episodes.over_least[:2], 2.0, atol=0.05)
-    assert np.isnan(episodes.reaction_s[:2]).all()
-    assert np.isinf(episodes.reaction_s[2:]).all()
+    scenes = [scene for scene in map(hold, range(40)) if scene.description == "none"][:4]
+    at_rest_s = np.array([LIFTED_S + 0.4])
+    batch = HeldBatch(scenes, ARRAY)
+    batch.command(np.array([2.0, 2.0, 0.9, 0.9]) * [least_n(scene, at_rest_s)[0] for scene in scenes])
+    for _ in range(batch.n_scans):
+        batch.scan()
+    assert batch.has_fallen.tolist() == [False, False, True, True]
 
 
 def test_a_seed_has_each_event_and_the_same_length() -> None:
@@ -59,6 +59,16 @@ def test_reaction_counts_from_the_slip_and_may_be_ahead_of_it() -> None:
     blank = np.zeros((100, 2))
     episodes = Episodes([hold(0), hold(1)], blank, blank, command_n, slides, blank, slides[0])
     assert episodes.reaction_s == pytest.approx([0.04, -0.05])
+    assert np.isinf(replace(episodes, command_n=np.full((100, 2), 6.0)).reaction_s).all()
+    assert np.isnan(replace(episodes, slides=np.zeros_like(slides)).reaction_s).all()
+
+
+def test_grip_over_the_least_is_of_grasps_that_hold() -> None:
+    grip_n, blank = np.full((700, 2), 8.0), np.zeros((700, 2))
+    dropped = np.array([False, True])
+    episodes = Episodes([hold(0), hold(1)], grip_n, grip_n / 2, grip_n, blank > 0, blank, dropped)
+    assert [one.dropped for one in episodes.results()] == [False, True]
+    np.testing.assert_equal([one.over_least for one in episodes.results()], [2.0, np.nan])
 
 
 def test_slip_events_tighten() -> None:
