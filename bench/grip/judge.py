@@ -89,17 +89,13 @@ class Score(NamedTuple):
     """Scores of many worlds."""
 
     auc: float  # of the probability of sliding, scan by scan
-    # skill_sliding, skill_300ms: Brier skill: of the probability of sliding; of gross slip within 300 ms
-    # where nothing slides, and nothing is said to
-    skill_sliding: float
-    skill_300ms: float
+    skill_300ms: float  # Brier skill of gross slip in 300 ms, where nothing slides and nothing is said to
     # used_rms, coverage: utilisation from 0.5: error of the median, part within the interval of 90 %
     used_rms: float
     friction_rms: float  # the same error of the ratio over the true friction of the scan, without any filter
     used_rms_later: float  # the same error after a first slide in the world; NaN without one
     coverage: float
     told_gross: float  # part of the sliding time in which the state is gross
-    rest_told_gross: float  # part of the other time in which it is
     # false gross slips in an hour of contact at a recall of 80 %; NaN where that is never reached
     false_per_h: float
     # gross slips an hour at the setting, in worlds that never use half of the limit
@@ -127,14 +123,12 @@ def score(courses: Sequence[Course]) -> Score:
     hours = sum(len(c.at) / c.world.rate_hz for c in calm) / 3600
     return Score(
         auc=float(roc_auc_score(slides, p)),
-        skill_sliding=_skill(p, slides),
         skill_300ms=_skill(ahead, soon),
         used_rms=rms(error),
         friction_rms=float(np.sqrt(np.nanmean((by_friction[high] - used[high]) ** 2))),
         used_rms_later=rms(error[later[high]]),
         coverage=float(np.mean(inside)),
         told_gross=float(told[slides].mean()),
-        rest_told_gross=float(told[~slides].mean()),
         false_per_h=_false_per_h(courses),
         resting_false_per_h=sum(int(np.sum(np.diff(c.told_gross.astype(int), prepend=0) > 0)) for c in calm)
         / max(hours, 1e-9),

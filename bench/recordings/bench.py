@@ -120,19 +120,15 @@ class Found(NamedTuple):
 
 def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Score every source whose checkout is in the folder of the data; say how to get the others."""
-    if options.data is None or not options.data.is_dir():
-        raise click.UsageError(
-            "give a folder by --data. To fill it:\n  " + "\n  ".join(how_to_get(sources()))
-        )
-    here = [source for source in sources() if source.is_in(options.data)]
+    data = options.data or Path()
+    here = [source for source in sources() if options.data is not None and source.is_in(data)]
     if not here:
-        raise click.UsageError(
-            f"no source is in {options.data}. To fill it:\n  " + "\n  ".join(how_to_get(sources()))
-        )
+        where = f"no source is in {data}" if options.data else "give a folder by --data"
+        raise click.UsageError(f"{where}. To fill it:\n  " + "\n  ".join(how_to_get(sources())))
     progress.begin(len(here))
     found: list[Found] = []
     for source in here:
-        found += _measure(source, options.data)
+        found += _measure(source, data)
         progress.advance(source.name)
     missing = how_to_get(source for source in sources() if source not in here)
     sections = [

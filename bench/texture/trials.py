@@ -17,7 +17,6 @@ from bench.texture import grooveless
 from bench.texture.signal import (
     RATE_HZ,
     Bound,
-    Grating,
     Wave,
     bound,
     draw_grating,
@@ -110,17 +109,14 @@ def _per_mm(period_mm: float, angle_deg: float) -> FloatArray:
     return np.array([np.cos(angle), np.sin(angle)]) / period_mm
 
 
-def joint(grating: Grating, volts: FloatArray, is_speed_known: bool) -> GrooveAnswer | Refusal:
-    """Ask the joint fit on all channels; it is given the direction of motion, and the speed where known."""
-    speed_mm_s = grating.wave.speed_mm_s if is_speed_known else 0.0
-    return joint_fit(volts, grating.sensed.offset_s, speed_mm_s, grating.wave.direction_deg)
-
-
-def joint_fit(
-    volts: FloatArray, offset_s: FloatArray, speed_mm_s: float, direction_deg: float
+def joint(
+    volts: FloatArray, offset_s: FloatArray, wave: Wave, *, is_speed_known: bool
 ) -> GrooveAnswer | Refusal:
-    """Fit one window (n, channels) by the core of the joint estimator; speed 0 is unknown."""
-    motion = WaveMotion(speed_mm_s, 0.0, direction_deg, 0.0)
+    """Fit one window (n, channels) by the core of the joint estimator.
+
+    Of the wave it is given the direction of motion, and the speed where that is known.
+    """
+    motion = WaveMotion(wave.speed_mm_s if is_speed_known else 0.0, 0.0, wave.direction_deg, 0.0)
     time_s = np.arange(len(volts)) / RATE_HZ
     return fit_wave(FitWindow(volts, time_s, offset_s, channel_layout(ARRAY), motion, WaveParams()))
 
@@ -130,7 +126,8 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
     rng = np.random.default_rng([seed, round(10 * window_s), round(snr_db) + 100, is_speed_known])
     periods = 0.0 if seed % _FREE_EVERY == _FREE_EVERY - 1 else MIN_PERIODS
     grating = draw_grating(ARRAY, rng, window_s, snr_db, periods)
-    answer = joint(grating, readings(grating, rng), is_speed_known)
+    volts = readings(grating, rng)
+    answer = joint(volts, grating.sensed.offset_s, grating.wave, is_speed_known=is_speed_known)
     least = None
     if answer.status == "ok":
         least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
@@ -153,7 +150,8 @@ def coloured_trial(memory: float, seed: int) -> Trial:
     window_s, snr_db = float(rng.choice(COLOURED_WINDOWS_S)), float(rng.choice(COLOURED_SNRS_DB))
     is_known = seed % 2 == 1
     grating = draw_grating(ARRAY, rng, window_s, snr_db, MIN_PERIODS, _SLOW_HZ)
-    answer = joint(grating, readings(grating, rng, memory), is_known)
+    volts = readings(grating, rng, memory)
+    answer = joint(volts, grating.sensed.offset_s, grating.wave, is_speed_known=is_known)
     fields = {"window_s": window_s, "snr_db": snr_db, "periods": grating.periods}
     return compare(answer, grating.wave, noise=noise_name(memory), is_speed_known=is_known, **fields)
 
@@ -161,7 +159,8 @@ def coloured_trial(memory: float, seed: int) -> Trial:
 def grooveless_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     """Ask the joint fit for the grating of a surface without one: any answer is wrong."""
     volts, offset_s = grooveless.readings(name, ARRAY, np.random.default_rng(seed))
-    answer = joint_fit(volts, offset_s, grooveless.SPEED_MM_S if is_speed_known else 0.0, 0.0)
+    slide = Wave(1.0, 0.0, grooveless.SPEED_MM_S)  # of which the period is not asked
+    answer = joint(volts, offset_s, slide, is_speed_known=is_speed_known)
     return Trial(name, grooveless.WINDOW_S, is_speed_known, answer.status, is_wrong=answer.status == "ok")
 
 

@@ -8,12 +8,12 @@ turn, and ratios are within a repeat.
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgpack
+import numpy as np
 import zmq
 
 from bench.latency.bench import REFERENCE
@@ -26,7 +26,7 @@ from bench.processes import (
     running,
     wait_for_path,
 )
-from bench.report import Aim, BenchOptions, aims_table, load_words, median_aim, over_runs, table
+from bench.report import BenchOptions, aims_table, load_words, median_aim, over_runs, table
 from tactiled import compiled
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.simulate import Simulation
@@ -47,37 +47,13 @@ _DRAIN_S = 3.0
 _SOURCE = load_board("board-v1", "wang2019-3x3")
 
 
-@dataclass(frozen=True)
-class FloodResult:
-    """Scans a second that a program takes from a pty; scans that the daemon did not decode."""
-
-    scans_per_s: float
-    lost: int
-
-
-@dataclass(frozen=True)
-class ThroughputResult:
-    """Everything measured."""
-
-    # daemon, reference: floods through tactiled and through the C program, by repeat
-    daemon: Sequence[FloodResult]
-    reference: Sequence[FloodResult]
-    # Seconds of a recording over processor time of `detect`, by scene, each with its repeats
-    times_real: Mapping[str, Sequence[float]]
-
-    @property
-    def over_c(self) -> list[float]:
-        """Scans a second over those of the C program, by repeat."""
-        pairs = zip(self.daemon, self.reference, strict=True)
-        return [one.scans_per_s / reference.scans_per_s for one, reference in pairs]
-
-
 def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Measure floods and files."""
     part = _QUICK_PART if options.quick else 1
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
     times_real: dict[str, list[float]] = {scene: [] for scene in SCENES}
-    daemon, reference = list[FloodResult](), list[FloodResult]()
+    scans_per_s: dict[str, list[float]] = {"C": [], "tactiled": []}
+    lost = 0
     with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
         folder = Path(name)
         program = compile_program(folder, REFERENCE)
@@ -85,13 +61,46 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
         for repeat in range(repeats):
             progress.reach(0.1 + 0.9 * repeat / repeats)
             for scene in SCENES:
-                cpu_s = _cpu_of_detect(folder / f"{scene}.mcap")
-                times_real[scene].append(duration_s[scene] / cpu_s)
-            reference.append(_flood_reference(folder, program, _REFERENCE_SCANS // part))
-            daemon.append(_flood_daemon(folder, _SCANS // part))
-    result = ThroughputResult(daemon, reference, times_real)
-    text = f"{repeats} repeats (median and range); {load_words()}. Path of a scan: {compiled.path_words()}."
-    return [text, _floods(result), _files(result), aims_table(_aims(result))]
+                times_real[scene].append(duration_s[scene] / _cpu_of_detect(folder / f"{scene}.mcap"))
+            scans_per_s["C"].append(_flood_reference(folder, program, _REFERENCE_SCANS // part))
+            speed, n_lost = _flood_daemon(folder, _SCANS // part)
+            scans_per_s["tactiled"].append(speed)
+            lost += n_lost
+    over_c = (np.array(scans_per_s["tactiled"]) / scans_per_s["C"]).tolist()
+    columns = {"C": ([1.0], "not counted"), "tactiled": (over_c, str(lost))}
+    return [
+        f"{repeats} repeats (median and range); {load_words()}. Path of a scan: {compiled.path_words()}.",
+        table(
+            {
+                "flood through a pty": name,
+                "scans/s": over_runs(scans_per_s[name], ",.0f"),
+                "over C": over_runs(ratios, ".3f"),
+                "scans lost": n_lost,
+            }
+            for name, (ratios, n_lost) in columns.items()
+        ),
+        table(
+            {"file": name, "times real time": over_runs(times, ".0f")}
+            for name, times in zip(
+                ("detect, rest", "detect, sliding over grooves"), times_real.values(), strict=True
+            )
+        ),
+        aims_table(
+            [
+                median_aim("flood through a pty, over C", 0.25, over_c, ".3f", is_least=True),
+                *(
+                    median_aim(
+                        f"`detect` of a file, {scene}, times real time",
+                        limit,
+                        times_real[scene],
+                        ".0f",
+                        is_least=True,
+                    )
+                    for scene, limit in zip(SCENES, (300.0, 50.0), strict=True)
+                ),
+            ]
+        ),
+    ]
 
 
 def _record(path: Path, scene: str, part: int) -> float:
@@ -131,18 +140,20 @@ def _taken_s(board: subprocess.Popen[str]) -> float:
     return next(float(line) for line in lines if line != "ready")
 
 
-def _flood_reference(folder: Path, program: Path, n_scans: int) -> FloodResult:
+def _flood_reference(folder: Path, program: Path, n_scans: int) -> float:
+    """Return the scans a second that the C program takes."""
     with _flooding(folder, n_scans) as (link, board), running(program, link, str(free_port())):
-        return FloodResult(n_scans / _taken_s(board), 0)
+        return n_scans / _taken_s(board)
 
 
-def _flood_daemon(folder: Path, n_scans: int) -> FloodResult:
+def _flood_daemon(folder: Path, n_scans: int) -> tuple[float, int]:
+    """Return the scans a second that the daemon takes, and the scans that it did not decode."""
     endpoint = f"ipc://{folder}/events"
     with _flooding(folder, n_scans, "--ask") as (link, board):
         config = daemon_config(folder / "tactiled.toml", link, endpoint)
         with running(*TACTILED, "run", "--config", config):
             n_decoded = _count_scans(endpoint, board)
-            return FloodResult(n_scans / _taken_s(board), n_scans - n_decoded)
+            return n_scans / _taken_s(board), n_scans - n_decoded
 
 
 def _count_scans(endpoint: str, board: "subprocess.Popen[str]") -> int:
@@ -163,35 +174,3 @@ def _count_scans(endpoint: str, board: "subprocess.Popen[str]") -> int:
                 last_s = time.monotonic() if counted != n_scans else last_s
                 n_scans = counted
         return n_scans
-
-
-def _floods(result: ThroughputResult) -> str:
-    return table(
-        {
-            "flood through a pty": name,
-            "scans/s": over_runs([flood.scans_per_s for flood in floods], ",.0f"),
-            "over C": over_runs(ratios, ".3f"),
-            "scans lost": lost,
-        }
-        for name, floods, ratios, lost in (
-            ("C", result.reference, [1.0], "not counted"),
-            ("tactiled", result.daemon, result.over_c, str(sum(flood.lost for flood in result.daemon))),
-        )
-    )
-
-
-def _files(result: ThroughputResult) -> str:
-    names = {"rest": "detect, rest", "slide": "detect, sliding over grooves"}
-    return table(
-        {"file": name, "times real time": over_runs(result.times_real[scene], ".0f")}
-        for scene, name in names.items()
-    )
-
-
-def _aims(result: ThroughputResult) -> list[Aim]:
-    rest, slide = (result.times_real[scene] for scene in SCENES)
-    return [
-        median_aim("flood through a pty, over C", 0.25, result.over_c, ".3f", is_least=True),
-        median_aim("`detect` of a file, rest, times real time", 300.0, rest, ".0f", is_least=True),
-        median_aim("`detect` of a file, slide, times real time", 50.0, slide, ".0f", is_least=True),
-    ]

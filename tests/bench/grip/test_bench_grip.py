@@ -43,19 +43,20 @@ def truth(world: World) -> Course:
 
 def test_scores_of_the_truth_are_perfect(worlds: list[World]) -> None:
     found = score([truth(world) for world in worlds])
-    assert (found.auc, found.skill_sliding, found.skill_300ms) == pytest.approx((1.0, 1.0, 1.0))
+    assert (found.auc, found.skill_300ms) == pytest.approx((1.0, 1.0))
     assert (found.used_rms, found.coverage) == (0.0, 1.0)
     assert found.friction_rms == pytest.approx(0.0, abs=1e-12)
-    assert (found.told_gross, found.rest_told_gross, found.resting_false_per_h) == (1.0, 0.0, 0.0)
+    assert (found.told_gross, found.resting_false_per_h) == (1.0, 0.0)
     assert found.false_per_h == 0.0
 
 
 def test_a_constant_probability_has_no_skill(worlds: list[World]) -> None:
     courses = [truth(world) for world in worlds]
-    rate = float(np.concatenate([c.slides for c in courses]).mean())
-    told = [dataclasses.replace(c, p_sliding=np.full(len(c.at), rate)) for c in courses]
+    rate = float(np.concatenate([c.soon[~c.slides] for c in courses]).mean())
+    same = [np.full(len(c.at), rate) for c in courses]
+    told = [dataclasses.replace(c, p_sliding=p, p_gross_300ms=p) for c, p in zip(courses, same, strict=True)]
     found = score(told)
-    assert found.skill_sliding == pytest.approx(0.0, abs=1e-9)
+    assert found.skill_300ms == pytest.approx(0.0, abs=1e-9)
     assert found.auc == pytest.approx(0.5)
 
 

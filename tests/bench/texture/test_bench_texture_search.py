@@ -100,7 +100,7 @@ def test_search_finds_what_the_estimator_finds(window_s: float, snr_db: float, s
     case = draw_grating(load_array("wang2019-3x3"), rng, window_s, snr_db, 3.0)
     volts = readings(case, rng)
     found, _ = search(case, volts)
-    said = joint(case, volts, True)
+    said = joint(volts, case.sensed.offset_s, case.wave, is_speed_known=True)
     least = bound(case.wave, case.sensed, case.time_s, is_speed_known=True)
     assert isinstance(said, GrooveAnswer)
     # The estimator gives each channel its own noise and drift a cubic: that moves it by a part of a sigma.

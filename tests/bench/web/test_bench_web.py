@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.web.bench import PageCost, WebResult, aims, cost_table
+from bench.web.bench import PageCost, aims, cost_table
 
 COST = PageCost(
     kb_s=9.0, shift=0.01, page_part=0.1, browser_part=0.2, server_part=0.02, fresh_part=1.0,
@@ -12,19 +12,19 @@ COST = PageCost(
 )  # fmt: skip
 
 
-def verdicts(result: WebResult) -> list[str]:
-    return [aim.verdict for aim in aims(result)]
+def verdicts(*costs: PageCost) -> list[str]:
+    return [aim.verdict for aim in aims(*costs)]
 
 
 def test_every_aim_is_met_or_missed_by_its_own_number() -> None:
-    assert verdicts(WebResult(COST, COST, COST)) == ["met"] * 6
+    assert verdicts(COST, COST, COST) == ["met"] * 6
     late = replace(COST, delay_s=np.full(4, 0.2))  # of 102 in all: more than one in a hundred
     bad = replace(COST, kb_s=26.0, shift=0.06, page_part=0.16, server_part=0.04)
-    assert verdicts(WebResult(bad, late, COST)) == ["MISSED"] * 5 + ["met"]
-    assert verdicts(WebResult(COST, COST, replace(COST, fresh_part=0.9))) == ["met"] * 5 + ["MISSED"]
+    assert verdicts(bad, late, COST) == ["MISSED"] * 5 + ["met"]
+    assert verdicts(COST, COST, replace(COST, fresh_part=0.9)) == ["met"] * 5 + ["MISSED"]
 
 
 def test_verdicts_that_never_came_are_told() -> None:
     empty = replace(COST, delay_s=np.array([]), unseen=3)
-    assert "0, 3 never shown" in cost_table(WebResult(empty, COST, COST))
-    assert verdicts(WebResult(empty, empty, COST))[2] == "MISSED"
+    assert "0, 3 never shown" in cost_table({"demo": empty})
+    assert verdicts(empty, empty, COST)[2] == "MISSED"
