@@ -47,8 +47,6 @@ class BenchOptions:
 
 def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
     """Return the sections, tables as rows, with name, commit, date and machine of the measurement."""
-    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=40", "--dirty"]
-    commit = subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
     models = [
         line.partition(":")[2].strip()
         for line in Path("/proc/cpuinfo").read_text().splitlines()
@@ -57,7 +55,7 @@ def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
     document = {
         "bench": name,
         "quick": is_quick,
-        "commit": commit,
+        "commit": commit(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
             "processor": models[0] if models else platform.machine(),
@@ -69,6 +67,12 @@ def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
         "sections": [part.rows if isinstance(part, Table) else part for part in sections],
     }
     return json.dumps(document)
+
+
+def commit() -> str:
+    """Commit of this checkout, with ``-dirty`` where files differ from it; nothing where it is none."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=40", "--dirty"]
+    return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def load_words() -> str:

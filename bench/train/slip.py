@@ -2,7 +2,6 @@
 
 import json
 import platform
-import subprocess
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import sklearn
 
-from bench.report import BENCH_WORKERS
+from bench.report import BENCH_WORKERS, commit
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
 from bench.train.rows import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, Looks, all_looks, n_batches
 from bench.worlds.generators import GENERATORS
@@ -53,12 +52,9 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
 def _about(
     n_worlds: int, shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
 ) -> dict[str, Any]:
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=ROOT, capture_output=True, text=True, check=False
-    )
     return {
         "command": "./run train slip",
-        "commit": commit.stdout.strip(),
+        "commit": commit(),
         "python": platform.python_version(),
         "scikit-learn": sklearn.__version__,
         "seeds": f"{TRAINED_FROM} to {TRAINED_FROM + n_worlds - 1} of each generator",
