@@ -88,5 +88,5 @@ class AnyFaults(RuleBasedStateMachine):
         assert {s.state for s in self.statuses if s.valid} <= {"running"}
 
 
-AnyFaults.TestCase.settings = settings(max_examples=25, stateful_step_count=20, deadline=None)
+AnyFaults.TestCase.settings = settings(max_examples=12, stateful_step_count=20, deadline=None)
 TestAnyFaults = AnyFaults.TestCase

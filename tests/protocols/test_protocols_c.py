@@ -9,6 +9,7 @@ import shlex
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +145,7 @@ def test_golden_commands_are_ours() -> None:
         assert Encoder(LAYOUT).encode(command).hex() == golden[request]
 
 
-@pytest.fixture(scope="module")
+@cache
 def frames() -> list[tuple[str, str]]:
     """Random frames as requests and as octets written and read by Python."""
     drawn = board_frames(4000, seed=11)
@@ -153,11 +154,11 @@ def frames() -> list[tuple[str, str]]:
     return [(request_of(frame), octets.hex()) for frame, octets in zip(drawn, written, strict=True)]
 
 
-def test_thousands_of_frames_are_the_same_octets(answer: Answer, frames: list[tuple[str, str]]) -> None:
-    assert answer(request for request, _ in frames) == [octets for _, octets in frames]
+def test_thousands_of_frames_are_the_same_octets(answer: Answer) -> None:
+    assert answer(request for request, _ in frames()) == [octets for _, octets in frames()]
 
 
-@pytest.fixture(scope="module")
+@cache
 def commands() -> list[tuple[str, str]]:
     """Random commands as requests, and what the board understands."""
     rng = np.random.default_rng(12)
@@ -177,10 +178,8 @@ def commands() -> list[tuple[str, str]]:
     return found
 
 
-def test_thousands_of_commands_are_understood_by_the_board(
-    answer: Answer, commands: list[tuple[str, str]]
-) -> None:
-    assert answer(request for request, _ in commands) == [understood for _, understood in commands]
+def test_thousands_of_commands_are_understood_by_the_board(answer: Answer) -> None:
+    assert answer(request for request, _ in commands()) == [understood for _, understood in commands()]
 
 
 def test_long_bodies_are_stuffed_alike(answer: Answer) -> None:
@@ -191,24 +190,22 @@ def test_long_bodies_are_stuffed_alike(answer: Answer) -> None:
     assert answer("body " + " ".join(map(str, body)) for body in bodies) == expected
 
 
-@pytest.fixture(scope="module")
+@cache
 def noisy() -> list[tuple[bytes, list[Command]]]:
     """Noise around commands, and what Python takes for commands."""
     rng = np.random.default_rng(13)
     lines = [b"".join(noise(rng) for _ in range(8)) for _ in range(2000)]
     items = [Decoder(LAYOUT, "host-to-board").feed(line) for line in lines]
-    commands = [[item for item in found if isinstance(item, Command)] for found in items]
-    return list(zip(lines, commands, strict=True))
+    understood = [[item for item in found if isinstance(item, Command)] for found in items]
+    return list(zip(lines, understood, strict=True))
 
 
-def test_any_octets_the_board_accepts_the_host_would_too(
-    answer: Answer, noisy: list[tuple[bytes, list[Command]]]
-) -> None:
+def test_any_octets_the_board_accepts_the_host_would_too(answer: Answer) -> None:
     """What C takes for a command Python takes too (and rescues some more)."""
-    said = answer("receive " + " ".join(map(str, line)) for line, _ in noisy)
+    said = answer("receive " + " ".join(map(str, line)) for line, _ in noisy())
     n_accepted = 0
-    for (line, commands), answers in zip(noisy, said, strict=True):
-        heard = iter(commands)
+    for (line, understood), answers in zip(noisy(), said, strict=True):
+        heard = iter(understood)
         accepted = [command for text in answers.split(";") if (command := command_of(text))]
         assert all(command in heard for command in accepted), line.hex()
         n_accepted += len(accepted)

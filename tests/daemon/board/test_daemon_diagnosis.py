@@ -75,7 +75,7 @@ def test_a_good_line_has_no_fault_and_no_warning() -> None:
 
 @pytest.mark.parametrize("sent_baud", [9600, 19200, 38400, 57600, 230400, 460800, 921600])
 def test_a_wrong_baud_rate_is_the_likely_cause(sent_baud: int) -> None:
-    received = [received_at(part, sent_baud, BAUD) for part in scans(LAYOUT)]
+    received = [received_at(part, sent_baud, BAUD) for part in scans(LAYOUT, 200)]
     unsure = Line([part for part, _ in received]).fault
     assert "wrong baud rate (115200 configured) most likely" in unsure
     assert unsure.endswith("; stop tactiled, then run tactiled doctor: it looks for both")

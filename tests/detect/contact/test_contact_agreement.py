@@ -1,6 +1,7 @@
 """Slip events, grip messages and contact state say the same of a contact, on worlds of every generator."""
 
 import dataclasses
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -34,30 +35,20 @@ def worlds(request: pytest.FixtureRequest) -> list[World]:
     return found
 
 
-def detect(world: World, setting: str) -> Sequence[Event]:
+@functools.cache
+def told(world: World, setting: str) -> Sequence[Event]:
     at = SETTINGS[setting]
     params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
     return GripDetector(world.array, params).process(world.block)
 
 
-@pytest.fixture(scope="module")
-def told(worlds: list[World]) -> dict[str, list[Sequence[Event]]]:
-    """Events of each world, by setting."""
-    return {setting: [detect(world, setting) for world in worlds] for setting in SETTINGS}
-
-
-every_setting = pytest.mark.parametrize("setting", sorted(SETTINGS))
-
-
-@every_setting
-def test_every_message_agrees_with_the_slip_that_is_open(
-    told: dict[str, list[Sequence[Event]]], setting: str
-) -> None:
+@pytest.mark.parametrize("setting", sorted(SETTINGS))
+def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], setting: str) -> None:
     n_gross = 0
-    for events in told[setting]:
+    for world in worlds:
         slip: SlipEvent | None = None
         contact = "none"
-        for event in events:
+        for event in told(world, setting):
             if isinstance(event, SlipEvent):
                 slip = event if event.state == "onset" else None
             elif isinstance(event, ContactEvent):
@@ -80,14 +71,12 @@ def test_every_message_agrees_with_the_slip_that_is_open(
     assert n_gross > 0
 
 
-@every_setting
-def test_a_slip_begins_after_the_one_before_has_ended(
-    told: dict[str, list[Sequence[Event]]], setting: str
-) -> None:
+@pytest.mark.parametrize("setting", sorted(SETTINGS))
+def test_a_slip_begins_after_the_one_before_has_ended(worlds: list[World], setting: str) -> None:
     """A contact whose slide has just ended shows a fall of shear, which is no growth towards another slip."""
-    for events in told[setting]:
+    for world in worlds:
         ended_s = -math.inf
-        for event in events:
+        for event in told(world, setting):
             if isinstance(event, SlipEvent):
                 assert event.onset_s >= ended_s - ROUNDING_S or event.state == "end"
                 ended_s = event.time_s if event.state == "end" else ended_s

@@ -136,18 +136,6 @@ def test_the_unit_of_the_readings_changes_nothing_but_the_unit(unit: float) -> N
         assert b.load == pytest.approx(a.load * unit, rel=1e-3)
 
 
-@given(st.lists(st.integers(1, 399), max_size=6))
-@settings(max_examples=6, deadline=None)
-def test_any_chunking_gives_the_same_bits(cuts: list[int]) -> None:
-    block = regular_block(pull(0.9)[0], RATE_HZ)
-    whole = GripDetector(xyz()).process(block)
-    detector, found, start = GripDetector(xyz()), list[Event](), 0
-    for cut in [*sorted(set(cuts)), len(block)]:
-        found += detector.process(block[start:cut])
-        start = cut
-    assert found == whole
-
-
 def test_reset_and_a_board_that_begins_anew_equal_new() -> None:
     block = regular_block(pull(0.9)[0], RATE_HZ)
     detector = GripDetector(xyz())

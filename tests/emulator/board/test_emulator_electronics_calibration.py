@@ -58,7 +58,7 @@ def test_a_scene_plays_the_published_sensitivities() -> None:
     # At rest under 3 N, a little later while the slide begins; then under 6 N and under 15 N.
     instants = np.array([ends[0], ends[0] + 0.02, ends[2] + 6.0, ends[3]])
     normal, shear = [], []
-    for seed in range(1, 7):
+    for seed in range(1, 4):
         sensor = Sensor(played.with_changes(seed=seed), array, adc_bits=12, adc_reference_v=3.0)
         volts = sensor.volts(np.repeat(instants[:, None], array.n_channels, axis=1))[:, own]
         friction = float(np.linalg.norm(sensor.contact.state(instants).tangential_n[1, taxel]))

@@ -57,19 +57,6 @@ def test_a_flat_slide_agrees_with_finite_elements(run: str) -> None:
     assert not seen["unsolved"]
 
 
-@pytest.mark.parametrize("run", ["groove-1.2-0", "groove-1.5-0", "groove-1.2-30"])
-def test_left_and_right_follow_finite_elements_over_grooves(run: str) -> None:
-    """Not 0.9 mm, five nodes of the coarse mesh a wave, nor 60 degrees, where there is no ripple left."""
-    reference = load_reference("coarse", run)
-    seen, columns = replay("compliance", reference), reference.columns
-    for side in (0, 2):
-        true = reference.sides("half")[:, side]
-        assert np.corrcoef(seen["side_n"][:, side], true)[0, 1] > 0.99
-        sliding = columns["travel_x_mm"] > 0.42
-        assert np.corrcoef(seen["side_n"][sliding, side], true[sliding])[0, 1] > 0.95
-    assert not seen["unsolved"]
-
-
 friction = st.sampled_from([0.0, 1e-3, 0.3, 0.6, 1.0, 3.0, 1e6])
 plate = st.builds(
     Surface,
@@ -153,9 +140,9 @@ def test_a_mirrored_slide_gives_mirrored_forces() -> None:
 
 @pytest.mark.parametrize("depth_mm", [0.0, 0.1])
 def test_finer_steps_converge(depth_mm: float) -> None:
-    """Steps of 10 ms, 1 ms and 0.1 ms at 3 mm/s; the finest stands for the truth."""
+    """Steps of 10 ms, 2 ms and 0.4 ms at 3 mm/s; the finest stands for the truth."""
     ends = []
-    for count in (10, 100, 1000):
+    for count in (10, 50, 250):
         model = Compliance(Surface(0.6, 1.2, 20.0, depth_mm), AZIMUTH, 1)
         press(model, LOAD_N)
         for k in range(1, count + 1):

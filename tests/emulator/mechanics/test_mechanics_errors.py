@@ -17,8 +17,13 @@ from taxel_errors import (
 from taxel_runs import reference_names
 
 
+def groove_errors(name: str) -> dict[str, float]:
+    # `periodic` solves its tables for each plate: the extremes of period and angle suffice.
+    return sliding_errors(name, GROOVES if name == "compliance" else GROOVES[::2])
+
+
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("errors", [flat_errors, lambda name: sliding_errors(name, GROOVES)])
+@pytest.mark.parametrize("errors", [flat_errors, groove_errors])
 def test_errors_are_as_stated(name: str, errors: Callable[[str], dict[str, float]]) -> None:
     measured, stated = errors(name), LARGEST_ERRORS[name]
     for quantity in set(measured) & set(stated):
@@ -31,7 +36,8 @@ def test_ripple_over_grooves_is_as_stated(plate: str) -> None:
     ratio, stated = own.wave_n / true.wave_n, LARGEST_ERRORS["compliance"]
     assert np.abs(np.abs(ratio) - 1).max() <= stated["groove-ripple"]
     assert np.abs(np.angle(ratio)).max() / (2 * np.pi) <= stated["groove-phase"]
-    assert own.correlation.min() > 0.95
+    # 0.9 mm is five nodes of the coarse mesh, and at 60 degrees there is hardly a ripple.
+    assert own.correlation.min() > (0.95 if plate in ("groove-0.9-0", "groove-1.2-60") else 0.99)
     assert own.unsolved == 0
     # 0.9 mm is five nodes of the coarse mesh: with the medium mesh's compliance the ripple is 0 and 6 % off.
     if plate != "groove-1.2-60":
