@@ -13,9 +13,10 @@ from typing import Any
 
 from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
-from stage import Then, stage
+from stage import stage
 
 NO_CHROMIUM = "needs chromium: sudo apt install chromium"
+LIVE_S = 1.0  # of a play that has been: a page shows the last second as it comes
 CONFIG = """\
 [port]
 url = "{folder}/board"
@@ -59,8 +60,13 @@ class Robot:
         (self.folder / "board").unlink(missing_ok=True)
         self.start("board", "emulate", "--scene", scene, "--link", str(self.folder / "board"))
 
+    def is_running(self, name: str) -> bool:
+        return name in self._children and self._children[name].poll() is None
+
     def serve(self, *options: str, events: bool = True) -> str:
-        """Start the page server; return the address of the page."""
+        """Start the page server, in place of one that runs; return the address of the page."""
+        if self.is_running("web"):
+            self.stop("web")
         source = ("--events", self.endpoint) if events else ()
         self.start("web", "web", "--port", "0", *source, *options)
         return str(self.line("web", "page")["url"])
@@ -109,13 +115,13 @@ def open_with_commands(page: Page, made: Robot) -> None:
 
 @contextmanager
 def staged(
-    page: Page, made: Robot, *plays: tuple[str, str, float], then: Then, forces: bool = False
+    page: Page, made: Robot, *plays: tuple[str, str, float], live_s: float = LIVE_S, **options: Any
 ) -> Iterator[None]:
-    """Play scenes to a page that is connected before they begin, so that it misses nothing of them."""
+    """Play scenes (`stage`) to a page that is connected before, so that it misses nothing of them."""
     made.endpoint = f"ipc://{made.folder}/stage.ipc"
     page.goto(made.serve())
     expect(page.locator("#link-words")).to_have_text("page connected")
-    with stage(made.folder, *plays, forces=forces, then=then):
+    with stage(made.folder, *plays, live_s=live_s, **options):
         yield
 
 

@@ -2,21 +2,32 @@
 
 import functools
 import itertools
+import math
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import zmq
 from messages import STATUS
+from numpy.typing import NDArray
 from recordings import SOURCE, simulated_reads
 
 from tactiled.events.codec import encode
-from tactiled.events.types import Event, ForceEvent, GripEvent, InfoEvent, ScanEvent, StatusEvent
+from tactiled.events.types import (
+    ContactEvent,
+    ContactState,
+    Event,
+    ForceEvent,
+    GripEvent,
+    InfoEvent,
+    ScanEvent,
+    StatusEvent,
+)
 from tactiled.pipeline import Pipeline
 
 PAUSE_S = 3.0  # between two plays, without a board
@@ -24,8 +35,9 @@ N_PER_V = 1.5  # of a calibration in which load and shear have one scale, so tha
 _STATUS_S = 0.1
 _LAST_S = 0.1  # of a play, played again and again by a board that holds
 
-Then = Literal["again", "gone", "hold"]
-"""After a play: the next one, after a pause without a board; no board; or its last instants for ever."""
+Then = Literal["again", "gone", "hold", "gap"]
+"""After a play: the next one, after a pause without a board; no board; its last instants for ever; or the
+pause, one more play, and its last instants for ever."""
 
 
 @functools.lru_cache
@@ -52,6 +64,13 @@ def _at_origin(event: Event, origin_s: float) -> Event:
     return replace(event, **shifted)
 
 
+@functools.cache
+def _weights() -> NDArray[np.float64]:
+    """Weights of the readings in the shears along x and y and the load of the whole array."""
+    array = SOURCE.array
+    return np.array([weights.sum(axis=0) for weights in (*array.shear_weights(), array.normal_weights())])
+
+
 def info(array_id: str = "wang2019-3x3") -> InfoEvent:
     array = SOURCE.array
     return InfoEvent(
@@ -71,11 +90,19 @@ class Stage:
     plays : sequence of (board, scene, duration_s)
     forces : bool
         State a force beside each scan, as a calibration of this array would.
-    then : {"again", "gone", "hold"}
+    then : {"again", "gone", "hold", "gap"}
+    live_s : float
+        Last seconds of the first play, which take their time; what comes before them is sent at once.
     """
 
     def __init__(
-        self, endpoint: str, plays: Sequence[tuple[str, str, float]], *, forces: bool, then: Then
+        self,
+        endpoint: str,
+        plays: Sequence[tuple[str, str, float]],
+        *,
+        forces: bool,
+        then: Then,
+        live_s: float = math.inf,
     ) -> None:
         self._endpoint = endpoint
         self._plays = []
@@ -85,6 +112,7 @@ class Stage:
             self._plays.append((board, [play for play in computed if play[0] <= duration_s]))
         self._forces = forces
         self._then = then
+        self._live_s = live_s
         self._seq: dict[tuple[str, str, int], int] = {}
         self.ended = threading.Event()
 
@@ -104,34 +132,41 @@ class Stage:
     ) -> Iterator[list[tuple[bytes, bytes]]]:
         """Yield what is due, each time it is asked."""
         status_s = info_s = 0.0
+        contact: ContactState = "none"
         play_s = events[-1][0]
         last = [
             event for at_s, event in events if at_s > play_s - _LAST_S and event.topic in ("scan", "grip")
         ]
         for run in itertools.count(1):  # as a daemon that was restarted: what is open at the end has no end
             began_s, waiting, held = time.time(), iter(events), itertools.cycle(last)
+            if run == 1:
+                began_s -= max(0.0, play_s - self._live_s)
             following = next(waiting, None)
-            while (since_s := time.time() - began_s) < play_s + PAUSE_S or self._then != "again":
+            ends = self._then == "again" or (self._then == "gap" and run == 1)
+            holds = not ends and self._then != "gone"
+            while (since_s := time.time() - began_s) < play_s + PAUSE_S or not ends:
                 due: list[Event] = []
                 while following is not None and following[0] <= since_s:
                     due.append(following[1])
                     following = next(waiting, None)
-                stays = following is None and self._then == "hold"
+                contact = next((e.state for e in reversed(due) if isinstance(e, ContactEvent)), contact)
+                stays = following is None and holds
                 if stays:
                     due += [self._now(next(held), since_s), self._now(next(held), since_s)]
                 if since_s - status_s > _STATUS_S or since_s < status_s:
                     status_s = since_s
-                    due.append(self._status(since_s, following is not None or stays))
-                messages = [
-                    self._message(board, stated, began_s, run)
-                    for event in due
-                    for stated in self._stated(event)
-                ]
+                    due.append(self._status(since_s, following is not None or stays, contact))
+                messages = []
                 if since_s - info_s > 1.0 or since_s < info_s or info_s == 0.0:
                     info_s = since_s
                     messages.append(
                         self._message(board, replace(info(), board_serial=board), time.time(), run)
                     )
+                messages += [
+                    self._message(board, stated, began_s, run)
+                    for event in due
+                    for stated in self._stated(event)
+                ]
                 yield messages
 
     @staticmethod
@@ -147,10 +182,8 @@ class Stage:
             return [event]
         if isinstance(event, GripEvent):
             return [replace(event, unit="N")]
-        array = SOURCE.array
-        felt = np.array(event.volts) - array.zero
-        x, y = (float((weights @ felt).sum()) for weights in array.shear_weights())
-        load = float((array.normal_weights() @ felt).sum())
+        felt = np.array(event.volts) - SOURCE.array.zero
+        x, y, load = (_weights() @ felt).tolist()
         force = ForceEvent(
             time_s=event.time_s, fx_n=-N_PER_V * x, fy_n=-N_PER_V * y, fz_n=N_PER_V * load, fx_sd_n=0.3,
             fy_sd_n=0.3, fz_sd_n=0.4, x_mm=3.6, y_mm=3.6, calibration="finger-7", valid=True,
@@ -158,9 +191,11 @@ class Stage:
         return [force, event]
 
     @staticmethod
-    def _status(since_s: float, plays: bool) -> StatusEvent:
-        gone = {} if plays else {"state": "no-device", "valid": False, "reason": "no such port"}
-        return replace(STATUS, time_s=since_s, contact="none", slipping=False, **gone)  # type: ignore[arg-type]
+    def _status(since_s: float, plays: bool, contact: ContactState) -> StatusEvent:
+        if plays:
+            return replace(STATUS, time_s=since_s, contact=contact, slipping=False)
+        gone: dict[str, Any] = {"state": "no-device", "valid": False, "reason": "no such port"}
+        return replace(STATUS, time_s=since_s, contact="none", slipping=False, **gone)
 
     def _message(self, board: str, event: Event, origin_s: float, run: int) -> tuple[bytes, bytes]:
         key = (board, event.topic, run)
@@ -170,11 +205,15 @@ class Stage:
 
 @contextmanager
 def stage(
-    folder: Path, *plays: tuple[str, str, float], forces: bool = False, then: Then = "again"
+    folder: Path,
+    *plays: tuple[str, str, float],
+    forces: bool = False,
+    then: Then = "again",
+    live_s: float = math.inf,
 ) -> Iterator[str]:
     """Play scenes while the context lasts; gives the endpoint."""
     endpoint = f"ipc://{folder}/stage.ipc"
-    made = Stage(endpoint, plays, forces=forces, then=then)
+    made = Stage(endpoint, plays, forces=forces, then=then, live_s=live_s)
     thread = threading.Thread(target=made.run)
     thread.start()
     try:

@@ -11,18 +11,15 @@ import pytest
 from pages import robot, staged
 from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
-from stage import stage
 
 pytestmark = pytest.mark.system
 VALUES = re.compile(r"load (–|-?\d)")  # of a point, which has come by then
-HOLDING_S = 5.0  # of the scene demo
+HELD = ("TS0001", "demo", 5.0)  # at its end it is held
 HEAD = "epoch_s,load_V,shear_V,p_gross_100ms,utilisation,p_sliding,rate_hz"
 
 
 def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_path: Path) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 6.0)) as endpoint:
-        made.endpoint = endpoint
-        page.goto(made.serve())
+    with robot(tmp_path) as made, staged(page, made, ("TS0001", "demo", 6.0)):
         expect(page.locator(".events")).to_contain_text("no scans for")
         page.wait_for_timeout(3500)  # it is held, and nothing that came before is still on its way
         page.get_by_role("button", name="Pause").click()
@@ -70,8 +67,7 @@ def save(page: Page, button: str) -> Path:
 
 
 def test_curves_are_chosen_and_stand_in_the_table(page: Page, tmp_path: Path) -> None:
-    play = ("TS0001", "demo", HOLDING_S)
-    with robot(tmp_path) as made, staged(page, made, play, then="hold"):
+    with robot(tmp_path) as made, staged(page, made, HELD, then="hold"):
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
         page.locator(".curves summary").press("Enter")
         for name in ("load", "shear"):
@@ -96,8 +92,7 @@ def test_curves_are_chosen_and_stand_in_the_table(page: Page, tmp_path: Path) ->
 
 
 def test_a_picture_of_the_timeline_has_its_size(page: Page, tmp_path: Path) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as made.endpoint:
-        page.goto(made.serve())
+    with robot(tmp_path) as made, staged(page, made, HELD, then="hold"):
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
         octets = save(page, "PNG").read_bytes()
         size = page.locator(".timeline canvas").evaluate("canvas => [canvas.width, canvas.height]")
@@ -106,8 +101,7 @@ def test_a_picture_of_the_timeline_has_its_size(page: Page, tmp_path: Path) -> N
 
 
 def test_marks_of_a_page_that_may_not_command_stay_in_it(page: Page, tmp_path: Path) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as made.endpoint:
-        page.goto(made.serve())
+    with robot(tmp_path) as made, staged(page, made, HELD, then="hold"):
         expect(page.locator(".lamp[data-level=good]")).to_be_visible()
         point_at(page, 0.5)
         page.mouse.move(0, 0)

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 from access import faults
-from pages import robot
+from pages import robot, staged
 from playwright.sync_api import Browser, Page, expect
 from recordings import record, simulated_reads
 from stage import stage
@@ -29,7 +29,6 @@ PAIRS = [
 ]  # fmt: skip
 
 
-@pytest.mark.alone
 def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: Path) -> None:
     with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 20.0)) as endpoint:
         made.endpoint = endpoint
@@ -54,10 +53,8 @@ def test_a_round_of_the_demo_does_not_move_the_page(browser: Browser, tmp_path: 
 
 
 def test_two_boards_are_in_view_and_one_can_be_chosen(page: Page, tmp_path: Path) -> None:
-    plays = (("TS0001", "demo", 12.0), ("TS0002", "stick-slip", 12.0))
-    with robot(tmp_path) as made, stage(tmp_path, *plays) as endpoint:
-        made.endpoint = endpoint
-        page.goto(made.serve())
+    plays = (("TS0001", "demo", 12.0), ("TS0002", "demo", 5.0))
+    with robot(tmp_path) as made, staged(page, made, *plays, then="hold"):
         expect(page.locator(".board")).to_have_count(2)
         expect(page.locator(".lamp").nth(1)).to_have_attribute("data-state", "fresh")
         for place in (".advice", ".loads", ".margin", ".timeline canvas"):
@@ -90,14 +87,13 @@ LUMINANCE = """([ink, ground]) => {
 }"""
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-def test_text_has_the_contrast_of_wcag_aa(page: Page, tmp_path: Path, theme: str) -> None:
-    with robot(tmp_path) as made, stage(tmp_path, ("TS0001", "demo", 12.0)) as endpoint:
-        made.endpoint = endpoint
+def test_text_has_the_contrast_of_wcag_aa(page: Page, tmp_path: Path) -> None:
+    with robot(tmp_path) as made:
         page.goto(made.serve())
-        page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
-        poor = {pair: page.evaluate(LUMINANCE, list(pair)) for pair in PAIRS}
-        assert {pair: ratio for pair, ratio in poor.items() if ratio < 4.5} == {}
+        for theme in ("light", "dark"):
+            page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
+            poor = {pair: page.evaluate(LUMINANCE, list(pair)) for pair in PAIRS}
+            assert {pair: ratio for pair, ratio in poor.items() if ratio < 4.5} == {}, theme
 
 
 def test_curves_and_recordings_to_choose_are_accessible(page: Page, tmp_path: Path) -> None:
@@ -117,26 +113,28 @@ LOW_CONTROLS = """(least) => [...document.querySelectorAll("a, button, select, i
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < least).map((e) => e.outerHTML)"""
 
 
-@pytest.mark.parametrize("device", VIEWS)
-def test_the_page_is_accessible_in_every_state(browser: Browser, tmp_path: Path, device: str) -> None:
-    page = browser.new_context(**VIEWS[device]).new_page()
+def test_the_page_is_accessible_in_every_state(browser: Browser, tmp_path: Path) -> None:
+    pages = {device: browser.new_context(**view).new_page() for device, view in VIEWS.items()}
     with robot(tmp_path) as made:
         made.run()
         made.plug("demo")
-        page.goto(made.serve("--allow-commands"))
-        lamp = page.locator(".lamp")
-        expect(lamp).to_have_attribute("data-state", "fresh")
-        expect(page.locator(".commands")).to_be_visible()
-        page.locator(".readings summary").click()
-        expect(page.locator(".events .event").nth(9)).to_be_attached()  # the list can be scrolled
-        assert faults(page) == []
-        page.keyboard.press("?")
-        assert faults(page) == []
-        if device == "phone":
-            assert page.evaluate(LOW_CONTROLS, MIN_CONTROL_PX) == []
-        page.keyboard.press("Escape")
+        url = made.serve("--allow-commands")
+        for device, page in pages.items():
+            page.goto(url)
+            expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+            expect(page.locator(".commands")).to_be_visible()
+            page.locator(".readings summary").click()
+            expect(page.locator(".events .event").nth(9)).to_be_attached()  # the list can be scrolled
+            assert faults(page) == []
+            page.keyboard.press("?")
+            assert faults(page) == []
+            if device == "phone":
+                assert page.evaluate(LOW_CONTROLS, MIN_CONTROL_PX) == []
+            page.keyboard.press("Escape")
         for process, state in (("board", "none"), ("daemon", "stale")):
             made.stop(process)
-            expect(lamp).to_have_attribute("data-state", state)
-            assert faults(page) == []
-    page.context.close()
+            for page in pages.values():
+                expect(page.locator(".lamp")).to_have_attribute("data-state", state)
+                assert faults(page) == []
+    for page in pages.values():
+        page.context.close()

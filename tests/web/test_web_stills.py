@@ -13,14 +13,13 @@ from typing import NamedTuple
 
 import pytest
 from access import faults
-from pages import Robot, robot
+from pages import Robot, robot, staged
 from playwright.sync_api import Page, expect
 from recordings import record, simulated_reads
-from stage import Then, stage
+from stage import Then
 
 pytestmark = pytest.mark.system
 NEAR_S, GROSS_S, PARTIAL_S, HOLDING_S = 11.75, 8.0, 6.3, 5.0  # of the scene demo
-HELD_S = 6.0  # the shear begins
 
 
 class Still(NamedTuple):
@@ -42,8 +41,8 @@ STILLS = {
     "slipping": Still(2, (GROSS_S,), "It slips (towards +x): grip harder.", r"Slipping towards \+x"),
     "partial": Still(6, (PARTIAL_S,), "It begins to slip, a part of it: grip harder.", "Beginning to slip"),
     "stale": Still(10, (HOLDING_S,), "Old data: the daemon says nothing any more.", "No status", "stale"),
-    "gap": Still(3, (HELD_S,), "It is held now; data are missing for a few seconds before.", "Holding$",
-                 then="again"),
+    "gap": Still(3, (HOLDING_S,), "It is held now; data are missing for a few seconds before.", "Holding$",
+                 then="gap"),
     "uncalibrated": Still(9, (HOLDING_S,), "It is held; forces are not known, since nothing is calibrated.",
                           "Holding$", forces=False),
     "no board": Still(1, (HOLDING_S,), "No board is plugged in.", "No such port", "none", "gone"),
@@ -69,13 +68,8 @@ def shown(page: Page, made: Robot, still: Still) -> Iterator[None]:
         yield
         return
     plays = [(f"TS000{n}", "demo", end_s) for n, end_s in enumerate(still.plays, 1)]
-    made.endpoint = f"ipc://{made.folder}/stage.ipc"
-    page.goto(made.serve())
-    expect(page.locator("#link-words")).to_have_text(
-        "page connected"
-    )  # so that nothing of the play is missed
     with ExitStack() as stack:
-        stack.enter_context(stage(made.folder, *plays, forces=still.forces, then=still.then))
+        stack.enter_context(staged(page, made, *plays, forces=still.forces, then=still.then))
         expect(page.locator(".board")).to_have_count(len(plays))
         if still.lamp == "stale":
             expect(page.locator(".advice")).to_have_text("Holding")
