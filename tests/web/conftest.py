@@ -37,13 +37,20 @@ def page(browser: Browser) -> Iterator[Page]:
     assert not errors
 
 
-@pytest.fixture
-def live(tmp_path: Path) -> Iterator[Robot]:
-    """A daemon with an emulated board at rest."""
-    with robot(tmp_path) as made:
-        made.run()
-        made.plug()
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robot]:
+    with robot(tmp_path_factory.mktemp("robot")) as made:
         yield made
+
+
+@pytest.fixture
+def live(shared: Robot) -> Robot:
+    """A daemon with an emulated board at rest, the same for all tests of a module that leave them so."""
+    if not shared.is_running("daemon"):
+        shared.run()
+    if not shared.is_running("board"):
+        shared.plug()
+    return shared
 
 
 @pytest.fixture(scope="module")

@@ -2,13 +2,12 @@
 
 import re
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from access import faults
-from pages import Robot, open_with_commands, robot
+from pages import Robot, open_with_commands
 from playwright.sync_api import Page, expect
 
 from tactiled.emulator.scene.description import load_scene
@@ -22,8 +21,8 @@ LOW = """() => [...document.querySelectorAll(".calibrate :is(button, input, summ
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
 
 
-@pytest.fixture
-def pressed(tmp_path: Path) -> Iterator[Robot]:
+@pytest.fixture(scope="module")
+def pressed(shared: Robot) -> Robot:
     """A daemon whose skin is pressed again and again, with other forces and at other speeds."""
     phases = ['{ kind = "rest", duration_s = 3.0 }']
     for k, force_n in enumerate(FORCES_N):
@@ -33,12 +32,11 @@ def pressed(tmp_path: Path) -> Iterator[Robot]:
             '{ kind = "lift", duration_s = 0.4 }',
             f'{{ kind = "rest", duration_s = {0.7 + 0.2 * (k % 4)} }}',
         ]
-    scene = tmp_path / "presses.toml"
+    scene = shared.folder / "presses.toml"
     scene.write_text(f'name = "presses"\ncontact = "signal"\nphases = [{", ".join(phases)}]\n')
-    with robot(tmp_path) as made:
-        made.run()
-        made.plug(str(scene))
-        yield made
+    shared.run()
+    shared.plug(str(scene))
+    return shared
 
 
 def open_guide(page: Page, made: Robot) -> None:

@@ -1,13 +1,12 @@
 """`tactiled tune` in the page: a person is guided through a hold and a motion, and sees the verdict."""
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from access import faults
 from held_scene import HELD
-from pages import Robot, open_with_commands, robot
+from pages import Robot, open_with_commands
 from playwright.sync_api import Page, expect
 
 pytestmark = pytest.mark.system
@@ -15,14 +14,14 @@ LOW = """() => [...document.querySelectorAll(".tune :is(button, input, summary)"
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
 
 
-@pytest.fixture
-def held(tmp_path: Path) -> Iterator[Robot]:
+@pytest.fixture(scope="module")
+def held(shared: Robot) -> Robot:
     """A daemon whose skin is held still all the time."""
-    (tmp_path / "held.toml").write_text(HELD)
-    with robot(tmp_path) as made:
-        made.run()
-        made.plug(str(tmp_path / "held.toml"))
-        yield made
+    scene = shared.folder / "held.toml"
+    scene.write_text(HELD)
+    shared.run()
+    shared.plug(str(scene))
+    return shared
 
 
 def open_guide(page: Page, made: Robot) -> None:
