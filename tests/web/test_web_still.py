@@ -117,8 +117,8 @@ def test_the_page_is_accessible_in_every_state(browser: Browser, tmp_path: Path)
     pages = {device: browser.new_context(**view).new_page() for device, view in VIEWS.items()}
     with robot(tmp_path) as made:
         made.run()
-        made.plug("demo")
         url = made.serve("--allow-commands")
+        made.plug("demo")  # which the server hears from its beginning
         for device, page in pages.items():
             page.goto(url)
             expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
