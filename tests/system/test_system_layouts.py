@@ -52,7 +52,7 @@ def serial_of(layout: Layout) -> str:
 
 
 def newest(
-    rates_hz: Mapping[str, float], endpoint: str, daemon: "subprocess.Popen[bytes]"
+    rates_hz: Mapping[str, float], subscription: Subscription, daemon: "subprocess.Popen[bytes]"
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """First scan, newest contact and newest valid status of every board, by serial number and topic.
 
@@ -60,20 +60,19 @@ def newest(
     """
     found: dict[str, dict[str, dict[str, Any]]] = {board: {} for board in rates_hz}
     until_s = time.monotonic() + PATIENCE_S * len(rates_hz)
-    with Subscription(endpoint) as subscription:
-        while any(len(messages) < len(TOPICS) for messages in found.values()):
-            silent = {board: set(TOPICS) - set(messages) for board, messages in found.items()}
-            assert time.monotonic() < until_s, f"missing: {silent}"
-            assert daemon.poll() is None
-            item = subscription.next_item(min(until_s, time.monotonic() + 1.0))
-            if not isinstance(item, Message) or item.topic not in TOPICS:
-                continue
-            if item.topic == "scan":
-                found[item.board].setdefault("scan", item.data)
-            elif item.topic == "contact" or (
-                item.data["valid"] and item.data["rate_hz"] == pytest.approx(rates_hz[item.board], rel=0.1)
-            ):
-                found[item.board][item.topic] = item.data
+    while any(len(messages) < len(TOPICS) for messages in found.values()):
+        silent = {board: set(TOPICS) - set(messages) for board, messages in found.items()}
+        assert time.monotonic() < until_s, f"missing: {silent}"
+        assert daemon.poll() is None
+        item = subscription.next_item(min(until_s, time.monotonic() + 1.0))
+        if not isinstance(item, Message) or item.topic not in TOPICS or item.board not in found:
+            continue
+        if item.topic == "scan":
+            found[item.board].setdefault("scan", item.data)
+        elif item.topic == "contact" or (
+            item.data["valid"] and item.data["rate_hz"] == pytest.approx(rates_hz[item.board], rel=0.1)
+        ):
+            found[item.board][item.topic] = item.data
     return found
 
 
@@ -89,13 +88,18 @@ def test_boards_of_others_from_the_frames_to_the_client(tmp_path: Path) -> None:
                 f'[publish]\nendpoints = ["{endpoint}"]\n'
                 f'[board]\nprotocol = "{name}"\narray = "{name}"\n'
             )
-            board = EmulatedBoardParams(rate_hz=BOARDS[name][0])
-            stack.enter_context(BoardInThread(tmp_path / name, board, layout, scene))
+        subscription = stack.enter_context(Subscription(endpoint))
         command = [sys.executable, "-m", "tactiled", "run", "--config", str(configs)]
         daemon = stack.enter_context(subprocess.Popen(command, stdout=subprocess.DEVNULL))
         stack.callback(daemon.terminate)
+        until_s = time.monotonic() + PATIENCE_S
+        while not isinstance(item := subscription.next_item(until_s), Message):
+            assert item is not None, "the daemon does not start"
+        for name, layout in layouts.items():  # they wait for no command: the daemon must see their rest
+            board = EmulatedBoardParams(rate_hz=BOARDS[name][0])
+            stack.enter_context(BoardInThread(tmp_path / name, board, layout, scene))
         rates_hz = {serial_of(layout): BOARDS[name][0] for name, layout in layouts.items()}
-        found = newest(rates_hz, endpoint, daemon)
+        found = newest(rates_hz, subscription, daemon)
     for name, (_, n_channels) in BOARDS.items():
         serial = serial_of(layouts[name])
         messages = found[serial]
