@@ -165,6 +165,7 @@ def test_the_package_from_installation_to_purge(debian: Container) -> None:
     """It is installed without network, runs a board, is upgraded, and purged clean."""
     before = found(debian)
     debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{OLD}_*.deb")
+    assert [*debian.root.glob("opt/tactiled/lib/*/site-packages/tactiled/web/__pycache__/*.pyc")]
     assert debian.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {OLD}"
     assert debian.run("id", "-gn", "tactiled").strip() == "tactiled"
     assert (debian.root / "usr/lib/udev/rules.d/99-tactiled.rules").exists()
