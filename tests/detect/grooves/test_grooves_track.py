@@ -104,7 +104,7 @@ def test_anything_gives_finite_numbers_or_nothing(
     rng = np.random.default_rng(seed)
     volts = size * rng.normal(size=(n, 36)).cumsum(axis=0)
     volts[rng.random(volts.shape) < bad] = np.nan
-    wave = TrackedWave(rng.normal(size=2), frequency, np.zeros((4, 2)), np.ones(3), np.zeros((3, 3)))
+    wave = TrackedWave(rng.normal(size=2), frequency, 2, np.ones(3), 1.0)
     last = GrooveAnswer(
         frequency_hz=0.0, snr_db=0.0, period_mm=1.0, angle_deg=0.0, speed_mm_s=0.0, covariance=np.eye(3),
         uses_given_speed=bool(rng.integers(2)), wave=wave,
