@@ -223,7 +223,7 @@ def contradicts_motion(best: RefinedWave, k: FloatArray) -> bool:
     if not len(others):
         return False
     tied, loose = weigh_readings(best, k), weigh_readings(best, others, motion=free.motion)
-    return loose.log_evidence - tied.log_evidence > -np.log(window.params.error_probability)
+    return bool(loose.log_evidence - tied.log_evidence > -np.log(window.params.error_probability))
 
 
 def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:

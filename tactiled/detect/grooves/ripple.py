@@ -17,7 +17,7 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import FALSE_ALARM
-from tactiled.detect.grooves.window import CLEAR_CYCLES, LEAST_VARIANCE, DetrendedWindow, NormalEquations
+from tactiled.detect.grooves.window import LEAST_VARIANCE, DetrendedWindow, NormalEquations
 from tactiled.detect.signal.median import median
 
 # derived: bins per period of the window. The largest bin is then within 1/8 of a bin of the peak.
@@ -29,8 +29,6 @@ _LEAST_CYCLES = 0.5
 # derived: periods in the window. Below this, a line and its image at the negative frequency are one hump
 # under a Hann window.
 _SLOW_CYCLES = 8
-# choice: frequencies beside a line, one period of the window apart, from which the noise there is read.
-_FLOOR_PLACES = 4
 # derived: bins that belong to the line itself: the main lobe of a Hann window and a little more.
 _NEAR = 3
 # derived: periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound
@@ -142,7 +140,6 @@ def _fundamental(window: DetrendedWindow, phase_rate: float, least_periods: floa
     """Phase rate of a line, or of the slower fundamental of which the line is a harmonic."""
     n_harmonics = _sampled_harmonics(window, phase_rate)
     alone = window.equations(phase_rate, n_harmonics).explained
-    left = window.without_lines(phase_rate, range(1, n_harmonics + 1))
     for part in range(window.params.max_harmonics, 1, -1):
         slower = phase_rate / part
         if slower < np.pi * max(least_periods, _LEAST_CYCLES) or window.is_removed(slower):
@@ -151,9 +148,7 @@ def _fundamental(window: DetrendedWindow, phase_rate: float, least_periods: floa
         equations = window.equations(slower, max(part, n_harmonics))
         variance = equations.variance
         more = float(((equations.explained - alone) / variance).sum())
-        # Drift that no polynomial describes is strongest where a slower line would be.
-        floor = max(1.0, floor_beside(left, slower, variance, phase_rate))
-        level = floor * special.chdtri(2 * (part - 1) * len(variance), FALSE_ALARM)
+        level = special.chdtri(2 * (part - 1) * len(window.volts), FALSE_ALARM)
         if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
             return slower
     return phase_rate
@@ -166,35 +161,9 @@ def _sampled_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
 
 def _centred(window: DetrendedWindow, phase_rate: float, variance: FloatArray) -> float:
     """Phase rate of the largest explained power near a bin."""
-    step = np.pi / 8
-    for _ in range(3):
-        powers = [
-            float((window.equations(phase_rate + d).explained / variance).sum()) for d in (-step, 0, step)
-        ]
-        bend = powers[0] - 2 * powers[1] + powers[2]
-        if bend < 0:
-            phase_rate += float(np.clip(0.5 * (powers[0] - powers[2]) / bend, -1, 1)) * step
-        step /= 4
+    for _ in range(2):
+        phase_rate = window.equations(phase_rate).own_phase_rate(variance)[0]
     return phase_rate
-
-
-def floor_beside(window: DetrendedWindow, phase_rate: float, variance: FloatArray, line: float) -> float:
-    """Ratio of the noise beside a phase rate to its stated variance, in a window that lost a line.
-
-    The noise of a real skin falls with frequency, at most like a random walk (1 / f^2).
-    Estimates from higher frequencies are therefore raised by that law; those from lower ones count unchanged.
-    """
-    here, apart = phase_rate / np.pi, line / np.pi
-    there = here + np.array([-2.0, -1.0, 1.0, 2.0, 3.0, 4.0])
-    clear = np.abs(there - np.maximum(np.round(there / apart), 1) * apart) >= min(CLEAR_CYCLES, apart / 2)
-    clear &= np.array([not window.is_removed(np.pi * place) for place in there])
-    there = there[(there >= CLEAR_CYCLES) & (there < window.n / 2 - 1) & clear][:_FLOOR_PLACES]
-    if not len(there):
-        return np.inf
-    rises = np.maximum(there / here, 1.0) ** 2
-    waves = np.exp(1j * np.outer(np.pi * there, window.travel.mean(axis=0)))
-    powers = _least_squares_power(window, waves, variance)
-    return float((powers * rises).mean())
 
 
 def _least_squares_power(
