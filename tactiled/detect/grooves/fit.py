@@ -32,8 +32,6 @@ from tactiled.detect.grooves.solve import PlaneWaves
 from tactiled.detect.grooves.window import DetrendedWindow, FitWindow, detrended
 from tactiled.events.types import TextureStatus
 
-# prior: phase rate to either side of a line that is no wave, which is rarely a narrow line either.
-_BROAD_LINE = 0.25 * np.pi
 # prior: lines tried: hum and the like may be stronger than the grooves.
 _MOST_LINES = 3
 # prior: harmonics of one grating, none of which is a second grating.
@@ -110,9 +108,7 @@ def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
             if found is not None:
                 return found
         phase_rate = next(each.phase_rate for each in ripples if each.is_line)
-        window = window.without_lines(
-            phase_rate, [1 - _BROAD_LINE / phase_rate, 1 + _BROAD_LINE / phase_rate]
-        )
+        window = window.without_lines(phase_rate, [1])
     return _Found(Refusal("low-snr"))
 
 

@@ -13,10 +13,8 @@ from tactiled.detect.grooves.window import DetrendedWindow
 GRID_STEP_RAD = 0.5
 # choice: peaks of the grid that are refined, the highest first.
 _MOST_STARTS = 24
-# prior: a start that explains less than this part of what the best one does, and less by _LEAST_GAP, cannot
-# win by refinement.
+# prior: a start that explains less than this part of what the best one does cannot win by refinement.
 _LEAST_PART = 0.5
-_LEAST_GAP = 100.0  # prior: of the score, whose noise is about one
 _SLACK_SIGMAS = 3.0  # choice
 
 
@@ -67,7 +65,7 @@ def _starts(ripple: Ripple) -> FloatArray:
     starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], window, margin)]
     high = scores[starts[:, 0], starts[:, 1]]
     highest = high.max(initial=0.0)
-    near = high >= min(_LEAST_PART * highest, highest - _LEAST_GAP)
+    near = high >= _LEAST_PART * highest
     starts = starts[near][np.argsort(-high[near], kind="stable")][:_MOST_STARTS]
     return np.asarray(along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal)
 
