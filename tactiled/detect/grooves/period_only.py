@@ -43,7 +43,7 @@ _FALSE_ALARMS = 1e-4
 # prior: power of a fundamental over that of the strongest harmonic. Ridges that every second one is a little
 # higher than the other have less.
 _LEAST_FUNDAMENTAL = 0.1
-_MOST_MULTIPLE = 3  # prior: a higher harmonic is never the strongest line of a ridge
+_HARMONICS = (2, 3)  # prior: a higher harmonic is never the strongest line of a ridge
 _SAME_LINE_PERIODS = 1.5  # derived: in the window: lines of a Hann window that are nearer are one
 # prior: a joint answer may exceed the period of motion across the grooves by this: the given speed has an
 # error.
@@ -74,7 +74,6 @@ _LEAST_BINS = 40
 _FLOOR_ORDER = 2  # choice
 _LEVEL_ORDER = 4  # choice
 _LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
-_HARMONICS = (2, 3)  # choice
 # prior: bins to either side whose level a line must exceed, and the order of the polynomial through them:
 # enough for a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten
 # bins.
@@ -183,7 +182,7 @@ def _fundamentals(lines: list[SpectralLine], apart_hz: float) -> list[SpectralLi
         below = [
             line
             for line in left[1:]
-            for multiple in range(2, _MOST_MULTIPLE + 1)
+            for multiple in _HARMONICS
             if abs(multiple * line.frequency_hz - strongest.frequency_hz) < apart_hz
             and line.power >= _LEAST_FUNDAMENTAL * strongest.power
         ]
