@@ -21,6 +21,7 @@ from tactiled import compiled
 from tactiled.array import Array, load_array
 from tactiled.detect.contact.readings import TaxelReadings, response_weights
 from tactiled.detect.signal import front_end, pressure
+from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.samples.block import ScanBlock, regular_block
@@ -103,15 +104,15 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 
 
 @needs_compiled
-@given(seed=st.integers(0, 2**32), each=st.booleans(), is_field=st.booleans(), data=st.data())
+@given(seed=st.integers(0, 2**32), is_field=st.booleans(), data=st.data())
 @settings(max_examples=15, deadline=None)
-def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) -> None:
+def test_pressure(seed: int, is_field: bool, data: st.DataObject) -> None:
     rng, n, taxels, sides = np.random.default_rng(seed), 40, 3, 4
     n_mean, of_largest = int(rng.choice([0, 4])), float(rng.choice([0.0, 0.2]))
     own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
-    steps, held = rng.integers(-1000, 1000, (2, n * 12)).astype(np.float64)
-    ok = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
-    readings = np.round(rng.uniform(0, sides, (n if each else 1, taxels)))
+    volts = rng.integers(-1000, 1000, n * 12) / 4.0
+    volts[rng.random(n * 12) < rng.choice([0.0, 0.01])] = rng.choice([np.nan, np.inf, 1e9])
+    valid = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
     given_levels = rng.uniform(1, 100, 3) * rng.integers(0, 2, 3)
     sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
     cuts = [0, *data.draw(splits(n)), n]
@@ -120,6 +121,7 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
     for one in both(pressure):
         levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean, 300.0)
         of = one.Pressure(
+            one.Hold(12, 240.0, 4.0),
             own,
             counts,
             sign,
@@ -136,16 +138,22 @@ def test_pressure(seed: int, each: bool, is_field: bool, data: st.DataObject) ->
             0.01,
             0.3,
             np.array([0, 1, 0]),
+            2,
         )
-        answers = []
+        answers: list[object] = []
         for start, end in itertools.pairwise(cuts):
             if start == gap:
-                of.interrupt(0.7, 0.2)
+                of.skip(0.7, 0.2)
             flat, some = slice(start * 12, end * 12), end - start
-            reals, flags = np.zeros(2 * some), np.zeros((3 + taxels) * some, dtype=np.uint8)
-            own_readings = readings[start:end] if each else readings
-            of.take(some, steps[flat], held[flat], ok[flat], own_readings.ravel(), reals, flags)
-            answers += [reals, flags, np.array(of.set), np.array(rest.noise)]
+            of.take(some, volts[flat], valid[flat])
+            answers += [np.array(of.steps)[: some * 12], np.array(of.ok)[: some * 12]]
+            answers += [
+                np.array(of.slope)[:some],
+                np.array(of.loading)[:some],
+                np.array(of.touched)[: 3 * some],
+            ]
+            answers += [(of.step(scan), len(of.state), len(of.previous)) for scan in range(some)]
+            answers += [np.array(of.set), np.array(rest.noise)]
         found.append(answers)
     assert all(map(is_same, *found))
 
@@ -234,8 +242,9 @@ def test_loads_and_noise_are_those_of_matrices() -> None:
     array, rng, n = ARRAYS[2], np.random.default_rng(0), 400
     volts = 1.0 + 1e-2 * rng.standard_normal((n, array.n_channels))
     readings, weights = TaxelReadings(array, 100.0), response_weights(array)
-    held = Quantiser(array).process(regular_block(volts, 100.0))
-    readings.begin_block(held, np.zeros(array.n_channels))
+    gate, block = ContactTracker(array, ContactParams(), 100.0), regular_block(volts, 100.0)
+    gate.measure(block)
+    readings.follow(gate, block.channel_offset_s)
     for scan in range(n):
         readings.take(scan, True, False)
         np.testing.assert_allclose(readings.recent[-1], weights @ volts[scan], atol=1e-5)

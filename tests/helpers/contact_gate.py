@@ -7,7 +7,6 @@ from tactiled.detect.signal.contact_gate import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import Event
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -22,7 +21,6 @@ class ContactGate:
 
     def reset(self) -> None:
         """Forget everything seen; keep the parameters."""
-        self._quantiser = Quantiser(self._array)
         self._tracker: ContactTracker | None = None
         self._rate_hz = 0.0
         self._last_time_s = 0.0
@@ -36,10 +34,10 @@ class ContactGate:
             self._tracker = ContactTracker(self._array, self._params, item.rate_hz)
             self._rate_hz = item.rate_hz
         self._last_time_s = float(item.time_s[-1])
-        pressure = self._tracker.measure(item, self._quantiser.process(item))
-        for scan, values in enumerate(pressure.rows()):
-            if change := self._tracker.step(*values):
-                events.append(contact_event(item, scan, pressure, change))
+        self._tracker.measure(item)
+        for scan in range(len(item)):
+            if self._tracker.step(scan):
+                events.append(contact_event(item, scan, self._tracker))
         return events
 
     def _forget(self) -> list[Event]:

@@ -1,7 +1,7 @@
 """Contact, slip and grip events from scans: contact gate, zero of shear, contact filter."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from pydantic import Field
@@ -21,8 +21,7 @@ from tactiled.detect.signal.contact_gate import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Quantiser
-from tactiled.events.types import Event, GripEvent
+from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
 
@@ -42,6 +41,8 @@ _SAME_LOADS = 0.5
 _MODEL_SD = 0.1
 # prior: by which log friction widens when the pad loses a taxel: its part of the load is not seen
 _DROPPED_SD = 0.1
+
+_CONTACT_OF_SLIP: Mapping[str, ContactState] = {"": "holding", "incipient": "shearing", "gross": "sliding"}
 
 
 class GripParams(Params):
@@ -131,7 +132,6 @@ class GripDetector:
 
     def _begin(self) -> None:
         """Forget everything seen."""
-        self._quantiser = Quantiser(self._array)
         self._rate_hz = self._last_s = 0.0
         self.tracker: ContactTracker | None = None
         self._readings: TaxelReadings | None = None  # from the first scan on
@@ -225,8 +225,9 @@ class GripDetector:
             return self._pass_gap(item)
         events = self._forget() if item.rate_hz != self._rate_hz else []
         for row, message in enumerate(self.scans(item)):
-            if self._change:
-                events.append(contact_event(item, row, self._pressure, self._change))
+            if self._changed:
+                assert self.tracker is not None
+                events.append(contact_event(item, row, self.tracker))
             if self._readings is not None and self._slips.kind != self._filter.gate.kind:
                 events += self._follow_slip(item, row, self._readings)
             if message is not None:
@@ -244,9 +245,8 @@ class GripDetector:
         elif slips.open is not None:  # readings that are lost look like a contact that is lost
             events.append(slips.end(self._last_s, valid=is_valid and readings.is_read))
         if touches:
-            enter = {"": tracker.end_sliding, "incipient": tracker.begin_shearing}
-            change = enter.get(slips.kind, tracker.begin_sliding)()
-            events.append(contact_event(block, row, self._pressure, change))
+            tracker.go(_CONTACT_OF_SLIP[slips.kind])
+            events.append(contact_event(block, row, tracker))
         return events
 
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:
@@ -258,14 +258,12 @@ class GripDetector:
             self._make(block.rate_hz)
         tracker, readings = self.tracker, self._readings
         assert tracker is not None
-        held = self._quantiser.process(block)
-        self._pressure = tracker.measure(block, held)
+        tracker.measure(block)
         if readings is not None:
-            readings.begin_block(held, block.channel_offset_s)
-        for scan, (time_s, is_late, pressed) in enumerate(
-            zip(block.time_s.tolist(), block.late.tolist(), self._pressure.rows(), strict=True)
-        ):
-            self._change = tracker.step(*pressed)
+            readings.follow(tracker, block.channel_offset_s)
+        times_s, are_late = block.time_s.tolist(), block.late.tolist()
+        for scan, (time_s, is_late) in enumerate(zip(times_s, are_late, strict=True)):
+            self._changed = tracker.step(scan)
             step_s, self._last_s = time_s - self._last_s, time_s
             if readings is None:
                 yield None

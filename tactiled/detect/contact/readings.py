@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.contact_gate import ContactTracker
 from tactiled.detect.signal.fast import Bank, Jumps, NoiseFloor, Readings, RelievedSides
-from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import stuck_channels
 from tactiled.detect.signal.wavelet import border_scans, taps
 
@@ -78,6 +79,7 @@ class TaxelReadings(Readings):
         self.recent = np.zeros((max(1, round(_HISTORY_S * rate_hz)), 3, array.n_taxels))
         self._most_dropped = (1 - _LEAST_KEPT) * array.n_taxels
         self._is_dropped = np.zeros(array.n_taxels, dtype=np.uint8)
+        self._n_room, self._offset_s = 0, np.zeros(0)
         super().__init__(
             stuck_channels(array),
             Bank(array.n_channels, [taps(k + 1) * grid.volts_per_step for k in range(NOISE_LEVELS)]),
@@ -95,9 +97,11 @@ class TaxelReadings(Readings):
             self._is_dropped,
         )
 
-    def begin_block(self, held: HeldReadings, channel_offset_s: FloatArray) -> None:
-        """Take a block, whose scans are then taken one by one."""
-        self.begin(held.steps.ravel(), held.ok.ravel().view(np.uint8), channel_offset_s)
+    def follow(self, gate: ContactTracker, channel_offset_s: FloatArray) -> None:
+        """Take the scans of a block from where the contact gate holds them, one by one."""
+        if gate.n_room != self._n_room or channel_offset_s is not self._offset_s:
+            self.begin(np.asarray(gate.steps), np.asarray(gate.ok), channel_offset_s)
+            self._n_room, self._offset_s = gate.n_room, channel_offset_s
 
     @property
     def keeps_enough(self) -> bool:

@@ -8,23 +8,19 @@ one side channel alone is a fault and no contact: a press loads all four, and sh
 Loading and holding are distinguished by the slope of the array's pressure response, a least-squares line over
 a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
-`ContactTracker` is the state machine. Sliding cannot be seen from pressure: the slip detector owns a tracker
-and calls `begin_sliding` and `end_sliding`.
+`ContactTracker` has the numbers of an array for `Pressure`, which measures and is the state machine. Sliding
+cannot be seen from pressure: the slip detector owns a tracker and tells it to `go` there and back.
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import Array
 from tactiled.detect.signal.fast import Levels, Pressure, RestNoise
 from tactiled.detect.signal.pressure import CONTACT_SDS
-from tactiled.detect.signal.quantise import HeldReadings, Quantiser
+from tactiled.detect.signal.quantise import HeldReadings, Quantiser, flat
 from tactiled.events.types import ContactEvent, ContactState
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
@@ -76,44 +72,6 @@ class ContactParams(Params):
     )
 
 
-@dataclass(frozen=True, eq=False)
-class PressureMeasurement:
-    """Measurements of the contact gate for n scans.
-
-    Attributes
-    ----------
-    taxel_touches : (n, taxels) bool
-    touches, released : (n,) bool
-        Some taxel above the contact level; every taxel below the release level.
-    slope_volts_s : (n,) float64
-        Slope of the pressure response, for each taxel in contact; NaN where nothing is read.
-    loading_volts_s : (n,) float64
-        Slope above which the load rises.
-    level_falls : (n,) bool
-        The noise became known, or a load that was hidden is found without a press: a contact that is seen
-        from this scan on may have begun before.
-    """
-
-    taxel_touches: NDArray[np.bool_]
-    touches: NDArray[np.bool_]
-    released: NDArray[np.bool_]
-    slope_volts_s: FloatArray
-    loading_volts_s: FloatArray
-    level_falls: NDArray[np.bool_]
-
-    def rows(self) -> Iterator[tuple[bool, bool, float, float, bool]]:
-        """Iterate over the arguments of `ContactTracker.step`, scan by scan."""
-        columns = (self.touches, self.released, self.slope_volts_s, self.loading_volts_s, self.level_falls)
-        return zip(*(column.tolist() for column in columns), strict=True)
-
-
-class ContactTransition(NamedTuple):
-    """Change of the contact's state."""
-
-    previous: ContactState
-    state: ContactState
-
-
 def _levels(array: Array, params: ContactParams) -> tuple[Levels, float]:
     """Return the levels, and the least noise in the unit of the array of a channel that is not known yet."""
     own = array.contact
@@ -129,40 +87,38 @@ def _levels(array: Array, params: ContactParams) -> tuple[Levels, float]:
     return Levels(*given, least_contact), early / CONTACT_SDS
 
 
-class ContactTracker:
-    """State machine of the contact, one scan at a time."""
+class ContactTracker(Pressure):
+    """Contact gate of an array at a scan rate: `measure` takes a block, and `step` each of its scans."""
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
         self._rate_hz = rate_hz
-        self._grid = Quantiser(array)
+        grid = Quantiser(array)
         levels, early = _levels(array, params)
         weights = array.normal_weights()
-        self._counted = np.abs(np.sign(weights)).T.copy()  # (channels, taxels)
-        self._all_readings = self._counted.sum(axis=0)
+        own = [np.flatnonzero(row) for row in weights]
+        counts = np.array([len(row) for row in own], dtype=np.int64)
         # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
-        counts = self._all_readings.astype(np.int64)
         denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
-        own = [np.flatnonzero(column) for column in self._counted.T]
-        most = max(1, *map(len, own))
+        most = max(1, *counts.tolist())
         n = max(3, round(_SLOPE_WINDOW_S * rate_hz))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
         n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
-        slope_scale = self._grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line)
-        self._pressure = Pressure(
+        super().__init__(
+            grid.hold,
             np.concatenate([np.resize(row, most) for row in own]).astype(np.int64),
             counts,
             np.sign(weights).sum(axis=0),  # a channel is of one taxel
             np.rint(weights.sum(axis=0) * denominator),
             line,
-            self._grid.volts_per_step,
-            slope_scale,
+            grid.volts_per_step,
+            grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line),
             levels,
             RestNoise(
                 array.n_channels,
-                early / self._grid.volts_per_step,
+                early / grid.volts_per_step,
                 n_mean,
-                _WANDER_OF_EARLY * early / self._grid.volts_per_step,
+                _WANDER_OF_EARLY * early / grid.volts_per_step,
             ),
             array.is_field,
             0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
@@ -171,14 +127,8 @@ class ContactTracker:
             -math.expm1(-1.0 / (_LARGEST_S * rate_hz)),
             min(-math.expm1(-1.0 / (_RISE_S * rate_hz)), _RISE_OF_SCAN),
             np.unique(array.pad, return_inverse=True)[1].astype(np.int64),
+            max(1, round(SETTLE_S * rate_hz)),
         )
-        self._settle_scans = max(1, round(SETTLE_S * rate_hz))
-        self._begin()
-
-    def _begin(self) -> None:
-        self.state: ContactState = "none"
-        self._is_first = True
-        self._steady = 0  # scans since the load moved
 
     @property
     def hidden_below(self) -> float:
@@ -186,103 +136,38 @@ class ContactTracker:
 
         0 where that is no more than the level of contact, below which nothing is told in any case.
         """
-        hidden = self._pressure.of_largest * max(self._pressure.largest)
-        level = min(map(self._pressure.levels.contact_at, self._pressure.taxel_noise))
+        hidden = self.of_largest * max(self.largest)
+        level = min(map(self.levels.contact_at, self.taxel_noise))
         return hidden if hidden > level else 0.0
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
         gap_s = n_missing / self._rate_hz
-        self._pressure.interrupt(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LARGEST_S))
-        self._begin()
+        self.skip(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LARGEST_S))
 
-    def measure(
-        self, block: ScanBlock, held: HeldReadings, stuck: NDArray[np.bool_] | None = None
-    ) -> PressureMeasurement:
-        """Measure the pressure in each scan of a block.
+    def measure(self, block: ScanBlock) -> None:
+        """Measure the pressure in each scan of a block."""
+        self.take(len(block), *flat(block, self.n_channels))
 
-        A saturated reading still means "pressed": contact uses every finite reading except those known to
-        be `stuck` (n, channels). The slope uses held readings, since a channel that drops out is no change
-        of load.
-        """
-        if held.all_ok:
-            steps, readings = held.steps, self._all_readings
-        else:
-            counts = ~np.isnan(block.volts) if stuck is None else ~(np.isnan(block.volts) | stuck)
-            steps = np.where(counts, self._grid.round(block.volts), 0.0)
-            readings = counts.astype(np.float64) @ self._counted
-        n, taxels = len(steps), len(self._all_readings)
-        reals, flags = np.empty(2 * n), np.empty((3 + taxels) * n, dtype=np.bool_)
-        self._pressure.take(
-            n,
-            steps.ravel(),
-            held.steps.ravel(),
-            held.ok.ravel().view(np.uint8),
-            readings.ravel(),
-            reals,
-            flags.view(np.uint8),
-        )
-        return PressureMeasurement(
-            taxel_touches=flags[3 * n :].reshape(n, taxels),
-            touches=flags[:n],
-            released=flags[n : 2 * n],
-            slope_volts_s=reals[:n],
-            loading_volts_s=reals[n:],
-            level_falls=flags[2 * n : 3 * n],
-        )
+    def held(self, n: int) -> HeldReadings:
+        """Return the readings of the newest block, of n scans; the next one overwrites them."""
+        steps, ok = np.asarray(self.steps), np.asarray(self.ok).view(np.bool_)
+        shape, size = (n, self.n_channels), n * self.n_channels
+        return HeldReadings(steps[:size].reshape(shape), ok[:size].reshape(shape), self.all_ok)
 
-    def step(
-        self,
-        touches: bool,
-        released: bool,
-        slope_volts_s: float,
-        loading_volts_s: float,
-        level_falls: bool,
-    ) -> ContactTransition | None:
-        """Process one scan and return the change of state, if any."""
-        if not math.isnan(slope_volts_s):
-            self._steady = self._steady + 1 if abs(slope_volts_s) <= loading_volts_s else 0
-        is_first, self._is_first = self._is_first or level_falls, False
-        if self.state == "none":
-            if touches and is_first:
-                return self._go("unknown")
-            self._steady = 0  # a steady signal before the touch is no hold
-            return self._go("loading") if touches else None
-        if released:
-            return self._go("none")
-        if self.state == "loading" and self._steady >= self._settle_scans:
-            return self._go("holding")
-        if self.state == "holding" and slope_volts_s > loading_volts_s:
-            return self._go("loading")
-        return None
-
-    def begin_shearing(self) -> ContactTransition:
-        """Enter the state shearing: part of the contact slips; called by the slip detector."""
-        return self._go("shearing")
-
-    def begin_sliding(self) -> ContactTransition:
-        """Enter the state sliding; called by the slip detector."""
-        return self._go("sliding")
-
-    def end_sliding(self) -> ContactTransition:
-        """Return to the state holding; called by the slip detector."""
-        return self._go("holding")
-
-    def _go(self, state: ContactState) -> ContactTransition:
-        transition = ContactTransition(self.state, state)
-        self.state = state
-        return transition
+    def touched_in(self, scan: int) -> tuple[int, ...]:
+        """Return the taxels that touch in a scan of the newest block."""
+        flags = np.asarray(self.touched)[scan * self.n_taxels : (scan + 1) * self.n_taxels]
+        return tuple(np.flatnonzero(flags).tolist())
 
 
-def contact_event(
-    block: ScanBlock, scan: int, pressure: PressureMeasurement, change: ContactTransition
-) -> ContactEvent:
+def contact_event(block: ScanBlock, scan: int, tracker: ContactTracker) -> ContactEvent:
     """Make the event for a change of state at a scan of a block; not valid when the scan came late."""
     return ContactEvent(
         time_s=float(block.time_s[scan]),
-        state=change.state,
-        previous=change.previous,
-        taxels=tuple(np.flatnonzero(pressure.taxel_touches[scan]).tolist()),
+        state=tracker.state,
+        previous=tracker.previous,
+        taxels=tracker.touched_in(scan),
         valid=not block.late[scan],
     )
 

@@ -16,6 +16,8 @@ cdef class Hold:
 
     cpdef bint take(self, long n, long first, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
 
+    cpdef double rounded(self, double reading)
+
 
 cdef class RestNoise:
     cdef public long n_channels, n_scans, n_known, n_mean, n_summed, n_means
@@ -53,16 +55,29 @@ cdef class Levels:
 
 
 cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread
+    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread, n_room, n_settle, n_steady
     cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
-    cdef public bint is_begun, is_field
+    cdef public bint is_begun, is_field, is_first, all_ok
+    cdef public str state, previous
+    cdef public Hold hold
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public long long[::1] own, counts, pads
-    cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise
+    cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise, steps, slope, loading
+    cdef public unsigned char[::1] ok, touches, released, may_be_old, touched
 
-    cpdef interrupt(self, double set_kept, double largest_kept)
+    cpdef make_room(self, long n)
 
-    cpdef take(self, long n, const double[::1] steps, const double[::1] held, const unsigned char[::1] ok, const double[::1] readings, double[::1] reals, unsigned char[::1] flags)
+    cpdef forget_contact(self)
+
+    cpdef skip(self, double set_kept, double largest_kept)
+
+    cpdef take(self, long n, const double[::1] readings, const unsigned char[::1] valid)
+
+    cdef _measure(self, long i, const double[::1] readings)
+
+    cpdef bint step(self, long scan)
+
+    cpdef go(self, str state)
 
     cdef double _total_noise(self)

@@ -1,15 +1,18 @@
-"""Readings as whole steps, their noise at rest, and the pressure of the taxels: the contact gate's part.
+"""Contact gate, a call for each block: readings as whole steps, noise at rest, pressure, and contact.
 
-`quantise` and `contact_gate` make these objects for an array. The file is plain Python, which Cython compiles
-with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense and flat.
+`contact_gate` explains the rules and makes these objects for an array. The file is plain Python, which
+Cython compiles with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense
+and flat.
 """
 
 from array import array
+from collections.abc import Sequence
 from math import exp, sqrt
 from typing import Any
 
 from tactiled.array import FloatArray
 from tactiled.detect.signal.front_end import Flags, Reals, Whole
+from tactiled.events.types import ContactState
 
 # derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
 # to even.
@@ -67,7 +70,7 @@ class Hold:
             for c in range(self.n_channels):
                 reading = readings[first + at]
                 if valid[first + at] != 0 and abs(reading) <= self.limit:  # no NaN is
-                    self.last[c] = reading * self.steps_per_unit + _TO_WHOLE - _TO_WHOLE
+                    self.last[c] = self.rounded(reading)
                     ok[at] = 1
                 else:
                     ok[at] = 0
@@ -75,6 +78,12 @@ class Hold:
                 steps[at] = self.last[c]
                 at += 1
         return n_bad == 0
+
+    def rounded(self, reading: float) -> float:
+        """Return a reading in whole steps, clipped to the limit; 0 for NaN."""
+        if reading != reading:
+            return 0.0
+        return min(max(reading, -self.limit), self.limit) * self.steps_per_unit + _TO_WHOLE - _TO_WHOLE
 
 
 class RestNoise:
@@ -126,7 +135,7 @@ class RestNoise:
         """Begin a group anew after missing scans."""
         self.n_scans, self.n_summed, self.n_means = 0, 0, 0
 
-    def take(self, first: int, steps: FloatArray, ok: Flags) -> bool:
+    def take(self, first: int, steps: Reals, ok: Sequence[int] | Flags) -> bool:
         """Take a scan, from `first` on.
 
         Returns
@@ -313,7 +322,7 @@ class Levels:
 
 
 class Pressure:
-    """Pressure of the taxels beside levels of contact, and how fast that of the array rises.
+    """Contact of an array: readings as steps, pressure of the taxels beside levels, and the state.
 
     A soft skin keeps a part of its deformation for a while after a press, its set. It follows the pressure as
     in a standard linear solid; only what is beyond it is compared with the levels. A magnet of a skin moves
@@ -321,8 +330,12 @@ class Pressure:
     than the taxel's own. What a skin keeps, for seconds or minutes, and how far it wanders is in proportion
     to what presses it: beside the level of the noise, contact is a part of the pad's largest load of late.
 
+    A saturated reading still means "pressed": the pressure uses every number that is read. Slope and noise
+    use held readings, since a channel that drops out is no change of load.
+
     Parameters
     ----------
+    hold : Hold
     own : (taxels * sides,) int64
         Channels of each taxel; taxels with fewer repeat them.
     counts : (taxels,) int64
@@ -345,10 +358,29 @@ class Pressure:
         followed: a single wrong reading is none.
     pads : (taxels,) int64
         Pad of each taxel, from 0 on.
+    n_settle : int
+        Scans of a steady load that make a hold.
+
+    Attributes
+    ----------
+    steps, ok : (scans * channels,) array of float and of int
+        Readings of the newest block that are held, and 0 where an older one is.
+    all_ok : bool
+        No reading of the newest block is an older one.
+    slope, loading : (scans,) array of float
+        Slope for each taxel in contact, NaN where nothing is read, and slope above which the load rises.
+    touches, released, may_be_old : (scans,) array of int
+        Some taxel touches; all are released; the noise became known, or a load that was hidden is found
+        without a press: a contact that is seen from this scan on may have begun before.
+    touched : (scans * taxels,) array of int
+        Taxels that touch.
+    state, previous : str
+        State of the contact, and the one before the newest change.
     """
 
     def __init__(
         self,
+        hold: Hold,
         own: Whole,
         counts: Whole,
         sign: FloatArray,
@@ -365,7 +397,9 @@ class Pressure:
         forget_per_scan: float,
         rise_per_scan: float,
         pads: Whole,
+        n_settle: int,
     ) -> None:
+        self.hold = hold
         self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
         self.total_weights, self.line = array("d", total_weights), array("d", line)
@@ -381,8 +415,25 @@ class Pressure:
         self.pads, self.n_pads = array("q", pads), max(pads) + 1
         self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
         self.is_begun, self.n_hidden, self.n_unread = False, 0, 0
+        self.n_settle = n_settle
+        self.make_room(1)
+        self.forget_contact()
 
-    def interrupt(self, set_kept: float, largest_kept: float) -> None:
+    def make_room(self, n: int) -> None:
+        """Make room for blocks of n scans."""
+        self.n_room, channels = n, self.n_channels
+        self.steps, self.ok = array("d", bytes(8 * n * channels)), array("B", bytes(n * channels))
+        self.slope, self.loading = array("d", bytes(8 * n)), array("d", bytes(8 * n))
+        self.touches, self.released = array("B", bytes(n)), array("B", bytes(n))
+        self.may_be_old, self.touched = array("B", bytes(n)), array("B", bytes(n * self.n_taxels))
+
+    def forget_contact(self) -> None:
+        """Begin without a contact; one that the next scan shows was not seen to begin."""
+        none: ContactState = "none"
+        self.state, self.previous = none, none
+        self.is_first, self.n_steady = True, 0
+
+    def skip(self, set_kept: float, largest_kept: float) -> None:
         """Pass over missing scans, after which parts of the set and of the largest load are left."""
         self.is_begun, self.n_unread = False, 0
         self.rest.interrupt()
@@ -390,105 +441,121 @@ class Pressure:
             self.set[t] *= set_kept
         for p in range(self.n_pads):
             self.largest[p] *= largest_kept
+        self.forget_contact()
 
-    def take(
-        self,
-        n: int,
-        steps: FloatArray,
-        held: FloatArray,
-        ok: Flags,
-        readings: FloatArray,
-        reals: FloatArray,
-        flags: Flags,
-    ) -> None:
-        """Take n scans.
-
-        Parameters
-        ----------
-        steps, held : (n * channels,) float64
-            Readings, 0 where there is none; slope and noise are those of the held ones.
-        ok : (n * channels,) uint8
-            1 where a held reading is the scan's own.
-        readings : (taxels,) or (n * taxels,) float64
-            Number of readings of a taxel, in all scans or in each.
-        reals : (2 * n,) float64
-            Slope for each taxel in contact, NaN where nothing is read, and slope above which the load rises.
-        flags : ((3 + taxels) * n,) uint8
-            Some taxel touches, all are released, a contact may have begun before it is seen, taxels that
-            touch (n, taxels).
-        """
-        channels, taxels, n_line = self.n_channels, self.n_taxels, len(self.line)
-        levels, rest, noise = self.levels, self.rest, self.rest.noise
-        each = 0 if len(readings) == taxels else taxels
+    def take(self, n: int, readings: FloatArray, valid: Flags) -> None:
+        """Measure the n scans of a block, `readings` and `valid` (n * channels,); `step` then takes each."""
+        if n > self.n_room:
+            self.make_room(n)
+        self.all_ok = self.hold.take(n, 0, readings, valid, self.steps, self.ok)
         for i in range(n):
-            row, n_touching, n_released, array_total, load = i * channels, 0, 0, 0.0, 0.0
-            loads, is_hidden, is_read = 0.0, False, False
-            for p in range(self.n_pads):
-                self.heaviest[p] = 0.0
-            becomes_known = False if levels.all_given else rest.take(row, held, ok)
-            for t in range(taxels):
-                total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
-                taxel_noise, is_ok = 0.0, True
-                for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
-                    c = self.own[s]
-                    is_ok = is_ok and ok[row + c] != 0
-                    one = steps[row + c] * self.sign[c]
-                    total += one
-                    largest, smallest = max(largest, one), min(smallest, one)
-                    held_total += held[row + c] * self.total_weights[c]
-                    taxel_noise = max(taxel_noise, noise[c])
-                array_total += abs(held_total) if self.is_field else held_total
-                n_read = readings[i * each + t]
-                is_read = is_read or n_read > 0.0
-                if self.is_field and total < 0.0:
-                    total, largest = -total, -smallest
-                rest_total = total - largest
-                if n_read >= _LEAST_SIDES:
-                    total = rest_total + min(largest, _ONE_SIDE / max(n_read - 1.0, 1.0) * rest_total)
-                self.pressure[t] = total * self.volts_per_step / max(n_read, 1.0)
-                self.taxel_noise[t] = taxel_noise * self.volts_per_step
-                loads += max(self.pressure[t], 0.0)
-                if is_ok:
-                    self.heaviest[self.pads[t]] = max(self.heaviest[self.pads[t]], self.pressure[t])
-            for p in range(self.n_pads):
-                self.largest[p] -= self.forget_per_scan * self.largest[p]
-                self.largest[p] += self.rise_per_scan * max(self.heaviest[p] - self.largest[p], 0.0)
-            shared = loads / taxels if self.is_field else 0.0
-            for t in range(taxels):
-                pressed = max(max(self.pressure[t], shared), 0.0)
-                self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
-                pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
-                least = self.of_largest * self.largest[self.pads[t]]
-                is_above = pressure > levels.contact_at(taxel_noise)
-                touches, is_hidden = is_above and self.pressure[t] > least, is_hidden or is_above
-                flags[3 * n + i * taxels + t] = 1 if touches else 0
-                if touches:
-                    n_touching += 1
-                    load += pressure
-                is_released = pressure < levels.release_at(taxel_noise)
-                n_released += 1 if is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least else 0
-            if not self.is_begun:
-                self.is_begun = True
-                for k in range(n_line - 1):
-                    self.totals[k] = array_total
-            risen = array_total * self.line[n_line - 1]
+            self._measure(i, readings)
+
+    def _measure(self, i: int, readings: FloatArray) -> None:
+        taxels, n_line, row = self.n_taxels, len(self.line), i * self.n_channels
+        steps, ok, levels, noise = self.steps, self.ok, self.levels, self.rest.noise
+        n_touching, n_released, array_total, load = 0, 0, 0.0, 0.0
+        loads, is_hidden, is_read = 0.0, False, False
+        for p in range(self.n_pads):
+            self.heaviest[p] = 0.0
+        becomes_known = False if levels.all_given else self.rest.take(row, steps, ok)
+        for t in range(taxels):
+            total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
+            taxel_noise, is_ok, n_read = 0.0, True, 0
+            for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
+                c = self.own[s]
+                step = steps[row + c]
+                held_total += step * self.total_weights[c]
+                if ok[row + c] == 0:
+                    is_ok = False
+                    step = self.hold.rounded(readings[row + c])
+                if ok[row + c] != 0 or readings[row + c] == readings[row + c]:
+                    n_read += 1
+                one = step * self.sign[c]
+                total += one
+                largest, smallest = max(largest, one), min(smallest, one)
+                taxel_noise = max(taxel_noise, noise[c])
+            array_total += abs(held_total) if self.is_field else held_total
+            is_read = is_read or n_read > 0
+            if self.is_field and total < 0.0:
+                total, largest = -total, -smallest
+            rest_total = total - largest
+            if n_read >= _LEAST_SIDES:
+                total = rest_total + min(largest, _ONE_SIDE / (n_read - 1) * rest_total)
+            self.pressure[t] = total * self.volts_per_step / max(n_read, 1)
+            self.taxel_noise[t] = taxel_noise * self.volts_per_step
+            loads += max(self.pressure[t], 0.0)
+            if is_ok:
+                self.heaviest[self.pads[t]] = max(self.heaviest[self.pads[t]], self.pressure[t])
+        for p in range(self.n_pads):
+            self.largest[p] -= self.forget_per_scan * self.largest[p]
+            self.largest[p] += self.rise_per_scan * max(self.heaviest[p] - self.largest[p], 0.0)
+        shared = loads / taxels if self.is_field else 0.0
+        for t in range(taxels):
+            pressed = max(max(self.pressure[t], shared), 0.0)
+            self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
+            pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
+            least = self.of_largest * self.largest[self.pads[t]]
+            is_above = pressure > levels.contact_at(taxel_noise)
+            touches, is_hidden = is_above and self.pressure[t] > least, is_hidden or is_above
+            self.touched[i * taxels + t] = 1 if touches else 0
+            if touches:
+                n_touching += 1
+                load += pressure
+            is_released = pressure < levels.release_at(taxel_noise)
+            n_released += 1 if is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least else 0
+        if not self.is_begun:
+            self.is_begun = True
             for k in range(n_line - 1):
-                risen += self.totals[k] * self.line[k]
-                self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
-            flags[i] = 1 if n_touching > 0 else 0
-            # No reading is no release, for as long as the slope looks back.
-            self.n_unread = 0 if is_read else self.n_unread + 1
-            is_told = is_read or self.n_unread > n_line
-            flags[n + i] = 1 if is_told and n_released == taxels else 0
-            of_each = max(1.0, 1.0 * n_touching)
-            slope = risen * self.slope_scale / of_each
-            loading = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)
-            reals[i] = slope if is_read else _NO_NUMBER
-            reals[n + i] = loading
-            # What was hidden for longer than a press takes did not begin when it is found without a press.
-            is_found = self.n_hidden >= n_line and n_touching > 0 and slope <= loading
-            flags[2 * n + i] = 1 if becomes_known or is_found else 0
-            self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
+                self.totals[k] = array_total
+        risen = array_total * self.line[n_line - 1]
+        for k in range(n_line - 1):
+            risen += self.totals[k] * self.line[k]
+            self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
+        self.touches[i] = 1 if n_touching > 0 else 0
+        # No reading is no release, for as long as the slope looks back.
+        self.n_unread = 0 if is_read else self.n_unread + 1
+        is_told = is_read or self.n_unread > n_line
+        self.released[i] = 1 if is_told and n_released == taxels else 0
+        of_each = max(1.0, 1.0 * n_touching)
+        slope = risen * self.slope_scale / of_each
+        loading = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)
+        self.slope[i], self.loading[i] = slope if is_read else _NO_NUMBER, loading
+        # What was hidden for longer than a press takes did not begin when it is found without a press.
+        is_found = self.n_hidden >= n_line and n_touching > 0 and slope <= loading
+        self.may_be_old[i] = 1 if becomes_known or is_found else 0
+        self.n_hidden = self.n_hidden + 1 if is_hidden and n_touching == 0 else 0
+
+    def step(self, scan: int) -> bool:
+        """Process a scan of the block; return whether the state of the contact changed."""
+        if scan < 0 or scan >= self.n_room:
+            raise IndexError("there is no such scan in the block")
+        slope, loading, touches = self.slope[scan], self.loading[scan], self.touches[scan] != 0
+        if slope == slope:  # something is read
+            self.n_steady = self.n_steady + 1 if abs(slope) <= loading else 0
+        is_first = self.is_first or self.may_be_old[scan] != 0
+        self.is_first = False
+        if self.state == "none":
+            if touches and is_first:
+                self.go("unknown")
+                return True
+            self.n_steady = 0  # a steady signal before the touch is no hold
+            if touches:
+                self.go("loading")
+            return touches
+        if self.released[scan] != 0:
+            self.go("none")
+        elif self.state == "loading" and self.n_steady >= self.n_settle:
+            self.go("holding")
+        elif self.state == "holding" and slope > loading:
+            self.go("loading")
+        else:
+            return False
+        return True
+
+    def go(self, state: ContactState) -> None:
+        """Enter a state. Sliding cannot be seen from pressure: the slip detector says so."""
+        self.previous, self.state = self.state, state
 
     def _total_noise(self) -> float:
         """Return the standard deviation of the array's total by the noise at rest, in steps."""

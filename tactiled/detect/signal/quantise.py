@@ -36,6 +36,13 @@ class HeldReadings:
     all_ok: bool
 
 
+def flat(block: ScanBlock, n_channels: int) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Return the readings of a block, and which of them are valid, as the compiled path takes them."""
+    if block.volts.shape[1] != n_channels:
+        raise ContractError(f"a block of {block.volts.shape[1]} channels for an array of {n_channels}")
+    return block.volts.reshape(-1), block.valid.reshape(-1).view(np.uint8)
+
+
 class Quantiser:
     """Streaming rounding to the grid, holding the last good reading of each channel.
 
@@ -50,23 +57,16 @@ class Quantiser:
 
     def reset(self) -> None:
         """Forget the held readings."""
-        self._hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
+        self.hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
 
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
-        shape = block.volts.shape
-        if shape[1] != self._n_channels:
-            raise ContractError(f"a block of {shape[1]} channels for an array of {self._n_channels}")
-        steps, ok = np.empty(shape), np.empty(shape, dtype=np.bool_)
-        is_all = self._hold.take(
-            shape[0],
-            0,
-            block.volts.ravel(),
-            block.valid.ravel().view(np.uint8),
-            steps.reshape(-1),
-            ok.reshape(-1).view(np.uint8),
+        readings, valid = flat(block, self._n_channels)
+        steps, ok = np.empty(block.volts.shape), np.empty(block.volts.shape, dtype=np.bool_)
+        all_ok = self.hold.take(
+            len(steps), 0, readings, valid, steps.reshape(-1), ok.reshape(-1).view(np.uint8)
         )
-        return HeldReadings(steps, ok, is_all)
+        return HeldReadings(steps, ok, all_ok)
 
     def round(self, volts: FloatArray) -> FloatArray:
         """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""

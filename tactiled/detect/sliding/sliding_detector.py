@@ -12,7 +12,6 @@ import numpy as np
 
 from tactiled.array import Array
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.sliding.growth import GROWS, GrowthTracker
 from tactiled.detect.sliding.tracker import BEGINS, Change, SlidingTracker
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, ContactState, Event, SlipEvent
@@ -36,7 +35,6 @@ class SlidingSlip:
         """Forget everything seen; keep the parameters."""
         self._rate_hz = 0.0  # nothing seen
         self._last_time_s = 0.0
-        self._quantiser = Quantiser(self._array)
         self._gate: ContactTracker | None = None
         self._forget()
 
@@ -75,10 +73,9 @@ class SlidingSlip:
             if not self._array.has_shear:
                 self._trackers.append(SlidingTracker(self._array, item.rate_hz))
         self._last_time_s = float(item.time_s[-1])
-        held = self._quantiser.process(item)
-        pressure = gate.measure(item, held)
-        rows = enumerate(pressure.rows())
-        contacts = [(row, change.state) for row, values in rows if (change := gate.step(*values))]
+        gate.measure(item)
+        held = gate.held(len(item))
+        contacts = [(row, gate.state) for row in range(len(item)) if gate.step(row)]
         found: list[tuple[int, ContactState | Change]] = [*contacts]
         for tracker in self._trackers:
             # A contact whose beginning was not seen did not begin when it was found.
@@ -92,7 +89,7 @@ class SlidingSlip:
                 events += self._changed(item, what)
             else:
                 self._state = what
-                self._touching = tuple(np.flatnonzero(pressure.taxel_touches[row]).tolist())
+                self._touching = gate.touched_in(row)
             slides = True in self._open and self._state != "none"
             is_valid = not bool(item.late[row])
             events += self._publish(float(item.time_s[row]), "sliding" if slides else self._state, is_valid)

@@ -19,7 +19,6 @@ from tactiled.array import Array
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.errors import DataError
 from tactiled.events.types import Event, GripEvent, SlipEvent
@@ -77,7 +76,9 @@ def contact_level(array: Array) -> str:
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Flags (n,) of scans in which some taxel is above the contact threshold."""
     tracker = ContactTracker(array, _HELD_V if array.unit == "V" else ContactParams(), block.rate_hz)
-    return tracker.measure(block, Quantiser(array).process(block)).touches
+    tracker.measure(block)
+    touches: NDArray[np.bool_] = np.asarray(tracker.touches)[: len(block)] != 0
+    return touches
 
 
 def rate_interval(count: int, hours: float) -> tuple[float, float]:

@@ -38,11 +38,9 @@ from tactiled.detect.signal.contact_gate import (
     SETTLE_S,
     ContactParams,
     ContactTracker,
-    ContactTransition,
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.wavelet import MAX_LEVEL, border_scans, taps
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -205,7 +203,6 @@ class WaveletSlip:
         self._quiet_scans = max(self._border + 1, round(_QUIET_S * rate_hz))
         self._longest = int(np.argmax(kink_response(level)))  # scans from a kink to its peak
         self._n_before = max(2, len(taps(level)) // 4)
-        self._quantiser = Quantiser(self._array)
         self._bank = SwtBank(self._array, level)
         self._tracker = ContactTracker(self._array, PUBLISHED_CONTACT, rate_hz)
         self._load = LoadSteadiness(max(1, round(SETTLE_S * rate_hz)))
@@ -247,24 +244,25 @@ class WaveletSlip:
 
     def _process_piece(self, block: ScanBlock) -> list[Event]:
         events: list[Event] = []
-        held = self._quantiser.process(block)
-        coefficients, usable = self._bank.filter(held)
-        pressure = self._tracker.measure(block, held)
-        analysed = usable & pressure.taxel_touches[:, self._array.channel_taxel]
+        n, tracker = len(block), self._tracker
+        tracker.measure(block)
+        coefficients, usable = self._bank.filter(tracker.held(n))
+        touched = np.asarray(tracker.touched).reshape(-1, self._array.n_taxels)[:n] != 0
+        analysed = usable & touched[:, self._array.channel_taxel]
         crossing = analysed & (np.abs(coefficients) >= _THRESHOLD_V)
         steps = self._bank.steps
         crosses = np.any(crossing, axis=1).tolist()
-        steady = np.abs(pressure.slope_volts_s) <= pressure.loading_volts_s
-        is_read = ~np.isnan(pressure.slope_volts_s)
-        for scan, values in enumerate(pressure.rows()):
+        slope = np.asarray(tracker.slope)[:n]
+        steady, is_read = np.abs(slope) <= np.asarray(tracker.loading)[:n], ~np.isnan(slope)
+        for scan in range(n):
             if is_read[scan]:
                 self._load.follow(bool(steady[scan]))
-            was_none = self._tracker.state == "none"
-            change = self._tracker.step(*values)
-            if was_none and self._tracker.state != "unknown":
+            was_none = tracker.state == "none"
+            changes = tracker.step(scan)
+            if was_none and tracker.state != "unknown":
                 self._load.begin()
-            if change is not None:
-                events.append(contact_event(block, scan, pressure, change))
+            if changes:
+                events.append(contact_event(block, scan, tracker))
             if crosses[scan] or self._slide is not None:
                 view = ScanView(
                     float(block.time_s[scan]),
@@ -276,8 +274,8 @@ class WaveletSlip:
                 )
                 if (slip := self._change(view, crosses[scan])) is not None:
                     events.append(slip)
-                    if (change := self._update_tracker(slip)) is not None:
-                        events.append(contact_event(block, scan, pressure, change))
+                    if self._update_tracker(slip):
+                        events.append(contact_event(block, scan, tracker))
             self._quiet = 0 if crosses[scan] else self._quiet + 1
         return events
 
@@ -294,12 +292,14 @@ class WaveletSlip:
             return slide.end(slide.ended_s, view.time_s, valid=not view.late)
         return None
 
-    def _update_tracker(self, slip: SlipEvent) -> ContactTransition | None:
-        """Pass an onset or end on to the contact tracker."""
-        if slip.state == "onset":
-            return None if self._tracker.state == "sliding" else self._tracker.begin_sliding()
-        self._slide = None
-        return self._tracker.end_sliding() if self._tracker.state == "sliding" else None
+    def _update_tracker(self, slip: SlipEvent) -> bool:
+        """Pass an onset or end on to the contact tracker; return whether its state changes."""
+        begins, slides = slip.state == "onset", self._tracker.state == "sliding"
+        if not begins:
+            self._slide = None
+        if begins != slides:
+            self._tracker.go("sliding" if begins else "holding")
+        return begins != slides
 
     def _onset(self, view: ScanView) -> SlipEvent | None:
         """Onset event if this crossing is the second peak."""
