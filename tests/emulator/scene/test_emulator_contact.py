@@ -27,7 +27,7 @@ def forces(
 ) -> NDArray[np.float64]:
     scene = Scene.model_validate({"name": "test", "surface": EVEN, "phases": phases, **rest})
     instants = np.repeat(np.asarray(time_s, dtype=float)[:, None], array.n_channels, axis=1)
-    return SignalContact(SceneMotion(scene), array).forces(instants)
+    return SignalContact(SceneMotion(scene), array).forces(instants)[0]
 
 
 def slide(direction_deg: float = 0.0, speed_mm_s: float = 1.0, duration_s: float = 10.0) -> dict[str, object]:

@@ -39,7 +39,7 @@ def test_a_disturbance_of_the_load_enters_creep(contact: str) -> None:
     time_s = np.full((1, 36), 1.5)
     # The pulse is 4 - 4 cos(w t); a first-order lag leaves 1 / (1 + (w tau)^2) of a cosine at its crest.
     lagged_n = 14.0 + 4.0 / (1 + (2 * np.pi * 0.05) ** 2)
-    assert model.relaxed_load_n(time_s)[0, 0] == pytest.approx(lagged_n, rel=1e-4)
+    assert model.forces(time_s)[1][0, 0] == pytest.approx(lagged_n, rel=1e-4)
 
 
 def test_a_controllers_grip_enters_creep() -> None:

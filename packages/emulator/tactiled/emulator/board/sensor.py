@@ -53,14 +53,14 @@ class Sensor:
     def volts(self, time_s: FloatArray) -> FloatArray:
         """Volts at the ADC before noise; ``time_s`` and result are (n, channels)."""
         params = self._params
-        force_n = self.contact.forces(time_s)
+        force_n, relaxed_n = self.contact.forces(time_s)
         if isinstance(self.contact, PhysicalContact) and self._is_side.any():
             quarter_n = electronics.quarter_n(force_n[:, self._is_side])
             force_n = force_n.copy()
             force_n[:, self._is_side] = electronics.spread_n(
                 params, quarter_n, self._side_taxel, self._side_azimuth_deg
             )
-        crept = force_n * electronics.creep_gain(params, self.contact.relaxed_load_n(time_s))
+        crept = force_n * electronics.creep_gain(params, relaxed_n)
         conductance = electronics.conductance_s(params, crept)
         conductance *= electronics.temperature_gain(self._motion.temperature_k(time_s))
         volts = electronics.divider_v(params, conductance)
@@ -74,7 +74,7 @@ class Sensor:
         noise = self._params.noise_v * self._noise.normal(first, len(time_s))
         if self._span is not None and self._reads_force:
             low, high = self._span
-            force_n = self.contact.forces(time_s) * self._force_sign
+            force_n = self.contact.forces(time_s)[0] * self._force_sign
             force_n[:, self._params.dead_channels] = 0.0
             noisy_n = force_n + noise * ((high - low) / self._reference_v)
             return np.asarray(np.clip(noisy_n, low, high).round(4), dtype=np.float64)  # 0.1 mN, to be printed

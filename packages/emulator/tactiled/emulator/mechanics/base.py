@@ -8,11 +8,8 @@ place of that origin over the surface (taxel place plus travel of the skin). For
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
-
-import numpy as np
 
 from tactiled.array import FloatArray
 
@@ -80,8 +77,3 @@ class TaxelModel(ABC):
         """Advance by one step: `run` without the axis n."""
         felt = self.run(load_n[None], base_mm[None], dt_s)
         return TaxelForces(**{name: rows[0] for name, rows in vars(felt).items()})
-
-
-def stacked(steps: Sequence[TaxelForces]) -> TaxelForces:
-    """Stack steps along a leading axis."""
-    return TaxelForces(**{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])})

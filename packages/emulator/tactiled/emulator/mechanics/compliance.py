@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel, stacked
+from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.skin import (
     DisplacementEffects,
     SkinCompliance,
@@ -96,7 +96,9 @@ class Compliance(TaxelModel):
             for taxel, goal, place in zip(self._taxels, goals.tolist(), places, strict=True):
                 self._advance(taxel, goal, place)
             steps.append(self._felt())
-        return stacked(steps)
+        return TaxelForces(
+            **{name: np.stack([vars(step)[name] for step in steps]) for name in vars(steps[0])}
+        )
 
     def _advance(self, taxel: TaxelState, load_n: float, base_mm: FloatArray) -> None:
         """Go to a load and a place, in substeps."""

@@ -22,6 +22,8 @@ Stribeck (1902): ``mu(v) = mu (1 + (ratio - 1) exp(-(v / v_s)^2))`` with the spe
 it slips, so that a slide that begins fast has no static peak.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tactiled.array import FloatArray
@@ -47,8 +49,35 @@ _SAME = 1e-6  # relative change of an indentation by rounding, below which tange
 _GIVES = 1 + 1e-9  # over its limit by which an element slips: at rest on the limit it does not
 
 
+@dataclass(frozen=True, eq=False)
+class PressedRings:
+    """Rings of taxels under the loads of some steps."""
+
+    load_n: FloatArray  # (n, t)
+    depth_mm: FloatArray  # (n, t)
+    # of n steps, or of one where the load is constant:
+    area: FloatArray  # (n or 1, t, r): in mm of indentation, to which that of a ball is proportional
+    borne_n: FloatArray  # (n or 1, t, r)
+    push_n_mm: FloatArray  # (n or 1, 1, t, r): force on the skin for each mm of travel, while a ring sticks
+    # whole_area, whole_n: (n or 1, t): sums over the rings, above zero
+    whole_area: FloatArray
+    whole_n: FloatArray
+
+    def step(self, k: int) -> "PressedRings":
+        """Return step k alone."""
+        own = slice(k, k + 1)
+        rings: tuple[FloatArray, ...]
+        rings = self.area, self.borne_n, self.push_n_mm, self.whole_area, self.whole_n
+        if len(self.area) > 1:
+            rings = tuple(rows[own] for rows in rings)
+        return PressedRings(self.load_n[own], self.depth_mm[own], *rings)
+
+
 class Lumped(TaxelModel):
     """Load curve and slip elements.
+
+    `run` is `press`, `slide` and `felt` in turn. Where the motion follows from the forces (`scene.held`), the
+    loads of some steps are pressed at once, and slid one by one.
 
     Attributes
     ----------
@@ -66,6 +95,7 @@ class Lumped(TaxelModel):
             fault = f"contact: lumped cannot play grooves ({why}); use periodic, compliance or auto"
             raise ConfigError("scene", [fault])
         self._surface = surface
+        self._is_uneven, self._falls = np.any(surface.unevenness), np.any(surface.static_ratio != 1.0)
         self.friction_part: float | FloatArray = 1.0
         self._n_taxels = n_taxels
         self._edges = np.stack(
@@ -83,49 +113,49 @@ class Lumped(TaxelModel):
         self._pressed = np.zeros(0)
 
     def run(self, load_n: FloatArray, base_mm: FloatArray, dt_s: float) -> TaxelForces:
+        pressed = self.press(load_n)
+        return self.felt(pressed, *self.slide(pressed, base_mm, dt_s))
+
+    def press(self, load_n: FloatArray) -> PressedRings:
+        """Advance by n steps to loads (n, t) at their ends, of which each step is then slid once."""
         normal = np.maximum(load_n, 0.0)
         depth = indentation_mm(normal)
-        moved = _changes(base_mm, base_mm[0] if self._base_mm is None else self._base_mm)
-        self._base_mm = base_mm[-1].copy()
-        friction = friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
-        capacity = normal * friction * self.friction_part
-        if np.any(self._surface.unevenness):
-            capacity = capacity * friction_factor(self._surface.unevenness, base_mm)
-        tangential, slipping = self._slide(moved, depth, capacity)
-        pressed, tilted = growth(normal)
-        side = pressed * normal[..., None] * self._normal_side + tilted * (tangential @ self._tangential_side)
-        return TaxelForces(
-            normal_n=normal,
-            tangential_n=tangential,
-            side_n=np.maximum(side, 0.0),
-            slipping=np.where(normal > _TOUCHING, slipping, 0.0),
-            indentation_mm=depth,
-        )
-
-    def _slide(
-        self, moved_mm: FloatArray, depth: FloatArray, capacity: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Friction on the skin (n, t, 2) and slipping shares (n, t), by the travel in each step."""
         way = _way_mm(depth)
         # A ring that comes into contact, or leaves it, within a step takes part in a part of its travel only.
         grown = _changes(way, self._way_mm)
-        rings = _rings_within(float(depth.max()))  # the others bear no load in this run
-        pressed = depth if grown.any() else depth[-1:]
-        if not np.array_equal(pressed, self._pressed):  # a constant grip is computed once
-            self._pressed, self._rings_pressed = pressed, self._rings(pressed, rings)
+        rings = _rings_within(float(depth.max()))  # the others bear no load in these steps
+        deep = depth if grown.any() else depth[-1:]
+        if not np.array_equal(deep, self._pressed):  # a constant grip is computed once
+            self._pressed, self._rings_pressed = deep, self._rings(deep, rings)
         area, borne, stiffness = self._rings_pressed
+        self._held_n, self._borne_n = _first(self._held_n, rings), _first(self._borne_n, rings)
         changes = np.abs(grown) > _SAME * way
         if changes.any():
-            more = _changes(borne, self._borne_n[:, :rings])
+            more = _changes(borne, self._borne_n)
             secant = more / np.where(changes, grown, 1.0)[..., None]
             stiffness = np.where(changes[..., None], secant, stiffness)
-        self._borne_n[:, :rings], self._borne_n[:, rings:] = borne[-1], 0.0
-        self._way_mm = way[-1].copy()
+        self._borne_n, self._way_mm = borne[-1], way[-1].copy()
+        wholes = [np.maximum(rows.sum(axis=-1), _TOUCHING) for rows in (area, borne)]
+        return PressedRings(normal, depth, area, borne, -stiffness[:, None], *wholes)
+
+    def slide(self, pressed: PressedRings, base_mm: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+        """Advance by the steps of `pressed` to places (n, t, 2) over the surface at their ends.
+
+        Return friction on the skin (n, t, 2) and slipping shares (n, t).
+        """
+        moved = _changes(base_mm, base_mm[0] if self._base_mm is None else self._base_mm)
+        self._base_mm = base_mm[-1].copy()
+        friction: float | FloatArray = self._surface.friction
+        if self._falls:
+            friction = friction_at(self._surface, np.hypot(moved[..., 0], moved[..., 1]) / dt_s)
+        capacity = pressed.load_n * friction * self.friction_part
+        if self._is_uneven:
+            capacity *= friction_factor(self._surface.unevenness, base_mm)
         # The force that each step would add to the rings, replaced step by step by the force after it.
-        held = -stiffness[:, None] * moved_mm.swapaxes(-1, 1)[..., None]
-        limit = borne * (capacity / np.maximum(borne.sum(axis=-1), _TOUCHING))[..., None]
+        held = pressed.push_n_mm * moved.swapaxes(-1, 1)[..., None]
+        limit = pressed.borne_n * (capacity / pressed.whole_n)[..., None]
         floor, size = np.maximum(limit, _TOUCHING), np.empty(limit.shape)
-        before, square, part = self._held_n[..., :rings], np.empty(held.shape[1:]), np.empty(limit.shape[1:])
+        before, square, part = self._held_n, np.empty(held.shape[1:]), np.empty(limit.shape[1:])
         x, y = square
         for trial, bound, least, force in zip(held, limit, floor, size, strict=True):
             trial += before
@@ -136,17 +166,28 @@ class Lumped(TaxelModel):
             np.divide(bound, part, out=part)
             trial *= part
             before = trial
-        self._held_n[..., :rings], self._held_n[..., rings:] = before, 0.0
+        self._held_n = before
         limit *= _GIVES
-        slipping = np.where(size > limit, area, 0.0).sum(axis=-1)
-        slipping /= np.maximum(area.sum(axis=-1), _TOUCHING)
-        return held.sum(axis=-1).swapaxes(1, -1), np.minimum(slipping, 1.0)
+        slipping = np.add.reduce(pressed.area * (size > limit), axis=-1)
+        slipping /= pressed.whole_area
+        return np.add.reduce(held, axis=-1).swapaxes(1, -1), slipping
+
+    def felt(self, pressed: PressedRings, tangential_n: FloatArray, slipping: FloatArray) -> TaxelForces:
+        """Return the forces of steps that were pressed and slid."""
+        normal = pressed.load_n
+        straight, tilted = growth(normal)
+        side = straight * normal[..., None] * self._normal_side
+        side += tilted * (tangential_n @ self._tangential_side)
+        return TaxelForces(
+            normal_n=normal,
+            tangential_n=tangential_n,
+            side_n=np.maximum(side, 0.0),
+            slipping=slipping,
+            indentation_mm=pressed.depth_mm,
+        )
 
     def _rings(self, depth_mm: FloatArray, rings: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Area, load (N) and stiffness (N/mm) of the first rings (..., r) of contacts (...).
-
-        The contact area of a ball is proportional to the indentation, so area is in mm of indentation.
-        """
+        """Area, load (N) and stiffness (N/mm) of the first rings (..., r) of contacts (...)."""
         deep = depth_mm[..., None]
         load, way, stiffness = load_n(deep), _way_mm(deep), _stiffness_n_mm(deep)
         edge, edge_load, edge_way, edge_stiffness = self._edges[:, :rings]
@@ -154,7 +195,7 @@ class Lumped(TaxelModel):
         # The integral of (D - s) dN'(s) over a ring, by parts.
         borne = np.minimum(edge_load, load) + below * np.maximum(way - edge_way, 0.0)
         return (
-            _widths(np.minimum(edge, deep), depth_mm),
+            _widths(np.minimum(edge, deep), depth_mm) * (load > _TOUCHING),
             np.maximum(_widths(borne, load[..., 0]), 0.0),
             _widths(below, stiffness[..., 0]),
         )
@@ -162,10 +203,17 @@ class Lumped(TaxelModel):
 
 def _changes(rows: FloatArray, before: FloatArray) -> FloatArray:
     """Differences of rows (n, ...); the first from `before` (...)."""
-    changes = np.empty(rows.shape)  # `np.diff` takes longer than the arithmetic of one step
-    np.subtract(rows[0], before, out=changes[0])
-    np.subtract(rows[1:], rows[:-1], out=changes[1:])
+    changes = np.subtract(rows, before)
+    if len(rows) > 1:
+        np.subtract(rows[1:], rows[:-1], out=changes[1:])
     return changes
+
+
+def _first(rows: FloatArray, rings: int) -> FloatArray:
+    """First rings of rows (..., r); those beyond r bear no load."""
+    if rows.shape[-1] < rings:
+        return np.concatenate([rows, np.zeros((*rows.shape[:-1], rings - rows.shape[-1]))], axis=-1)
+    return rows[..., :rings]
 
 
 def _widths(starts: FloatArray, end: FloatArray) -> FloatArray:

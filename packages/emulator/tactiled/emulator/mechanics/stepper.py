@@ -53,20 +53,30 @@ class GridInterpolator:
 
         Before time 0 the rows are those of time 0.
         """
-        time_s = np.broadcast_to(time_s, (len(time_s), len(columns)))
+        if time_s.shape[1] != len(columns):
+            time_s = np.broadcast_to(time_s, (len(time_s), len(columns)))
         place = np.maximum(time_s, 0.0) / self._step_s
         below = np.floor(place).astype(np.int64)
         part = place - below
         block = below // self._block
+        first = int(block.min())
+        if first == block.max():
+            return self._between(first, below, part, columns)
         out = np.empty(time_s.shape)
         for number in np.unique(block).tolist():
             index = np.nonzero(block == number)
-            step, column = below[index] - number * self._block, columns[index[1]]
-            # One row more than the block: the last point's right neighbour.
-            rows = np.concatenate([self._rows(number), self._rows(number + 1)[:1]])
-            low, high = rows[step, column], rows[step + 1, column]
-            out[index] = low + part[index] * (high - low)
+            out[index] = self._between(number, below[index], part[index], columns[index[1]])
         return out
+
+    def _between(
+        self, number: int, below: NDArray[np.int64], part: FloatArray, column: NDArray[np.int64]
+    ) -> FloatArray:
+        """Interpolate columns between rows `below` of a block and those after them."""
+        # One row more than the block: the last point's right neighbour.
+        rows = np.concatenate([self._rows(number), self._rows(number + 1)[:1]])
+        step = below - number * self._block
+        low, high = rows[step, column], rows[step + 1, column]
+        return np.asarray(low + part * (high - low))
 
     def _rows(self, number: int) -> FloatArray:
         if number < self._made and number not in self._blocks:

@@ -31,9 +31,12 @@ def _plate() -> tuple[FloatArray, FloatArray]:
 
 
 _VECTORS, _PHASES = _plate()
+_WAVE = np.sqrt(2 / _WAVES)  # amplitude of each wave over the standard deviation of all
 
 
 def friction_factor(unevenness: float | FloatArray, place_mm: FloatArray) -> FloatArray:
     """Return friction at places (..., 2) over its mean; `unevenness` is its standard deviation (...)."""
-    waves = np.sin(place_mm @ _VECTORS + _PHASES).sum(axis=-1)
-    return np.asarray(np.maximum(1.0 + unevenness * np.sqrt(2 / _WAVES) * waves, _LEAST))
+    phase = place_mm @ _VECTORS
+    phase += _PHASES
+    waves = np.add.reduce(np.sin(phase, out=phase), axis=-1)
+    return np.asarray(np.maximum(1.0 + unevenness * _WAVE * waves, _LEAST))

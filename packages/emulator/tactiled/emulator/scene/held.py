@@ -7,19 +7,16 @@ those in which the skin moves over the object.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import TaxelForces, stacked
-from tactiled.emulator.mechanics.lumped import indentation_mm
+from tactiled.emulator.mechanics.base import TaxelForces
+from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import MotionState
 from tactiled.emulator.scene.phases import LARGEST_FORCE_N, HeldObject, LoadPhase, PressPhase
 from tactiled.errors import ConfigError
-
-Feel = Callable[[float, FloatArray, float], TaxelForces]
 
 _STABLE = 0.5  # step times omega; 2 is the limit of stability
 # Tangential stiffness of a taxel at rest over its load per indentation (`lumped`).
@@ -29,15 +26,31 @@ DAMPING_RATIO = 0.2
 
 
 class HeldMotion:
-    """Load and place of the skin over a held object; `step_s` is the longest, or shorter to be stable."""
+    """Load and place of the skin over a held object.
 
-    def __init__(self, scene: Scene, params: HeldObject, longest_step_s: float) -> None:
-        self._params = params
+    `share` (t,) is that of each taxel in the load; `taxel_mm` (t, 2) are the places of the taxels, of which
+    the surface is at `offset_mm`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        params: HeldObject,
+        model: Lumped,
+        share: FloatArray,
+        taxel_mm: FloatArray,
+        offset_mm: FloatArray,
+    ) -> None:
+        self._params, self._model, self._share = params, model, share
+        self._taxel_mm, self._offset_mm = taxel_mm, offset_mm
         forces = [p.force_n for p in scene.phases if isinstance(p, PressPhase | LoadPhase) and p.force_n]
         # A controller may grip four times as hard as the scene before the margin of stability is used up.
-        self._stiffness_n_mm = stiffness_n_mm(max(forces))
-        rate = math.sqrt((self._stiffness_n_mm + params.spring_n_mm) * 1e3 / params.mass_kg)
-        self.step_s = longest_step_s / math.ceil(max(longest_step_s * rate / _STABLE, 1.0))
+        stiffness = stiffness_n_mm(max(forces))
+        self._mass = params.mass_kg * 1e-3  # N s2/mm
+        self._damping = 2 * DAMPING_RATIO * math.sqrt(stiffness * self._mass)  # N s/mm, of all taxels
+        rate = math.sqrt((stiffness + params.spring_n_mm) * 1e3 / params.mass_kg)
+        # That of the model, or shorter to be stable.
+        self.step_s = model.step_s / math.ceil(max(model.step_s * rate / _STABLE, 1.0))
         self._delay_steps = round(params.grip_delay_s / self.step_s)
         self._commands: list[tuple[int, float]] = []
         self.reset()
@@ -61,31 +74,33 @@ class HeldMotion:
         if not self._commands or self._commands[-1][1] != force_n:
             self._commands.append((self._k + self._delay_steps, force_n))
 
-    def play(self, drive: MotionState, feel: Feel) -> tuple[FloatArray, FloatArray, TaxelForces]:
-        """Do the next n steps: loads (n,), places (n, 2) and forces with a leading axis n.
-
-        `drive` is the motion of the scene at the steps; `feel` converts grip, place of the skin (2,) and
-        friction over that of the plate to the forces of a step.
-        """
+    def play(self, drive: MotionState) -> tuple[FloatArray, FloatArray, TaxelForces]:
+        """Do the next n steps, with the scene's motion at them: loads (n,), places (n, 2) and forces."""
+        model, n, t = self._model, len(drive.load_n), len(self._share)
+        load_n = np.array(
+            [self._grip(self._k + k, scene_n) for k, scene_n in enumerate(drive.load_n.tolist())]
+        )
+        pressed = model.press(load_n[:, None] * self._share)
         end = drive.travel_x_mm + 1j * drive.travel_y_mm
-        force = drive.pull_x_n + 1j * drive.pull_y_n + self._params.spring_n_mm * end
-        load_n, place_mm, felt = np.empty(len(end)), np.empty((len(end), 2)), []
-        for k in range(len(end)):
-            self._grip(float(drive.load_n[k]))
+        force = (drive.pull_x_n + 1j * drive.pull_y_n + self._params.spring_n_mm * end).tolist()
+        place_mm, tangential_n, slipping = np.empty((n, 2)), np.empty((n, 2, t)), np.empty((n, t))
+        for k, friction_part in enumerate(drive.friction_part.tolist()):
             if self._k > 0:
-                self._move(complex(force[k]))
+                self._move(force[k])
             self._k += 1
-            load_n[k] = self._grip_n
             place_mm[k] = self._place.real, self._place.imag
-            felt.append(feel(self._grip_n, place_mm[k], float(drive.friction_part[k])))
-            x, y = felt[-1].tangential_n.sum(axis=0)
+            model.friction_part = friction_part
+            base_mm = self._taxel_mm + place_mm[k] - self._offset_mm
+            pull_n, slips = model.slide(pressed.step(k), base_mm[None], self.step_s)
+            tangential_n[k], slipping[k] = pull_n[0].T, slips[0]
+            x, y = np.add.reduce(pull_n[0])
             self._friction = complex(x, y)
-            self._held_share = 1 - float(felt[-1].slipping.mean()) if self._grip_n > 0 else 0.0
-        return load_n, place_mm, stacked(felt)
+            self._held_share = 1 - float(np.add.reduce(slips[0])) / t if load_n[k] > 0 else 0.0
+        return load_n, place_mm, model.felt(pressed, tangential_n.swapaxes(1, 2), slipping)
 
-    def _grip(self, scene_n: float) -> None:
-        """Follow the controller, or the scene without one."""
-        while self._done < len(self._commands) and self._commands[self._done][0] <= self._k:
+    def _grip(self, k: int, scene_n: float) -> float:
+        """Grip at step k, by the controller, or by the scene without one."""
+        while self._done < len(self._commands) and self._commands[self._done][0] <= k:
             self._grip_goal_n = self._commands[self._done][1]
             self._done += 1
         if self._grip_goal_n is None:
@@ -93,15 +108,15 @@ class HeldMotion:
         else:
             most = self._params.grip_rate_n_s * self.step_s
             self._grip_n += min(max(self._grip_goal_n - self._grip_n, -most), most)
+        return self._grip_n
 
     def _move(self, force: complex) -> None:
         """Move the object by one step under `force` (pull and far end of the spring), friction and spring."""
-        params = self._params
-        mass = params.mass_kg * 1e-3  # N s2/mm
-        damping = 2 * DAMPING_RATIO * math.sqrt(self._stiffness_n_mm * mass) * self._held_share
+        params, mass, step_s = self._params, self._mass, self.step_s
+        damping = self._damping * self._held_share
         force += self._friction - params.spring_n_mm * self._place
-        self._velocity = (self._velocity + force * self.step_s / mass) / (1 + damping * self.step_s / mass)
-        self._place = self._place + self._velocity * self.step_s
+        self._velocity = (self._velocity + force * step_s / mass) / (1 + damping * step_s / mass)
+        self._place = self._place + self._velocity * step_s
         way = abs(self._place)
         if way > params.fall_mm and not params.spring_n_mm:
             self.has_fallen = True

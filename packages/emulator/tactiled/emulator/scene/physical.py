@@ -80,18 +80,17 @@ class PhysicalContact:
         while self.played_s < end_s:
             self._stepper.at(np.array([[self.played_s + _BLOCK_S]]), np.zeros(1, dtype=np.int64))
 
-    def forces(self, time_s: FloatArray) -> FloatArray:
-        """Forces (N) on the channels' read-out areas, each at its own instants (n, channels) of scene time.
+    def forces(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Forces (N) on the channels' read-out areas, and the total load (N) through the lag of creep.
 
+        Each channel is at its own instants of scene time; `time_s` and both results are (n, channels).
         Normal force for ``side`` and ``normal`` channels (0 or more), signed tangential force of the taxel
         for ``shear_x`` and ``shear_y``.
         """
-        return self._stepper.at(time_s, np.arange(self._n_channels))
-
-    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """Total load (N) through the lag of the rubber's creep, at instants (n, channels)."""
-        column = self._n_channels + 4 * self._n_taxels + _RELAXED
-        return self._stepper.at(time_s, np.full(time_s.shape[1], column))
+        columns = np.full(2 * self._n_channels, self._n_channels + 4 * self._n_taxels + _RELAXED)
+        columns[: self._n_channels] = np.arange(self._n_channels)
+        found = self._stepper.at(np.concatenate([time_s, time_s], axis=1), columns)
+        return found[:, : self._n_channels], found[:, self._n_channels :]
 
     def state(self, time_s: FloatArray) -> ContactState:
         """Truth at instants (n,) of scene time."""
@@ -127,8 +126,14 @@ class ContactStepper:
         self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
         self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
         self._offset_mm = [offset_mm(plate, scene.seed) for plate in motion.surfaces]
-        self.held = HeldMotion(scene, scene.held_object, model.step_s) if scene.held_object else None
-        self.step_s = self.held.step_s if self.held else model.step_s
+        self.held: HeldMotion | None = None
+        self.step_s = model.step_s
+        if scene.held_object is not None:
+            (flat,) = self.models
+            assert isinstance(flat, Lumped)  # a held object has one flat surface
+            taxel_mm = self._middle_mm + self._from_middle
+            self.held = HeldMotion(scene, scene.held_object, flat, self._share, taxel_mm, self._offset_mm[0])
+            self.step_s = self.held.step_s
         self._lag = CreepLag(self.step_s, scene.electronics.creep_time_s)
         self.reset()
 
@@ -150,19 +155,11 @@ class ContactStepper:
         self._k += n
         state = self._motion.at(time_s)
         if self.held is not None:
-            load_n, travel_mm, felt = self.held.play(state, self._step_held)
+            load_n, travel_mm, felt = self.held.play(state)
             return self._rows(time_s, load_n, travel_mm, felt)
         travel_mm = np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
         felt = self._step(time_s, state.load_n, travel_mm, np.deg2rad(state.turn_deg))
         return self._rows(time_s, state.load_n, travel_mm, felt)
-
-    def _step_held(self, load_n: float, place_mm: FloatArray, friction_part: float) -> TaxelForces:
-        """Step once on a held object, which has one surface."""
-        (model,) = self.models
-        assert isinstance(model, Lumped)  # a held object has a flat surface
-        model.friction_part = friction_part
-        base_mm = self._middle_mm + self._from_middle + place_mm - self._offset_mm[0]
-        return model.step(load_n * self._share, base_mm, self.step_s)
 
     def _step(
         self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray

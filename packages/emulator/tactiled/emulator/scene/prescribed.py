@@ -56,7 +56,7 @@ class SignalContact:
         self._tangential = (kinds == "shear_x") | (kinds == "shear_y")
         self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
 
-    def forces(self, time_s: FloatArray) -> FloatArray:
+    def forces(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `PhysicalContact.forces`."""
         state = self._motion.at(time_s)
         friction, ripple = self._friction_and_ripple(
@@ -66,11 +66,8 @@ class SignalContact:
         tilt = np.minimum(_TILT_PER_FRICTION * friction, _LARGEST_TILT)
         tilted = normal * (1.0 + tilt * (self._side_x * state.shear_x + self._side_y * state.shear_y))
         shear = normal * friction * (self._shear_x * state.shear_x + self._shear_y * state.shear_y)
-        return np.where(self._tangential, shear, tilted)
-
-    def relaxed_load_n(self, time_s: FloatArray) -> FloatArray:
-        """See `PhysicalContact.relaxed_load_n`."""
-        return self._lag.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
+        relaxed = self._lag.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
+        return np.where(self._tangential, shear, tilted), relaxed
 
     def state(self, time_s: FloatArray) -> ContactState:
         """Truth at instants (n,); slip is prescribed, of the whole contact at once."""
