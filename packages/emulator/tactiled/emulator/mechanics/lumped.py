@@ -255,5 +255,6 @@ def indentation_mm(normal_n: FloatArray) -> FloatArray:
 def friction_at(surface: Surface, speed_mm_s: FloatArray) -> FloatArray:
     """Stribeck's friction coefficient at a sliding speed."""
     # Beyond 30 reference speeds the exponential is 0, and its argument must not overflow.
-    fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
+    part = np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0)
+    fall = np.exp(-part * part)
     return np.asarray(surface.friction * (1 + (surface.static_ratio - 1) * fall))
