@@ -89,7 +89,6 @@ def test_a_still_says_what_it_shows(page: Page, tmp_path: Path, name: str) -> No
         if still.lamp in ("fresh", "replay"):  # what needs a hand says so; a recording needs none
             needs_hand = name in ("near", "slipping", "partial")
             assert advice.inner_text().endswith(": tighten") is needs_hand
-        page.wait_for_timeout(1500)  # the curves are drawn ten times a second
         keep(page, still)
         assert faults(page) == []
 
@@ -103,6 +102,7 @@ def keep(page: Page, still: Still) -> None:
     named = os.environ.get("TACTILED_STILLS")
     if named is None:
         return
+    page.wait_for_timeout(1500)  # the curves are drawn ten times a second
     folder = Path(named)
     folder.mkdir(parents=True, exist_ok=True)
     (folder / f"{still.number:02d}.png").write_bytes(page.screenshot())
