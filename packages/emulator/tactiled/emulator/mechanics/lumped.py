@@ -27,9 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces, TaxelModel
+from tactiled.emulator.mechanics.base import BUMP_MM, Readout, Surface, TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.sides import growth, mean_side_weights
-from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
 from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.errors import ConfigError
 

@@ -21,8 +21,7 @@ from functools import cache
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.base import Readout
-from tactiled.emulator.mechanics.taxel_shape import BASE_MM, BUMP_MM, CHIP_MM
+from tactiled.emulator.mechanics.base import BASE_MM, BUMP_MM, CHIP_MM, Readout
 from tactiled.resources import shipped
 
 _REACH_MM = 0.35  # neighbourhood for the slope of a map at a node: two to three nodes in each direction

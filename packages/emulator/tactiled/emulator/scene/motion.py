@@ -6,6 +6,7 @@ other quantities follow exactly, without steps, so that nothing depends on chunk
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +14,8 @@ from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.disturbances import disturbance, pull_n
 from tactiled.emulator.scene.phases import (
+    Disturbance,
     FlatPlate,
     GroovedPlate,
     LiftPhase,
@@ -33,6 +34,7 @@ PRESLIDING_MM = 0.1
 _SHEAR_KEPT = 0.7
 SHEAR_RELAXATION_S = 0.5
 _ENTRY_MM = 1.0  # travel over which a sliding skin comes fully onto another plate
+_SWELL = 0.1  # part of its time over which a sine grows, and fades, so that it begins and ends without a kink
 _LEAST_FRICTION = 0.01  # part of the plate's: contact models need a limit above zero
 
 
@@ -150,10 +152,10 @@ class SceneMotion:
         goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
         left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / SHEAR_RELAXATION_S)
         extras = self.scene.disturbances
-        pull = pull_n(extras, time_s)
+        pull = _pull_n(extras, time_s)
         return MotionState(
             load_n=np.maximum(
-                table["load"][i] + table["load_rate"][i] * dt + disturbance(extras, "load_n", time_s), 0.0
+                table["load"][i] + table["load_rate"][i] * dt + _disturbed(extras, "load_n", time_s), 0.0
             ),
             travel_x_mm=table["x"][i] + dx * way,
             travel_y_mm=table["y"][i] + dy * way,
@@ -164,7 +166,7 @@ class SceneMotion:
             turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
             pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull.real,
             pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull.imag,
-            friction_part=np.maximum(1.0 + disturbance(extras, "friction", time_s), _LEAST_FRICTION),
+            friction_part=np.maximum(1.0 + _disturbed(extras, "friction", time_s), _LEAST_FRICTION),
             phase=table["phase"][i],
         )
 
@@ -185,7 +187,7 @@ class SceneMotion:
 
     def temperature_k(self, time_s: FloatArray) -> FloatArray:
         """Warming (K) of the sensor since the scene began."""
-        return disturbance(self.scene.disturbances, "temperature_k", np.maximum(time_s, 0.0))
+        return _disturbed(self.scene.disturbances, "temperature_k", np.maximum(time_s, 0.0))
 
     def _locate(self, time_s: FloatArray) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
         """Segment of each instant, time since its beginning, and travel in it."""
@@ -266,3 +268,34 @@ def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
     # Rounding must not leave a last piece of zero length.
     times = {t for t in (0.0, slide.ramp_s) if t < end - 1e-6} | {end}
     return [(t, speed * t / slide.ramp_s if t < slide.ramp_s else speed) for t in sorted(times)]
+
+
+def _disturbed(disturbances: Sequence[Disturbance], on: str, time_s: FloatArray) -> FloatArray:
+    """Sum of the disturbances of a quantity without direction, in the shape of `time_s`."""
+    out = np.zeros(np.shape(time_s))
+    for extra in disturbances:
+        if extra.on == on:
+            out += _value(extra, time_s)
+    return out
+
+
+def _pull_n(disturbances: Sequence[Disturbance], time_s: FloatArray) -> NDArray[np.complex128]:
+    """Extra pull on a held object as x + iy."""
+    out = np.zeros(np.shape(time_s), dtype=np.complex128)
+    for extra in disturbances:
+        if extra.on == "pull_n":
+            angle = np.deg2rad(extra.direction_deg)
+            out += _value(extra, time_s) * complex(round(np.cos(angle), 15), round(np.sin(angle), 15))
+    return out
+
+
+def _value(extra: Disturbance, time_s: FloatArray) -> FloatArray:
+    since_s = np.asarray(time_s) - extra.start_s
+    part = np.clip(since_s / extra.duration_s, 0.0, 1.0)
+    if extra.shape == "ramp":
+        return np.asarray(extra.amplitude * part)
+    if extra.shape == "pulse":  # sin(pi) is not exactly 0
+        return np.asarray(extra.amplitude * np.sin(np.pi * part) ** 2 * (part < 1))
+    swell = np.clip(np.minimum(part, 1 - part) / _SWELL, 0.0, 1.0)
+    wave = np.sin(2 * np.pi * extra.frequency_hz * since_s)
+    return np.asarray(extra.amplitude * swell * swell * (3 - 2 * swell) * wave)

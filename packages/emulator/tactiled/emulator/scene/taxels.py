@@ -3,8 +3,7 @@
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.emulator.mechanics.base import Surface, TaxelForces
-from tactiled.emulator.mechanics.taxel_shape import BUMP_MM
+from tactiled.emulator.mechanics.base import BUMP_MM, Surface, TaxelForces
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, GroovedPlate
 from tactiled.errors import ConfigError
