@@ -40,7 +40,7 @@ def flat(block: ScanBlock, n_channels: int) -> tuple[FloatArray, NDArray[np.uint
     """Return the readings of a block, and which of them are valid, as the compiled path takes them."""
     if block.volts.shape[1] != n_channels:
         raise ContractError(f"a block of {block.volts.shape[1]} channels for an array of {n_channels}")
-    return block.volts.reshape(-1), block.valid.reshape(-1).view(np.uint8)
+    return block.volts.ravel(), block.valid.ravel().view(np.uint8)
 
 
 class Quantiser:
