@@ -100,7 +100,7 @@ def test_weights_and_covariance_are_those_of_the_dense_gaussian_model(
                 [each[1] * np.radians(1.5), each[0] * np.sqrt(3) / 2 * np.radians(1.5) ** 2, 0.05]
             )
             rows = np.concatenate([unknown, 10.0 * np.array([[0, 0, 0, 0, 1.0, 0]])])
-            own = linalg.block_diag(noise, slack**2)
+            own = linalg.block_diag(noise, np.array([[slack**2]]))
             observed = np.append(observed, TRUE[0] - each[0])
         covariance = own + rows @ rows.T
         covariances.append(100 * np.linalg.inv(rows.T @ np.linalg.inv(own) @ rows + np.eye(6))[-2:, -2:])
