@@ -16,9 +16,9 @@ a speed the answer is "ambiguous", with the frequency alone.
 3. Noise of a skin lies between white and a random walk: towards higher frequencies its power does not rise,
    and the power of its changes does not fall. A bin that is stronger than a line by that measure, in the unit
    of the readings, is no noise beside it but a signal that is not explained: "too-few-periods".
-4. Phases still tell grooves from a machine. Where the strongest swing moves all channels at once, it may be
-   the load as a whole, with a motor or an arm, and the answer is "machine", unless a line that travels is the
-   strongest of what is left beside that swing and its harmonics.
+4. Phases still tell grooves from a machine. Where the strongest swing, or one of which it is a harmonic,
+   moves all channels at once, it may be the load as a whole, with a motor or an arm, and the answer is
+   "machine", unless a line that travels is the strongest of what is left beside that swing and its harmonics.
 
 Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
 """
@@ -130,11 +130,12 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     swing = bins * (np.abs(spectrum.values) ** 2).sum(axis=1)
     in_band = (bins >= max(_LEAST_CYCLES, band_hz[0] * duration_s)) & (bins <= band_hz[1] * duration_s)
     strongest = int(np.argmax(np.where(in_band, swing, 0.0)))
-    if _in_phase(spectrum.values[strongest], spectrum.sd) > _MOST_IN_PHASE:
-        beside = int(np.argmax(np.where(in_band & apart_from(bins, strongest), swing, 0.0)))
+    machine = _machine_bin(spectrum, strongest)
+    if machine is not None:
+        beside = int(np.argmax(np.where(in_band & apart_from(bins, machine), swing, 0.0)))
         is_line = bool(waves) and abs(waves[0].frequency_hz * duration_s - beside) < _SAME_LINE_PERIODS
         if _in_phase(spectrum.values[beside], spectrum.sd) > _MOST_IN_PHASE or not is_line:
-            return Refusal("machine", strongest / duration_s)
+            return Refusal("machine", machine / duration_s)
     if not waves:
         is_slow = int(np.argmax(swing)) < _LEAST_DOMINANT_CYCLES
         return Refusal("too-few-periods" if is_slow else "low-snr")
@@ -147,6 +148,23 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     power = sum(line.power for line in gratings)
     periods = tuple(_period(line, window, line.power / power) for line in gratings)
     return PeriodOnly(frequency_hz=frequency_hz, snr_db=snr_db, gratings=periods)
+
+
+def _machine_bin(spectrum: SwingSpectrum, strongest: int) -> int | None:
+    """Return the bin of a swing of all channels at once that is the strongest, or has it as a harmonic.
+
+    A harmonic of a machine need not move all channels at once: it may tilt the skin.
+    """
+    power = (np.abs(spectrum.values) ** 2).sum(axis=1)
+    found = [strongest]
+    for harmonic in _HARMONICS:
+        if (first := round(strongest / harmonic)) >= _LEAST_DOMINANT_CYCLES:
+            near = power[first - _LOBE : first + _LOBE + 1]
+            peak = first - _LOBE + int(np.argmax(near))
+            if abs(peak - first) < _LOBE and power[peak] >= _LEAST_FUNDAMENTAL * power[strongest]:
+                found.append(peak)
+    at_once = (at for at in found if _in_phase(spectrum.values[at], spectrum.sd) > _MOST_IN_PHASE)
+    return next(at_once, None)
 
 
 def period_range(frequency_hz: float, speed_mm_s: float, max_tilt_deg: float) -> tuple[float, float]:

@@ -230,6 +230,20 @@ def test_a_line_that_travels_beside_a_stronger_machine_is_answered_but_not_its_h
     assert {event.status for event in found} == {"machine"}
 
 
+@pytest.mark.parametrize(
+    ("line_hz", "amplitude", "is_machine"), [(14.2, 1.0, True), (11.0, 1.0, False), (14.2, 0.1, False)]
+)
+def test_a_harmonic_of_a_machine_may_be_stronger_than_its_first_line(
+    line_hz: float, amplitude: float, is_machine: bool
+) -> None:
+    gains = np.random.default_rng(13).uniform(0.5, 1.5, 16)
+    travels = ridges(12, {line_hz: 1.0}, seconds=9.0)  # the stronger swing
+    shaken = regular_block(travels.volts + 20 * gains * hum(7.1, amplitude, len(travels)), RATE_HZ)
+    last = answers(unknown_places(16), [shaken], speed_mm_s=20.0)[-1]
+    assert last.status == ("machine" if is_machine else "period-only")
+    assert last.frequency_hz == pytest.approx(7.1 if is_machine else line_hz, abs=0.1)
+
+
 def test_a_weak_ripple_beside_a_strong_one_that_is_too_slow_is_no_answer() -> None:
     lines = {0.25: 60.0, 4.0: 0.5}  # two periods of the first in 8 s, and it changes the readings more
     found = answers(unknown_places(16), [ridges(15, lines, seconds=9.0)], speed_mm_s=5.0, max_period_mm=30.0)
