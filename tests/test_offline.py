@@ -67,7 +67,6 @@ def write_csv(path: Path, time_s: Floats, volts: Floats) -> None:
         ("wang2019-3x3", 100.0, "balanced"),
         ("xyz-two-pads-4x4", 60.0, "balanced"),
         ("wang2019-3x3", 100.0, "wang2019"),
-        ("xyz-two-pads-4x4", 60.0, "wang2019"),
     ],
 )
 def test_a_log_of_any_array_gives_its_slip(

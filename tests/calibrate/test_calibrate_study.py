@@ -28,7 +28,7 @@ Z90 = 1.645
 @cache
 def rig_run(seed: int = 3, seconds: float = SECONDS) -> tuple[Rig, RigRun, RigRun]:
     rig, rng = draw_rig(ARRAY, seed)
-    return rig, rig.run("walk", seconds, rng), rig.run("hold", 20.0, rng)
+    return rig, rig.run("walk", seconds, rng), rig.run("hold", 30.0, rng)
 
 
 def table(run: RigRun, columns: str = "fx fy fz tx ty tz") -> ReferenceTable:

@@ -51,7 +51,8 @@ def test_each_scan_counts_the_scans_since_the_one_before(
         sequence, tick = board.scan(number)
         step = target.step(sequence, tick if ticks else None, 5.0 + number / RATE_HZ, RATE_HZ)
         assert step == CounterStep("next", jump)
-    assert target.board_s == pytest.approx(number / RATE_HZ, rel=2e-4 if ticks else 1e-9, abs=2e-6)
+    by_crystal = 1 + 1e-6 * drift_ppm if ticks else 1.0
+    assert target.board_s == pytest.approx(number / RATE_HZ * by_crystal, rel=1e-9, abs=TICK_S)
 
 
 @given(st.integers(0, 2**16 - 1), st.integers(0, 15))
