@@ -2,10 +2,11 @@
 
 import os
 import socket
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from tactiled.errors import OperatorError
+from tactiled.events.endpoints import control_endpoint
 
 _OF_UNITS = Path("/run/tactiled")  # RuntimeDirectory= of each unit is a folder in it
 
@@ -18,29 +19,25 @@ def _is_ours(folder: Path) -> bool:
         return False
 
 
-def _answering(folder: Path) -> Iterator[Path]:
-    """Yield the sockets for requests that a daemon serves; PermissionError where this user may not connect.
+def _answering(folder: Path) -> tuple[Path, Path] | None:
+    """Return the sockets for events and requests of the daemon of a folder, by default or first by name.
 
-    The name of such a socket follows from that of the endpoint for events (`control_endpoint`).
+    Raises PermissionError where this user may not connect.
     """
-    for path in sorted(folder.iterdir()):
-        if "control" not in path.name:
+    there = {path.name: path for path in folder.iterdir()}
+    for name in sorted(there, key=lambda name: (name != "events.ipc", name)):
+        requests = there.get(control_endpoint(f"ipc://{name}").removeprefix("ipc://"))
+        if requests is None:
             continue
         with socket.socket(socket.AF_UNIX) as probe:
             try:
-                probe.connect(str(path))
+                probe.connect(str(requests))
             except PermissionError:
                 raise
             except OSError:
                 continue  # a file that a killed daemon left, or no socket
-        yield path
-
-
-def _events_beside(control: Path) -> str:
-    """Endpoint for events to which a socket for requests belongs."""
-    is_added = control.name.endswith(".control")
-    name = control.name.removesuffix(".control") if is_added else control.name.replace("control", "events")
-    return f"ipc://{control.with_name(name)}"
+        return there[name], requests
+    return None
 
 
 def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
@@ -54,17 +51,20 @@ def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS)
     session = environ.get("XDG_RUNTIME_DIR")
     own = Path(session) / "tactiled" if session else Path(f"/tmp/tactiled-{os.getuid()}")
     units = sorted(of_units.iterdir()) if of_units.is_dir() else []
-    found: list[Path] = []
+    found: list[tuple[Path, Path]] = []
     closed: list[Path] = []
     for folder in ([own] if _is_ours(own) else []) + [one for one in units if one.is_dir()]:
         try:
-            found += _answering(folder)
+            if (sockets := _answering(folder)) is not None:
+                found.append(sockets)
         except PermissionError:
             closed.append(folder)
+        except OSError:
+            continue  # a unit that stops meanwhile, or no folder
     if len(found) == 1:
-        return f"ipc://{found[0]}"
+        return f"ipc://{found[0][1]}"
     if found:
-        names = ", ".join(map(_events_beside, found))
+        names = ", ".join(f"ipc://{events}" for events, _ in found)
         raise OperatorError(f"several daemons run here: give --endpoint, one of {names}")
     if closed:
         raise OperatorError(
