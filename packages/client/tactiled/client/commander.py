@@ -20,7 +20,7 @@ from tactiled.client import nearby
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
 from tactiled.client.transports import RETRY_MS, Transport, open_requests
-from tactiled.errors import DataError, OperatorError
+from tactiled.errors import DataError, OperatorError, UnavailableError
 from tactiled.events.endpoints import control_endpoint
 from tactiled.outside import json_of
 
@@ -71,9 +71,14 @@ class _Request:
         return None
 
     def wait_ms(self) -> int:
-        """Return the time to wait before `advance`; raises OperatorError after the time limit."""
+        """Return the time to wait before `advance`; raises OperatorError after the time limit.
+
+        Where there never was a connection and the transport knows why, that is an UnavailableError.
+        """
         left_s = self._until_s - time.monotonic()
         if left_s <= 0:
+            if not self._is_sent and self._transport.fault:
+                raise UnavailableError(self._transport.fault)
             raise OperatorError(
                 f"{self._endpoint}: no answer; is tactiled running there, and has it the key of this client?"
             )

@@ -30,6 +30,8 @@ class Transport(Protocol):
 
     thinned: frozenset[str]
     """Topics of which the newest received message says that not every message is sent."""
+    fault: str
+    """Words on why there is no connection; empty where nobody knows."""
 
     @property
     def pollables(self) -> Sequence[Any]:
@@ -67,18 +69,24 @@ def open_transport(
         raise OperatorError(
             "control: requests over zenoh go to the host that the endpoint names: leave it out"
         )
-    return _over_zenoh().subscription(endpoint, topics, board, keys, can_ask=bool(control))  # type: ignore[no-any-return]
+    return over_zenoh().subscription(endpoint, topics, board, keys, can_ask=bool(control))  # type: ignore[no-any-return]
 
 
 def open_requests(control: str, keys: Path | None) -> Transport:
     """Connect to a daemon for commands; errors as for `Client`."""
     if control.startswith(ZENOH_SCHEME):
-        return _over_zenoh().requests(control, keys)  # type: ignore[no-any-return]
+        return over_zenoh().requests(control, keys)  # type: ignore[no-any-return]
     return ZmqTransport(zmq.Context(), None, control, (), None, keys)
 
 
-def _over_zenoh() -> Any:
-    """Import what serves ``zenoh://`` endpoints; this distribution does not depend on it."""
+def over_zenoh() -> Any:
+    """Import what serves ``zenoh://`` endpoints; this distribution does not depend on it.
+
+    Raises
+    ------
+    OperatorError
+        It is not installed.
+    """
     try:
         return importlib.import_module("tactiled.zenoh.transport")
     except ModuleNotFoundError as error:
@@ -93,6 +101,7 @@ class ZmqTransport:
     """
 
     thinned: frozenset[str] = frozenset()
+    fault = ""
 
     def __init__(
         self,

@@ -14,6 +14,7 @@ from tactiled.cli.options import (
     need_named,
     need_readable,
 )
+from tactiled.client.transports import over_zenoh
 from tactiled.errors import DataError
 from tactiled.events.endpoints import ZENOH_SCHEME
 from tactiled.outside import read_secret
@@ -97,7 +98,7 @@ def web(
     from tactiled.web.server import Listening, run_web
 
     if any(endpoint.startswith(ZENOH_SCHEME) for endpoint in endpoints):
-        need_extra("tactiled.zenoh", "zenoh", "zenoh:// endpoints", "tactiled-web")
+        over_zenoh()
         from tactiled.zenoh.session import spread
 
         endpoints = spread(endpoints, keys, _HOSTS_S)

@@ -57,7 +57,7 @@ def requests(endpoint: str, keys: Path | None) -> "ZenohTransport":
 def _of_one_host(endpoint: str, keys: Path | None) -> ZenohAddress:
     address = parse_address(endpoint, keys)
     if address.host == "*":
-        raise ConfigError("endpoint", [f"{endpoint!r}: a subscription is for one host: name it"])
+        raise ConfigError("endpoint", [f"{endpoint!r}: one host is needed here: name it"])
     session_config(address)  # faults of the file are the caller's
     return address
 
@@ -79,6 +79,7 @@ class ZenohTransport:
     def __init__(self, address: ZenohAddress, keys: Sequence[str], request_key: str) -> None:
         self._address, self._keys, self._request_key = address, keys, request_key
         self.thinned: frozenset[str] = frozenset()
+        self.fault = ""
         self._arrived: deque[tuple[str, bytes, bytes]] = deque()
         self._replies: deque[bytes] = deque()
         self._unreached: deque[tuple[bytes, float, float]] = deque()  # request, when again, until when
@@ -93,13 +94,13 @@ class ZenohTransport:
 
     def _connect(self) -> None:
         """Open the session as soon as a router answers; closed in this thread, too."""
-        fault = ""
         while not self._closed.is_set():
             try:
                 session = open_session(self._address)
             except OperatorError as error:
-                if fault != (fault := str(error)):
+                if self.fault != (fault := str(error)):
                     logger.warning("%s; tried again every %g s", fault, _RETRY_S)
+                self.fault = fault
                 self._closed.wait(_RETRY_S)
                 continue
             with session:
