@@ -20,7 +20,7 @@ from tactiled.events.endpoints import control_endpoint
 from tactiled.events.types import TextureEvent
 
 HELPERS = ROOT / "tests" / "helpers"
-N_STREAMS, BLOCK = 160, 40
+N_STREAMS, BLOCK = 200, 40
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ SCENE_S = 13.0  # of `grasp`: the load has grown beyond what the first grip hold
 # An incipient slip opens from a seventh of the limit on, and there is one onset of it while the pull grows to
 # 1.7 times what the first grip bears. Who wants less force follows the margin in `grip` (`GripController`).
 TIGHTER = 2.0
+MOST_LATE = 10  # scans: a tenth of a second in which the controller could see nothing
 
 
 @contextmanager
@@ -61,9 +62,9 @@ def wait_for(report: str, lines: IO[str]) -> None:
         pass
 
 
-async def hold_on(endpoint: str, gripper: Gripper, force_n: float) -> tuple[int, bool]:
-    """Tighten at each onset of slip until the scene is over; how often, and whether a scan came late."""
-    tightened, was_late = 0, False
+async def hold_on(endpoint: str, gripper: Gripper, force_n: float) -> tuple[int, int]:
+    """Tighten at each onset of slip until the scene is over; how often, and how many scans came late."""
+    tightened, n_late = 0, 0
     until_s = time.monotonic() + SCENE_S
     async with Client(endpoint, topics=("slip", "scan")) as client:
         while (left_s := until_s - time.monotonic()) > 0:
@@ -74,12 +75,12 @@ async def hold_on(endpoint: str, gripper: Gripper, force_n: float) -> tuple[int,
             if not isinstance(item, Message):
                 continue
             if item.topic == "scan":
-                was_late |= item.data["late"]
+                n_late += item.data["late"]
             elif item.data["state"] == "onset" and item.data["valid"]:
                 force_n *= TIGHTER
                 gripper.ask(grip_n=force_n)
                 tightened += 1
-    return tightened, was_late
+    return tightened, n_late
 
 
 def test_what_slips_is_held_by_a_subscriber_that_tightens_and_falls_without(tmp_path: Path) -> None:
@@ -92,9 +93,9 @@ def test_what_slips_is_held_by_a_subscriber_that_tightens_and_falls_without(tmp_
         wait_for("ready", emulator.stdout)
         with Gripper(tmp_path / "control") as gripper:
             wait_for("scene", emulator.stdout)
-            tightened, was_late = asyncio.run(hold_on(endpoint, gripper, FIRST_N))
+            tightened, n_late = asyncio.run(hold_on(endpoint, gripper, FIRST_N))
             has_held = tightened > 0 and not gripper.ask()["fallen"]
-            if was_late and not has_held:
+            if n_late > MOST_LATE and not has_held:
                 pytest.skip("this host is too slow for an emulated board in real time")
             assert has_held
             gripper.ask(grip_n=FIRST_N)

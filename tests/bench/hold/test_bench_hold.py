@@ -21,11 +21,11 @@ def test_the_batch_moves_as_the_emulator_does() -> None:
     scenes = [hold(seed) for seed in (510, 511)]
     batch = HeldBatch(scenes, ARRAY)
     contacts = [make_contact(SceneMotion(scene), ARRAY) for scene in scenes]
-    for scan in range(150):
+    for scan in range(300):
         batch.scan()
         at_s = np.array([(scan + 1) / RATE_HZ - STEP_S])
         states = [contact.state(at_s) for contact in contacts]
-        if scan == 100:
+        if scan == 200:
             batch.command(np.full(2, 9.0))
             for contact in contacts:
                 assert isinstance(contact, PhysicalContact)

@@ -59,6 +59,8 @@ class GridInterpolator:
         below = np.floor(place).astype(np.int64)
         part = place - below
         block = below // self._block
+        if not block.size:
+            return np.empty(time_s.shape)
         first = int(block.min())
         if first == block.max():
             return self._between(first, below, part, columns)
