@@ -160,9 +160,11 @@ def _sampled_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
 
 
 def _centred(window: DetrendedWindow, phase_rate: float, variance: FloatArray) -> float:
-    """Phase rate of the largest explained power near a bin."""
+    """Phase rate of the largest explained power near a bin; each of two steps is at most half a bin."""
+    most = np.pi / (2 * _PADDING)
     for _ in range(2):
-        phase_rate = window.equations(phase_rate).own_phase_rate(variance)[0]
+        nearer = window.equations(phase_rate).own_phase_rate(variance)[0]
+        phase_rate = min(max(nearer, phase_rate - most), phase_rate + most)
     return phase_rate
 
 

@@ -55,7 +55,7 @@ cdef class Levels:
 
 
 cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread, n_room, n_settle, n_steady
+    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread, n_room, n_scans, n_settle, n_steady
     cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
     cdef public bint is_begun, is_field, is_first, all_ok
     cdef public str state, previous

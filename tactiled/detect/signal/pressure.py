@@ -1,4 +1,4 @@
-"""Contact gate, a call for each block: readings as whole steps, noise at rest, pressure, and contact.
+"""Contact gate: readings as whole steps, noise at rest and pressure of a block in one call, contact by scan.
 
 `contact_gate` explains the rules and makes these objects for an array. The file is plain Python, which
 Cython compiles with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense
@@ -421,7 +421,7 @@ class Pressure:
 
     def make_room(self, n: int) -> None:
         """Make room for blocks of n scans."""
-        self.n_room, channels = n, self.n_channels
+        self.n_room, self.n_scans, channels = n, 0, self.n_channels
         self.steps, self.ok = array("d", bytes(8 * n * channels)), array("B", bytes(n * channels))
         self.slope, self.loading = array("d", bytes(8 * n)), array("d", bytes(8 * n))
         self.touches, self.released = array("B", bytes(n)), array("B", bytes(n))
@@ -447,6 +447,7 @@ class Pressure:
         """Measure the n scans of a block, `readings` and `valid` (n * channels,); `step` then takes each."""
         if n > self.n_room:
             self.make_room(n)
+        self.n_scans = n
         self.all_ok = self.hold.take(n, 0, readings, valid, self.steps, self.ok)
         for i in range(n):
             self._measure(i, readings)
@@ -528,7 +529,7 @@ class Pressure:
 
     def step(self, scan: int) -> bool:
         """Process a scan of the block; return whether the state of the contact changed."""
-        if scan < 0 or scan >= self.n_room:
+        if scan < 0 or scan >= self.n_scans:
             raise IndexError("there is no such scan in the block")
         slope, loading, touches = self.slope[scan], self.loading[scan], self.touches[scan] != 0
         if slope == slope:  # something is read

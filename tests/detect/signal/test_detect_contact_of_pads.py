@@ -240,6 +240,13 @@ def test_missing_scans_leave_noise_and_set_as_they_are() -> None:
     assert contact_states(again.process(after))[0] == "unknown"
 
 
+def test_any_chunking_gives_the_same_contacts() -> None:
+    values = readings(press(5.0, 0.06), np.ones(4))
+    block, gate = regular_block(values, RATE_HZ), ContactGate(COUNTS)
+    found = [event for first in range(0, len(values), 7) for event in gate.process(block[first : first + 7])]
+    assert found == contacts(COUNTS, values)
+
+
 def test_no_load_is_called_hidden_that_would_not_be_told_in_any_case() -> None:
     noise = np.random.default_rng(5).normal(0.0, 2.0, (round(20 * RATE_HZ), 4))
     suite = build_suite(COUNTS, DetectParams())

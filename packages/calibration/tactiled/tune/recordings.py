@@ -10,7 +10,7 @@ from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.table import TimeUnit
 from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import LiveScans, read_log
-from tactiled.tune.study import Recording, contact_level, touching
+from tactiled.tune.study import Recording, contact_gate, contact_level
 
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
@@ -69,7 +69,7 @@ def record_live(
         if warning := _warning_of_tare(endpoint, scans.board, keys):
             report(warning)
         report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
-        _await_touch(scans)
+        _await_hold(scans)
         quiet = _record(scans, "quiet hold", quiet_s, report)
         report(
             f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
@@ -81,16 +81,23 @@ def record_live(
     return quiet, motion
 
 
-def _await_touch(scans: LiveScans) -> None:
-    """Wait until an object is in contact."""
-    until_s = time.monotonic() + _GRIP_S
+def _await_hold(scans: LiveScans) -> None:
+    """Wait until an object is held: the load no longer rises, or was there before."""
+    until_s, gate = time.monotonic() + _GRIP_S, None
     scans.drop()
     while time.monotonic() < until_s:
         scans.listen(0.1)
-        if len(scans.readings) > 1:
-            blocks = [item for item in scans.log().blocks() if isinstance(item, ScanBlock)]
-            if touching(blocks[-1], scans.array)[-1]:
-                return
+        if len(scans.readings) < 2:
+            continue
+        blocks = [item for item in scans.log().blocks() if isinstance(item, ScanBlock)]
+        scans.drop()
+        gate = gate or contact_gate(scans.array, blocks[0].rate_hz)
+        for block in blocks:
+            gate.measure(block)
+            for scan in range(len(block)):
+                gate.step(scan)
+        if gate.state in ("holding", "unknown"):
+            return
     level = contact_level(scans.array)
     raise DataError(f"no contact within {_GRIP_S:g} s (no taxel above {level}): run again and grip an object")
 

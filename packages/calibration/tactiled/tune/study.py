@@ -70,14 +70,21 @@ class Recording:
 
 def contact_level(array: Array) -> str:
     """Return words for the level above which a taxel counts as touched."""
-    return f"{_HELD_V.contact_volts:g} V" if array.unit == "V" else f"its level, in {array.unit}"
+    if array.unit == "V":
+        return f"{_HELD_V.contact_volts:g} V"
+    return f"the contact level of the array, which is in {array.unit} and follows from its noise"
+
+
+def contact_gate(array: Array, rate_hz: float) -> ContactTracker:
+    """Return a gate of contact whose levels in volts are those of a firm hold."""
+    return ContactTracker(array, _HELD_V if array.unit == "V" else ContactParams(), rate_hz)
 
 
 def touching(block: ScanBlock, array: Array) -> NDArray[np.bool_]:
     """Flags (n,) of scans in which some taxel is above the contact threshold."""
-    tracker = ContactTracker(array, _HELD_V if array.unit == "V" else ContactParams(), block.rate_hz)
-    tracker.measure(block)
-    touches: NDArray[np.bool_] = np.asarray(tracker.touches)[: len(block)] != 0
+    gate = contact_gate(array, block.rate_hz)
+    gate.measure(block)
+    touches: NDArray[np.bool_] = np.asarray(gate.touches)[: len(block)] != 0
     return touches
 
 
