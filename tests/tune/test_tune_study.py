@@ -150,7 +150,7 @@ def test_a_hold_in_newtons_has_a_level_of_its_own() -> None:
     held_n[:100] = 0.0
     held_n += np.random.default_rng(0).normal(0, 1e-3, held_n.shape)
     assert recording(held_n, array).contact_s() == pytest.approx(5.0, abs=0.1)
-    with pytest.raises(DataError, match="no taxel above its level, in N"):
+    with pytest.raises(DataError, match="no taxel above the contact level of the array, which is in N"):
         recording(held_n[:100], array).contact_s()
 
 
