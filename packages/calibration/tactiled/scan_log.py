@@ -99,6 +99,7 @@ class LiveScans:
         self.board = described.board
         self.array = _array_of(described.data, array)
         self._offset_s = tuple(described.data.get("channel_offset_s", ()))
+        self._is_interrupted = False
         self._time_s: list[float] = []
         self.readings: list[FloatArray] = []  # (channels,) each
 
@@ -113,10 +114,12 @@ class LiveScans:
                     self._time_s.append(scan["timestamp"])
                     self.readings.append(np.where(scan["valid"], scan["volts"], np.nan))
             elif isinstance(item, Stale):
+                self._is_interrupted = True
                 self._report(f"stale: {item.reason}")
             elif isinstance(item, Restarted):
                 self._report("the daemon was restarted")
-            elif isinstance(item, Fresh):
+            elif isinstance(item, Fresh) and self._is_interrupted:
+                self._is_interrupted = False
                 self._report("the board runs")
             if time.monotonic() >= until_s:
                 break
