@@ -292,8 +292,10 @@ class TestInstance:
             until_fresh_scans(subscription)
             before, restarts = container.shown(unit(), "MainPID", "NRestarts")
             container.run("systemctl", "kill", "--kill-whom=main", f"--signal={blow}", unit())
-            until(subscription, lambda item: isinstance(item, Stale), "stale")
-            until(subscription, lambda item: isinstance(item, Restarted), "restarted")
+            # A host on which the command takes long has it started anew before anything is read here.
+            came = until(subscription, lambda item: isinstance(item, Stale), "stale")
+            if not any(isinstance(item, Restarted) for item in came):
+                until(subscription, lambda item: isinstance(item, Restarted), "restarted")
             until_fresh_scans(subscription)
         state, after, more = container.shown(unit(), "ActiveState", "MainPID", "NRestarts")
         assert (state, int(more)) == ("active", int(restarts) + 1)
