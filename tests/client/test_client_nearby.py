@@ -74,6 +74,14 @@ def test_a_daemon_with_two_endpoints_is_one(host: Host) -> None:
     assert host.serve(host.own) == host.find()
 
 
+def test_of_two_endpoints_of_other_names_one_must_be_named(host: Host) -> None:
+    """They may be of two daemons, and a command to the wrong one moves another hand."""
+    host.serve(host.own, "left-events.ipc")
+    host.serve(host.own, "right-events.ipc")
+    with pytest.raises(OperatorError, match=r"one of ipc://.*/left-events\.ipc, ipc://.*/right-events\.ipc$"):
+        host.find()
+
+
 def test_what_is_no_folder_is_no_daemon(host: Host) -> None:
     host.own.parent.mkdir(parents=True)
     host.own.touch()

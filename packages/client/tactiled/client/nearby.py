@@ -19,12 +19,14 @@ def _is_ours(folder: Path) -> bool:
         return False
 
 
-def _answering(folder: Path) -> tuple[Path, Path] | None:
-    """Return the sockets for events and requests of the daemon of a folder, by default or first by name.
+def _answering(folder: Path) -> list[tuple[Path, Path]]:
+    """Return the sockets for events and requests that daemons of a folder serve.
 
-    Raises PermissionError where this user may not connect.
+    Where there are those by default, they alone count: a daemon may have several. Raises PermissionError
+    where this user may not connect.
     """
     there = {path.name: path for path in folder.iterdir()}
+    found = []
     for name in sorted(there, key=lambda name: (name != "events.ipc", name)):
         requests = there.get(control_endpoint(f"ipc://{name}").removeprefix("ipc://"))
         if requests is None:
@@ -36,8 +38,10 @@ def _answering(folder: Path) -> tuple[Path, Path] | None:
                 raise
             except OSError:
                 continue  # a file that a killed daemon left, or no socket
-        return there[name], requests
-    return None
+        found.append((there[name], requests))
+        if name == "events.ipc":
+            break
+    return found
 
 
 def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
@@ -55,8 +59,7 @@ def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS)
     closed: list[Path] = []
     for folder in ([own] if _is_ours(own) else []) + [one for one in units if one.is_dir()]:
         try:
-            if (sockets := _answering(folder)) is not None:
-                found.append(sockets)
+            found += _answering(folder)
         except PermissionError:
             closed.append(folder)
         except OSError:
