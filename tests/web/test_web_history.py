@@ -86,8 +86,7 @@ def test_curves_are_chosen_and_stand_in_the_table(page: Page, tmp_path: Path) ->
         rows = list(csv.DictReader(save(page, "CSV").read_text().splitlines()))
         readings = [float(row["t0.R3_V"]) for row in rows if row["t0.R3_V"]]
         assert max(map(abs, readings)) > 0.1  # it is pressed
-        # A status has the rate: on a slow host readings may come between two of them.
-        assert {row["rate_hz"] for row in rows[-10:]} - {""} == {"100"}
+        assert rows[-1]["rate_hz"] == "100"  # the first ones came before any status
         page.reload()
         expect(page.locator(".keys .key")).to_have_text(shown[:-1])  # channels are of one look
 
