@@ -119,7 +119,7 @@ class DaemonOnBoard:
 
 @contextmanager
 def daemon_on(board: BoardInQemu, folder: Path) -> Iterator[DaemonOnBoard]:
-    """Run `tactiled run` on the pty of a board."""
+    """Run `tactiled run` on the pty of a board, whose time stands still until the subscriber is connected."""
     endpoint = f"ipc://{folder}/events.ipc"
     config = folder / "tactiled.toml"
     config.write_text(
@@ -127,13 +127,17 @@ def daemon_on(board: BoardInQemu, folder: Path) -> Iterator[DaemonOnBoard]:
         f'[publish]\nendpoints = ["{endpoint}"]\n'
     )
     command = [sys.executable, "-m", "tactiled", "run", "--config", str(config)]
+    board.command("stop")
     with (
         Subscription(endpoint, topics=("scan", "status")) as subscription,
         (folder / "log").open("wb") as log,
         subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=log) as process,
     ):
         try:
-            yield DaemonOnBoard(process, subscription)
+            daemon = DaemonOnBoard(process, subscription)
+            daemon.until(lambda: daemon.status != {}, "a status")
+            board.command("cont")
+            yield daemon
             process.send_signal(signal.SIGTERM)
             assert process.wait(PATIENCE_S) == 0
         finally:

@@ -43,9 +43,16 @@ function panelFor(source, name) {
   return panel;
 }
 
+/** Return the panels in order of endpoint and name: which board spoke first differs from load to load. */
+function panelsInOrder() {
+  const order = (one, two) => one.board.source - two.board.source || (one.board.name < two.board.name ? -1 : 1);
+  return [...boards.values()].sort(order);
+}
+
 /** Show one board, or all (null); offer the choice where there are several. */
 function showBoards(chosen) {
-  const panels = [...boards.values()], place = document.getElementById("chooser");
+  const panels = panelsInOrder(), place = document.getElementById("chooser");
+  if (panels.some((panel, index) => panel.root !== main.children[index])) main.append(...panels.map((panel) => panel.root));
   for (const panel of panels) panel.root.hidden = chosen !== null && panel !== chosen;
   main.dataset.count = chosen === null ? panels.length : 1;
   place.hidden = panels.length < 2;
@@ -114,7 +121,7 @@ function keys() {
     if (event.key.toLowerCase() === "p") { const panels = [...boards.values()], held = panels[0]?.timeline.end === null; for (const panel of panels) panel.pause(held); }
     if (event.key.toLowerCase() === "r" && !document.getElementById("list").hidden) listRecordings();
     if (event.key.toLowerCase() === "m") for (const panel of boards.values()) if (!panel.root.hidden) panel.mark();
-    if (/^[0-9]$/.test(event.key) && boards.size > 1) showBoards([...boards.values()][Number(event.key) - 1] ?? null);
+    if (/^[0-9]$/.test(event.key) && boards.size > 1) showBoards(panelsInOrder()[Number(event.key) - 1] ?? null);
   });
 }
 
