@@ -13,17 +13,16 @@ import numpy as np
 from bench.grip.cost import ScanCost, scan_cost
 from bench.grip.judge import RECALL, Course, Score, course, score
 from bench.report import BENCH_WORKERS, NONE, Aim, BenchOptions, aim, aims_table, counted, table
-from bench.train.rows import BATCH, FULL_WORLDS, MINUTES, QUICK_WORLDS, all_looks, n_batches
+from bench.train.rows import FULL, QUICK, Lot, all_looks, lots_in_words, n_batches
 from bench.worlds.generators import GENERATORS, draw
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.contact.learnt import learnt_from
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
-REPORTED_FROM = 200_000  # seeds: none of these is learnt from
-# Worlds of each generator. A few of them have most of the time that slides: of 48, the area has a standard
-# deviation of 0.02 to 0.09.
-_REPORTED, _REPORTED_QUICK = 96, 24
+# None of these is learnt from. A few worlds have most of the time that slides: of 48 of 12 s, the area has a
+# standard deviation of 0.02 to 0.09.
+_REPORTED, _REPORTED_QUICK = (Lot(200_000, 72, 0.2), Lot(210_000, 24, 0.6)), (Lot(200_000, 24, 0.2),)
 _KNOWN_SD = 0.1  # of log friction, where it is known
 LEFT_OUT, LEARNT = "the others", "it, too"
 KNOWN = "the others, friction known to 10 %"
@@ -37,28 +36,25 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """
     from bench.train.fit import first_forest, fit, left_out  # scikit-learn takes seconds to load
 
-    n_worlds = QUICK_WORLDS if options.quick else FULL_WORLDS
-    reported = _REPORTED_QUICK if options.quick else _REPORTED
-    batches = range(0, reported, BATCH)
+    lots, reported = (QUICK, _REPORTED_QUICK) if options.quick else (FULL, _REPORTED)
     nothing: frozenset[str] = frozenset()
     kept_out = [nothing, *(frozenset({name}) for name in GENERATORS)]
     sets = list(dict.fromkeys(one for without in kept_out for one in left_out(GENERATORS, without)))
-    progress.begin(n_batches(n_worlds) + len(sets) + len(kept_out) + len(GENERATORS) * len(batches))
+    progress.begin(n_batches(lots) + len(sets) + len(kept_out) + n_batches(reported))
     scores: dict[str, dict[str, Score]] = {}
     with executor(BENCH_WORKERS) as pool:
-        looks = all_looks(pool, n_worlds, progress)
+        looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
         grown = counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")
         forests = dict(zip(sets, grown, strict=True))
         fits = pool.map(partial(fit, worlds, forests), kept_out)
         whole, *others = counted(fits, progress, "trees of the state")
         for name, without in zip(GENERATORS, others, strict=True):
-            jobs = [(name, REPORTED_FROM + at, without, whole) for at in batches]
+            jobs = [(name, seeds, lot.minutes, without, whole) for lot in reported for seeds in lot.batches]
             found = [row for some in counted(pool.map(_courses, jobs), progress, name) for row in some]
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     return [
-        f"{n_worlds} worlds of {60 * MINUTES:g} s of each generator to learn from, {reported} to "
-        f"score on (seeds from {REPORTED_FROM}).",
+        f"Of each generator, {lots_in_words(lots)} to learn from; {lots_in_words(reported)} to score on.",
         aims_table(aims(scores, scan_cost())),
         "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
         "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
@@ -68,10 +64,10 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     ]
 
 
-def _courses(job: tuple[str, int, Mapping[str, Any], Mapping[str, Any]]) -> list[dict[str, Course]]:
-    name, start, without, whole = job
+def _courses(job: tuple[str, range, float, Mapping[str, Any], Mapping[str, Any]]) -> list[dict[str, Course]]:
+    name, seeds, minutes, without, whole = job
     found = []
-    for world in draw(name, range(start, start + BATCH), MINUTES):
+    for world in draw(name, seeds, minutes):
         plain = course(world, learnt_from(without))
         if not len(plain.at):
             continue

@@ -174,10 +174,8 @@ def grown(
     monotone: list[int] | None = None,
 ) -> HistGradientBoostingClassifier:
     """Fit a forest; `monotone` has 1 for each column of which more never speaks against class 1."""
-    empty = np.isnan(rows).all(axis=0)
-    if empty.any():  # a column without any value cannot be divided into bins
-        rows = np.where(empty & (np.arange(len(rows)) == 0)[:, np.newaxis], 0.0, rows)
-    rows = _rounded(rows, shape.bins)
+    # A column without any value cannot be divided into bins; one of zeros is never split.
+    rows = _rounded(np.where(np.isnan(rows).all(axis=0), 0.0, rows), shape.bins)
     return HistGradientBoostingClassifier(
         max_iter=shape.trees,
         max_leaf_nodes=shape.leaves,

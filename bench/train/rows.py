@@ -1,7 +1,9 @@
 """Worlds to learn from, and their looks: signs from the program's own front end, beside the truth."""
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +18,33 @@ from tactiled.detect.contact.learnt import Learnt
 from tactiled.detect.contact.signs import LOOK_S, NAMES
 from tactiled.progress import ProgressBar
 
-TRAINED_FROM = 100_000  # seeds
 BATCH = 24  # worlds that are simulated at once
-MINUTES = 0.2  # of a world
-QUICK_WORLDS, FULL_WORLDS = 24, 312  # of each generator
+
+
+class Lot(NamedTuple):
+    """Worlds of each generator, of one length."""
+
+    first_seed: int
+    n_worlds: int
+    minutes: float
+
+    @property
+    def batches(self) -> list[range]:
+        """Seeds of the worlds that are simulated at once."""
+        seeds = range(self.first_seed, self.first_seed + self.n_worlds)
+        return [seeds[at : at + BATCH] for at in range(0, len(seeds), BATCH)]
+
+
+def lots_in_words(lots: Sequence[Lot]) -> str:
+    """Say how many worlds of which length there are, and their seeds."""
+    return " and ".join(
+        f"{lot.n_worlds} worlds of {60 * lot.minutes:g} s (seeds from {lot.first_seed})" for lot in lots
+    )
+
+
+# Most contacts last seconds; in long ones, what the memory holds is of slides and swings of before.
+FULL = (Lot(100_000, 208, 0.2), Lot(110_000, 104, 0.6))
+QUICK = (Lot(100_000, 24, 0.2),)
 _ACCELERATION = NAMES.index("acceleration")
 _RATIO = NAMES.index("ratio")
 # Parts of the worlds in which the hand announces its acceleration, or the log begins within a contact: each
@@ -96,15 +121,14 @@ def looks_of(world: World, *, as_trained: bool = True) -> Looks:
     )
 
 
-def n_batches(n_worlds: int) -> int:
+def n_batches(lots: Sequence[Lot]) -> int:
     """Return the batches of worlds of all generators."""
-    return len(GENERATORS) * -(-n_worlds // BATCH)
+    return len(GENERATORS) * sum(len(lot.batches) for lot in lots)
 
 
-def all_looks(pool: Executor, n_worlds: int, progress: ProgressBar) -> dict[str, list[Looks]]:
+def all_looks(pool: Executor, lots: Sequence[Lot], progress: ProgressBar) -> dict[str, list[Looks]]:
     """Return the looks of the worlds of each generator."""
-    starts = range(TRAINED_FROM, TRAINED_FROM + n_worlds, BATCH)
-    jobs = [(name, range(at, at + BATCH), MINUTES) for name in GENERATORS for at in starts]
+    jobs = [(name, seeds, lot.minutes) for name in GENERATORS for lot in lots for seeds in lot.batches]
     looks: dict[str, list[Looks]] = {name: [] for name in GENERATORS}
     for (name, *_), found in zip(jobs, pool.map(_looks, jobs), strict=True):
         looks[name] += found

@@ -11,8 +11,9 @@ import numpy as np
 import sklearn
 
 from bench.report import BENCH_WORKERS, commit
+from bench.train import rows
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
-from bench.train.rows import FULL_WORLDS, MINUTES, QUICK_WORLDS, TRAINED_FROM, Looks, all_looks, n_batches
+from bench.train.rows import Looks, Lot, all_looks, lots_in_words, n_batches
 from bench.worlds.generators import GENERATORS
 from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE
@@ -28,11 +29,11 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
 
     Trees of few worlds are quick. Without a path, the shipped file is written. Returns what the text says.
     """
-    n_worlds, shapes = (QUICK_WORLDS, QUICK) if is_quick else (FULL_WORLDS, SHIPPED)
+    lots, shapes = (rows.QUICK, QUICK) if is_quick else (rows.FULL, SHIPPED)
     sets = left_out(GENERATORS)
-    progress.begin(n_batches(n_worlds) + len(sets) + 1)
+    progress.begin(n_batches(lots) + len(sets) + 1)
     with executor(BENCH_WORKERS) as pool:
-        looks = all_looks(pool, n_worlds, progress)
+        looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
         forests = {}
         grow = partial(first_forest, worlds, shapes=shapes)
@@ -41,7 +42,7 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
             progress.advance("trees of the signs")
     table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
-    about = _about(n_worlds, shapes, looks, table)  # before a file that git knows is written over
+    about = _about(lots, shapes, looks, table)  # before a file that git knows is written over
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
@@ -50,15 +51,14 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
 
 
 def _about(
-    n_worlds: int, shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
+    lots: Sequence[Lot], shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
 ) -> dict[str, Any]:
     return {
         "command": "./run train slip",
         "commit": commit(),
         "python": platform.python_version(),
         "scikit-learn": sklearn.__version__,
-        "seeds": f"{TRAINED_FROM} to {TRAINED_FROM + n_worlds - 1} of each generator",
-        "seconds_of_a_world": 60 * MINUTES,
+        "worlds_of_each_generator": lots_in_words(lots),
         "learnt_from": {
             name: {
                 "contacts": sum(int(w.begins.sum()) for w in some),

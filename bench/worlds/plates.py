@@ -102,7 +102,7 @@ def _grooves(rng: np.random.Generator, scene: Document, left_s: float) -> None:
 
 
 def _to_and_fro(rng: np.random.Generator, scene: Document, left_s: float) -> None:
-    n = int(rng.integers(2, 5))
+    n = max(2, round(left_s / log_uniform(rng, 1.5, 6.0)))
     way = _slide(rng, left_s / n * 0.8)
     for _ in range(n):
         scene["phases"] += [way, _hold(left_s / n * 0.2 * rng.uniform(0.1, 1.0))]

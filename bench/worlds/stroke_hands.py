@@ -121,7 +121,7 @@ def _strokes(rng: np.random.Generator, _left_s: float) -> Iterator[Piece]:
     yield _press(rng)
     yield _hold(rng.uniform(0.2, 1.5))
     angle = rng.uniform(0, 2 * np.pi)
-    for _ in range(rng.integers(2, 6)):
+    for _ in range(round(log_uniform(rng, 2.0, 16.0))):
         yield _slide(rng, rng.uniform(0.5, 3.0), angle)
         yield _stop(rng, log_uniform(rng, 0.05, 1.5))
         angle += rng.choice([0.0, np.pi, rng.uniform(0, 2 * np.pi)])

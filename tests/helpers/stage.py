@@ -33,6 +33,7 @@ from tactiled.pipeline import Pipeline
 PAUSE_S = 3.0  # between two plays, without a board
 N_PER_V = 1.5  # of a calibration in which load and shear have one scale, so that friction stays as it is
 _STATUS_S = 0.1
+_SUBSCRIBED_MS = 100  # without a further subscription: the first subscriber has all its topics
 _LAST_S = 0.1  # of a play, played again and again by a board that holds
 
 Then = Literal["again", "gone", "hold", "gap"]
@@ -118,10 +119,14 @@ class Stage:
 
     def run(self) -> None:
         boards = [self._board(board, events) for board, events in self._plays]
-        with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+        with zmq.Context() as context, context.socket(zmq.XPUB) as socket:
             socket.linger = 0
             socket.sndhwm = 0  # a subscriber that a busy host holds up for seconds misses nothing
             socket.bind(self._endpoint)
+            while not socket.poll(10) and not self.ended.is_set():
+                pass
+            while socket.poll(_SUBSCRIBED_MS):
+                socket.recv()
             while not self.ended.wait(0.01):
                 for board in boards:
                     for message in next(board):
@@ -211,7 +216,7 @@ def stage(
     then: Then = "again",
     live_s: float = math.inf,
 ) -> Iterator[str]:
-    """Play scenes while the context lasts; gives the endpoint."""
+    """Play scenes while the context lasts, from the first subscriber on; gives the endpoint."""
     endpoint = f"ipc://{folder}/stage.ipc"
     made = Stage(endpoint, plays, forces=forces, then=then, live_s=live_s)
     thread = threading.Thread(target=made.run)

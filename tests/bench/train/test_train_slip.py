@@ -112,9 +112,7 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(rows, "GENERATORS", {"strokes": None, "laws": None})
-    monkeypatch.setattr(rows, "MINUTES", 0.1)
-    monkeypatch.setattr(rows, "BATCH", 6)
-    monkeypatch.setattr(slip, "QUICK_WORLDS", 6)
+    monkeypatch.setattr(rows, "QUICK", (rows.Lot(100_000, 6, 0.1), rows.Lot(110_000, 3, 0.15)))
     monkeypatch.setattr(slip, "executor", lambda *_: nullcontext(SimpleNamespace(map=map)))
     few = (shape._replace(trees=2, leaves=4) for shape in fit.QUICK)
     monkeypatch.setattr(slip, "QUICK", fit.Shapes(*few))
