@@ -43,7 +43,7 @@ def lots_in_words(lots: Sequence[Lot]) -> str:
 
 
 # Most contacts last seconds; in long ones, what the memory holds is of slides and swings of before.
-FULL = (Lot(100_000, 208, 0.2), Lot(110_000, 104, 0.6))
+FULL = (Lot(100_000, 312, 0.2), Lot(110_000, 104, 0.6))
 QUICK = (Lot(100_000, 24, 0.2),)
 _ACCELERATION = NAMES.index("acceleration")
 _RATIO = NAMES.index("ratio")
