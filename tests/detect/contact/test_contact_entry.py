@@ -262,7 +262,7 @@ def test_a_contact_that_is_pressed_and_pulled_within_a_scan_is_told(rate_hz: flo
 @pytest.mark.parametrize("scans", [1, 20, 300])
 def test_neighbouring_channels_that_jump_are_no_slip(channels: int, jump: float, scans: int) -> None:
     """A spark beside the cable, a bit that sticks, a wire that comes loose."""
-    block = touch(0.05 * ramp(1.5, 0.5), PRESSED)
+    block = touch(0.03 * ramp(1.5, 0.5), PRESSED)
     volts = block.volts.copy()
     struck = (7 * scans + round(10 * jump) + np.arange(channels)) % ARRAY.n_channels
     volts[400 : 400 + scans, struck] = np.clip(volts[400 : 400 + scans, struck] + jump, 0, 3)

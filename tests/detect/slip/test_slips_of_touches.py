@@ -390,7 +390,6 @@ def strokes(_seed: int) -> Scene:
     return Scene.model_validate({"name": "strokes", "contact": "mechanics", "phases": phases})
 
 
-@pytest.mark.xfail(strict=True, reason="of a hand that slides often, later slides are told as incipient")
 def test_each_stroke_of_a_contact_is_gross() -> None:
     block, truth = seen(strokes, 0, 0.3e-3)
     assert len(truth.slips) == 6
