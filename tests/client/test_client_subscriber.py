@@ -202,6 +202,28 @@ def test_what_has_arrived_is_read_at_once_and_of_some_topics_the_newest(
     assert not any(isinstance(item, Lost) for item in items)
 
 
+def test_what_has_arrived_waits_for_a_topic_and_is_then_read_in_order(
+    endpoint: str, publisher: Publisher
+) -> None:
+    with limit(), Subscription(endpoint) as subscription:
+        assert isinstance(subscription.next_item(time.monotonic() + PATIENCE_S), Fresh | Message)
+        for _ in range(5):
+            time.sleep(0.05)
+            assert subscription.arrived(1000, only_with=frozenset({"contact"})) == []
+        head = {"v": 1, "timestamp": time.time(), "run": 1, "board": "TS0001", "seq": 0}
+        publisher.extra.append([b"tactile/TS0001/contact", msgpack.packb(head)])
+        items: list[Item] = []
+        until_s = time.monotonic() + PATIENCE_S
+        while not items and time.monotonic() < until_s:
+            items = subscription.arrived(1000, only_with=frozenset({"contact"}))
+            time.sleep(0.01)
+    slips = [item.seq for item in items if isinstance(item, Message) and item.topic == "slip"]
+    assert len(slips) > 2
+    assert slips == [*range(slips[0], slips[0] + len(slips))]
+    assert [item.topic for item in items if isinstance(item, Message)][-1] == "contact"
+    assert not any(isinstance(item, Lost) for item in items)
+
+
 def test_a_hostile_message_is_an_item_like_any_other(endpoint: str, publisher: Publisher) -> None:
     with limit(), Subscription(endpoint, topics=("slip",)) as subscription:
         while not isinstance(subscription.next_item(), Message):

@@ -57,18 +57,6 @@ def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:
     assert found == [(0, "status", 2), (1, "status", 9), (0, "scan", 0), (0, "scan", 1), (0, "scan", 2)]
 
 
-def test_live_messages_wait_where_only_events_are_wanted() -> None:
-    feed = Feed()
-    for item in (message("scan", 0), message("slip", 0), message("status", 0)):
-        feed.take(0, item)
-    assert [row[1] for row in rows(feed.frames(NOW_S, 0.0, with_live=False).kept)] == ["slip"]
-    feed.take(0, message("status", 1))
-    assert feed.frames(NOW_S, 0.0, with_live=False) == (None, None)
-    frames = feed.frames(NOW_S, 0.0)
-    assert frames.kept is None
-    assert [(row[1], row[2]["seq"]) for row in rows(frames.live)] == [("status", 1), ("scan", 0)]
-
-
 def test_losses_and_restarts_are_notices() -> None:
     feed = Feed()
     feed.take(2, Lost("slip", "TS1", 3))
@@ -150,7 +138,7 @@ def test_the_history_is_bounded() -> None:
 
 
 def test_a_browser_that_comes_at_any_turn_gets_scans_in_order_and_events_once() -> None:
-    """Ten scans in each turn; live frames go every other turn, and the history between two turns."""
+    """Ten scans in each frame; the history is taken between two of them."""
     for joined in range(1, 6):
         feed, found = Feed(), list[Any]()
         for turn in range(8):
@@ -158,7 +146,7 @@ def test_a_browser_that_comes_at_any_turn_gets_scans_in_order_and_events_once() 
                 feed.take(0, message("scan", n, NOW_S + 0.01 * n))
                 if n % 10 == 7:
                     feed.take(0, message("slip", n, NOW_S + 0.01 * n))
-            frames = feed.frames(NOW_S, 0.0, with_live=turn % 2 == 0)
+            frames = feed.frames(NOW_S, 0.0)
             if turn == joined:
                 found += rows(feed.history(NOW_S, 0.0))
             elif turn > joined:

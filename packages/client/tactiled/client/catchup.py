@@ -79,7 +79,7 @@ class CatchUp:
     @property
     def deadline_s(self) -> float:
         """Time of the next `tick`, monotonic seconds."""
-        return min([self._probe_s, *(line.until_s for line in self._lines.values())])
+        return min([self._probe_s, *(self._lines[key].until_s for key in self._asking.values())])
 
     @property
     def unsent(self) -> list[dict[str, Any]]:
@@ -97,7 +97,8 @@ class CatchUp:
             self._unsent = {id_: asked for id_, asked in self._unsent.items() if asked["do"] != "state"}
             self._ask("state")
         items: list[Item] = []
-        for key, line in self._lines.items():
+        for key in [*self._asking.values()]:  # topics with a hole: nearly always none of all that there are
+            line = self._lines[key]
             if now_s < line.until_s:
                 continue
             if self.is_patient and (silent_s >= self._hold_s or line.n_repeated < _REPEATS):

@@ -45,6 +45,7 @@ class _SubscriptionBase:
         now_s = time.monotonic()
         self._inbox = Inbox(topics, board, stale_after_s, now_s, bool(control), is_patient=is_patient)
         self._items: deque[Item] = deque()
+        self._unread: list[tuple[list[bytes], frozenset[str]]] = []
         self._start()
 
     def _start(self) -> None:
@@ -75,18 +76,19 @@ class _SubscriptionBase:
         for pollable in self._transport.pollables:
             poller.register(pollable, zmq.POLLIN)
 
+    def _received(self, most: int) -> list[tuple[list[bytes], frozenset[str]]]:
+        """Messages that have arrived, at most `most`, each with the topics of which not every one is sent."""
+        arrived = itertools.islice(iter(self._transport.receive, []), most)
+        return [(parts, self._transport.thinned) for parts in arrived]
+
     def _read(self, most: int = 1, newest_of: AbstractSet[str] = frozenset()) -> None:
         """Read the replies and at most `most` messages, then act on passed deadlines."""
         while (reply := self._transport.take_reply()) is not None:
             self._items += self._inbox.answer(reply, time.monotonic(), time.time())
-        received = [
-            (parts, self._transport.thinned)
-            for parts in itertools.islice(iter(self._transport.receive, []), most)
-        ]
-        newest = {parts[0]: parts for parts, _ in received}
+        received, self._unread = self._unread + self._received(most), []
+        newest, replaced = {parts[0]: parts for parts, _ in received}, _endings(newest_of)
         for parts, thinned in received:
-            topic = parts[0].rpartition(b"/")[2].decode(errors="replace")
-            if topic not in newest_of or parts is newest[parts[0]]:
+            if parts is newest[parts[0]] or not parts[0].endswith(replaced):
                 self._items += self._inbox.receive(parts, time.monotonic(), time.time(), thinned | newest_of)
         self._items += self._inbox.tick(time.monotonic())
         for request in self._inbox.catch_up.unsent:
@@ -170,13 +172,24 @@ class Subscription(_SubscriptionBase):
                 return None
         return self._items.popleft()
 
-    def arrived(self, most: int, newest_of: AbstractSet[Topic] = frozenset()) -> list[Item]:
+    def arrived(
+        self,
+        most: int,
+        newest_of: AbstractSet[Topic] = frozenset(),
+        only_with: AbstractSet[Topic] = frozenset(),
+    ) -> list[Item]:
         """Return the items of the messages that have arrived, at most `most` of these, without waiting.
 
         Of the topics `newest_of`, whose messages replace one another, only the newest message of each board
         is read: a program that draws now and then saves the time of the others. It does not learn which of
-        these topics were lost.
+        these topics were lost. With `only_with`, what has arrived waits for another call while none of these
+        topics is in it: that costs a fifth of reading it.
         """
+        if only_with:
+            self._unread += self._received(most)
+            if not any(parts[0].endswith(_endings(only_with)) for parts, _ in self._unread):
+                return []
+            most = 0
         self._read(most, newest_of)
         items = list(self._items)
         self._items.clear()
@@ -191,6 +204,11 @@ class Subscription(_SubscriptionBase):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _endings(topics: AbstractSet[str]) -> tuple[bytes, ...]:
+    """Ends of the first part of a message on these topics."""
+    return tuple(f"/{topic}".encode() for topic in topics)
 
 
 def first_info(subscription: Subscription, endpoint: str) -> Message:

@@ -5,6 +5,7 @@ field that `types` declares is there, has its type, and is small enough to be sq
 """
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, get_args, get_origin
 
@@ -53,6 +54,14 @@ def _is_number(value: Any) -> bool:
     return type(value) in (float, int) and abs(value) <= _LARGEST  # which neither NaN nor infinity is
 
 
+def _are_numbers(value: Any) -> bool:
+    """Check the readings of a scan at once: one call for each takes three times as long."""
+    if not isinstance(value, list) or not {*map(type, value)} <= {float, int}:
+        return False
+    # NaN compares with nothing, so that it may hide from `max`; it does not from a sum.
+    return not value or (max(map(abs, value)) <= _LARGEST and sum(map(abs, value)) < math.inf)
+
+
 def _is_instant(value: Any) -> bool:
     return _is_number(value) and abs(value) <= _LATEST_S
 
@@ -67,7 +76,12 @@ def _check_of(kind: Any) -> _Check:
         parts = [(field.name, _check_of(field.type)) for field in dataclasses.fields(kind)]
         return lambda value: isinstance(value, dict) and all(is_valid(value.get(k)) for k, is_valid in parts)
     if get_origin(kind) is tuple:
-        inner = _check_of(get_args(kind)[0])
+        element = get_args(kind)[0]
+        if element is float:
+            return _are_numbers
+        if element is bool:
+            return lambda value: isinstance(value, list) and {*map(type, value)} <= {bool}
+        inner = _check_of(element)
         return lambda value: isinstance(value, list) and all(map(inner, value))
     if kind is float:
         return _is_number

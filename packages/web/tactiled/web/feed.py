@@ -28,6 +28,8 @@ LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
 NEWEST_ALONE: frozenset[Topic] = frozenset({"grip", "force"})
 """Topics of each scan, of whose messages a frame has the newest: no other one need be read."""
+URGENT: frozenset[Topic] = frozenset({"contact", "slip", "command"})
+"""Topics that a page shows at once."""
 _FLOATS = 1
 """MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
 _UNSEEN = {"scan": {"time_sd_s", "age_s"}, "force": {"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}}
@@ -111,24 +113,20 @@ class Feed:
         """Return source and board of each status that has come."""
         return [(source, board) for source, board, topic in self._newest if topic == "status" and board]
 
-    def frames(self, now_unix_s: float, now_s: float, *, with_live: bool = True) -> Frames:
-        """Return what has come and was not returned yet, as two frames; of live topics but scans, the newest.
-
-        Without `with_live`, live messages wait for the next call.
-        """
+    def frames(self, now_unix_s: float, now_s: float) -> Frames:
+        """Return what has come and was not returned yet; of live topics but scans, the newest."""
         self._forget(now_unix_s)
-        if with_live:
-            for (source, _, _), message in self._replaceable.items():
-                self._message(source, message, recovered=False)
-            self._replaceable.clear()
+        for (source, _, _), message in self._replaceable.items():
+            self._message(source, message, recovered=False)
+        self._replaceable.clear()
         kept = [entry.packed for entry in self._pending if entry.topic not in LIVE]
-        waiting = [entry for entry in self._pending if entry.topic in LIVE]
-        self._pending = [] if with_live else waiting
-        newest = {entry.key: entry for entry in waiting}
+        live = [entry for entry in self._pending if entry.topic in LIVE]
+        self._pending = []
+        newest = {entry.key: entry for entry in live}
         # Scans last: the page draws their loads in the unit of the newest force message.
-        others = [entry.packed for entry in waiting if entry.topic != "scan" and newest[entry.key] is entry]
-        live = others + [entry.packed for entry in waiting if entry.topic == "scan"]
-        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, live) if with_live else None)
+        packed = [entry.packed for entry in live if entry.topic != "scan" and newest[entry.key] is entry]
+        packed += [entry.packed for entry in live if entry.topic == "scan"]
+        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, packed))
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans.

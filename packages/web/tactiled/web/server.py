@@ -23,10 +23,10 @@ from tactiled.client import Subscription
 from tactiled.errors import DataError, UnavailableError
 from tactiled.limited_log import RateLimitedLog, limit_rate_of
 from tactiled.version import __version__
-from tactiled.web.browsers import FRAMES_PER_S, TURNS_PER_LIVE_FRAME, Browser
+from tactiled.web.browsers import TURNS_PER_FRAME, TURNS_PER_S, Browser
 from tactiled.web.commands import GUIDED, DaemonCommands, check_request
 from tactiled.web.connections import BACKLOG, IDLE_S, Connections
-from tactiled.web.feed import NEWEST_ALONE, Feed
+from tactiled.web.feed import NEWEST_ALONE, URGENT, Feed
 from tactiled.web.guard import Guard
 from tactiled.web.guided import GuidedVerbs
 from tactiled.web.recordings import RecordingFolder, RecordingRoutes, answer
@@ -205,18 +205,23 @@ class PageServer:
             await runner.cleanup()
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
-        """Send frames to all browsers: events at the frame rate, live messages more rarely.
+        """Send frames to all browsers: in every second turn, and in the others where a verdict has come.
 
-        What has arrived is read once for each frame: waiting for single messages in asyncio takes more
-        processor time.
+        What has arrived is read at once: waiting for single messages in asyncio takes more processor time.
         """
         for turn in itertools.count():
-            await asyncio.sleep(1 / FRAMES_PER_S)
-            for source, subscription in enumerate(subscriptions):
-                for item in subscription.arrived(_MOST_MESSAGES, NEWEST_ALONE):
-                    self._feed.take(source, item)
-            with_live = turn % TURNS_PER_LIVE_FRAME == 0
-            frames = self._feed.frames(time.time(), time.monotonic(), with_live=with_live)
+            await asyncio.sleep(1 / TURNS_PER_S)
+            only_with = frozenset() if turn % TURNS_PER_FRAME == 0 else URGENT
+            items = [
+                (source, item)
+                for source, subscription in enumerate(subscriptions)
+                for item in subscription.arrived(_MOST_MESSAGES, NEWEST_ALONE, only_with)
+            ]
+            if only_with and not items:
+                continue
+            for source, item in items:
+                self._feed.take(source, item)
+            frames = self._feed.frames(time.time(), time.monotonic())
             for browser in self._browsers:
                 browser.offer(frames)
             self._log.write_counts(time.monotonic())

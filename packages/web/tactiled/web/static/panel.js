@@ -11,8 +11,8 @@ import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
-const PICTURE_S = 0.1;    // skin: painting is most of what the page costs
-const NUMBERS_S = 0.2;    // numbers and timeline: faster cannot be read, and is two pixels of a minute
+const PICTURE_S = 0.08;   // skin: with each frame of the server, which come every 100 ms and now and then sooner
+const NUMBERS_S = 0.18;   // numbers and timeline, with every second frame: faster cannot be read, and is two pixels of a minute
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
