@@ -187,6 +187,32 @@ def test_forces_and_readings_point_the_same_way(opened: Page) -> None:
     assert model(opened, act) == [["V", 2, 0.5, 0], ["V", 2, 0.5, 0], ["N", 10, 3, 0]]
 
 
+def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None:
+    """The first scan after it comes before its force; a calibration that is gone begins new curves."""
+    act = """
+      board.take("geometry", { unit: "V", zero: [0], zero_first_s: 0, names: ["a"], has_shear: false,
+        pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
+      let seq = 0;
+      const at = (run, s, calibration) => {
+        const force = { fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1, calibration };
+        board.take("scan", { ...common(run, s), index: seq, volts: [2], valid: [true] });
+        board.take("force", { ...common(run, s), seq: seq++, ...force });
+      };
+      const shown = [];
+      const play = (run, from, calibration) => {
+        status(run, from, "none");
+        for (let s = from; s < from + 3; s += 0.1) at(run, s, calibration);
+        shown.push([board.unit, board.points.load.filter((load) => load !== null).length]);
+      };
+      play(1, 20, "finger-7"); play(1, 30, "finger-7"); play(2, 40, "finger-7"); play(2, 43, "none");
+      return shown;"""
+    found = model(opened, act)
+    assert [unit for unit, _ in found] == ["N", "N", "N", "V"]
+    counts = [count for _, count in found]
+    assert 25 <= counts[0] < counts[1] - 20 < counts[2] - 40
+    assert counts[3] <= 31
+
+
 def test_a_lamp_gets_worse_at_once_and_better_when_that_lasts(opened: Page) -> None:
     act = """
       const lamp = new SteadyLamp();

@@ -179,12 +179,12 @@ class PageServer:
                 words = f"{where}: the page cannot be served there: {error.strerror}"
                 raise UnavailableError(words) from None
             host, port = listener.sockets[0].getsockname()[:2]
-            ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
             with contextlib.ExitStack() as stack:
                 subscriptions = [
                     stack.enter_context(Subscription(endpoint, keys=self._params.keys))
                     for endpoint in self._params.endpoints
                 ]
+                ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
                 async with asyncio.TaskGroup() as tasks:
                     running = [tasks.create_task(self._flush(subscriptions))]
                     if self._params.guard.allows_commands:

@@ -11,6 +11,7 @@ const EVENTS = 400;
 const HEALTH_SCANS = 100;
 const GAP_S = 0.2;               // scans of the history are 0.1 s and a period apart: more is a time without scans
 const GAP_PERIODS = 2.5;         // slow boards
+const FORCE_COMES_S = 1;         // after a time without scans, the first one of which comes before its force
 const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
 const CURRENT_PERIODS = 3;       // slow boards
 
@@ -110,6 +111,7 @@ export class BoardModel {
     const t = this.points.t;
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
     const now = this.loads();
+    if (this.unit === "N" && now.unit !== "N" && scan.timestamp - (this.gaps.at(-1)?.to ?? -Infinity) < FORCE_COMES_S) return;
     if (now.unit !== this.unit) { this.unit = now.unit; for (const key of Object.keys(this.points)) this.points[key] = []; }
     this._point(scan, now.load, now.shear);
   }

@@ -16,7 +16,7 @@ const NUMBERS_S = 0.18;   // numbers and timeline, with every second frame: fast
 const SLOW_S = 0.5;       // scope, spectrum, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
-const LEAST = 0.03;       // of a full arrow, or newtons: a shear below has no direction
+const LEAST = 0.03;       // of a full arrow on every taxel, or newtons: a shear below has no direction
 const NONE = "–";
 
 export class BoardPanel {
@@ -116,6 +116,7 @@ export class BoardPanel {
     put(at.advice, said.sentence);
     const slips = said.level === "gross" || said.level === "partial"; // a warning on the host can wait
     put(at.sure, live && lamp.words && !slips ? lamp.words : said.sure);
+    if (at.sure.title !== at.sure.textContent) at.sure.title = at.sure.textContent; // it may be cut off
     if (at.advice.title !== said.sentence) at.advice.title = said.sentence;
     put(at.name, board.name || "no board yet");
     put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
@@ -137,10 +138,11 @@ export class BoardPanel {
     facts(this.at.loads, [
       ["load", now === null ? NONE : limit + pm(now.load, now.loadSd, unit)],
       ["shear", now === null || now.shear === null ? NONE : pm(now.shear, now.shearSd, unit)],
-      ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full))) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
-      ["centre", centre],
+      ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
+      now === null || force !== null ? ["centre", centre] : ["newtons", "tactiled calibrate"], // what gives them
     ]);
-    put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated: tactiled calibrate" : `${force.calibration}${force.valid ? "" : ", not valid"}`);
+    put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated" : `Calibrated: ${force.calibration}${force.valid ? "" : ", not valid"}`);
+    this.at.calibration.dataset.known = now === null || force !== null;
   }
 
   _margin(grip) {
@@ -149,7 +151,7 @@ export class BoardPanel {
     drawBar(at.bar, held);
     facts(at.margin, [
       ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
-      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not calibrated"],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : this.board.calibrated() === null ? "not calibrated" : "not in newtons"],
     ]);
   }
 

@@ -23,7 +23,7 @@ export function sig(value, digits = 3) {
 
 /** Value and standard deviation, with the digits that the deviation allows. */
 export function pm(value, sd, unit) {
-  if (!(sd > 0)) return `${sig(value, 4)} ${unit}`;
+  if (!(sd > 0)) return `${sig(value, 3)} ${unit}`;
   if (sd >= UNKNOWN_SD) return "not known";
   const power = Math.floor(Math.log10(sd));
   const places = Math.min(6, Math.max(0, (sd / 10 ** power < 2 ? 1 : 0) - power)); // one digit of the deviation, two below 2
