@@ -123,6 +123,9 @@ export class BoardModel {
     this._list(at, "mark", mark);
   }
 
+  /** Whether something touches the skin, as the daemon says. */
+  isTouched() { return (this.touch?.state ?? this.status?.contact ?? "none") !== "none"; }
+
   /** The newest force message, where it states newtons of a calibration; else null. */
   calibrated() {
     const force = this.current(this.force);

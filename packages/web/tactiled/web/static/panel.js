@@ -133,13 +133,13 @@ export class BoardPanel {
 
   _loads(now) {
     const force = now?.force ?? null, unit = now?.unit;
-    const centre = force === null ? NONE : `${force.x_mm.toFixed(1)}, ${force.y_mm.toFixed(1)} mm`;
+    const centre = force === null || !this.board.isTouched() ? NONE : `${force.x_mm.toFixed(1)}, ${force.y_mm.toFixed(1)} mm`;
     const limit = force?.saturated ? "≥ " : "";
     facts(this.at.loads, [
       ["load", now === null ? NONE : limit + pm(now.load, now.loadSd, unit)],
       ["shear", now === null || now.shear === null ? NONE : pm(now.shear, now.shearSd, unit)],
       ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
-      now === null || force !== null ? ["centre", centre] : ["newtons", "tactiled calibrate"], // what gives them
+      now === null || force !== null ? ["centre", centre] : ["use", "tactiled calibrate"],
     ]);
     put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated" : `Calibrated: ${force.calibration}${force.valid ? "" : ", not valid"}`);
     this.at.calibration.dataset.known = now === null || force !== null;

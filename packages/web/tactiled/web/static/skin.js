@@ -240,9 +240,10 @@ export class SkinPicture {
 
 /** Centre of the load in millimetres, as the daemon states it or else of the taxels in contact; null for none. */
 function centreOf(board, felt, places) {
+  if (!board.isTouched()) return null;
   const force = board.current(board.force);
   if (force !== null && force.x_mm !== undefined && force.valid !== false) return { x: force.x_mm, y: force.y_mm };
-  if (felt === null || board.touch === null || board.touch.state === "none") return null;
+  if (felt === null) return null;
   const weights = felt.load.map((v) => Math.max(0, v)), total = sum(weights);
   return total > 0 ? { x: sum(weights.map((w, i) => w * places[i].x)) / total, y: sum(weights.map((w, i) => w * places[i].y)) / total } : null;
 }

@@ -39,7 +39,8 @@ function chances(grip, state, slip) {
   if (state === "none") return "";
   if (grip === null || grip.state === "none") return slip === null ? "" : `${percent(slip.confidence)} sure`;
   if (grip.state === "unknown") return "";
-  if (state === "sliding") return `${percent(grip.p_sliding)} sure that all of the contact slides`;
+  const isNewer = slip !== null && grip.timestamp < slip.detected; // the slip came ahead of the margins of its scan
+  if (state === "sliding") return `${percent(isNewer ? slip.confidence : grip.p_sliding)} sure that all of the contact slides`;
   if (state === "shearing" && slip !== null) return `${percent(slip.confidence)} sure that a part of the contact slips`;
   if (grip.p_gross_100ms > LIKELY) return `${percent(grip.p_gross_100ms)} sure that it slips within 0.1 s`;
   return `${percent(grip.utilisation)} of the friction limit in use`;

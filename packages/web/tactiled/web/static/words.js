@@ -27,7 +27,8 @@ export function pm(value, sd, unit) {
   if (sd >= UNKNOWN_SD) return "not known";
   const power = Math.floor(Math.log10(sd));
   const places = Math.min(6, Math.max(0, (sd / 10 ** power < 2 ? 1 : 0) - power)); // one digit of the deviation, two below 2
-  return `${value.toFixed(places)} ± ${sd.toFixed(places)} ${unit}`;
+  const shown = value.toFixed(places).replace(/^-(?=[0.]+$)/, ""); // zero has no sign
+  return `${shown} ± ${sd.toFixed(places)} ${unit}`;
 }
 
 export const bytesWords = (n) => (n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
