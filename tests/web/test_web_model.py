@@ -193,9 +193,11 @@ def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None
       board.take("geometry", { unit: "V", zero: [0], zero_first_s: 0, names: ["a"], has_shear: false,
         pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
       let seq = 0;
+      const alone = (run, s) =>
+        board.take("scan", { ...common(run, s), index: seq, volts: [2], valid: [true] });
       const at = (run, s, calibration) => {
         const force = { fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1, calibration };
-        board.take("scan", { ...common(run, s), index: seq, volts: [2], valid: [true] });
+        alone(run, s);
         board.take("force", { ...common(run, s), seq: seq++, ...force });
       };
       const shown = [];
@@ -204,7 +206,9 @@ def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None
         for (let s = from; s < from + 3; s += 0.1) at(run, s, calibration);
         shown.push([board.unit, board.points.load.filter((load) => load !== null).length]);
       };
-      play(1, 20, "finger-7"); play(1, 30, "finger-7"); play(2, 40, "finger-7"); play(2, 43, "none");
+      play(1, 20, "finger-7");
+      for (let s = 23.1; s < 24.5; s += 0.1) alone(1, s); // a server that was held up
+      play(1, 30, "finger-7"); play(2, 40, "finger-7"); play(2, 43, "none");
       return shown;"""
     found = model(opened, act)
     assert [unit for unit, _ in found] == ["N", "N", "N", "V"]

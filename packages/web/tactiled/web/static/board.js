@@ -11,7 +11,7 @@ const EVENTS = 400;
 const HEALTH_SCANS = 100;
 const GAP_S = 0.2;               // scans of the history are 0.1 s and a period apart: more is a time without scans
 const GAP_PERIODS = 2.5;         // slow boards
-const FORCE_COMES_S = 1;         // after a time without scans, the first one of which comes before its force
+const FORCE_COMES_S = 5;         // so long curves in newtons wait for the force of a scan: after a gap it comes later, and a server that was held up has the newest alone
 const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
 const CURRENT_PERIODS = 3;       // slow boards
 
@@ -111,7 +111,7 @@ export class BoardModel {
     const t = this.points.t;
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
     const now = this.loads();
-    if (this.unit === "N" && now.unit !== "N" && scan.timestamp - (this.gaps.at(-1)?.to ?? -Infinity) < FORCE_COMES_S) return;
+    if (now.unit !== "N" && this._awaitsForce(scan.timestamp)) return;
     if (now.unit !== this.unit) { this.unit = now.unit; for (const key of Object.keys(this.points)) this.points[key] = []; }
     this._point(scan, now.load, now.shear);
   }
@@ -145,6 +145,13 @@ export class BoardModel {
     }
     const felt = this.felt(this.newestScan), x = sum(felt.x), y = sum(felt.y);
     return { unit: this.geometry.unit, load: sum(felt.load), loadSd: 0, shear: this.geometry.has_shear ? Math.hypot(x, y) : null, shearSd: 0, deg: degrees(x, y), force: null };
+  }
+
+  /** Whether the curves are in newtons, and a force for them may come yet. */
+  _awaitsForce(at) {
+    const { force } = this, names = force !== null && !UNCALIBRATED.includes(force.calibration);
+    if (this.unit !== "N" || (force !== null && !names)) return false;
+    return at - Math.max(this.gaps.at(-1)?.to ?? -Infinity, names ? force.timestamp : -Infinity) < FORCE_COMES_S;
   }
 
   _learnZero(scan) {
