@@ -161,9 +161,14 @@ class ZmqTransport:
 def _take(sock: "zmq.Socket[bytes] | None") -> list[bytes]:
     """Return the parts of a message that has arrived; empty for none, and without a socket."""
     try:
-        return [] if sock is None else sock.recv_multipart(zmq.NOBLOCK)
+        part = None if sock is None else sock.recv(zmq.NOBLOCK, copy=False)
+        parts = []
+        while part is not None:  # a frame knows whether another follows: to ask the socket takes longer
+            parts.append(part.bytes)
+            part = sock.recv(zmq.NOBLOCK, copy=False) if sock is not None and part.more else None
     except zmq.Again:
         return []
+    return parts
 
 
 def _connect_events(
