@@ -46,6 +46,11 @@ _OWN_AZIMUTH_DEG = {"shear_x": 0.0, "shear_y": 90.0, "normal": float("nan")}
 _AXES_DEG = Field(
     default=0.0, ge=-360, le=360, description="direction of the pad's own x axis; turns channels, not places"
 )
+_FACING = Field(
+    default=False,
+    description="true for a finger that faces the first one across an object: its own y axis, and the order "
+    "of its rows, are against those of the array, whose places are as seen through the object",
+)
 
 
 # A robot's whole skin; squares of such places are exact enough.
@@ -58,6 +63,7 @@ class Grid(Params):
     x_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the columns")
     y_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the rows")
     axes_deg: float = _AXES_DEG
+    facing: bool = _FACING
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:
@@ -74,6 +80,7 @@ class TaxelPlace(Params):
     y_mm: _PlaceMm
     pad: int = Field(default=0, ge=0, description="taxels of one rigid pad share a number")
     axes_deg: float = _AXES_DEG
+    facing: bool = _FACING
 
 
 class ContactLevels(Params):
@@ -372,12 +379,17 @@ class Array:
 def build(file: ArrayFile) -> Array:
     """Make an array from a checked file."""
     if file.grids:
-        places = [(x, y, pad, g.axes_deg) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
+        places = [
+            (x, y, pad, g.axes_deg, g.facing)
+            for pad, g in enumerate(file.grids)
+            for y in (reversed(g.y_mm) if g.facing else g.y_mm)
+            for x in g.x_mm
+        ]
     elif file.taxels:
-        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg) for t in file.taxels]
+        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg, t.facing) for t in file.taxels]
     else:
-        places = [(0.0, 0.0, 0, 0.0)] * file.n_taxels
-    x_mm, y_mm, pad, axes_deg = map(np.array, zip(*places, strict=True))
+        places = [(0.0, 0.0, 0, 0.0, False)] * file.n_taxels
+    x_mm, y_mm, pad, axes_deg, faces = map(np.array, zip(*places, strict=True))
     channels = file.channels or [
         Channel(taxel=taxel, **template.model_dump())
         for taxel in range(len(places))
@@ -395,7 +407,7 @@ def build(file: ArrayFile) -> Array:
         channel_taxel=taxel,
         channel_kind=tuple(c.kind for c in channels),
         channel_name=tuple(f"t{c.taxel}.{c.name}" for c in channels),
-        azimuth_deg=(azimuth_deg + axes_deg[taxel]) % 360.0,
+        azimuth_deg=(np.where(faces[taxel], -azimuth_deg, azimuth_deg) + axes_deg[taxel]) % 360.0,
         sign=np.array([float(c.sign) for c in channels]),
         has_places=file.taxel_count is None,
         unit=file.unit,

@@ -162,7 +162,7 @@ class GripDetector:
         self._ripple = TravellingRipple(array, rate_hz)
         self._slips = PosteriorSlips(rate_hz)
         self._filter = ContactFilter(
-            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),
+            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction, array.pad.tolist()),
             self._learnt,
             rate_hz,
             *self._prior(),
