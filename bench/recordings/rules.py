@@ -17,7 +17,9 @@ _LEVELS = 200  # thresholds that are tried, at the quantiles of the scores
 _CHANGE_S = 0.8  # of 0.05, 0.1, 0.2, 0.4 and 0.8 the best on tugs, and nearly so on electrodes
 _START_S = 0.3
 _MOVES_SCANS = 8
-_LEAST_LOAD = 0.2  # of the largest sum of a pad: below, its centre is that of noise
+_LEAST_LOAD = (
+    0.2  # of the largest: below, the centre of a pad and the shape of the channels are those of noise
+)
 # Power of changes from scan to scan at the strongest line over the median: 22 of the 24 slides of FabricSlide
 # have more with the right line, 6 of 40 slides over other materials have more.
 _LINE_OVER_BAND = 30.0
@@ -42,6 +44,16 @@ def load_fall(log: Log) -> float:
     return float((size[:-hop] - size[hop:]).max() / size.max())
 
 
+def shape_change(log: Log) -> float:
+    """Return the largest change in 0.8 s of the channels over their norm, which is a fifth of its top."""
+    pressed = log.readings - _start(log)
+    size = np.linalg.norm(pressed, axis=1)
+    hop, least = _hop(log, _CHANGE_S), _LEAST_LOAD * size.max()
+    shape = pressed / np.maximum(size, least)[:, np.newaxis]
+    goes_on = (size[hop:] > least) & (size[:-hop] > least)
+    return float(np.linalg.norm(shape[hop:] - shape[:-hop], axis=1)[goes_on].max(initial=0.0))
+
+
 def centre_change(log: Log) -> float:
     """Return how far the centre of pressure of a pad moves in eight scans at most, in taxels."""
     moves = [0.0]
@@ -61,6 +73,7 @@ LOG_RULES: dict[str, Callable[[Log], float]] = {
     "median change": median_change,
     "norm change": norm_change,
     "load fall": load_fall,
+    "shape change": shape_change,
     "centre of pressure": centre_change,
 }
 

@@ -3,12 +3,15 @@
 import csv
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
 import numpy as np
+from scipy.signal import medfilt
 
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
+from tactiled.array import FloatArray
 
 
 def fabric_slide(folder: Path) -> Iterator[Log]:
@@ -143,20 +146,70 @@ def optical_finger(folder: Path) -> Iterator[Log]:
         yield Log(path.stem, path.stem, table[:, 5], table[:, 1:5], forces=forces)
 
 
+_HAND_COLUMNS = slice(15, 18)  # of robot_state.csv: place of the hand
+_MARKERS = (
+    slice(0, 7),
+    slice(7, 14),
+)  # of marker.csv: place and quaternion, from a camera that the hand holds
+_MOVES_M, _SEEN_M = 0.01, 1.0  # the hand has left the table; a marker is nearer than that
+_HELD = 0.3  # of the largest load
+_RESTS_DEG, _SLIPS_DEG = 5.0, 10.0  # largest turn of a box that is held, and least of one that slips
+
+
 def uskin(folder: Path) -> Iterator[Log]:
-    """Boxes that two fingers hold and a robot moves, until some are dropped; rows spread over the run."""
+    """Boxes that two fingers hold and a robot moves, and that turn in the hand or do not.
+
+    The turn is that of a marker on the box. Left out are runs in which none is seen, and turns of 5 to 10
+    degrees.
+    """
+    for path, log in _uskin_runs(folder):
+        load = (log.readings[:, 2::3] - log.readings[0, 2::3]).sum(axis=1)
+        ends_s = log.time_s[np.flatnonzero(load > _HELD * load.max())[-1]]
+        hand = rows(path.with_name("robot_state.csv"), header=True)[:, _HAND_COLUMNS]
+        markers = rows(path.with_name("marker.csv"), header=True)
+        time_s = np.linspace(0.0, log.time_s[-1], len(hand))
+        starts_s = time_s[np.argmax(np.linalg.norm(hand - hand[0], axis=1) > _MOVES_M)]
+        _, turn_deg = max(_turn_deg(markers[:, one], time_s, starts_s, ends_s) for one in _MARKERS)
+        if turn_deg < _RESTS_DEG or turn_deg >= _SLIPS_DEG:
+            yield replace(log, label=turn_deg >= _SLIPS_DEG)
+
+
+def _turn_deg(poses: FloatArray, time_s: FloatArray, starts_s: float, ends_s: float) -> tuple[int, float]:
+    """Return in how many frames a hold shows a marker, and its largest turn (median of 7) since the lift."""
+    is_new = np.append(True, (np.diff(poses, axis=0) != 0).any(axis=1))  # a marker that is not seen stays
+    seen = is_new & (np.abs(poses[:, :3]).max(axis=1) < _SEEN_M) & poses[:, 3:].any(axis=1)
+    time_s, turns = time_s[seen], poses[seen, 3:]
+    before = turns[(time_s > starts_s - 1.0) & (time_s < starts_s)]
+    held = turns[(time_s > starts_s) & (time_s < ends_s)]
+    if len(before) < 3 or len(held) < 8:
+        return 0, float("nan")
+    rest = (before * np.sign(before @ before[0])[:, np.newaxis]).sum(axis=0)  # q and -q are one turn
+    cosine = np.abs(held @ rest) / (np.linalg.norm(held, axis=1) * np.linalg.norm(rest))
+    return len(held), float(medfilt(np.degrees(2.0 * np.arccos(np.minimum(cosine, 1.0))), 7).max())
+
+
+def uskin_drops(folder: Path) -> Iterator[Log]:
+    """Boxes that two fingers hold and a robot moves, until some are dropped."""
+    return (log for _, log in _uskin_runs(folder))
+
+
+def _uskin_runs(folder: Path) -> Iterator[tuple[Path, Log]]:
+    """Yield each run with the path of its table; rows are spread over the run."""
     for path in sorted(folder.glob("t*/data_sample_*/meta_data.csv")):
         with path.open(newline="", encoding="utf-8") as file:
             about = next(csv.DictReader(file))
         fingers = [rows(path.with_name(f"xela_sensor{finger}.csv"), header=True) for finger in (1, 2)]
         n = min(map(len, fingers))
         begin, end = (datetime.fromisoformat(about[key]) for key in ("start_time", "stop_time"))
-        yield Log(
-            path.parent.name,
-            about["object_name"],
-            np.linspace(0.0, (end - begin).total_seconds(), n),
-            np.hstack([finger[:n] for finger in fingers]),
-            label=about["dropped"] == "1",
+        yield (
+            path,
+            Log(
+                path.parent.name,
+                about["object_name"],
+                np.linspace(0.0, (end - begin).total_seconds(), n),
+                np.hstack([finger[:n] for finger in fingers]),
+                label=about["dropped"] == "1",
+            ),
         )
 
 
@@ -208,6 +261,7 @@ READERS: dict[str, Callable[[Path], Iterator[Log]]] = {
     "velostat": velostat,
     "tactileforce": optical_finger,
     "uSkin": uskin,
+    "uSkin drops": uskin_drops,
     "TAMS array": tams,
     "iCub": icub,
 }
