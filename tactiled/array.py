@@ -49,7 +49,7 @@ _AXES_DEG = Field(
 _FACING = Field(
     default=False,
     description="true for a finger that faces the first one across an object: its own y axis, and the order "
-    "of its rows, are against those of the array, whose places are as seen through the object",
+    "of its rows, are against those of the array",
 )
 
 
@@ -227,6 +227,7 @@ class Array:
     x_mm: FloatArray
     y_mm: FloatArray
     pad: NDArray[np.int64]  # (taxels,): number of the rigid pad that a taxel belongs to
+    faces: NDArray[np.bool_]  # (taxels,): on a finger that faces the first one
     channel_taxel: NDArray[np.int64]  # (channels,)
     channel_kind: tuple[Kind, ...]  # one for each channel
     channel_name: tuple[str, ...]  # one for each channel
@@ -341,6 +342,18 @@ class Array:
         weights[1, self.channel_taxel, channels] = feels_along * np.sin(azimuth).round(15)
         return weights * self.sign + 0.0  # + 0.0 turns -0 into 0
 
+    def from_centre_mm(self) -> FloatArray:
+        """Return the places (2, taxels) from the point about which an object turns.
+
+        It is the centre of the array or, of fingers that face each other, of each pad, which the axis of the
+        grip goes through.
+        """
+        places = np.stack([self.x_mm, self.y_mm])
+        pad = self.pad if self.faces.any() else np.zeros_like(self.pad)
+        for number in np.unique(pad):
+            places[:, pad == number] -= places[:, pad == number].mean(axis=1, keepdims=True)
+        return places
+
     def normal_weights(self) -> NDArray[np.float64]:
         """Return the weights that convert channels to the pressure response of each taxel.
 
@@ -404,6 +417,7 @@ def build(file: ArrayFile) -> Array:
         x_mm=x_mm.astype(np.float64),
         y_mm=y_mm.astype(np.float64),
         pad=pad.astype(np.int64),
+        faces=faces,
         channel_taxel=taxel,
         channel_kind=tuple(c.kind for c in channels),
         channel_name=tuple(f"t{c.taxel}.{c.name}" for c in channels),

@@ -235,6 +235,7 @@ def test_a_facing_pad_is_a_mirror_image_of_the_first() -> None:
     felt = np.tile([1.0, 2.0, 5.0, 1.0, -2.0, 5.0], (4, 1)).reshape(4, 2, 3).swapaxes(0, 1).ravel()
     np.testing.assert_allclose(array.shear_weights() @ felt, np.outer([1.0, 2.0], np.ones(8)), atol=1e-12)
     np.testing.assert_allclose(array.normal_weights() @ felt, np.full(8, 5.0))
+    np.testing.assert_array_equal(array.from_centre_mm()[:, 4:], [[-2, 2, -2, 2], [2, 2, -2, -2]])
     listed = array_of(
         taxels=[{"x_mm": x, "y_mm": y, "pad": 1, "facing": True} for y in (4.0, 0.0) for x in (0.0, 4.0)],
         taxel_channels=xyz,

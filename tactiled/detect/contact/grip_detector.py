@@ -117,10 +117,10 @@ class GripDetector:
         self._params = params or GripParams()
         self.can_tell = array.measures_ratio
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
-        x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
+        from_centre = array.from_centre_mm()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
-        self._radius_mm = float(np.hypot(x, y).mean()) or 1.0
-        self._places = np.stack([x, y]) / self._radius_mm
+        self._radius_mm = float(np.hypot(*from_centre).mean()) or 1.0
+        self._places = from_centre / self._radius_mm
         self._least_load = _CONTACT_RANGE * array.full_scale
         self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
         self.reset()

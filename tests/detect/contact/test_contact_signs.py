@@ -159,7 +159,7 @@ def test_loads_that_are_equal_say_nothing_of_the_shears() -> None:
 
 
 def test_ripple_travels_within_a_pad() -> None:
-    """Fingers that face each other have the same places; a taxel alone on its pad has no neighbour."""
+    """Fingers that face each other lie about one axis; a taxel alone on its pad has no neighbour."""
     one, two = Signs(X, Y, LOOK_S), Signs([*X, *X, 0.0], [*Y, *Y, 0.0], LOOK_S, 1.0, [0] * 9 + [1] * 9 + [2])
     pairs = np.array(one.pairs).reshape(-1, 2)
     assert len(pairs) == 12
