@@ -23,9 +23,10 @@ from bench.recordings.rules import (
     load_fall,
     median_change,
     ridge_of_resistance,
+    shape_change,
     strongest_line_hz,
 )
-from bench.recordings.sources import READERS
+from bench.recordings.sources import READERS, uskin, uskin_drops
 from tactiled.array import ArrayFile, TaxelChannel, build
 from tactiled.errors import DataError
 
@@ -159,6 +160,40 @@ def test_a_load_that_falls_away() -> None:
     time_s = np.arange(300) / 100.0
     assert load_fall(Log("held", "box", time_s, held)) == 0.0
     assert load_fall(Log("dropped", "box", time_s, dropped)) == 1.0
+
+
+def test_a_load_that_moves_changes_the_shape_and_one_that_grows_does_not() -> None:
+    press = log(change=5.0)
+    moved = press.readings + np.outer(np.clip(press.time_s - 2.0, 0, 0.5), [4.0, -4.0, 4.0, -4.0])
+    assert shape_change(press) == pytest.approx(0.0, abs=1e-9)
+    assert shape_change(replace(press, readings=moved)) > 0.3
+
+
+def test_a_box_slips_where_a_camera_in_the_hand_sees_it_turn(tmp_path: Path) -> None:
+    """Runs of 10 s: held from 2 s on, lifted from 4 s on; it turns from 6 s to 7 s. Outliers do not count."""
+    time_s = np.linspace(0.0, 10.0, 400)
+    readings = np.outer(np.clip(time_s - 2.0, 0, 1), np.tile([0.0, 0.0, 900.0], 16)) + 30000.0
+    hand = np.zeros((400, 22))
+    hand[:, 17] = 0.1 * np.clip(time_s - 4.0, 0, 1)
+    rng = np.random.default_rng(0)
+    for name, turn_deg in (("rests", 1.0), ("between", 7.0), ("slips", -20.0), ("unseen", 0.0)):
+        half = np.deg2rad(turn_deg * np.clip(time_s - 6.0, 0, 1)) / 2
+        seen = np.zeros((400, 14))
+        if name != "unseen":
+            seen[:, :3] = [0.0, 0.0, 0.2] + 1e-4 * rng.normal(size=(400, 3))
+            seen[:, 5], seen[:, 6] = np.sin(half), np.cos(half)
+            seen[::2, 3:7] *= -1.0
+            seen[::50, :7] = [9.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        run = tmp_path / "train" / f"data_sample_{name}"
+        run.mkdir(parents=True)
+        for file, table in (("xela_sensor1", readings), ("xela_sensor2", readings), ("robot_state", hand)):
+            np.savetxt(run / f"{file}.csv", table, delimiter=",", header="x", comments="")
+        np.savetxt(run / "marker.csv", seen, delimiter=",", header="x", comments="")
+        about = "7,0,2021-11-24 15:19:09.0,2021-11-24 15:19:19.0"
+        (run / "meta_data.csv").write_text(f"object_name,dropped,start_time,stop_time\n{about}\n")
+    found = {one.name.removeprefix("data_sample_"): one.label for one in uskin(tmp_path)}
+    assert found == {"rests": False, "slips": True}
+    assert [one.label for one in uskin_drops(tmp_path)] == [False] * 4
 
 
 def test_a_contact_that_is_over_was_lost() -> None:
