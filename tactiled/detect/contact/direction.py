@@ -50,7 +50,8 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     change = now.sum(axis=1) - totals
     start = int(np.argmax((change**2).sum(axis=1)))
     before = shears[max(0, start - n_averaged + 1) : start + n_averaged].mean(axis=0)
-    size = float(np.hypot(*(now - before).sum(axis=1)))
+    # Not np.hypot, which is the C library's: its last bit depends on the processor.
+    size = math.hypot(*(now - before).sum(axis=1))
     load = contact.load
     turns = abs(contact.moment / load) > math.hypot(contact.total_x / load, contact.total_y / load)
     if size <= 1e-9 or turns:
@@ -70,7 +71,7 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
 def opposed(contact: ContactFilter, shears: FloatArray) -> Direction:
     """Return the direction that the shears (scans, 2, taxels) oppose: that of a contact that slides."""
     now = shears.mean(axis=0)
-    if np.hypot(*now.sum(axis=1)) <= 1e-9:
+    if math.hypot(*now.sum(axis=1)) <= 1e-9:
         return Direction(0.0, UNKNOWN_SD_DEG)
     return _opposed_to(now.sum(axis=1), _spread(now, contact))
 

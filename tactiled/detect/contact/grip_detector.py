@@ -119,7 +119,7 @@ class GripDetector:
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
         from_centre = array.from_centre_mm()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
-        self._radius_mm = float(np.hypot(*from_centre).mean()) or 1.0
+        self._radius_mm = float(np.sqrt((from_centre**2).sum(axis=0)).mean()) or 1.0
         self._places = from_centre / self._radius_mm
         self._least_load = _CONTACT_RANGE * array.full_scale
         self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm

@@ -169,5 +169,5 @@ def _slipping_taxels(contact: ContactFilter, shear: FloatArray) -> list[int]:
     Where a tenth of the contact slips, so does the taxel that uses most, if no other.
     """
     load = np.maximum(np.array(contact.signs.scan_load) / contact.signs.total_load, _LEAST_PART)
-    used = np.where(load > _LEAST_PART, np.hypot(*shear) / load / contact.own_friction[1], 0.0)
+    used = np.where(load > _LEAST_PART, np.sqrt((shear**2).sum(axis=0)) / load / contact.own_friction[1], 0.0)
     return np.flatnonzero(used >= min(INCIPIENT_USED, used.max())).tolist()
