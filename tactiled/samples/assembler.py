@@ -311,13 +311,18 @@ class Assembler:
         board_s = counter.board_s
         fit.add(board_s, now_s, waited_s, whole=self._whole, whole_by_s=whole_by_s)
         time_s, sd_s = fit.time_of(board_s)
+        lead_s = time_s - now_s
+        if is_ahead := lead_s >= self.LARGEST_LEAD_S:
+            # The host was suspended, and its clock stood still. Left as it is, this instant would hold those
+            # of later scans until the host's clock has reached it.
+            time_s, sd_s = now_s, max(sd_s, lead_s)
         # A better fit may move instants back, but instants of successive scans never decrease.
         time_s = max(time_s, self._not_before_s)
         self._not_before_s = time_s + self.LEAST_STEP_S
         self._newest_s, self._newest_sd_s = time_s, sd_s
         age_s = now_s - time_s
-        # An instant in the future is wrong, and the scan is as unfit to act on as a late one.
-        fresh = -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
+        # The instant of a scan that was ahead is a guess: it is as unfit to act on as a late one.
+        fresh = not is_ahead and -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
         counter.waited_s = max(age_s, 0.0)
         if age_s > self._params.late_after_s:
             self._is_confirmed = False

@@ -175,6 +175,28 @@ def test_scans_with_future_times_are_late() -> None:
     assert block.late[0]
 
 
+@pytest.mark.parametrize("asleep_s", [0.3, 10.0, 700.0, 3600.0, 9000.0])
+def test_scans_are_fresh_soon_after_a_suspend_of_the_host(asleep_s: float) -> None:
+    """The board goes on while the host's monotonic clock stands still; what it sent meanwhile is lost."""
+    target = assembler()
+    feed(target, list(range(300)))
+    first = 300 + round(100 * asleep_s)
+    stamps: list[tuple[float, bool]] = []
+    for number in range(first, first + 200):
+        target.scan(scan(number), 50.0 + 0.01 * number - asleep_s + LATENCY_S)
+        stamps += [
+            stamp
+            for item in flush(target)
+            if isinstance(item, ScanBlock)
+            for stamp in zip(item.time_s.tolist(), item.late.tolist(), strict=True)
+        ]
+    times_s = np.array([time_s for time_s, _ in stamps])
+    assert np.all(np.diff(times_s) > 0)
+    assert times_s[0] > 52.99
+    assert not any(is_late for _, is_late in stamps[10:])
+    assert times_s[10:] == pytest.approx(53.0 + 0.01 * np.arange(10, 200), abs=2e-3)
+
+
 def test_stop_and_start_is_a_gap_whatever_the_sequence_does() -> None:
     target = assembler()
     feed(target, list(range(100)))
