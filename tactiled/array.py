@@ -343,11 +343,7 @@ class Array:
         return weights * self.sign + 0.0  # + 0.0 turns -0 into 0
 
     def from_centre_mm(self) -> FloatArray:
-        """Return the places (2, taxels) from the point about which an object turns.
-
-        It is the centre of the array or, of fingers that face each other, of each pad, which the axis of the
-        grip goes through.
-        """
+        """Return places (2, taxels) from the axis of turns: the centre, or that of each of facing pads."""
         places = np.stack([self.x_mm, self.y_mm])
         pad = self.pad if self.faces.any() else np.zeros_like(self.pad)
         for number in np.unique(pad):

@@ -14,8 +14,7 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
-# By which a mirror image must correlate better than a turn; a smaller angle of the axes is that of mounting.
-_CLEARLY, _ALONG_DEG = 0.1, 45.0
+_CLEARLY = 0.1  # by which a mirror image must correlate better than a turn
 
 
 # Readings of which the summary is computed: every scan of a log of 19 minutes of 36 channels at 100 Hz
@@ -216,14 +215,10 @@ def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
         excess = abs(mirrored) - abs(turned)
         if max(abs(turned), abs(mirrored)) < _OPPOSED or (excess < _CLEARLY and turned.real >= 0):
             continue
-        is_facing = excess > -_CLEARLY
-        angle_deg = np.degrees(np.angle(mirrored if is_facing else turned)) % 360
-        advice = []
-        if is_facing:
-            advice.append("write `facing = true` in its grid if these are fingers that face each other")
-        if not is_facing or _ALONG_DEG < angle_deg < 360 - _ALONG_DEG:
-            advice.append(f"turn its axes by about {angle_deg:.0f} deg (`axes_deg`)")
-        yield f"shear of pad {number} opposes that of pad 0, and the two cancel: {', and '.join(advice)}"
+        advice = f"turn its axes by about {np.degrees(np.angle(turned)) % 360:.0f} deg (`axes_deg`)"
+        if excess > -_CLEARLY:
+            advice = "write `facing = true` in its grid if these are fingers that face each other"
+        yield f"shear of pad {number} opposes that of pad 0, and the two cancel: {advice}"
 
 
 def _range_used(tally: LogTally) -> str:

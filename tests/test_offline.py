@@ -476,7 +476,8 @@ def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
     [
         ({}, [1, -1], "write `facing = true` in its grid if these are fingers that face each other"),
         ({"facing": True}, [1, -1], ""),
-        ({}, [-1, 1], "that face each other, and turn its axes by about 180 deg (`axes_deg`)"),
+        ({}, [-1, 1], "write `facing = true` in its grid if these are fingers that face each other"),
+        ({"facing": True}, [-1, 1], "the two cancel: turn its axes by about 180 deg (`axes_deg`)"),
         ({"facing": True, "axes_deg": 180}, [-1, 1], ""),
         ({}, [-1, -1], "the two cancel: turn its axes by about 180 deg (`axes_deg`)"),
         ({"axes_deg": 180}, [-1, -1], ""),

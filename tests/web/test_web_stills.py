@@ -45,7 +45,7 @@ STILLS = {
                  then="gap"),
     "uncalibrated": Still(9, (HOLDING_S,), "It is held; forces are not known, since nothing is calibrated.",
                           "Holding$", forces=False),
-    "no board": Still(1, (HOLDING_S,), "No board is plugged in.", "No such port", "none", "gone"),
+    "no board": Still(1, (HOLDING_S,), "No board is plugged in.", "Is the board plugged in", "none", "gone"),
     "two boards": Still(7, (HOLDING_S, GROSS_S), "Two boards: one holds, the other slips.", "Holding$"),
     "recording": Still(5, (), "A recording, not live: it slips at this instant.", "Slipping", "replay"),
 }  # fmt: skip

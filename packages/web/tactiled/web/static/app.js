@@ -140,7 +140,7 @@ async function start() {
   list.hidden = !session.recordings && !query;
   list.onclick = listRecordings;
   if (session.ok === false) { document.getElementById("waiting").textContent = session.reason; return; }
-  document.getElementById("subtitle").textContent = session.replay === null ? "live" : `recording ${session.replay.name}`;
+  document.getElementById("subtitle").textContent = session.replay === null ? "" : `recording ${session.replay.name}`;
   if (session.replay === null) {
     connect(clock, onFrame, (open) => { connected = open; });
   } else {

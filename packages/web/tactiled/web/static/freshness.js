@@ -38,7 +38,7 @@ export function freshness(board, now, connected) {
       words: `No status for ${silent.toFixed(1)} s: is tactiled running, and does this browser keep up?` };
   }
   if (behind > 1) return { state: "stale", word: "STALE", age: null, words: "Messages carry instants in the future: compare the clocks of the hosts." };
-  if (status.state === "no-device") return { state: "none", word: "NO BOARD", age: scanAge, words: sentence(status.reason) };
+  if (status.state === "no-device") return { state: "none", word: "NO BOARD", age: scanAge, words: (/no such port/.test(status.reason) ? "Is the board plugged in? " : "") + sentence(status.reason) };
   if (!status.valid) return { state: "stale", word: "STALE", age: scanAge, words: sentence(`${status.state}: ${status.reason}`) };
   const period = status.rate_hz > 0 ? 1 / status.rate_hz : 0;
   const late = Math.max(LATE_S, PERIODS * period);

@@ -114,8 +114,8 @@ export class BoardPanel {
     at.lamp.dataset.level = said.level;
     put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now).slice(0, 10)) : ageWords(lamp.age));
     put(at.advice, said.sentence);
-    const slips = said.level === "gross" || said.level === "partial"; // a warning on the host can wait
-    put(at.sure, live && lamp.words && !slips ? lamp.words : said.sure);
+    const calm = said.level === "good" || said.level === "free"; // else a warning on the host can wait
+    put(at.sure, live && lamp.words && calm ? lamp.words : said.sure);
     if (at.sure.title !== at.sure.textContent) at.sure.title = at.sure.textContent; // it may be cut off
     if (at.advice.title !== said.sentence) at.advice.title = said.sentence;
     put(at.name, board.name || "no board yet");
@@ -151,7 +151,7 @@ export class BoardPanel {
     drawBar(at.bar, held);
     facts(at.margin, [
       ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
-      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : this.board.calibrated() === null ? "not calibrated" : "not in newtons"],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : this.board.calibrated() === null ? "not calibrated" : NONE],
     ]);
   }
 
