@@ -46,11 +46,6 @@ _OWN_AZIMUTH_DEG = {"shear_x": 0.0, "shear_y": 90.0, "normal": float("nan")}
 _AXES_DEG = Field(
     default=0.0, ge=-360, le=360, description="direction of the pad's own x axis; turns channels, not places"
 )
-_FACING = Field(
-    default=False,
-    description="true for a finger that faces the first one across an object: its own y axis, and the order "
-    "of its rows, are against those of the array",
-)
 
 
 # A robot's whole skin; squares of such places are exact enough.
@@ -63,7 +58,6 @@ class Grid(Params):
     x_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the columns")
     y_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the rows")
     axes_deg: float = _AXES_DEG
-    facing: bool = _FACING
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:
@@ -80,7 +74,6 @@ class TaxelPlace(Params):
     y_mm: _PlaceMm
     pad: int = Field(default=0, ge=0, description="taxels of one rigid pad share a number")
     axes_deg: float = _AXES_DEG
-    facing: bool = _FACING
 
 
 class ContactLevels(Params):
@@ -227,7 +220,6 @@ class Array:
     x_mm: FloatArray
     y_mm: FloatArray
     pad: NDArray[np.int64]  # (taxels,): number of the rigid pad that a taxel belongs to
-    faces: NDArray[np.bool_]  # (taxels,): on a finger that faces the first one
     channel_taxel: NDArray[np.int64]  # (channels,)
     channel_kind: tuple[Kind, ...]  # one for each channel
     channel_name: tuple[str, ...]  # one for each channel
@@ -342,14 +334,6 @@ class Array:
         weights[1, self.channel_taxel, channels] = feels_along * np.sin(azimuth).round(15)
         return weights * self.sign + 0.0  # + 0.0 turns -0 into 0
 
-    def from_centre_mm(self) -> FloatArray:
-        """Return places (2, taxels) from the axis of turns: the centre, or that of each of facing pads."""
-        places = np.stack([self.x_mm, self.y_mm])
-        pad = self.pad if self.faces.any() else np.zeros_like(self.pad)
-        for number in np.unique(pad):
-            places[:, pad == number] -= places[:, pad == number].mean(axis=1, keepdims=True)
-        return places
-
     def normal_weights(self) -> NDArray[np.float64]:
         """Return the weights that convert channels to the pressure response of each taxel.
 
@@ -388,17 +372,12 @@ class Array:
 def build(file: ArrayFile) -> Array:
     """Make an array from a checked file."""
     if file.grids:
-        places = [
-            (x, y, pad, g.axes_deg, g.facing)
-            for pad, g in enumerate(file.grids)
-            for y in (reversed(g.y_mm) if g.facing else g.y_mm)
-            for x in g.x_mm
-        ]
+        places = [(x, y, pad, g.axes_deg) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
     elif file.taxels:
-        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg, t.facing) for t in file.taxels]
+        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg) for t in file.taxels]
     else:
-        places = [(0.0, 0.0, 0, 0.0, False)] * file.n_taxels
-    x_mm, y_mm, pad, axes_deg, faces = map(np.array, zip(*places, strict=True))
+        places = [(0.0, 0.0, 0, 0.0)] * file.n_taxels
+    x_mm, y_mm, pad, axes_deg = map(np.array, zip(*places, strict=True))
     channels = file.channels or [
         Channel(taxel=taxel, **template.model_dump())
         for taxel in range(len(places))
@@ -413,11 +392,10 @@ def build(file: ArrayFile) -> Array:
         x_mm=x_mm.astype(np.float64),
         y_mm=y_mm.astype(np.float64),
         pad=pad.astype(np.int64),
-        faces=faces,
         channel_taxel=taxel,
         channel_kind=tuple(c.kind for c in channels),
         channel_name=tuple(f"t{c.taxel}.{c.name}" for c in channels),
-        azimuth_deg=(np.where(faces[taxel], -azimuth_deg, azimuth_deg) + axes_deg[taxel]) % 360.0,
+        azimuth_deg=(azimuth_deg + axes_deg[taxel]) % 360.0,
         sign=np.array([float(c.sign) for c in channels]),
         has_places=file.taxel_count is None,
         unit=file.unit,

@@ -14,7 +14,6 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
-_CLEARLY = 0.1  # by which a mirror image must correlate better than a turn
 
 
 # Readings of which the summary is computed: every scan of a log of 19 minutes of 36 channels at 100 Hz
@@ -198,11 +197,7 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
 
 
 def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
-    """Yield a line for each pad whose shear opposes, or mirrors, that of the first one.
-
-    Fingers that face each other are mirror images: a pull along one axis of both is, across it, along that of
-    one and against that of the other. A pull along one line does not tell that from a pad that is turned.
-    """
+    """Yield a line for each pad whose shear opposes that of the first one."""
     weights = array.shear_weights()
     shear = []
     for pad in sorted(set(array.pad.tolist())):
@@ -211,14 +206,13 @@ def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
         shear.append(felt[:, 0] + 1j * felt[:, 1])
     for number, of_pad in enumerate(shear[1:], start=1):
         size = float(np.sqrt(np.vdot(of_pad, of_pad).real * np.vdot(shear[0], shear[0]).real))
-        turned, mirrored = (np.vdot(one, shear[0]) / max(size, 1e-300) for one in (of_pad, of_pad.conj()))
-        excess = abs(mirrored) - abs(turned)
-        if max(abs(turned), abs(mirrored)) < _OPPOSED or (excess < _CLEARLY and turned.real >= 0):
-            continue
-        advice = f"turn its axes by about {np.degrees(np.angle(turned)) % 360:.0f} deg (`axes_deg`)"
-        if excess > -_CLEARLY:
-            advice = "write `facing = true` in its grid if these are fingers that face each other"
-        yield f"shear of pad {number} opposes that of pad 0, and the two cancel: {advice}"
+        agreement = np.vdot(of_pad, shear[0]) / size if size > 0 else 0.0
+        if abs(agreement) > _OPPOSED and agreement.real < 0:
+            yield (
+                f"shear of pad {number} opposes that of pad 0, and the two cancel: if these are fingers that "
+                f"face each other, turn its axes by about {np.degrees(np.angle(agreement)) % 360:.0f} deg "
+                "(`axes_deg` in its grid)"
+            )
 
 
 def _range_used(tally: LogTally) -> str:

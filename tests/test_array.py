@@ -222,22 +222,3 @@ def test_an_array_is_loaded_from_a_path(tmp_path: Path) -> None:
     assert load_array(str(path)).n_taxels == 16
     with pytest.raises(ConfigError, match=r"lap\.toml: no such file; beside it there are: lab"):
         load_array(str(tmp_path / "lap.toml"))
-
-
-def test_a_facing_pad_is_a_mirror_image_of_the_first() -> None:
-    """One force on an object between two fingers, and one moment about the axis of the grip, add up."""
-    pad = {"x_mm": [0.0, 4.0], "y_mm": [0.0, 4.0]}
-    xyz = [{"name": kind, "kind": kind} for kind in ("shear_x", "shear_y", "normal")]
-    array = array_of(grids=[pad, {**pad, "facing": True}], taxel_channels=xyz)
-    own_row = np.array([0.0, 0.0, 4.0, 4.0])
-    assert array.x_mm.tolist() == [0.0, 4.0] * 4
-    assert array.y_mm.tolist() == [*own_row, *(4.0 - own_row)]
-    felt = np.tile([1.0, 2.0, 5.0, 1.0, -2.0, 5.0], (4, 1)).reshape(4, 2, 3).swapaxes(0, 1).ravel()
-    np.testing.assert_allclose(array.shear_weights() @ felt, np.outer([1.0, 2.0], np.ones(8)), atol=1e-12)
-    np.testing.assert_allclose(array.normal_weights() @ felt, np.full(8, 5.0))
-    np.testing.assert_array_equal(array.from_centre_mm()[:, 4:], [[-2, 2, -2, 2], [2, 2, -2, -2]])
-    listed = array_of(
-        taxels=[{"x_mm": x, "y_mm": y, "pad": 1, "facing": True} for y in (4.0, 0.0) for x in (0.0, 4.0)],
-        taxel_channels=xyz,
-    )
-    np.testing.assert_array_equal(listed.shear_weights(), array.shear_weights()[:, 4:, 12:])

@@ -471,43 +471,24 @@ def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
         detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
 
 
-@pytest.mark.parametrize(
-    ("second", "felt", "advice"),
-    [
-        ({}, [1, -1], "write `facing = true` in its grid if these are fingers that face each other"),
-        ({"facing": True}, [1, -1], ""),
-        ({}, [-1, 1], "write `facing = true` in its grid if these are fingers that face each other"),
-        ({"facing": True}, [-1, 1], "the two cancel: turn its axes by about 180 deg (`axes_deg`)"),
-        ({"facing": True, "axes_deg": 180}, [-1, 1], ""),
-        ({}, [-1, -1], "the two cancel: turn its axes by about 180 deg (`axes_deg`)"),
-        ({"axes_deg": 180}, [-1, -1], ""),
-    ],
-)
-def test_pads_whose_shear_cancels_are_named(second: dict[str, object], felt: list[int], advice: str) -> None:
-    """An object is pulled along both axes of one pad, and the other one feels the same with other signs."""
-    pull = np.stack([np.sin(np.arange(100) / 5), np.cos(np.arange(100) / 3)], axis=1)
-    said = said_of_fingers(second, np.hstack([pull, felt * pull]))
-    assert [line.endswith(advice) for line in said] == ([True] if advice else [])
-
-
-@pytest.mark.parametrize("second", [{}, {"facing": True}])
-def test_a_pull_along_one_line_is_none_of_mirrored_pads(second: dict[str, object]) -> None:
-    pull = np.outer(np.sin(np.arange(100) / 5), [1.0, 0.0, 1.0, 0.0])
-    assert not said_of_fingers(second, pull + np.random.default_rng(0).normal(0, 0.1, (100, 4)))
-
-
-def said_of_fingers(second: dict[str, object], readings: FloatArray) -> list[str]:
-    """Lines on two pads of one taxel with shear along x and y, whose shear opposes each other."""
-    place = {"x_mm": [0.0], "y_mm": [0.0]}
+@pytest.mark.parametrize("turned_deg", [0, 180])
+def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
+    """One object between two fingers pulls the pads in opposite directions of their own axes."""
+    pull = np.sin(np.arange(100) / 5)
+    readings = np.outer(pull, [1.0, -1.0]) + np.random.default_rng(0).normal(0, 0.1, (100, 2))
     table = {
         "name": "fingers",
-        "grids": [place, {**place, **second}],
-        "taxel_channels": [{"name": "x", "kind": "shear_x"}, {"name": "y", "kind": "shear_y"}],
+        "grids": [{"x_mm": [0.0], "y_mm": [0.0]}, {"x_mm": [0.0], "y_mm": [0.0], "axes_deg": turned_deg}],
+        "taxel_channels": [{"name": "x", "kind": "shear_x"}],
     }
-    tally = log_summary.LogTally(build(parse(table, ArrayFile, "fingers")), "log")
-    tally.add_scans(np.arange(100) / 50, readings)
-    said = log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False)
-    return [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
+    array = build(parse(table, ArrayFile, "fingers"))
+    time_s = np.arange(100) / 50
+    tally = log_summary.LogTally(array, "log")
+    tally.add_scans(time_s, readings)
+    said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
+    opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
+    assert len(opposed) == (turned_deg == 0)
+    assert all("by about 180 deg" in line for line in opposed)
 
 
 def said_of_a_pad(readings: FloatArray) -> list[str]:

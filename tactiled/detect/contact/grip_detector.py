@@ -117,10 +117,10 @@ class GripDetector:
         self._params = params or GripParams()
         self.can_tell = array.measures_ratio
         self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
-        from_centre = array.from_centre_mm()
+        x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
-        self._radius_mm = float(np.sqrt((from_centre**2).sum(axis=0)).mean()) or 1.0
-        self._places = from_centre / self._radius_mm
+        self._radius_mm = float(np.sqrt(x**2 + y**2).mean()) or 1.0
+        self._places = np.stack([x, y]) / self._radius_mm
         self._least_load = _CONTACT_RANGE * array.full_scale
         self._stated: tuple[float, float] | None = None  # friction from outside, and the sd of its logarithm
         self.reset()
@@ -162,7 +162,7 @@ class GripDetector:
         self._ripple = TravellingRipple(array, rate_hz)
         self._slips = PosteriorSlips(rate_hz)
         self._filter = ContactFilter(
-            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction, array.pad.tolist()),
+            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),
             self._learnt,
             rate_hz,
             *self._prior(),

@@ -84,8 +84,6 @@ class Signs:
         Places of the taxels from their mean, over their mean distance from it.
     shear_per_friction : float
         Reading of shear over that of load at a friction of 1.
-    pads : sequence of int
-        Pad of each taxel; empty for a single pad. A ripple travels within a pad.
 
     Attributes
     ----------
@@ -111,7 +109,6 @@ class Signs:
         y: Sequence[float],
         look_s: float,
         shear_per_friction: float = 1.0,
-        pads: Sequence[int] = (),
     ) -> None:
         n = len(x)
         self.n_taxels = n
@@ -138,7 +135,7 @@ class Signs:
         self.since = _zeros(len(_PARTS))
         self.past_log_ratio, self.past_log_load = _zeros(self.length), _zeros(self.length)
         self.parts_x, self.parts_y = _zeros(self.length * n), _zeros(self.length * n)
-        self.pairs = array("q", _neighbours(x, y, pads or [0] * n))
+        self.pairs = array("q", _neighbours(x, y))
         self.fast, self.slow, self.lag, self.power = _zeros(n), _zeros(n), _zeros(n), _zeros(n)
         self.turns = _zeros(len(self.pairs) // 2)
         self.keep_fast, self.keep_slow, self.keep_mean = (
@@ -484,21 +481,19 @@ def detail_taps(level: int) -> list[float]:
     return cascade
 
 
-def _neighbours(x: Sequence[float], y: Sequence[float], pads: Sequence[int]) -> list[int]:
-    """Return the pairs of taxels that are next to each other on a pad, one after the other."""
+def _neighbours(x: Sequence[float], y: Sequence[float]) -> list[int]:
+    """Return the pairs of taxels that are next to each other, one after the other."""
     pairs: list[int] = []
-    places = list(zip(x, y, pads, strict=True))
-    nearest = sorted(
-        min((a - c) ** 2 + (b - d) ** 2 for j, (c, d, q) in enumerate(places) if j != i and q == p)
-        for i, (a, b, p) in enumerate(places)
-        if pads.count(p) > 1
-    )
-    if not nearest:
+    places = list(zip(x, y, strict=True))
+    if len(places) < 2:
         return pairs
-    limit = 1.5 * nearest[len(nearest) // 2]  # squared: next to, and not across
-    for i, (a, b, p) in enumerate(places):
+    nearest = [
+        min(((a - c) ** 2 + (b - d) ** 2, j) for j, (c, d) in enumerate(places) if j != i)[0]
+        for i, (a, b) in enumerate(places)
+    ]
+    limit = 1.5 * sorted(nearest)[len(nearest) // 2]  # squared: next to, and not across
+    for i, (a, b) in enumerate(places):
         for j in range(i):
-            c, d, q = places[j]
-            if q == p and (a - c) ** 2 + (b - d) ** 2 <= limit:
+            if (a - places[j][0]) ** 2 + (b - places[j][1]) ** 2 <= limit:
                 pairs += [i, j]
     return pairs

@@ -262,12 +262,17 @@ def test_a_contact_that_is_pressed_and_pulled_within_a_scan_is_told(rate_hz: flo
 @pytest.mark.parametrize("scans", [1, 20, 300])
 def test_neighbouring_channels_that_jump_are_no_slip(channels: int, jump: float, scans: int) -> None:
     """A spark beside the cable, a bit that sticks, a wire that comes loose."""
-    block = touch(0.03 * ramp(1.5, 0.5), PRESSED)
+    block = touch(0.05 * ramp(1.5, 0.5), PRESSED)
     volts = block.volts.copy()
     struck = (7 * scans + round(10 * jump) + np.arange(channels)) % ARRAY.n_channels
     volts[400 : 400 + scans, struck] = np.clip(volts[400 : 400 + scans, struck] + jump, 0, 3)
-    events = GripDetector(ARRAY, GRIP_FAST).process(regular_block(volts[:750], 100.0))
-    assert [event for event in slips(events) if event.detected_s > 3.99] == []
+    plain, events = (
+        slips(GripDetector(ARRAY, GRIP_FAST).process(regular_block(readings[:750], 100.0)))
+        for readings in (block.volts, volts)
+    )
+    assert [event.kind for event in plain] in ([], ["incipient"])  # of the rest itself, after seconds
+    assert [event.kind for event in events] in ([], [event.kind for event in plain])
+    assert all(event.detected_s > plain[0].detected_s - 0.03 for event in events)
 
 
 @pytest.mark.parametrize("volts", [None, 0.0, 2.9])

@@ -156,12 +156,3 @@ def test_loads_that_are_equal_say_nothing_of_the_shears() -> None:
     rows, _ = shown(even)
     assert np.isnan(sign(rows, "shear_load_correlation")).all()
     assert np.isnan(sign(rows, "shear_on_load")).all()
-
-
-def test_ripple_travels_within_a_pad() -> None:
-    """Fingers that face each other lie about one axis; a taxel alone on its pad has no neighbour."""
-    one, two = Signs(X, Y, LOOK_S), Signs([*X, *X, 0.0], [*Y, *Y, 0.0], LOOK_S, 1.0, [0] * 9 + [1] * 9 + [2])
-    pairs = np.array(one.pairs).reshape(-1, 2)
-    assert len(pairs) == 12
-    assert np.array_equal(np.array(two.pairs).reshape(-1, 2), [*pairs, *(pairs + 9)])
-    assert not len(Signs([0.0, 1.0], [0.0, 0.0], LOOK_S, 1.0, [0, 1]).pairs)

@@ -138,12 +138,7 @@ LATE = pytest.mark.xfail(
 
 @pytest.mark.parametrize(
     ("seed", "noise"),
-    [
-        (201, 0.3e-3),
-        (201, 10e-3),
-        pytest.param(203, 0.3e-3, marks=LATE),
-        pytest.param(203, 10e-3, marks=LATE),
-    ],
+    [(201, 0.3e-3), (201, 10e-3), (203, 0.3e-3), pytest.param(203, 10e-3, marks=LATE)],
 )
 def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -> None:
     block, truth = seen(FAMILIES["steady-slide"], seed, noise)

@@ -97,7 +97,8 @@ class CatchUp:
             self._unsent = {id_: asked for id_, asked in self._unsent.items() if asked["do"] != "state"}
             self._ask("state")
         items: list[Item] = []
-        for key in [*self._asking.values()]:  # topics with a hole: nearly always none of all that there are
+        asking = frozenset(self._asking.values())  # topics with a hole: nearly always none
+        for key in [key for key in self._lines if key in asking] if asking else []:
             line = self._lines[key]
             if now_s < line.until_s:
                 continue

@@ -78,14 +78,14 @@ class _SubscriptionBase:
 
     def _received(self, most: int) -> list[tuple[list[bytes], frozenset[str]]]:
         """Messages that have arrived, at most `most`, each with the topics of which not every one is sent."""
-        arrived = itertools.islice(iter(self._transport.receive, []), most)
+        arrived = itertools.islice(iter(self._transport.receive, []), max(0, most))
         return [(parts, self._transport.thinned) for parts in arrived]
 
     def _read(self, most: int = 1, newest_of: AbstractSet[str] = frozenset()) -> None:
         """Read the replies and at most `most` messages, then act on passed deadlines."""
         while (reply := self._transport.take_reply()) is not None:
             self._items += self._inbox.answer(reply, time.monotonic(), time.time())
-        received, self._unread = self._unread + self._received(most), []
+        received, self._unread = self._unread + self._received(most - len(self._unread)), []
         newest, replaced = {parts[0]: parts for parts, _ in received}, _endings(newest_of)
         for parts, thinned in received:
             if parts is newest[parts[0]] or not parts[0].endswith(replaced):
@@ -98,6 +98,8 @@ class _SubscriptionBase:
 
     def _wait_ms(self, until_s: float = math.inf) -> int:
         """Time to wait for a message before the next deadline, milliseconds; -1 without a deadline."""
+        if self._unread:
+            return 0
         due_s = min(self._inbox.deadline_s, until_s)
         wait_ms = -1 if due_s == math.inf else max(0, math.ceil(1000 * (due_s - time.monotonic())))
         if self._inbox.catch_up.unsent and not 0 <= wait_ms < RETRY_MS:
@@ -183,13 +185,13 @@ class Subscription(_SubscriptionBase):
         Of the topics `newest_of`, whose messages replace one another, only the newest message of each board
         is read: a program that draws now and then saves the time of the others. It does not learn which of
         these topics were lost. With `only_with`, what has arrived waits for another call while none of these
-        topics is in it: that costs a fifth of reading it.
+        topics is in it, and fewer than `most`: that costs a fifth of reading it.
         """
         if only_with:
-            self._unread += self._received(most)
-            if not any(parts[0].endswith(_endings(only_with)) for parts, _ in self._unread):
+            self._unread += self._received(most - len(self._unread))
+            is_asked = any(parts[0].endswith(_endings(only_with)) for parts, _ in self._unread)
+            if not is_asked and len(self._unread) < most:
                 return []
-            most = 0
         self._read(most, newest_of)
         items = list(self._items)
         self._items.clear()

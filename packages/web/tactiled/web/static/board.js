@@ -86,7 +86,7 @@ export class BoardModel {
   /** A message that comes with each scan; null where it is not of the newest ones: its detector has ended. */
   current(message) {
     if (message === null || this.newestScan === null) return null;
-    return this.newestScan.timestamp - message.timestamp > Math.max(CURRENT_S, CURRENT_PERIODS * this._period()) ? null : message;
+    return Math.abs(this.newestScan.timestamp - message.timestamp) > Math.max(CURRENT_S, CURRENT_PERIODS * this._period()) ? null : message;
   }
 
   /** Seconds from one scan to the next, as measured or else as configured; 0 where unknown. */
