@@ -28,8 +28,7 @@ from typing import Literal, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tactiled import compiled
-from tactiled.demo import plain_table
+from tactiled import compiled, plain_table
 from tactiled.progress import ProgressBar
 
 T = TypeVar("T")

@@ -184,7 +184,11 @@ def test_signals_end_the_daemon_cleanly(tmp_path: Path, number: signal.Signals) 
             await asyncio.wait_for(serving, PATIENCE_S)
             assert not board.sim.streaming
 
-    asyncio.run(main())
+    before = signal.signal(number, signal.SIG_DFL)  # one that nohup ignores stays ignored
+    try:
+        asyncio.run(main())
+    finally:
+        signal.signal(number, before)
 
 
 def test_a_step_of_the_wall_clock_is_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
