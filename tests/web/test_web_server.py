@@ -198,6 +198,34 @@ def test_browsers_are_bounded_and_leave_nothing(tmp_path: Path) -> None:
     serve(tmp_path, act)
 
 
+def test_every_second_turn_is_for_verdicts_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What else has arrived waits for the next frame: reading it costs more than a turn."""
+    asked: list[frozenset[str]] = []
+
+    class Noting(contextlib.AbstractContextManager["Noting"]):
+        """Subscription to which nothing comes."""
+
+        def __init__(self, *_: object, **__: object) -> None:
+            pass
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def arrived(self, _most: int, _newest_of: frozenset[str], only_with: frozenset[str]) -> list[object]:
+            asked.append(only_with)
+            return []
+
+    async def act(_session: aiohttp.ClientSession, _url: str) -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            while len(asked) < 8:
+                await asyncio.sleep(0.01)
+
+    monkeypatch.setattr(server, "Subscription", Noting)
+    serve(tmp_path, act)
+    assert asked[:8:2] == [frozenset()] * 4
+    assert all({"slip", "contact"} <= topics for topics in asked[1:8:2])
+
+
 def test_an_address_that_cannot_be_had_is_one_line(tmp_path: Path) -> None:
     async def act(session: aiohttp.ClientSession, url: str) -> None:  # noqa: ARG001
         params = Listening([], port=int(url.rstrip("/").rsplit(":", 1)[1]))
