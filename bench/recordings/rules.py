@@ -17,9 +17,8 @@ _LEVELS = 200  # thresholds that are tried, at the quantiles of the scores
 _CHANGE_S = 0.8  # of 0.05, 0.1, 0.2, 0.4 and 0.8 the best on tugs, and nearly so on electrodes
 _START_S = 0.3
 _MOVES_SCANS = 8
-_LEAST_LOAD = (
-    0.2  # of the largest: below, the centre of a pad and the shape of the channels are those of noise
-)
+# Of the largest: below, the centre of a pad and the shape of the channels are those of noise.
+_LEAST_LOAD = 0.2
 # Power of changes from scan to scan at the strongest line over the median: 22 of the 24 slides of FabricSlide
 # have more with the right line, 6 of 40 slides over other materials have more.
 _LINE_OVER_BAND = 30.0
@@ -45,7 +44,7 @@ def load_fall(log: Log) -> float:
 
 
 def shape_change(log: Log) -> float:
-    """Return the largest change in 0.8 s of the channels over their norm, which is a fifth of its top."""
+    """Return the largest change in 0.8 s of the channels over their norm, at a fifth of its top or more."""
     pressed = log.readings - _start(log)
     size = np.linalg.norm(pressed, axis=1)
     hop, least = _hop(log, _CHANGE_S), _LEAST_LOAD * size.max()

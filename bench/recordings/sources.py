@@ -147,10 +147,8 @@ def optical_finger(folder: Path) -> Iterator[Log]:
 
 
 _HAND_COLUMNS = slice(15, 18)  # of robot_state.csv: place of the hand
-_MARKERS = (
-    slice(0, 7),
-    slice(7, 14),
-)  # of marker.csv: place and quaternion, from a camera that the hand holds
+# Of marker.csv: place and quaternion, from a camera that the hand holds.
+_MARKERS = slice(0, 7), slice(7, 14)
 _MOVES_M, _SEEN_M = 0.01, 1.0  # the hand has left the table; a marker is nearer than that
 _HELD = 0.3  # of the largest load
 _RESTS_DEG, _SLIPS_DEG = 5.0, 10.0  # largest turn of a box that is held, and least of one that slips
