@@ -1,8 +1,9 @@
-"""``./run bench NAME``: measure, and print the tables of `docs/measured.md`."""
+"""``./run bench NAME``: measure, and print the tables that `docs/` shows."""
 
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 
@@ -11,27 +12,40 @@ from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-# Name of a bench to its module; each has a function `bench_NAME(progress, options)`.
+_FILTER = ("tactiled/detect/contact", "tactiled/detect/signal", "config/learnt")
+
+
+class Bench(NamedTuple):
+    """Module with a function `bench_NAME(progress, options)`, and the paths of what it measures."""
+
+    module: str
+    code: tuple[str, ...]
+
+
 BENCHES = {
-    "clock": "bench.clock",
-    "latency": "bench.latency.bench",
-    "native": "bench.native.bench",
-    "throughput": "bench.throughput.bench",
-    "slip": "bench.slip.bench",
-    "grip": "bench.grip.bench",
-    "hands": "bench.grip.hands",
-    "hold": "bench.hold.bench",
-    "texture": "bench.texture.bench",
-    "recordings": "bench.recordings.bench",
-    "web": "bench.web.bench",
-    "machine": "bench.machine.bench",
+    "clock": Bench("bench.clock", ("tactiled/samples", "tactiled/wire")),
+    "latency": Bench(
+        "bench.latency.bench", ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
+    ),
+    "native": Bench("bench.native.bench", ("protocols/cpp",)),
+    "throughput": Bench(
+        "bench.throughput.bench", ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
+    ),
+    "slip": Bench("bench.slip.bench", _FILTER),
+    "grip": Bench("bench.grip.bench", _FILTER),
+    "hands": Bench("bench.grip.hands", _FILTER),
+    "hold": Bench("bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py")),
+    "texture": Bench("bench.texture.bench", ("tactiled/detect/grooves",)),
+    "recordings": Bench("bench.recordings.bench", ("tactiled/detect", "tactiled/force", "config/learnt")),
+    "web": Bench("bench.web.bench", ("packages/web",)),
+    "machine": Bench("bench.machine.bench", ("packages/debian", "systemd", "tactiled/setup")),
 }
 
 
 @click.command()
 @click.argument("name", type=click.Choice(list(BENCHES)), metavar="NAME")
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
-@click.option("--json", "numbers", type=FILE, help="Also write commit, date, machine and tables.")
+@click.option("--json", "numbers", type=FILE, help="Also write a figure: commit, date, machine and tables.")
 @click.option("--data", type=FILES, help="recordings: folder of the checkouts.")
 def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> None:
     """Measure, and print tables of what was measured.
@@ -47,15 +61,16 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> No
     layout shifts, processor and delay of the live page in Chromium. machine: the Debian package in a
     virtual machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.
 
-    Example: ./run bench slip --quick --json slip.json
+    Example: ./run bench slip --quick --json docs/figures/slip.json
     """
     if data is not None and name != "recordings":
         raise click.UsageError("--data is for `bench recordings`")
-    measure = getattr(import_module(BENCHES[name]), f"bench_{name}")
+    measure = getattr(import_module(BENCHES[name].module), f"bench_{name}")
     with ProgressBar(f"bench {name}", None) as progress:
         sections: Sequence[str] = measure(progress, BenchOptions(quick, data))
     if numbers is not None:
-        numbers.write_text(as_json(name, quick, sections))
+        command = f"./run bench {name}{' --data DIR' * (data is not None)}{' --quick' * quick}"
+        numbers.write_text(as_json(command, BENCHES[name].code, sections), "utf-8")
     click.echo("\n\n".join(sections))
 
 

@@ -45,16 +45,18 @@ class BenchOptions:
     data: Path | None = None  # folder with data of others
 
 
-def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
-    """Return the sections, tables as rows, with name, commit, date and machine of the measurement."""
+def as_json(command: str, code: Sequence[str], sections: Sequence[str]) -> str:
+    """Return the sections, tables as rows, with command, commit, date and machine of the measurement.
+
+    `code` are the paths of what is measured: `tools.figures` marks pages where these have changed since.
+    """
     models = [
         line.partition(":")[2].strip()
         for line in Path("/proc/cpuinfo").read_text().splitlines()
         if line.startswith("model name")
     ]
     document = {
-        "bench": name,
-        "quick": is_quick,
+        "command": command,
         "commit": commit(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {
@@ -64,14 +66,26 @@ def as_json(name: str, is_quick: bool, sections: Sequence[str]) -> str:
             "python": platform.python_version(),
             "path_of_a_scan": compiled.path_words(),
         },
+        "note": None,
+        "code": list(code),
         "sections": [part.rows if isinstance(part, Table) else part for part in sections],
     }
-    return json.dumps(document)
+    return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
 
 
 def commit() -> str:
     """Commit of this checkout, with ``-dirty`` where files differ from it; nothing where it is none."""
-    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=40", "--dirty"]
+    git = [
+        "git",
+        "-C",
+        str(Path(__file__).parent),
+        "describe",
+        "--always",
+        "--abbrev=40",
+        "--dirty",
+        "--exclude",
+        "*",
+    ]
     return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
 
 

@@ -48,8 +48,8 @@ def test_aims_are_judged() -> None:
 
 
 def test_json_says_when_and_where() -> None:
-    found = json.loads(as_json("clock", False, ["a", table([{"n": "1"}])]))
-    assert (found["bench"], found["quick"]) == ("clock", False)
+    found = json.loads(as_json("./run bench clock", ["tactiled/samples"], ["a", table([{"n": "1"}])]))
+    assert (found["command"], found["code"]) == ("./run bench clock", ["tactiled/samples"])
     assert found["sections"] == ["a", [{"n": "1"}]]
     assert datetime.fromisoformat(found["date"]).tzinfo is not None
     assert found["machine"]["processors"] == os.cpu_count()
