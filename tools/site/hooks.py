@@ -6,6 +6,7 @@ from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
+from tools.figures import load_figures, with_figures
 from tools.site.pages import ROOT, repository_files, with_four_column_lists, with_links_to_pages
 from tools.site.reference import generated_pages
 
@@ -21,5 +22,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Translate what hosts of git repositories and Python-Markdown read differently."""
-    return with_four_column_lists(with_links_to_pages(markdown, ROOT / page.file.src_uri))
+    """Mark old figures; translate what hosts of git repositories and Python-Markdown read differently."""
+    current = with_figures(markdown, load_figures())
+    return with_four_column_lists(with_links_to_pages(current, ROOT / page.file.src_uri))

@@ -14,9 +14,14 @@ _PAGES = ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md", "researc
 _LINK = re.compile(r"(\]\()(?!\w+:|#)([^)\s#]+)")  # of Markdown, to a file of the repository
 
 
+def pages() -> list[Path]:
+    """List the pages of the repository."""
+    return sorted(page for pattern in _PAGES for page in ROOT.glob(pattern))
+
+
 def repository_files() -> dict[str, Path | str]:
     """Return what the site shows, by its place: files, and texts of pages that list a folder."""
-    shown = {page for pattern in _PAGES for page in ROOT.glob(pattern)}
+    shown = set(pages())
     lists: dict[str, Path | str] = {}
     for target in linked(shown):
         if target.is_dir():

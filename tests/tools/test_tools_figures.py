@@ -1,0 +1,115 @@
+"""Pages and figures: edited numbers, figures and cells that do not exist, tables of another figure."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bench.__main__ import BENCHES
+from bench.report import as_json, table
+from tools import figures as tool
+from tools.figures import CHANGED, Figure, claims, load_figures, numbers, problems, with_figures
+from tools.site.pages import ROOT
+
+SLIP = Figure(
+    command="./run bench slip",
+    commit=None,
+    date=None,
+    machine=None,
+    note=None,
+    code=["tactiled/detect"],
+    sections=[
+        "Worlds of laws: 48 cases.",
+        [
+            {"question": "gross in 300 ms", "fast": "12 of 13", "quiet": "10 of 13"},
+            {"question": "onsets an hour", "fast": "1,282", "quiet": "127"},
+        ],
+    ],
+)
+KNOWN = {"slip": SLIP}
+PAGE = """# Page
+
+- Of 13 gross slips, 10 are reported within 300 ms. <!-- from slip: gross / quiet -->
+- 7 is measured once <!-- from elsewhere -->, and 1282 onsets come in 48 cases <!-- from slip: onsets / fast;
+  laws: 48 -->; 99 is not checked.
+
+| [question](page-5.md) | `77` and -1 | 127 <!-- from slip: quiet --> |
+
+<!-- figure: slip -->
+<!-- end -->
+"""
+
+
+def written(text: str = PAGE) -> str:
+    return with_figures(text, KNOWN)
+
+
+def test_a_page_as_written_has_no_problem() -> None:
+    text = written().replace(" and -1", "")
+    assert list(problems(text, KNOWN)) == []
+    assert "| gross in 300 ms | 12 of 13 | 10 of 13 |\n" in text
+    assert with_figures(text, KNOWN) == text
+    assert [(claim.line, claim.numbers) for claim in claims(text)] == [
+        (3, {13, 10, 300}),
+        (4, {1282, 48}),
+        (7, {127}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("10 are", "12 are", "3: 12 is not in docs/figures/slip.json at `gross / quiet`"),
+        ("1282", "1283", "4: 1283 is not in docs/figures/slip.json at `onsets / fast; laws: 48`"),
+        ("127 <", "-127 <", "7: -127 is not in docs/figures/slip.json at `quiet`"),
+        ("from slip: gross", "from skid: gross", "3: there is no docs/figures/skid.json"),
+        ("gross / quiet", "gross / loud", "3: docs/figures/slip.json has nothing at `gross / loud`"),
+        ("figure: slip", "figure: skid", "9: there is no docs/figures/skid.json"),
+        ("| 1,282 |", "| 1,283 |", "9: differs from docs/figures/slip.json; run `python -m tools.figures`"),
+        ("<!-- from slip: quiet", "<!-- form slip: quiet", "7: this comment is none of those"),
+    ],
+)
+def test_an_edit_of_one_place_is_found_at_its_line(right: str, wrong: str, said: str) -> None:
+    text = written().replace(" and -1", "")
+    assert right in text
+    assert any(problem.startswith(said) for problem in problems(text.replace(right, wrong, 1), KNOWN))
+
+
+def test_an_old_figure_says_so_and_is_not_a_problem() -> None:
+    first = tool.git("rev-list", "--max-parents=0", "HEAD").split()
+    if not first:
+        pytest.skip("no history")
+    old = {"slip": replace(SLIP, commit=first[-1], code=["README.md"])}
+    assert CHANGED in with_figures(PAGE, old)
+    plain = with_figures(PAGE, old).replace(CHANGED, "").replace(" and -1", "")
+    assert list(problems(plain, old)) == []
+    assert CHANGED not in with_figures(PAGE, {"slip": replace(old["slip"], code=["no-such-path"])})
+
+
+def test_numbers_of_a_text() -> None:
+    assert numbers("1. 11,791 of seeds 0..9, p50 -0.01 (1.5), 2 [to](page-3.md) `4`") == {
+        11791, 0, 9, -0.01, 1.5, 2,
+    }  # fmt: skip
+
+
+def test_what_a_bench_writes_is_a_figure(tmp_path: Path) -> None:
+    (tmp_path / "clock.json").write_text(
+        as_json("./run bench clock", ["tactiled"], ["a", table([{"n": "1"}])])
+    )
+    figure = load_figures(tmp_path)["clock"]
+    assert figure.sections == ["a", [{"n": "1"}]]
+    assert "processors, load average" in figure.block()
+
+
+@pytest.mark.parametrize("content", ["{", "{}", json.dumps({"bench": "clock"})])
+def test_a_file_that_is_no_figure_is_named(tmp_path: Path, content: str) -> None:
+    (tmp_path / "clock.json").write_text(content)
+    with pytest.raises(SystemExit, match=r"clock\.json: "):
+        load_figures(tmp_path)
+
+
+def test_paths_of_measured_code_exist() -> None:
+    paths = [path for bench in BENCHES.values() for path in bench.code]
+    paths += [path for figure in load_figures().values() for path in figure.code]
+    assert [path for path in paths if not (ROOT / path).exists()] == []

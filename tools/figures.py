@@ -1,0 +1,196 @@
+"""Put measured tables into pages, and check numbers of the pages against them: ``python -m tools.figures``.
+
+A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` writes. Pages name it in two ways:
+
+- ``<!-- figure: NAME -->`` and ``<!-- end -->``: texts and tables of the figure, which this command writes,
+  stand between them.
+- ``<!-- from NAME: PART / PART; PART -->``: the numbers before it are those of the figure, back to the
+  comment before, or else to the beginning of the paragraph, list item or table row. Each term between
+  semicolons selects the texts and cells in whose title, row or heading all of its parts occur. Each number
+  must be in a selected text or cell, in the heading of such a cell or in the first cell of its row.
+- ``<!-- from elsewhere -->``: the numbers before it are of no figure.
+
+With ``--check`` it writes nothing, and fails where pages and figures differ.
+"""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tools.site.pages import ROOT, pages
+
+CHANGED = " The measured code has changed since."
+# Pages that explain comments have them in backticks.
+_BLOCK = re.compile(r"(?<!`)(<!-- figure: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
+_OTHER = re.compile(r"(?<!`)<!--(?! figure: \S+ -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)")
+_BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
+_NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
+_NUMBER = re.compile(r"(?<!\w)-?\d+(?:,\d{3})*(?:\.\d+)?")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Content of one file; None is what is not known."""
+
+    command: str
+    commit: str | None
+    date: str | None
+    machine: Mapping[str, Any] | None
+    note: str | None  # on this measurement, written by hand
+    code: list[str]  # paths of what was measured
+    sections: list[str | list[dict[str, str]]]  # texts; tables as rows, which map headings to cells
+
+    def block(self) -> str:
+        """Return what a page shows."""
+        sections = [one if isinstance(one, str) else _table(one) for one in self.sections]
+        return "\n\n".join([f"> {self._head()}", *sections])
+
+    def select(self, term: str) -> list[str]:
+        """Return the texts and cells at a term, each cell with its heading and the first of its row."""
+        parts = term.split(" / ")
+        return [words for place, words in self._places() if all(part in place for part in parts)]
+
+    def _places(self) -> Iterator[tuple[str, str]]:
+        """Yield what terms are looked for in, and the words that have the numbers, of each text and cell."""
+        title = ""
+        for section in self.sections:
+            if isinstance(section, str):
+                title = section
+                yield title, title
+                continue
+            for row in section:
+                label, *_ = row.values()
+                for heading, cell in row.items():
+                    yield " ".join([title, *row.values(), heading]), f"{label} {heading} {cell}"
+
+    def _head(self) -> str:
+        commit, date = (self.commit or "not known")[:9], (self.date or "not known")[:10]
+        words = [f"`{self.command}`", f"commit {commit}", f"date {date}"]
+        if self.machine:
+            words.append(
+                "{processor}, {processors} processors, load average {load_average:.1f}, "
+                "path of a scan: {path_of_a_scan}".format(**self.machine)
+            )
+        return f"{'; '.join(words)}.{f' {self.note}' if self.note else ''}{CHANGED if self._is_old() else ''}"
+
+    def _is_old(self) -> bool:
+        """Tell whether a later commit touched what was measured."""
+        if self.commit is None:
+            return False
+        later = f"{self.commit.removesuffix('-dirty')}..HEAD"
+        return bool(git("rev-list", "-1", later, "--", *self.code))
+
+
+def git(*words: str) -> str:
+    """Return what a command of git prints; nothing where this is no checkout."""
+    command = ["git", "-C", str(ROOT), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
+def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:
+    """Read all figures, by name; an error names the file."""
+    found = {}
+    for path in sorted(folder.glob("*.json")):
+        try:
+            found[path.stem] = Figure(**json.loads(path.read_text("utf-8")))
+        except (json.JSONDecodeError, TypeError) as error:
+            sys.exit(f"{path}: {error}; `./run bench NAME --json FILE` writes such files")
+    return found
+
+
+def with_figures(text: str, figures: Mapping[str, Figure]) -> str:
+    """Return a page with the tables of the figures that it names."""
+
+    def block(found: re.Match[str]) -> str:
+        head, name, end = found.groups()
+        return f"{head}\n{figures[name].block()}\n\n{end}" if name in figures else found[0]
+
+    return _BLOCK.sub(block, text)
+
+
+class Claim(NamedTuple):
+    """Numbers of a page that a comment says to be those of a figure."""
+
+    line: int
+    name: str
+    terms: list[str]
+    numbers: set[float]
+
+
+def claims(text: str) -> list[Claim]:
+    """List the claims of a page."""
+    return [
+        Claim(
+            _line(text, mark),
+            mark[1],
+            " ".join(mark[2].split()).split("; "),
+            numbers(_BEGINNING.split(text[: mark.start()])[-1]),
+        )
+        for mark in _MARK.finditer(text)
+    ]
+
+
+def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
+    """Yield where a page differs from the figures: the line, and what is wrong."""
+    for other in _OTHER.finditer(text):
+        yield f"{_line(text, other)}: this comment is none of those that tools/figures.py explains"
+    for block in _BLOCK.finditer(text):
+        line, file = _line(text, block), f"docs/figures/{block[2]}.json"
+        if block[2] not in figures:
+            yield f"{line}: there is no {file}"
+        elif with_figures(block[0], figures).replace(CHANGED, "") != block[0].replace(CHANGED, ""):
+            yield f"{line}: differs from {file}; run `python -m tools.figures`"
+    for line, name, terms, said in claims(text):
+        file, known = f"docs/figures/{name}.json", set[float]()
+        if name not in figures:
+            yield f"{line}: there is no {file}"
+            continue
+        for term in terms:
+            selected = figures[name].select(term)
+            known |= numbers(" ".join(selected))
+            if not selected:
+                yield f"{line}: {file} has nothing at `{term}`"
+        for number in sorted(said - known):
+            yield f"{line}: {number:g} is not in {file} at `{'; '.join(terms)}`"
+
+
+def numbers(text: str) -> set[float]:
+    """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
+    return {float(one.replace(",", "")) for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))}
+
+
+def _table(rows: list[dict[str, str]]) -> str:
+    if not rows:
+        return "(no rows)"
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *(list(row.values()) for row in rows)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _line(text: str, match: re.Match[str]) -> int:
+    return text.count("\n", 0, match.start()) + 1
+
+
+def main(arguments: list[str]) -> None:
+    """Write the tables, or check with ``--check``."""
+    figures, n_numbers, wrong = load_figures(), 0, list[str]()
+    for path in pages():
+        text = path.read_text("utf-8")
+        if "--check" not in arguments and (written := with_figures(text, figures)) != text:
+            path.write_text(written, "utf-8")
+            print(f"{path.relative_to(ROOT)}: written")
+            text = written
+        wrong += [f"{path.relative_to(ROOT)}:{problem}" for problem in problems(text, figures)]
+        n_numbers += sum(len(claim.numbers) for claim in claims(text))
+    print(f"figures: {n_numbers} numbers of sentences and tables are checked against docs/figures")
+    if wrong:
+        sys.exit("\n".join(wrong))
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
