@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 from tools.site.pages import ROOT, pages
 
 CHANGED = " The measured code has changed since."
+UNKNOWN = " The measured code may have changed since."  # where the history has no such commit
 # Pages that explain comments have them in backticks.
 _BLOCK = re.compile(r"(?<!`)(<!-- figure: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
@@ -77,20 +78,16 @@ class Figure:
                 "{processor}, {processors} processors, load average {load_average:.1f}, "
                 "path of a scan: {path_of_a_scan}".format(**self.machine)
             )
-        return f"{'; '.join(words)}.{f' {self.note}' if self.note else ''}{CHANGED if self._is_old() else ''}"
+        return f"{'; '.join(words)}.{f' {self.note}' if self.note else ''}{self._age()}"
 
-    def _is_old(self) -> bool:
-        """Tell whether a later commit touched what was measured."""
+    def _age(self) -> str:
+        """Say whether a later commit touched what was measured."""
         if self.commit is None:
-            return False
+            return UNKNOWN
         later = f"{self.commit.removesuffix('-dirty')}..HEAD"
-        return bool(git("rev-list", "-1", later, "--", *self.code))
-
-
-def git(*words: str) -> str:
-    """Return what a command of git prints; nothing where this is no checkout."""
-    command = ["git", "-C", str(ROOT), *words]
-    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+        git = ["git", "-C", str(ROOT), "rev-list", "-1", later, "--", *self.code]
+        found = subprocess.run(git, capture_output=True, text=True, check=False)
+        return UNKNOWN if found.returncode else CHANGED if found.stdout else ""
 
 
 def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:
@@ -144,7 +141,7 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
         line, file = _line(text, block), f"docs/figures/{block[2]}.json"
         if block[2] not in figures:
             yield f"{line}: there is no {file}"
-        elif with_figures(block[0], figures).replace(CHANGED, "") != block[0].replace(CHANGED, ""):
+        elif _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
             yield f"{line}: differs from {file}; run `python -m tools.figures`"
     for line, name, terms, said in claims(text):
         file, known = f"docs/figures/{name}.json", set[float]()
@@ -163,6 +160,11 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
 def numbers(text: str) -> set[float]:
     """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
     return {float(one.replace(",", "")) for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))}
+
+
+def _ageless(text: str) -> str:
+    """Return the text without what depends on later commits."""
+    return text.replace(CHANGED, "").replace(UNKNOWN, "")
 
 
 def _table(rows: list[dict[str, str]]) -> str:

@@ -1,6 +1,7 @@
 """Pages and figures: edited numbers, figures and cells that do not exist, tables of another figure."""
 
 import json
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from bench.__main__ import BENCHES
 from bench.report import as_json, table
 from tools import figures as tool
-from tools.figures import CHANGED, Figure, claims, load_figures, numbers, problems, with_figures
+from tools.figures import CHANGED, UNKNOWN, Figure, claims, load_figures, numbers, problems, with_figures
 from tools.site.pages import ROOT
 
 SLIP = Figure(
@@ -76,15 +77,27 @@ def test_an_edit_of_one_place_is_found_at_its_line(right: str, wrong: str, said:
     assert any(problem.startswith(said) for problem in problems(text.replace(right, wrong, 1), KNOWN))
 
 
-def test_an_old_figure_says_so_and_is_not_a_problem() -> None:
-    first = tool.git("rev-list", "--max-parents=0", "HEAD").split()
-    if not first:
-        pytest.skip("no history")
-    old = {"slip": replace(SLIP, commit=first[-1], code=["README.md"])}
-    assert CHANGED in with_figures(PAGE, old)
-    plain = with_figures(PAGE, old).replace(CHANGED, "").replace(" and -1", "")
-    assert list(problems(plain, old)) == []
-    assert CHANGED not in with_figures(PAGE, {"slip": replace(old["slip"], code=["no-such-path"])})
+def test_an_old_figure_says_so_and_is_not_a_problem(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def git(*words: str) -> str:
+        identity = ("-c", "user.name=a", "-c", "user.email=a@b.c")
+        command = ["git", "-C", str(tmp_path), *identity, *words]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
+
+    monkeypatch.setattr(tool, "ROOT", tmp_path)
+    git("init", "-q")
+    for name in ("measured", "other"):
+        (tmp_path / name).touch()
+        git("add", name)
+        git("commit", "-qm", name)
+    at = {"slip": replace(SLIP, commit=git("rev-parse", "HEAD~"), code=["measured"])}
+    fresh = with_figures(PAGE, at).replace(" and -1", "")
+    assert CHANGED not in fresh
+    assert UNKNOWN not in fresh
+    (tmp_path / "measured").write_text("a")
+    git("commit", "-qam", "change")
+    assert CHANGED in with_figures(PAGE, at)
+    assert list(problems(fresh, at)) == []
+    assert UNKNOWN in with_figures(PAGE, {"slip": replace(SLIP, commit="0" * 40)})
 
 
 def test_numbers_of_a_text() -> None:
