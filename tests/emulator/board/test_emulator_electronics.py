@@ -12,7 +12,6 @@ from tactiled.emulator.board.electronics import ElectronicsParams
 from tactiled.emulator.board.noise import ScanNoise
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
-from tactiled.errors import ConfigError
 
 PARAMS = ElectronicsParams()
 WANG = load_array("wang2019-3x3")
@@ -111,15 +110,6 @@ def test_any_chunking_gives_the_same_counts() -> None:
     other = sensor(load_scene("prescribed"))
     single = [other.counts(550 + k, time_s[k : k + 1]) for k in reversed(range(len(time_s)))]
     np.testing.assert_array_equal(whole, np.concatenate(single[::-1]))
-
-
-def test_dead_channels_read_zero_and_must_exist() -> None:
-    scene = load_scene("prescribed").with_changes(electronics={"dead_channels": [5], "noise_v": 0.0})
-    counts = sensor(scene).counts(0, at_rate(4.0, 4.1))
-    assert np.all(counts[:, 5] == 0)
-    assert np.all(np.delete(counts, 5, axis=1) > 1000)
-    with pytest.raises(ConfigError, match=r"dead_channels: \[36\]"):
-        sensor(load_scene("prescribed").with_changes(electronics={"dead_channels": [36]}))
 
 
 def test_overload_saturates_at_the_top_count() -> None:

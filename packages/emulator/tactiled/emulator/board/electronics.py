@@ -51,7 +51,6 @@ class ElectronicsParams(Params):
     spread_x: float = Field(default=0.535, ge=0, le=1, description="R1, R3: part of the taxel's mean read")
     spread_y: float = Field(default=0.54, ge=0, le=1, description="R2, R4: part of the taxel's mean read")
     noise_v: float = Field(default=0.3e-3, ge=0, le=1, description="white, rms, each sample")
-    dead_channels: list[int] = Field(default=[], description="open circuits: they read 0 V and noise")
 
 
 def creep_gain(params: ElectronicsParams, relaxed_load_n: FloatArray) -> FloatArray:

@@ -10,7 +10,6 @@ from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
-from tactiled.errors import ConfigError
 
 
 class Sensor:
@@ -18,7 +17,7 @@ class Sensor:
 
     With `span`, the readings of no and of all counts in the unit of the array, the sensor converts counts
     itself; an array in newtons then reads the force on the skin, without rubber and divider. `ConfigError`
-    for a dead channel that the array does not have, or a contact model that cannot play the scene.
+    for a contact model that cannot play the scene.
     """
 
     def __init__(
@@ -30,11 +29,7 @@ class Sensor:
         adc_reference_v: float,
         span: tuple[float, float] | None = None,
     ) -> None:
-        params = scene.electronics
-        if outside := [c for c in params.dead_channels if not 0 <= c < array.n_channels]:
-            fault = f"electronics.dead_channels: {outside} are not among the {array.n_channels} channels"
-            raise ConfigError(f"scene {scene.name}", [fault])
-        self._params = params
+        self._params = scene.electronics
         self._motion = SceneMotion(scene)
         self.contact = make_contact(self._motion, array)
         self.reacts = scene.held_object is not None
@@ -65,9 +60,7 @@ class Sensor:
         conductance *= electronics.temperature_gain(self._motion.temperature_k(time_s))
         volts = electronics.divider_v(params, conductance)
         volts = np.where(self._is_inverted, self._reference_v - volts, volts)
-        volts = np.where(self._is_shear, electronics.shear_v(crept, self._reference_v), volts)
-        volts[:, params.dead_channels] = 0.0
-        return volts
+        return np.where(self._is_shear, electronics.shear_v(crept, self._reference_v), volts)
 
     def counts(self, first: int, time_s: FloatArray) -> NDArray[np.int64] | FloatArray:
         """Counts of scans ``first``, ``first + 1``, ... sampled at `time_s` (n, channels)."""
@@ -75,7 +68,6 @@ class Sensor:
         if self._span is not None and self._reads_force:
             low, high = self._span
             force_n = self.contact.forces(time_s)[0] * self._force_sign
-            force_n[:, self._params.dead_channels] = 0.0
             noisy_n = force_n + noise * ((high - low) / self._reference_v)
             return np.asarray(np.clip(noisy_n, low, high).round(4), dtype=np.float64)  # 0.1 mN, to be printed
         counts = electronics.adc_counts(self.volts(time_s) + noise, self._bits, self._reference_v)
