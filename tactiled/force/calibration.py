@@ -143,7 +143,6 @@ class CalibrationFile(Params):
     channels: int = Field(ge=1, description="number of its channels")
     board: str = Field(default="", description="serial number of the board; empty where it is not known")
     date: str = Field(default="", description="day of the calibration")
-    temperature_c: float | None = Field(default=None, description="of the room, where it is known")
     nominal: bool = Field(default=False, description="from published numbers, not from this sensor")
     axes: list[Axis] = Field(min_length=1, description="components that are known")
     verdict: list[str] = Field(default=[], description="what is known well, what is not, and what to add")

@@ -23,7 +23,6 @@ SMOOTH: dict[str, Any] = {
     "channels": 2,
     "board": "TB-1",
     "date": "2024-05-01",
-    "temperature_c": -3.0,
     "nominal": False,
     "axes": ["fx", "fz"],
     "verdict": ["good", "add presses"],

@@ -1,7 +1,6 @@
 """``tactiled calibrate``: read the files, fit, write the calibration, print the verdict."""
 
 import json
-import math
 import time
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,6 @@ def calibrate_files(
     array: str | None = None,
     *,
     board: str = "",
-    temperature_c: float | None = None,
     columns: tuple[str, ...] = (),
     time_unit: TimeUnit | None = None,
     topic: str | None = None,
@@ -52,15 +50,13 @@ def calibrate_files(
     if out.stem in _TAKEN or len(out.stem) > _LONGEST:
         fault = f"{out.name}: the name of the file becomes the name in messages; at most {_LONGEST} letters, "
         raise ConfigError("-o", [fault + f"and not {' or '.join(_TAKEN)}, which have a meaning there"])
-    if temperature_c is not None and not math.isfinite(temperature_c):
-        raise ConfigError("--temperature-c", ["give a number, in degrees Celsius"])
     data = read_log(log, array, columns, time_unit, topic, rate_hz)
     table = read_reference(reference)
     if table.unused:
         names = ", ".join(map(shown, table.unused[:_MOST_NAMES]))
         more = ", ..." if len(table.unused) > _MOST_NAMES else ""
         tell(f"{reference}: columns not used: {names}{more}; known are {', '.join(COLUMNS)}")
-    identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"), temperature_c)
+    identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"))
     with ProgressBar("calibrate", N_STAGES) as bar:
         found = calibrate(
             data.array,

@@ -44,7 +44,6 @@ class Identity:
     name: str
     board: str = ""
     date: str = ""
-    temperature_c: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +153,6 @@ def calibrate(
         channels=array.n_channels,
         board=identity.board,
         date=identity.date,
-        temperature_c=identity.temperature_c,
         axes=[axis for k, axis in enumerate(AXES) if k in used],
         verdict=verdict(data, best, [axis.covariance for axis in axes]),
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),

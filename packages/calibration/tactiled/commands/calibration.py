@@ -38,7 +38,6 @@ RATE = click.option(
 @click.option("-o", "--out", type=FILE, help="Calibration file to write (.toml).")
 @click.option("--array", help="Array of a table: shipped name or TOML file. A recording contains its array.")
 @click.option("--board", default="", help="Serial number of the board, for the file and for --guide.")
-@click.option("--temperature-c", type=float, help="Temperature of the room, for the file.")
 @COLUMNS
 @TIME_UNIT
 @RATE
