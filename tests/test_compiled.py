@@ -232,7 +232,9 @@ def test_steps_are_those_of_numpy(array: Array, seed: int) -> None:
     held = grid.process(block)
     ok = block.valid & (np.abs(block.volts) <= grid.full_scale_volts)
     newest = np.maximum.accumulate(np.where(ok, np.arange(1, len(block) + 1)[:, np.newaxis], 0), axis=0)
-    steps = np.concatenate([np.zeros((1, array.n_channels)), grid.round(block.volts)])
+    limit = grid.full_scale_volts
+    rounded = np.rint(np.clip(block.volts, -limit, limit) / grid.volts_per_step)  # a power of two: exact
+    steps = np.concatenate([np.zeros((1, array.n_channels)), rounded])
     np.testing.assert_array_equal(held.steps, np.take_along_axis(steps, newest, axis=0))
     np.testing.assert_array_equal(held.ok, ok)
     assert held.all_ok == ok.all()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
+from tactiled.detect.signal.contact_gate import CONTACT_OF_RANGE
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.suite import DetectParams, Suite, build_suite
@@ -32,7 +33,6 @@ _LEAST_TARE_SCANS = 10  # choice: below 20 Hz, half a second holds too few scans
 # array, which is well above creep of 0.01 V/s in a quarter of a second and what is left of 5 mV rms of noise
 # (1.4 mV), and well below what a touch brings in the time.
 _STILL_OF_CONTACT = 1 / 25
-_STILL_OF_RANGE = 1 / 1024  # choice: where the array file gives no contact level
 _NO_MODEL = (
     "no detector of this configuration takes friction or motion: that needs an array with shear and load, "
     "the topic grip or slip, and a setting other than wang2019"
@@ -225,7 +225,7 @@ class TunedSuite:
         drift = float(np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max())
         array = self._array
         level, range_ = array.contact, array.high - array.low
-        still = range_ * _STILL_OF_RANGE if level is None else level.above * _STILL_OF_CONTACT
+        still = range_ * CONTACT_OF_RANGE if level is None else level.above * _STILL_OF_CONTACT
         if drift > still and not force:
             return f"readings still move by {drift:.2g} {array.unit}: wait until they are steady", []
         events = self._insert_gap()

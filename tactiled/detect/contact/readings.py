@@ -20,7 +20,6 @@ _HISTORY_S = 0.06
 # choice: for which the last good reading stands in; a channel that is bad for longer takes its taxel out.
 _HOLD_S = 0.05
 _LEAST_KEPT = 0.75  # choice: of the taxels; with fewer, the messages are not valid
-_TINY = 1e-12  # derived
 
 
 def own_channels(weights: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
@@ -61,7 +60,7 @@ def relieved_sides(array: Array) -> RelievedSides | None:
     if not np.all(even > 0):
         return None
     own, weights = own_channels(sides)
-    return RelievedSides(own.reshape(-1), weights.reshape(-1), np.maximum(even, _TINY))
+    return RelievedSides(own.reshape(-1), weights.reshape(-1), even)
 
 
 class TaxelReadings(Readings):

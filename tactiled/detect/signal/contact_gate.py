@@ -29,7 +29,7 @@ _SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
 SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
 # is less.
-_CONTACT_OF_RANGE = 1 / 1024
+CONTACT_OF_RANGE = 1 / 1024
 # prior: part of the range while the noise of a channel is not known: drift and hum of a sensor that is of use
 # are less.
 _EARLY_OF_RANGE = 1 / 64
@@ -76,7 +76,7 @@ def _levels(array: Array, params: ContactParams) -> tuple[Levels, float]:
     """Return the levels, and the least noise in the unit of the array of a channel that is not known yet."""
     own = array.contact
     early = (array.high - array.low) * _EARLY_OF_RANGE
-    least_contact = (array.high - array.low) * _CONTACT_OF_RANGE
+    least_contact = (array.high - array.low) * CONTACT_OF_RANGE
     if array.unit == "count":  # whole numbers: a rest of few scans may not show that
         least_contact = max(least_contact, min(CONTACT_SDS / math.sqrt(12.0), early))
     given = (

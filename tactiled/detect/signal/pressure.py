@@ -21,7 +21,7 @@ _INFINITE, _NO_NUMBER = float("inf"), float("nan")
 # choice: a side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
-_LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
+LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
 READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
 _UNKNOWN = 2.0**READING_BITS  # derived: full scale, in steps: no reading stands out of noise of that size
 _GROUP_SCANS = 16  # choice
@@ -481,7 +481,7 @@ class Pressure:
             if self.is_field and total < 0.0:
                 total, largest = -total, -smallest
             rest_total = total - largest
-            if n_read >= _LEAST_SIDES:
+            if n_read >= LEAST_SIDES:
                 total = rest_total + min(largest, _ONE_SIDE / (n_read - 1) * rest_total)
             self.pressure[t] = total * self.volts_per_step / max(n_read, 1)
             self.taxel_noise[t] = taxel_noise * self.volts_per_step

@@ -67,9 +67,3 @@ class Quantiser:
             len(steps), 0, readings, valid, steps.reshape(-1), ok.reshape(-1).view(np.uint8)
         )
         return HeldReadings(steps, ok, all_ok)
-
-    def round(self, volts: FloatArray) -> FloatArray:
-        """Round readings to whole steps; NaN stays NaN, readings outside full scale are clipped."""
-        limit = self.full_scale_volts
-        steps: FloatArray = np.rint(np.clip(volts, -limit, limit) * (1.0 / self.volts_per_step))
-        return steps

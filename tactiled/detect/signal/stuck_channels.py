@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.fast import StuckChannels
+from tactiled.detect.signal.pressure import LEAST_SIDES
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.errors import ContractError
 
@@ -28,7 +29,6 @@ _HISTORY, _TURNED = 128, 52  # derived: 0.4 of all: 3.3 standard deviations abov
 _LONG = 40  # derived: 0.4^40 is 1e-16
 _MOST = 1 / 3  # prior: of the channels: where more rest, the noise has stopped
 _PRESSED_OF_RANGE = 0.01  # physical: where the array file has no pressure that ends a contact (0.15 of +-8 V)
-_LEAST_SIDES = 3  # derived
 
 
 class StuckChannelDetector:
@@ -51,7 +51,7 @@ def stuck_channels(array: Array) -> StuckChannels:
     """Return the search for stuck channels of an array."""
     pressed = _PRESSED_OF_RANGE * (array.high - array.low) if array.contact is None else array.contact.below
     sides = _sides(array)
-    judged = [len({*row} - {c}) >= _LEAST_SIDES - 1 for c, row in enumerate(sides.tolist())]
+    judged = [len({*row} - {c}) >= LEAST_SIDES - 1 for c, row in enumerate(sides.tolist())]
     return StuckChannels(
         array.sign.astype(np.float64),
         sides.reshape(-1),

@@ -20,7 +20,6 @@ import pywt
 
 from tactiled.array import FloatArray
 
-MAX_LEVEL = 6  # choice
 _TAP_SCALE = 2.0**24  # derived
 
 

@@ -14,7 +14,7 @@ ARRAY = load_array("wang2019-3x3")
 
 
 def steps(volts: FloatArray) -> FloatArray:
-    return Quantiser(ARRAY).round(np.floor(volts / LSB + 0.5) * LSB)
+    return np.asarray(np.rint(np.floor(volts / LSB + 0.5) * LSB / Quantiser(ARRAY).volts_per_step))
 
 
 def test_a_press_that_is_over_mends_no_channel() -> None:

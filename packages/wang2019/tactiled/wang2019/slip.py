@@ -41,7 +41,7 @@ from tactiled.detect.signal.contact_gate import (
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.wavelet import MAX_LEVEL, border_scans, taps
+from tactiled.detect.signal.wavelet import border_scans, taps
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.wang2019.bank import SwtBank, kink_response
@@ -51,6 +51,7 @@ _THRESHOLD_V = 0.002  # of the paper
 # Voltages above 0.5 V are clear enough to analyse, the paper says. 20 N in 8 s, its slowest press, is about
 # 0.1 V/s; creep in a hold is below 0.01 V/s.
 PUBLISHED_CONTACT = ContactParams(contact_volts=0.5, release_volts=0.35, loading_volts_s=0.03)
+_MAX_LEVEL = 6  # choice: sums of its filter stay exact (`detect/signal/wavelet.py`)
 _PIECE_SCANS = 1024  # choice: most scans filtered at once: bounds the memory of long blocks
 _QUIET_S = 0.8  # choice: time without a crossing after which a slip may end
 # prior: part of the shear response that is lost when a slip ends. A skin that stops keeps much of its shear;
@@ -65,7 +66,7 @@ _DIRECTION_SD_DEG = 3.0
 
 def level_at(rate_hz: float) -> int:
     """Wavelet level at a scan rate: the one whose span in seconds is nearest to level 3 at 100 Hz."""
-    return int(np.clip(round(3 + np.log2(rate_hz / 100.0)), 1, MAX_LEVEL))
+    return int(np.clip(round(3 + np.log2(rate_hz / 100.0)), 1, _MAX_LEVEL))
 
 
 class ScanView(NamedTuple):
