@@ -15,7 +15,7 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.ambiguity import StrayPosterior, with_strays
-from tactiled.detect.grooves.model import TINY, period_and_angle
+from tactiled.detect.grooves.model import FALSE_DOUBT, TINY, period_and_angle
 from tactiled.detect.grooves.outcome import GrooveAnswer, TrackedWave
 from tactiled.detect.grooves.refine import RefinedWave
 from tactiled.detect.grooves.solve import WaveSolver
@@ -23,11 +23,6 @@ from tactiled.detect.grooves.window import CLEAR_CYCLES
 
 # choice: frequencies beside the line: fewer are a poor estimate, more are far from it.
 _PLACES = 8
-# derived: periods of the window, less rounding. Closer to a line the fit has absorbed the noise.
-_NEAREST = 1.0 - 1e-9
-# choice: probability that white noise passes as more than white. The covariance is then too wide by the
-# factor found.
-_FALSE_INFLATION = 0.01
 
 
 def groove_answer(
@@ -109,7 +104,7 @@ def inflation(best: RefinedWave) -> tuple[FloatArray, float]:
 
 def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:
     """The ratio where white noise would rarely reach it, else 1."""
-    return np.where(ratio > special.chdtri(dof, _FALSE_INFLATION) / dof, ratio, 1.0)
+    return np.where(ratio > special.chdtri(dof, FALSE_DOUBT) / dof, ratio, 1.0)
 
 
 def _noise_beside(best: RefinedWave) -> FloatArray:
@@ -120,9 +115,9 @@ def _noise_beside(best: RefinedWave) -> FloatArray:
     away = np.arange(-2 * _PLACES, 2 * _PLACES + 1)
     there = cycles + away
     multiple = np.round(there / cycles) * cycles
-    clear = np.abs(there - multiple) >= np.minimum(_NEAREST, cycles / 2)
+    clear = np.abs(there - multiple) >= np.minimum(CLEAR_CYCLES, cycles / 2)
     clear |= multiple > n_harmonics * cycles + 0.5
-    fits = (np.abs(away) >= _NEAREST) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
+    fits = (away != 0) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
     away = away[fits][np.argsort(np.abs(away[fits]), kind="stable")][:_PLACES]
     travel = window.travel.mean(axis=0)
     waves = [

@@ -148,7 +148,9 @@ def _best_reading(ripple: Ripple) -> tuple[RefinedWave | None, PlaneWaves]:
 def _mirror_image(ripple: Ripple, least_gain: float) -> Refusal | None:
     """The refusal of an undersampled ripple, whose image suits the phases of a line better; or None.
 
-    Such a ripple appears at a lower frequency, where its phases suit no wave well.
+    Such a ripple appears at a lower frequency, where its phases suit no wave well. Without this refusal, 29
+    of 75 windows of ripples of 46 to 160 Hz at 100 scans a second and a known speed are answered, with a
+    speed that is not the given one (period and angle are right).
     """
     least_power, whole_phase_rate = common_mode_power(ripple), 2 * np.pi / ripple.window.largest_step
     for fast in (whole_phase_rate - ripple.phase_rate, whole_phase_rate + ripple.phase_rate):

@@ -34,6 +34,9 @@ MAX_CANDIDATES = 8
 # choice: probability that noise passes for what is looked for: a line, a harmonic, another wave, a motion, a
 # pattern.
 FALSE_ALARM = 1e-6
+# choice: probability that white noise on equal channels passes for what makes an answer less sure: strays,
+# noise beside the line, a second wave of its frequency.
+FALSE_DOUBT = 1e-2
 # derived: divisor in place of zero, for channels without any ripple.
 TINY = 1e-300
 # derived: root mean square of half the square of a variable with unit variance.

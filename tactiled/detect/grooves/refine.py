@@ -18,7 +18,7 @@ _CONVERGED_RAD = 1e-5
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
-# prior: part of a line's power. Pads that are pressed unevenly leave less of a harmonic that is the wave's own.
+# prior: part of a line's power. Pads that are pressed unevenly leave less of a harmonic of the wave.
 _LEAST_FOREIGN_PART = 0.05
 # prior: part of a line's power, as the channels' own fits explain it. A wave that leaves more does not
 # explain the line.

@@ -6,11 +6,9 @@ from numpy.typing import NDArray
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import SAME_WAVE_RAD, TINY, ChannelLayout
 from tactiled.detect.grooves.ripple import Ripple
-from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
+from tactiled.detect.grooves.solve import LARGEST_STEP_RAD, PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow
 
-# choice: phase at the edge of the array between neighbouring points of a search grid.
-GRID_STEP_RAD = 0.5
 # choice: peaks of the grid that are refined, the highest first.
 _MOST_STARTS = 24
 # prior: a start that explains less than this part of what the best one does cannot win by refinement.
@@ -30,7 +28,7 @@ def search_wave_vectors(ripple: Ripple, least: float) -> PlaneWaves:
         rate = solver.likely_phase_rate(k, equations.phase_rate, _SLACK_SIGMAS)
         found = solver.solve(equations, k, rate)
         heading, normal = _axes(window)
-        margin = _step(window.layout) / 2
+        margin = grid_step(window.layout) / 2
         found = found[np.flatnonzero(_is_within(found.k @ heading, found.k @ normal, window, margin))]
         found = _distinct(found[np.argsort(-found.gain, kind="stable")], window.layout)
         z = equations.phasors()
@@ -61,7 +59,7 @@ def _starts(ripple: Ripple) -> FloatArray:
         scores = scores - (2 / window.n) * sigmas[:, np.newaxis] ** 2
     starts = np.argwhere(_is_peak(scores))
     # The grid point of a maximum just inside the limits may lie outside them.
-    margin = _step(window.layout)
+    margin = grid_step(window.layout)
     starts = starts[_is_within(along[starts[:, 0]], across[starts[:, 1]], window, margin)]
     high = scores[starts[:, 0], starts[:, 1]]
     highest = high.max(initial=0.0)
@@ -70,9 +68,9 @@ def _starts(ripple: Ripple) -> FloatArray:
     return np.asarray(along[starts[:, :1]] * heading + across[starts[:, 1:]] * normal)
 
 
-def _step(layout: ChannelLayout) -> float:
-    """Distance between grid points, radians per millimetre."""
-    return GRID_STEP_RAD / layout.radius_mm
+def grid_step(layout: ChannelLayout) -> float:
+    """Distance between points of a search grid, radians per millimetre: a peak is a step of the fit away."""
+    return LARGEST_STEP_RAD / layout.radius_mm
 
 
 def _is_within(
@@ -111,7 +109,7 @@ def explained_power(
 
 def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> tuple[FloatArray, FloatArray]:
     """Grid of wave-vector components along the motion and across it."""
-    motion, step = window.motion, _step(window.layout)
+    motion, step = window.motion, grid_step(window.layout)
     largest = 2 * np.pi / window.params.min_period_mm + step
     n_across = int(np.ceil(largest / step))
     across = np.arange(-n_across, n_across + 1) * step

@@ -4,6 +4,9 @@ Two waves of one frequency leave no second line in the spectrum. Each channel ha
 may pass as one wave whose channels differ in gain and a little in phase. But then a second wave explains most
 of what the first one leaves; of gains and phases that differ at random it explains less.
 
+Without this test, 7 of 12 windows over crossed grooves that all channels feel alike are answered wrong, with
+it 4; no answer to ten other kinds of windows depends on it.
+
 Two waves of one frequency and one motion have the same component along the motion. So pairs are searched on a
 grid across it.
 """
@@ -13,8 +16,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
-from tactiled.detect.grooves.model import ChannelLayout
-from tactiled.detect.grooves.search import GRID_STEP_RAD
+from tactiled.detect.grooves.model import FALSE_DOUBT, ChannelLayout
+from tactiled.detect.grooves.search import grid_step
 from tactiled.detect.grooves.window import DetrendedWindow
 from tactiled.detect.worker import pause
 
@@ -37,8 +40,6 @@ _MOST_LEFT_IF_ALIKE = 0.15
 # prior: part of the line's power. A second wave that explains less hardly moves the answer, and uneven pads
 # look like it: on plates that obey physics two waves explain 0.001 to 0.003 more than one.
 LEAST_SECOND_PART = 0.01
-# choice: probability that one wave on equal channels is tested for a second one.
-_FALSE_SECOND_WAVE = 1e-2
 
 
 def has_second_wave(
@@ -64,7 +65,7 @@ def has_second_wave(
     amplitude = (wave.conj() * z) @ layout.is_kind / layout.is_kind.sum(axis=0)
     left = np.abs(z - wave * (layout.is_kind @ amplitude)) ** 2
     by_one, total = float(left.sum()), float((np.abs(z) ** 2).sum())
-    noise = special.chdtri(2 * (len(z) - n_kinds - 1), _FALSE_SECOND_WAVE)
+    noise = special.chdtri(2 * (len(z) - n_kinds - 1), FALSE_DOUBT)
     if by_one < LEAST_SECOND_PART * total or float((left / variance).sum()) < noise:
         return False
     by_two = total - max(most_explained(z, layout, waves) for waves in _likely_waves(window, k))
@@ -77,7 +78,7 @@ def _likely_waves(window: DetrendedWindow, k: FloatArray) -> list[FloatArray]:
 
     The last one is common to all channels, as a vibration is.
     """
-    motion, step = window.motion, GRID_STEP_RAD / window.layout.radius_mm
+    motion, step = window.motion, grid_step(window.layout)
     n_across = int(np.ceil(2 * np.pi / window.params.min_period_mm / step))
     across = np.arange(-n_across, n_across + 1) * step
     off = across - k @ motion.across
