@@ -35,12 +35,10 @@ _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 # prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
 # hold anew seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
 _SAME_LOADS = 0.5
-# tuned: standard deviation of the logarithm of friction by which the model errs although friction is known:
-# taxels are unequal, and pressure, speed and age count. Coverage is the same from 0.05 to 0.3; errors grow
-# with it.
+# prior: standard deviation of the logarithm of friction by which the model errs although friction is known:
+# taxels are unequal, and pressure, speed and age count. Log friction widens by as much when the pad loses a
+# taxel, whose part of the load is not seen. Coverage in `bench grip` is the same from 0.05 to 0.3.
 _MODEL_SD = 0.1
-# prior: by which log friction widens when the pad loses a taxel: its part of the load is not seen
-_DROPPED_SD = 0.1
 
 _CONTACT_OF_SLIP: Mapping[str, ContactState] = {"": "holding", "incipient": "shearing", "gross": "sliding"}
 
@@ -280,7 +278,7 @@ class GripDetector:
         contact, load = self._filter, readings.load
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
-            contact.friction_memory.widen(_DROPPED_SD)
+            contact.friction_memory.widen(_MODEL_SD)
             contact.gate.settle()
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
         if self._is_cut:
