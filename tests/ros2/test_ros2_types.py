@@ -2,6 +2,7 @@
 
 import functools
 import json
+import math
 import re
 from typing import Any
 
@@ -12,7 +13,7 @@ from message_strategies import instances
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.events import codec
-from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
+from tactiled.events.types import EVENT_TYPES, Candidate, Event, ForceEvent, TextureEvent
 from tactiled.ros2 import convert, names, own_types
 from tactiled.ros2.cdr import encode
 from tactiled.ros2.definitions import (
@@ -101,6 +102,23 @@ def test_a_time_is_exact_to_the_nanosecond(unix_s: float) -> None:
     time = convert.ros_time(unix_s)
     assert 0 <= time["nanosec"] < 10**9
     assert abs(time["sec"] + 1e-9 * time["nanosec"] - unix_s) <= 1e-9 + 1e-15 * unix_s
+
+
+def test_own_messages_are_in_si_units() -> None:
+    candidate = Candidate(period_mm=1.6, angle_deg=90.0, weight=1.0)
+    texture = TextureEvent(
+        time_s=1.0, answered_s=1.0, status="ok", speed_mm_s=20.0, angle_sd_deg=180.0, candidates=(candidate,)
+    )
+    message = codec.to_map(texture, seq=0, board="TS0001", unix_offset_s=0.0)
+    values = convert.own_message(message, FRAME)
+    assert values["speed_m_s"] == 0.02
+    assert values["angle_sd_rad"] == math.pi
+    assert values["candidates"][0]["period_m"] == 0.0016
+    assert values["candidates"][0]["angle_rad"] == math.pi / 2
+    grip = own_types.own_texts()["Grip"]
+    assert "in unit times\n# metres." in grip
+    left = re.findall(r"^\S+ (\w+(?:mm|_deg|mm_s))$", "".join(own_types.own_texts().values()), re.MULTILINE)
+    assert left == []
 
 
 def force_map(**fields: Any) -> dict[str, Any]:

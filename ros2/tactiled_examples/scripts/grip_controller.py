@@ -32,7 +32,7 @@ class GripController(Node):
         fresh = self.get_clock().now() < self.fresh_until
         if fresh and slip.valid and slip.state == Slip.STATE_ONSET:
             self.force_n += STEP_N
-            self.get_logger().info(f"{slip.kind} slip towards {slip.direction_deg:.0f} deg")
+            self.get_logger().info(f"{slip.kind} slip towards {slip.direction_rad:.2f} rad")
             self.output.publish(Float64(data=self.force_n))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from tactiled.events.types import ForceEvent
 from tactiled.ros2.freshness import Level
-from tactiled.ros2.own_types import INSTANTS
+from tactiled.ros2.own_types import INSTANTS, si_field
 
 _LEVELS: dict[Level, int] = {"ok": 0, "warn": 1, "error": 2, "stale": 3}  # diagnostic_msgs/DiagnosticStatus
 _FLOAT32 = 7  # sensor_msgs/PointField
@@ -26,9 +26,26 @@ def header(unix_s: float, frame_id: str) -> Values:
 
 
 def own_message(data: Mapping[str, Any], frame_id: str) -> Values:
-    """Return the message of our own type: all fields, with instants as times."""
-    values = {name: ros_time(value) if name in INSTANTS else value for name, value in data.items()}
-    return values | {"header": header(data["timestamp"], frame_id)}
+    """Return the message of our own type: all fields, in SI units, with instants as times."""
+    return _in_si(data) | {"header": header(data["timestamp"], frame_id)}
+
+
+def _in_si(data: Mapping[str, Any]) -> Values:
+    return dict(_si_item(name, value) for name, value in data.items())
+
+
+def _si_item(name: str, value: Any) -> tuple[str, Any]:
+    si_name, factor = si_field(name)
+    if name in INSTANTS:
+        value = ros_time(value)
+    elif isinstance(value, Mapping):
+        value = _in_si(value)
+    elif isinstance(value, list | tuple) and value and isinstance(value[0], Mapping):
+        value = [_in_si(each) for each in value]
+    elif factor is not None:
+        is_list = isinstance(value, list | tuple)
+        value = [factor * each for each in value] if is_list else factor * value
+    return si_name, value
 
 
 def wrench(force: Mapping[str, Any], frame_id: str) -> Values | None:

@@ -1,11 +1,14 @@
 """ROS types of tactiled's own messages, made from the JSON Schemas of the events (protocols/events).
 
 Each topic has one type, ``tactiled_msgs/msg/Slip`` for `slip` and so on: a header whose stamp is the
-`timestamp` of the message, then its other fields in order. Other instants are ``builtin_interfaces/Time``.
-Strings with a fixed set of values come with constants. The files in ``ros2/tactiled_msgs`` hold this text.
+`timestamp` of the message, then its other fields in order, in SI units (REP-103). Other instants are
+``builtin_interfaces/Time``. Strings with a fixed set of values come with constants. The files in
+``ros2/tactiled_msgs`` hold this text.
 """
 
 import json
+import math
+import re
 import textwrap
 from typing import Any
 
@@ -16,11 +19,29 @@ PACKAGE = "tactiled_msgs"
 INSTANTS = frozenset(("onset", "detected", "answered"))  # epoch seconds; `timestamp` is the header's stamp
 _PRIMITIVES = {"number": "float64", "integer": "int64", "boolean": "bool", "string": "string"}
 _WIDTH = 100  # of comments in the text
+# Ends of names in units that are not SI: end of the name in ROS, and factor. No end is that of a later one.
+_SI = {
+    "_nmm": ("_n_m", 1e-3), "_mm_s": ("_m_s", 1e-3), "_mm": ("_m", 1e-3), "_deg": ("_rad", math.pi / 180.0),
+    "torsion": ("torsion", 1e-3),  # in `unit` times mm
+}  # fmt: skip
+_SI_WORDS = {"millimetres": "metres", "mm": "metres", "degrees": "radians", "180": "pi"}
 
 
 def type_name(topic: str) -> str:
     """Return the bare name of the type of a topic, as in ``Slip``."""
     return topic.capitalize()
+
+
+def si_field(name: str) -> tuple[str, float | None]:
+    """Return the name in ROS of a field, and its factor to SI units; None where its unit stays.
+
+    >>> si_field("x_mm"), si_field("rate_hz")
+    (('x_m', 0.001), ('rate_hz', None))
+    """
+    for end, (si_end, factor) in _SI.items():
+        if name.endswith(end):
+            return name.removesuffix(end) + si_end, factor
+    return name, None
 
 
 def own_texts() -> dict[str, str]:
@@ -46,7 +67,8 @@ def _fields(schema: dict[str, Any], texts: dict[str, str]) -> str:
         if name == "timestamp":
             continue
         kind = "builtin_interfaces/Time" if name in INSTANTS else _kind(name, field, texts)
-        parts.append(f"{_comment(field.get('description', ''))}{_constants(name, field)}{kind} {name}\n")
+        words = _comment(field.get("description", ""))
+        parts.append(f"{words}{_constants(name, field)}{kind} {si_field(name)[0]}\n")
     return "\n".join(parts)
 
 
@@ -67,5 +89,10 @@ def _constants(name: str, field: dict[str, Any]) -> str:
 
 
 def _comment(text: str) -> str:
-    lines = textwrap.wrap(text, _WIDTH - len("# "), break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(_in_si(text), _WIDTH - len("# "), break_long_words=False, break_on_hyphens=False)
     return "".join(f"# {line}\n" for line in lines)
+
+
+def _in_si(text: str) -> str:
+    """Words about a field, with units and names of fields as in ROS; names of options (`a.b`) stay."""
+    return re.sub(r"(?<![\w.])\w+\b", lambda word: _SI_WORDS.get(word[0], si_field(word[0])[0]), text)
