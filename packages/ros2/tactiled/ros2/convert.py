@@ -27,7 +27,8 @@ def header(unix_s: float, frame_id: str) -> Values:
 
 def own_message(data: Mapping[str, Any], frame_id: str) -> Values:
     """Return the message of our own type: all fields, in SI units, with instants as times."""
-    return _in_si(data) | {"header": header(data["timestamp"], frame_id)}
+    fields = {name: value for name, value in data.items() if name != "timestamp"}
+    return {"header": header(data["timestamp"], frame_id)} | _in_si(fields)
 
 
 def _in_si(data: Mapping[str, Any]) -> Values:

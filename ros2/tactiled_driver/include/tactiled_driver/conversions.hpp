@@ -1,0 +1,130 @@
+// Standard messages of ROS 2 from the structures of tactiled, and the verdict in /diagnostics.
+// Pure: no node, no clock. own_messages.hpp has the messages of tactiled_msgs.
+#pragma once
+
+#include <cctype>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <diagnostic_msgs/msg/diagnostic_array.hpp>
+#include <geometry_msgs/msg/wrench_stamped.hpp>
+#include <limits>
+#include <string>
+#include <tactiled_events.hpp>
+
+#include "tactiled_driver/header.hpp"
+
+namespace tactiled_driver {
+
+constexpr double FRESH_S = 0.5;  // five periods of the status, as in the client
+
+// Frame of the array of a board: tactile_TS0001.
+inline std::string frame_of(const std::string& board)
+{
+    std::string frame = "tactile_" + board;
+    for (char& c : frame)
+        if (!std::isalnum(static_cast<unsigned char>(c)))
+            c = '_';
+    return frame;
+}
+
+// True for a force in newtons that may be acted on. A nominal one, of published sensitivities, counts only where
+// `calibrated_only` is false: standard messages cannot say that a force is nominal.
+inline bool is_in_newtons(const tactiled::Force& force, bool calibrated_only)
+{
+    return force.valid && force.calibration != "none" && !(calibrated_only && force.calibration == "nominal");
+}
+
+// Force of the object on the skin in newtons, torque about the origin of the array in newton metres.
+inline void convert(const tactiled::Force& from, geometry_msgs::msg::WrenchStamped& to, const std::string& frame_id)
+{
+    constexpr double M_PER_MM = 1e-3;
+    to.header = header(from.timestamp, frame_id);
+    to.wrench.force.x = from.fx_n;
+    to.wrench.force.y = from.fy_n;
+    to.wrench.force.z = from.fz_n;
+    to.wrench.torque.x = M_PER_MM * from.tx_nmm;
+    to.wrench.torque.y = M_PER_MM * from.ty_nmm;
+    to.wrench.torque.z = M_PER_MM * from.tz_nmm;
+}
+
+// Contact as a status implies it: after an interruption that of the status, without taxels; during one (`is_lost`)
+// unknown and not valid, so that a late subscriber does not receive the state before it. `seq` is -1, because the
+// daemon did not send it.
+inline tactiled::Contact contact_of(const tactiled::Status& status, const std::string& previous, bool is_lost,
+                                    double unix_s)
+{
+    tactiled::Contact contact;
+    contact.v = status.v;
+    contact.timestamp = unix_s;
+    contact.seq = -1;
+    contact.board = status.board;
+    contact.run = status.run;
+    contact.state = is_lost ? tactiled::Contact::STATE_UNKNOWN : status.contact.c_str();
+    contact.previous = previous;
+    contact.valid = !is_lost;
+    return contact;
+}
+
+// What the driver knows of its board.
+struct BoardState {
+    std::string board;
+    tactiled::Status status;                                      // newest one
+    double status_s = -std::numeric_limits<double>::infinity();  // when it was read, monotonic
+    bool is_active = false, is_fresh = false;
+    std::string reason;                // of the newest STALE
+    std::string calibration = "none";  // of the newest force
+    std::uint64_t too_old = 0;         // messages that were not published
+    std::uint64_t lost = 0, malformed = 0;
+};
+
+struct Verdict {
+    unsigned char level;
+    std::string text;
+};
+
+inline Verdict verdict(const BoardState& state, double now_s)
+{
+    using diagnostic_msgs::msg::DiagnosticStatus;
+    const tactiled::Status& status = state.status;
+    if (!state.is_active)
+        return {DiagnosticStatus::STALE, "the node is not active"};
+    if (state.is_fresh)
+        return {status.warning.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
+                status.warning.empty() ? status.state : status.warning};
+    if (now_s - state.status_s <= FRESH_S && !status.valid)
+        return {DiagnosticStatus::ERROR, status.reason.empty() ? status.state : status.reason};
+    return {DiagnosticStatus::STALE,
+            state.reason.empty() ? "no status was received: is tactiled running?" : state.reason};
+}
+
+inline diagnostic_msgs::msg::DiagnosticArray diagnostics(const BoardState& state, double now_s, double unix_s)
+{
+    diagnostic_msgs::msg::DiagnosticArray array;
+    array.header = header(unix_s, "");
+    auto& entry = array.status.emplace_back();
+    const Verdict found = verdict(state, now_s);
+    entry.level = found.level;
+    entry.message = found.text;
+    entry.name = "tactiled " + state.board;
+    entry.hardware_id = state.board;
+    const auto add = [&entry](const char* key, const std::string& value) {
+        auto& pair = entry.values.emplace_back();
+        pair.key = key;
+        pair.value = value;
+    };
+    char rate_hz[32];
+    std::snprintf(rate_hz, sizeof rate_hz, "%.6g", state.status.rate_hz);
+    add("state", state.status.state);
+    add("contact", state.status.contact);
+    add("rate_hz", rate_hz);
+    add("scans", std::to_string(state.status.scans));
+    add("scans_missing", std::to_string(state.status.scans_missing));
+    add("force_calibration", state.calibration);
+    add("messages_too_old", std::to_string(state.too_old));
+    add("messages_lost", std::to_string(state.lost));
+    add("messages_malformed", std::to_string(state.malformed));
+    return array;
+}
+
+}  // namespace tactiled_driver
