@@ -18,7 +18,7 @@ import numpy as np
 from bench.worlds.arrays import places_mm
 from bench.worlds.hands import GRAVITY, KEEP, STEP_S, HandPlan, log_uniform, plan, side_by_side
 from bench.worlds.sensors import Drawn, Forces, measure_together
-from bench.worlds.shapes import SHAPES, PressureTable, draw_table, rows
+from bench.worlds.shapes import SHAPES, MovingLoads, PressureTable, draw_table
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 
@@ -90,7 +90,8 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
     hand, shape = str(rng.choice(hands)), str(rng.choice(SHAPES))
     side, pitch = int(rng.choice([3, 3, 4])), rng.uniform(3.0, 4.5)
     x, y = places(side, pitch)
-    table = draw_table(rng, shape, x, y)
+    angle = rng.uniform(0, 2 * np.pi)
+    table = draw_table(rng, shape, x, y, None if hand == "twist" else angle)
     held = plan(rng, hand, 60 * minutes)
     mu = log_uniform(rng, 0.2, 1.3) * rng.lognormal(0, rng.uniform(0, 0.08), len(x))
     power = rng.uniform(0.0, 0.33)
@@ -109,7 +110,6 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         # Weight and pull belong together; the stiffest contacts are as heavy as integration needs.
         mass = max((bears + second) * 0.45 / GRAVITY / 1e3, whole / 400.0**2)
     arm = rng.normal(0, 0.6, 2)
-    angle = rng.uniform(0, 2 * np.pi)
     scalars = {
         "usual": table.usual_n, "power": power, "bears": bears, "second": second, "mass": mass,
         "second_stiffness": second_stiffness, "stiffness": stiffness,
@@ -123,13 +123,17 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         "rough_mm": log_uniform(rng, 0.1, 2.0),
         "ridges": rng.uniform(0.02, 0.2) * (rng.random() < 0.2), "ridge_mm": rng.uniform(0.6, 5.0),
         "ridge_angle": angle + rng.normal(0, 0.6), "lever_mm": rng.uniform(0.0, 1.5),
+        "moves": float(hand != "twist"), "turns": float(hand == "twist"),
+        "rocks": max(rng.uniform(-0.1, 0.1), 0.0),
+        "rocks_hz": log_uniform(rng, 0.1, 3.0), "rocks_phase": rng.uniform(0, 2 * np.pi),
+        "rocks_angle": rng.uniform(0, 2 * np.pi),
         "damping": rng.uniform(0.4, 0.9), "reflex_s": rng.uniform(0.02, 0.12),
         "reflex_per_s": rng.uniform(2.0, 12.0) * (rng.random() < 0.85), "carries": float(held.course.carries),
     }  # fmt: skip
     if hand == "near-limit":
-        # What takes friction or moments beyond the plan would make it slide.
+        # What takes friction, loads or moments beyond the plan would make it slide.
         arm = np.zeros(2)
-        scalars |= {"lever_mm": 0.0, "rough": 0.0, "ridges": 0.0}
+        scalars |= {"lever_mm": 0.0, "rough": 0.0, "ridges": 0.0, "moves": 0.0, "rocks": 0.0}
     centre = (float((limit * x).sum()) / bears, float((limit * y).sum()) / bears)
     arrays = {
         "x": x, "y": y, "mu": mu, "surface": rng.normal(size=(side**2, _SURFACE)),
@@ -156,7 +160,7 @@ def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     """Integrate a batch of worlds with arrays of one size."""
     v, arrays = side_by_side_scenes(scenes)
     x, y, mu, surface = (arrays[name] for name in ("x", "y", "mu", "surface"))
-    tables = np.stack([s.table.node_n for s in scenes])
+    loads_of = MovingLoads([s.table for s in scenes])
     longest = max(len(s.plan.course) for s in scenes)
     course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
@@ -189,22 +193,22 @@ def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     out_load = np.zeros((kept, n, taxels), dtype=np.float32)
     out_shear = np.zeros((kept, n, 2, taxels), dtype=np.float32)
     out = np.zeros((3, kept, n), dtype=np.float64)
-    with_table = tables.reshape(-1, nodes)
-    first_row = worlds * tables.shape[1]
+    moves = v["moves"] * np.stack([*along, np.zeros(n)]) + v["turns"] * np.stack(
+        [*np.zeros((2, n)), v["radius"]]
+    )
+    rocks = v["rocks"] / v["radius"] * np.stack([np.cos(v["rocks_angle"]), np.sin(v["rocks_angle"])])
     for k in range(kept * KEEP):
         # Load: the hand's, what a grip adds, and none once the object is lost.
         free = load_course[k] < 1e-3
         lost = (lost | ((v["carries"] > 0) & (np.abs(place[:2]).max(axis=0) > _LOST_MM))) & ~free
         relative = load_course[k] * (1 + grip) * ~lost
-        row, part = rows(relative)
-        load = (
-            with_table[first_row + row] * (1 - part)[:, None]
-            + with_table[first_row + row + 1] * part[:, None]
-        )
+        load = loads_of.at(relative, (moves * place).sum(axis=0))
         total = np.maximum(load.sum(axis=1), 1e-9)
-        # Shear acts at the surface, and its moment loads one side.
+        # Shear acts at the surface, and its moment loads one side; so does a hand that rocks.
         lean = v["lever_mm"] / (total * radius2)
-        load *= np.clip(1 + (lean * shear_x)[:, None] * x + (lean * shear_y)[:, None] * y, 0.2, 2.0)
+        rocked = rocks * np.sin(2 * np.pi * v["rocks_hz"] * STEP_S * k + v["rocks_phase"])
+        lean_x, lean_y = lean * shear_x + rocked[0], lean * shear_y + rocked[1]
+        load *= np.clip(1 + lean_x[:, None] * x + lean_y[:, None] * y, 0.2, 2.0)
         if ridged.any():
             phase = ridge[0] * place[0] + ridge[1] * place[1]
             load *= 1 + ridged * np.sin(ridge_phase + phase[:, None])

@@ -23,7 +23,7 @@ from bench.worlds.bristles import (
 )
 from bench.worlds.hands import KEEP, STEP_S, log_uniform, plan, side_by_side
 from bench.worlds.sensors import Drawn, Forces, measure_together, mixed
-from bench.worlds.shapes import SHAPES, draw_table, rows
+from bench.worlds.shapes import SHAPES, MovingLoads, draw_table
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 
@@ -59,7 +59,8 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
     side, pitch = int(rng.choice([3, 3, 4])), rng.uniform(3.2, 4.5)
     line = pitch / 2 * (np.arange(2 * side + 1) - side)
     x, y = (a.ravel() for a in np.meshgrid(line, line))
-    table = draw_table(rng, shape, x, y)
+    angle = rng.uniform(0, 2 * np.pi)
+    table = draw_table(rng, shape, x, y, None if hand == "twist" else angle)
     held = plan(rng, hand, 60 * minutes)
     usual = table.at(table.usual_n)
     area = usual > 0
@@ -73,13 +74,15 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         "usual": table.usual_n, "bears": bears, "ground": ground, "mu": mu * (1 - sticky),
         "coupling": ground * rng.uniform(0.1, 0.8), "stiffness": ground * float(area.sum()),
         "grows": rng.uniform(0.01, 0.06), "hand": log_uniform(rng, 0.7, 20.0),
-        "angle": rng.uniform(0, 2 * np.pi), "radius": float(np.hypot(x[area], y[area]).mean()),
+        "angle": angle, "radius": float(np.hypot(x[area], y[area]).mean()),
+        "moves": float(hand != "twist"), "turns": float(hand == "twist"),
         "relaxes": rng.uniform(0.0, 0.05), "creep": rng.uniform(0.01, 0.08),
         "x": float(x[area].mean()), "y": float(y[area].mean()),
     }  # fmt: skip
     scalars["reach"] = _REACH.get(hand, 1.0)
     if hand == "near-limit":
-        scalars["relaxes"] = 0.0  # a load that falls would take it beyond
+        # A load that falls, or moves, would take it beyond.
+        scalars |= {"relaxes": 0.0, "moves": 0.0}
     arrays = {"x": x, "y": y, "adhesion": adhesion, "to_taxels": near / near.sum(axis=0)}
     return PressedScene(Drawn("sheet", shape, hand, seed, side, pitch, rng), held, table, arrays, scalars)
 
@@ -99,11 +102,13 @@ def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     # Elastic travel of the skin and of the hand's own spring.
     way = course("pull") * v["reach"] * elastic * (1 + 1 / v["hand"]) + course("travel_mm")
     turn = course("turn") * v["reach"] * elastic * (1 + 1 / v["hand"]) / v["radius"]
-    tables = np.stack([s.table.node_n for s in scenes])
+    loads_of = MovingLoads([s.table for s in scenes])
     n, nodes = x.shape
     side = round(np.sqrt(nodes))
-    first_row, tables = np.arange(n) * tables.shape[1], tables.reshape(-1, nodes)
     along = np.stack([np.cos(v["angle"]), np.sin(v["angle"])])
+    moves = v["moves"] * np.stack([*along, np.zeros(n)]) + v["turns"] * np.stack(
+        [*np.zeros((2, n)), v["radius"]]
+    )
     ground, coupling = v["ground"][:, None], v["coupling"][:, None]
     neighbours = _neighbours(side)
     own = ground + coupling * neighbours
@@ -117,8 +122,7 @@ def _simulate(scenes: list[PressedScene]) -> list[Forces]:
         free = load_course[k] < 1e-3
         touch_s = np.where(free, 0.0, touch_s + STEP_S)
         relative = load_course[k] * (1 - v["relaxes"] * np.log1p(touch_s / 0.3))
-        row, part = rows(relative)
-        load = tables[first_row + row] * (1 - part)[:, None] + tables[first_row + row + 1] * part[:, None]
+        load = loads_of.at(relative, (moves * place).sum(axis=0))
         limit = adhesion * (load > 0) * np.minimum(relative * 5, 1)[:, None] + v["mu"][:, None] * load
         limit *= (1 + v["grows"][:, None] * np.log1p(slip / _SPEED_MM_S)) * friction[k][:, None]
         # The object goes where hand and skin let it, and takes along the places that stick.

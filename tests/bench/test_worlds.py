@@ -5,7 +5,7 @@ import pytest
 
 from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.sensors import Drawn, Forces, measure, runs
-from bench.worlds.shapes import draw_table
+from bench.worlds.shapes import MovingLoads, draw_table
 from bench.worlds.world import World, onsets
 
 NEW = [name for name in GENERATORS if name != "laws"]
@@ -172,15 +172,30 @@ def test_an_ideal_sensor_reads_the_forces_and_nothing_else() -> None:
     )
 
 
+@pytest.mark.parametrize("towards", [None, 0.7])
 @pytest.mark.parametrize("shape", ["flat", "sphere", "cylinder", "edge", "rib", "bumps"])
-def test_pressures_add_up_to_the_load(shape: str) -> None:
+def test_pressures_add_up_to_the_load_wherever_the_object_moves(shape: str, towards: float | None) -> None:
     x, y = (a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 12), np.linspace(-5, 5, 12)))
-    table = draw_table(np.random.default_rng(3), shape, x, y)
+    table = draw_table(np.random.default_rng(3), shape, x, y, towards)
     light, heavy = table.at(0.1 * table.usual_n), table.at(2.0 * table.usual_n)
     assert light.sum() == pytest.approx(0.1 * table.usual_n)
     assert heavy.sum() == pytest.approx(2.0 * table.usual_n)
     assert (light >= 0).all()
     assert (heavy > 0).sum() >= (light > 0).sum()
+    moving = MovingLoads([table, table])
+    np.testing.assert_allclose(moving.at(np.array([0.1, 2.0]), np.zeros(2)), np.stack([light, heavy]))
+    for way_mm in (-30.0, -1.3, 0.4, 5.0):
+        found = moving.at(np.array([0.1, 2.0]), np.full(2, way_mm))
+        np.testing.assert_allclose(found.sum(axis=1), table.usual_n * np.array([0.1, 2.0]))
+
+
+def test_pressures_go_along_with_an_object_that_moves() -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 21), np.linspace(-5, 5, 21)))
+    ball = MovingLoads([draw_table(np.random.default_rng(3), "sphere", x, y, 0.0)])
+    centres = [float((ball.at(np.ones(1), np.array([way_mm]))[0] * x).sum()) for way_mm in (-1.25, 0.0, 1.25)]
+    centres = [centre / float(ball.at(np.ones(1), np.zeros(1)).sum()) for centre in centres]
+    assert 0.5 < centres[1] - centres[0] < 1.25
+    assert 0.5 < centres[2] - centres[1] < 1.25
 
 
 def test_short_runs_are_joined_to_what_is_around_them() -> None:

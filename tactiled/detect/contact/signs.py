@@ -22,6 +22,7 @@ CHANGE_S = (0.04, 0.08, 0.16, 0.3, 0.5)  # choice
 TURN_S = (0.08, 0.16, 0.3)  # choice
 SPREAD_S = (0.16, 0.5)  # choice
 WANDER_S = (0.04, 0.08, 0.16, 0.3)  # choice
+MOVE_S = (0.08, 0.16, 0.3, 0.5)  # choice
 LEVELS = (1, 2, 3)  # choice
 GROWTH_S = 0.08  # choice
 _MEAN_S = 0.3  # choice: the longest horizon of a prediction
@@ -57,6 +58,8 @@ NAMES: tuple[str, ...] = (
     *(f"{kind}_{t}" for t in _ms(SPREAD_S) for kind in ("above_least", "below_most", "ratio_sd")),
     *(f"wander_{t}" for t in _ms(WANDER_S)),
     *(f"wander_noises_{t}" for t in _ms(WANDER_S)),
+    *(f"load_moves_{t}" for t in _ms(MOVE_S)),
+    *(f"load_moves_noises_{t}" for t in _ms(MOVE_S)),
     *(f"detail_{level}" for level in LEVELS),
     *(f"detail_noises_{level}" for level in LEVELS),
     *(f"detail_common_{level}" for level in LEVELS),
@@ -73,6 +76,7 @@ _CHANGES, _TURNS, _SPREADS = (
 _WANDER, _DETAILS, _SINCE = (NAMES.index(name) for name in ("wander_40ms", "detail_1", "since_below_50_s"))
 _GROWTH, _ROUGHNESS, _JERK = (NAMES.index(name) for name in ("log_growth_s", "roughness", "load_jerk"))
 _NOISE, _RIPPLE, _HAND = (NAMES.index(name) for name in ("log_noise", "ripple", "acceleration"))
+_MOVES = NAMES.index("load_moves_80ms")
 
 
 class Signs:
@@ -123,6 +127,7 @@ class Signs:
         self.turn_looks = array("q", [_looks(t, look_s) for t in TURN_S])
         self.spread_looks = array("q", [_looks(t, look_s) for t in SPREAD_S])
         self.wander_looks = array("q", [_looks(t, look_s) for t in WANDER_S])
+        self.move_looks = array("q", [_looks(t, look_s) for t in MOVE_S])
         self.n_mean, self.n_drop, self.n_growth = (
             _looks(_MEAN_S, look_s), _looks(_DROP_S, look_s), _looks(GROWTH_S, look_s),
         )  # fmt: skip
@@ -135,6 +140,7 @@ class Signs:
         self.since = _zeros(len(_PARTS))
         self.past_log_ratio, self.past_log_load = _zeros(self.length), _zeros(self.length)
         self.parts_x, self.parts_y = _zeros(self.length * n), _zeros(self.length * n)
+        self.load_parts = _zeros(self.length * n)
         self.pairs = array("q", _neighbours(x, y))
         self.fast, self.slow, self.lag, self.power = _zeros(n), _zeros(n), _zeros(n), _zeros(n)
         self.turns = _zeros(len(self.pairs) // 2)
@@ -229,6 +235,7 @@ class Signs:
         self._take_course()
         self._take_growth()
         self._take_wander(noise)
+        self._take_moves(noise * self.shear_per_friction)
         self._take_ripple()
         row, mean = self.row, self.whole / self.n_taxels
         row[_ROUGHNESS] = roughness / mean
@@ -262,6 +269,7 @@ class Signs:
             for k in range(n):
                 self.parts_x[at * n + k] = self.shear_x[k] / whole
                 self.parts_y[at * n + k] = self.shear_y[k] / whole
+                self.load_parts[at * n + k] = self.load[k] / whole
         if first:
             for k in range(n):
                 self.fast[k] = self.slow[k] = self.load[k] / whole
@@ -429,6 +437,26 @@ class Signs:
             row[_DETAILS + kinds + j] = size / relative
             row[_DETAILS + 2 * kinds + j] = sqrt(common_x * common_x + common_y * common_y)
             first += taps
+
+    def _take_moves(self, noise: float) -> None:
+        """Signs of load that moves over the taxels: what slides or turns takes its pressures along.
+
+        Parameters
+        ----------
+        noise : float
+            Standard deviation of a taxel's reading in a look, in units of the readings.
+        """
+        n, row, at = self.n_taxels, self.row, self.at
+        relative = max(noise / self.whole, _TINY)
+        kinds = len(self.move_looks)
+        for j in range(kinds):
+            back = self._back(self.move_looks[j])
+            squares = 0.0
+            for k in range(n):
+                change = self.load_parts[at * n + k] - self.load_parts[back * n + k]
+                squares += change * change
+            row[_MOVES + j] = sqrt(squares)
+            row[_MOVES + kinds + j] = sqrt(squares / n) / relative
 
     def _take_ripple(self) -> None:
         """Signs of a ripple of the loads: its size, and the part of it that travels from taxel to taxel.

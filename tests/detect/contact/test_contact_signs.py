@@ -44,10 +44,9 @@ def test_a_contact_that_holds_shows_its_ratio_and_no_change() -> None:
     assert sign(rows, "loaded_part")[-1] == 1.0
     assert sign(rows, "own_ratio_sd")[-1] == pytest.approx(0.0, abs=1e-6)
     assert sign(rows, "shear_load_correlation")[-1] == pytest.approx(1.0)
+    still = ("change", "wander", "detail", "turn", "above", "below_most", "ripple", "moves")
     for name in NAMES:
-        if any(
-            word in name for word in ("change", "wander", "detail", "turn", "above", "below_most", "ripple")
-        ):
+        if any(word in name for word in still):
             assert sign(rows, name)[-1] == pytest.approx(0.0, abs=1e-9), name
     assert sign(rows, "since_below_98_s")[-1] == 1.0  # as long as is remembered
     assert np.isnan(sign(rows, "log_growth_s")[-1])
@@ -97,6 +96,20 @@ def test_taxels_that_move_on_their_own_wander_and_a_common_change_does_not() -> 
     for name in ("wander_80ms", "detail_1"):
         assert sign(shown(common)[0], name)[31:34].max() < 1e-9
         assert sign(shown(alone)[0], name)[31:34].max() > 0.02
+
+
+def test_load_that_moves_shows_and_a_firmer_press_does_not() -> None:
+    firmer, moved = held(60), held(60)
+    firmer[30:] *= 1.5
+    moved[30:, 0] += 0.2 * np.array(X)
+    names = ("load_moves_80ms", "load_moves_noises_500ms")
+    for name in names:
+        assert sign(shown(firmer)[0], name).max() < 1e-9
+    parts = 0.2 * math.sqrt(6) / 9  # six taxels of nine, of a load of 9
+    rows = [sign(shown(moved, noise=0.02)[0], name) for name in names]
+    assert rows[0][31] == pytest.approx(parts)
+    assert rows[0][36] == pytest.approx(0.0, abs=1e-9)
+    assert rows[1][50] == pytest.approx(parts * 9 / 3 / 0.02)
 
 
 def test_a_wave_that_goes_over_the_taxels_travels_and_a_common_ripple_does_not() -> None:
