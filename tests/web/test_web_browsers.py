@@ -72,6 +72,20 @@ def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
     assert scans == [b"scan 98", b"scan 99"]
 
 
+def test_a_browser_that_keeps_up_gets_one_frame_in_place_of_two() -> None:
+    async def main() -> list[bytes]:
+        link = Link()
+        browser = Browser(cast(Any, link))
+        sending = asyncio.create_task(browser.send_all())
+        for n in range(4):
+            browser.offer(Frames(b"event %d" % n, b"scan %d" % n, b"both %d" % n))
+            await asyncio.sleep(0)
+        sending.cancel()
+        return link.sent
+
+    assert asyncio.run(main()) == [b"both 0", b"both 1", b"both 2", b"event 3"]
+
+
 def test_frames_that_the_history_holds_are_not_sent_again() -> None:
     async def main() -> list[bytes]:
         link = Link()

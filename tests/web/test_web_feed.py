@@ -37,14 +37,15 @@ def message(topic: str, seq: int, at_s: float = NOW_S, **fields: Any) -> Message
     return Message(topic, "TS1", seq, at_s, data, 0.0, 0.0, 0.0)
 
 
-def test_events_and_live_messages_are_in_two_frames() -> None:
+def test_events_and_live_messages_are_in_two_frames_and_in_one() -> None:
     feed = Feed()
     for item in (message("scan", 0), message("slip", 0), Recovered(message("slip", 1)), message("status", 0)):
         feed.take(0, item)
     frames = feed.frames(NOW_S, 5.0)
     assert [(row[1], row[3]) for row in rows(frames.kept)] == [("slip", False), ("slip", True)]
     assert [row[1] for row in rows(frames.live)] == ["status", "scan"]
-    assert feed.frames(NOW_S, 5.0) == (None, None)
+    assert rows(frames.both) == rows(frames.kept) + rows(frames.live)
+    assert feed.frames(NOW_S, 5.0) == (None, None, None)
 
 
 def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:

@@ -154,7 +154,9 @@ class CatchUp:
         if line is None:
             return []
         line.end_seq = max(line.end_seq, end_seq)
-        return [] if line.hole_end else self._settle(key, line, 0, now_s)
+        if line.hole_end or line.end_seq <= line.next_seq:
+            return []
+        return self._settle(key, line, 0, now_s)
 
     def status_read(self, board: str) -> list[Item]:
         """Take note of a status, after `expect`; return retained messages of topics without a newer one.

@@ -189,7 +189,8 @@ class Subscription(_SubscriptionBase):
         """
         if only_with:
             self._unread += self._received(most - len(self._unread))
-            is_asked = any(parts[0].endswith(_endings(only_with)) for parts, _ in self._unread)
+            asked = _endings(only_with)
+            is_asked = any(parts[0].endswith(asked) for parts, _ in self._unread)
             if not is_asked and len(self._unread) < most:
                 return []
         self._read(most, newest_of)

@@ -39,10 +39,11 @@ def checked_map(topic: str, data: Mapping[str, Any]) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for key, is_valid, default in fields:
         value = data.get(key, default)
-        if value is not default and not is_valid(value):
+        if value is default:
+            if value is dataclasses.MISSING:
+                raise ContractError(f"{topic}: {key} is missing")
+        elif not is_valid(value):
             raise ContractError(f"{topic}: {key} is {value!r:.40}")
-        if value is dataclasses.MISSING:
-            raise ContractError(f"{topic}: {key} is missing")
         found[key] = value
     for keys in _EQUALLY_LONG.get(topic, ()):
         if len({found[key] if type(found[key]) is int else len(found[key]) for key in keys}) > 1:
@@ -58,8 +59,8 @@ def _are_numbers(value: Any) -> bool:
     """Check the readings of a scan at once: one call for each takes three times as long."""
     if not isinstance(value, list) or not {*map(type, value)} <= {float, int}:
         return False
-    # NaN compares with nothing, so that it may hide from `max`; it does not from a sum.
-    return not value or (max(map(abs, value)) <= _LARGEST and sum(map(abs, value)) < math.inf)
+    # NaN compares with nothing, so that it may hide from `min` and `max`; it does not from a sum.
+    return not value or (min(value) >= -_LARGEST and max(value) <= _LARGEST and sum(value) < math.inf)
 
 
 def _is_instant(value: Any) -> bool:

@@ -39,10 +39,16 @@ class Browser:
         self._dropped = 0
 
     def offer(self, frames: Frames) -> None:
-        """Queue frames; the oldest live frames are dropped where the browser is too slow."""
-        if frames.kept is not None:
-            self._kept.append(frames.kept)
-        if frames.live is not None:
+        """Queue frames; the oldest live frames are dropped where the browser is too slow.
+
+        One that keeps up gets what there is in one frame.
+        """
+        keeps_up = not self._kept and not self._live and self._in_flight < _IN_FLIGHT
+        is_one = frames.both is not None and keeps_up
+        kept = frames.both if is_one else frames.kept
+        if kept is not None:
+            self._kept.append(kept)
+        if frames.live is not None and not is_one:
             self._live.append(frames.live)
             if len(self._live) > _LIVE_FRAMES:
                 self._live.popleft()

@@ -32,7 +32,10 @@ URGENT: frozenset[Topic] = frozenset({"contact", "slip", "command"})
 """Topics that a page shows at once."""
 _FLOATS = 1
 """MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
-_UNSEEN = {"scan": {"time_sd_s", "age_s"}, "force": {"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}}
+_UNSEEN = {
+    "scan": frozenset({"time_sd_s", "age_s"}),
+    "force": frozenset({"taxel_fx_n", "taxel_fy_n", "taxel_fz_n"}),
+}
 """Fields of messages of each scan that no page shows."""
 _NEWEST = ("geometry", "info", "settings", "status", "recording", "contact")
 """Topics whose newest message a new browser needs."""
@@ -52,10 +55,11 @@ class Entry(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """Two frames of one instant: messages that every browser gets, and live ones; None for none."""
+    """Frames of one instant: of messages that every browser gets, of live ones, of both; None for none."""
 
     kept: bytes | None
     live: bytes | None
+    both: bytes | None = None  # in place of the two, where both are there
 
 
 class Feed:
@@ -126,7 +130,8 @@ class Feed:
         # Scans last: the page draws their loads in the unit of the newest force message.
         packed = [entry.packed for entry in live if entry.topic != "scan" and newest[entry.key] is entry]
         packed += [entry.packed for entry in live if entry.topic == "scan"]
-        return Frames(_frame(now_unix_s, now_s, kept), _frame(now_unix_s, now_s, packed))
+        both = [*kept, *packed] if kept and packed else []
+        return Frames(*(_frame(now_unix_s, now_s, messages) for messages in (kept, packed, both)))
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans.
@@ -169,7 +174,8 @@ class Feed:
 
 
 def _packed(source: int, topic: str, data: Mapping[str, Any], recovered: bool) -> bytes:
-    seen = {name: value for name, value in data.items() if name not in _UNSEEN.get(topic, ())}
+    unseen = _UNSEEN.get(topic, frozenset())
+    seen = {name: value for name, value in data.items() if name not in unseen}
     if topic == "scan":
         volts = data["volts"]
         seen["volts"] = msgpack.ExtType(_FLOATS, struct.pack(f"<{len(volts)}f", *volts))
