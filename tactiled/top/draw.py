@@ -117,7 +117,7 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
         add("slip", "no slip" if live else "unknown")
     if felt is not None and geometry is not None:
         shear_x, shear_y = float(felt.shear_x.sum()), float(felt.shear_y.sum())
-        add("load", f"{felt.load.sum():.2f} {unit}" if live else "-")
+        add("load", f"{felt.load.sum():z.2f} {unit}" if live else "-")
         if geometry["has_shear"]:
             angle = math.degrees(math.atan2(shear_y, shear_x))
             add("shear", f"{math.hypot(shear_x, shear_y):.2f} {unit} {_arrow(angle)}" if live else "-")
@@ -132,7 +132,7 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
     if status:
         add("rate", f"{status['rate_hz']:.1f} Hz, {lost_words(status)}")
         sd_ms = 1000 * status["clock_sd_s"]
-        known = f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:.0f} ppm"
+        known = f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:z.0f} ppm"
         add("clock", known if sd_ms < 1e6 else "not known")
         add("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path")
     if (recording := board.newest.get("recording")) is not None:

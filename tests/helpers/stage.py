@@ -23,7 +23,6 @@ from tactiled.events.types import (
     ContactState,
     Event,
     ForceEvent,
-    GripEvent,
     InfoEvent,
     ScanEvent,
     StatusEvent,
@@ -31,7 +30,7 @@ from tactiled.events.types import (
 from tactiled.pipeline import Pipeline
 
 PAUSE_S = 3.0  # between two plays, without a board
-N_PER_V = 1.5  # of a calibration in which load and shear have one scale, so that friction stays as it is
+N_PER_V = 1.5  # of a calibration in which load and shear have one scale
 _STATUS_S = 0.1
 _SUBSCRIBED_MS = 100  # without a further subscription: the first subscriber has all its topics
 _LAST_S = 0.1  # of a play, played again and again by a board that holds
@@ -183,10 +182,8 @@ class Stage:
 
     def _stated(self, event: Event) -> list[Event]:
         """Event as the daemon would state it, after the force of its scan where there is a calibration."""
-        if not self._forces or not isinstance(event, ScanEvent | GripEvent):
+        if not self._forces or not isinstance(event, ScanEvent):
             return [event]
-        if isinstance(event, GripEvent):
-            return [replace(event, unit="N")]
         felt = np.array(event.volts) - SOURCE.array.zero
         x, y, load = (_weights() @ felt).tolist()
         force = ForceEvent(

@@ -217,6 +217,39 @@ def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None
     assert counts[3] <= 31
 
 
+@pytest.mark.parametrize(("run", "sent", "unit"), [(1, 0, "N"), (2, 0, "V"), (2, 1, "N")])
+def test_a_daemon_that_states_no_force_is_not_waited_for(
+    opened: Page, run: int, sent: int, unit: str
+) -> None:
+    act = f"""
+      board.take("geometry", {{ unit: "V", zero: [0], zero_first_s: 0, names: ["a"], has_shear: false,
+        pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
+      const at = (run, s) =>
+        board.take("scan", {{ ...common(run, s), index: Math.round(10 * s), volts: [2], valid: [true] }});
+      const known = {{ fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1 }};
+      board.take("force", {{ ...common(1, 20), seq: 0, calibration: "finger-7", ...known }});
+      at(1, 20);
+      const sent = {{ scan: 102, force: {sent} }};
+      board.take("status", {{ ...common({run}, 21), contact: "none", rate_hz: 100, sent }});
+      at({run}, 21);
+      return board.unit;"""
+    assert model(opened, act) == unit
+
+
+def test_no_number_has_the_sign_of_zero_or_is_none(opened: Page) -> None:
+    found = opened.evaluate("""async () => {
+      const { fixed, pm, sig } = await import("/static/words.js");
+      const near = [-0.0004, -0, 0, 1e-9, -1e-9, NaN, Infinity];
+      return [near.map((v) => fixed(v, 2)), near.map((v) => sig(v)), near.map((v) => pm(v, 0.3, "N")),
+        near.map((v) => pm(v, 0, "V"))];
+    }""")
+    zero, none = "0.00", "–"
+    assert found[0] == [zero, zero, zero, zero, zero, none, none]
+    assert found[1] == ["-0.000400", "0", "0", "0.000000", "0.000000", none, none]
+    assert found[2] == ["0.0 ± 0.3 N"] * 5 + [f"{none} ± 0.3 N"] * 2
+    assert found[3] == [f"{words} V" for words in found[1]]
+
+
 def test_a_lamp_gets_worse_at_once_and_better_when_that_lasts(opened: Page) -> None:
     act = """
       const lamp = new SteadyLamp();

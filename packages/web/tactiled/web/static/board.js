@@ -12,6 +12,7 @@ const HEALTH_SCANS = 100;
 const GAP_S = 0.2;               // scans of the history are 0.1 s and a period apart: more is a time without scans
 const GAP_PERIODS = 2.5;         // slow boards
 const FORCE_COMES_S = 5;         // so long curves in newtons wait for the force of a scan: after a gap it comes later, and a server that was held up has the newest alone
+const FORCE_SENT_S = 1;          // of scans with which a daemon has sent a force, if it states any
 const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
 const CURRENT_PERIODS = 3;       // slow boards
 
@@ -150,8 +151,14 @@ export class BoardModel {
   /** Whether the curves are in newtons, and a force for them may come yet. */
   _awaitsForce(at) {
     const { force } = this, names = force !== null && !UNCALIBRATED.includes(force.calibration);
-    if (this.unit !== "N" || (force !== null && !names)) return false;
+    if (this.unit !== "N" || (force !== null && !names) || (force === null && this._statesNoForce())) return false;
     return at - Math.max(this.gaps.at(-1)?.to ?? -Infinity, names ? force.timestamp : -Infinity) < FORCE_COMES_S;
+  }
+
+  /** Whether the daemon says that it has sent scans of this run and no force. */
+  _statesNoForce() {
+    const { status } = this, sent = status?.run === this.newestScan.run ? status.sent : undefined;
+    return sent?.force === 0 && sent.scan > FORCE_SENT_S * (status.rate_hz || this.info?.rate_hz || 0);
   }
 
   _learnZero(scan) {

@@ -8,7 +8,7 @@ import { freshness, SteadyLamp } from "./freshness.js";
 import { historyControls } from "./history.js";
 import { Scope, Spectrum, Timeline } from "./plots.js";
 import { SkinPicture } from "./skin.js";
-import { ageWords, bytesWords, clockWords, eventWords, pm, REFUSALS, sig } from "./words.js";
+import { ageWords, bytesWords, clockWords, eventWords, fixed, placesOf, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
 const PICTURE_S = 0.08;   // skin: with each frame of the server, which come every 100 ms and now and then sooner
@@ -133,12 +133,14 @@ export class BoardPanel {
 
   _loads(now) {
     const force = now?.force ?? null, unit = now?.unit;
-    const centre = force === null || !this.board.isTouched() ? NONE : `${force.x_mm.toFixed(1)}, ${force.y_mm.toFixed(1)} mm`;
+    const centre = force === null || !this.board.isTouched() ? NONE : `${fixed(force.x_mm, 1)}, ${fixed(force.y_mm, 1)} mm`;
     const limit = force?.saturated ? "≥ " : "";
+    // Readings have no standard deviation: as many decimals as three digits of a full disc have.
+    const places = placesOf(this.skin.full || 1, 3), words = (value, sd) => (force === null ? `${fixed(value, places)} ${unit}` : pm(value, sd, unit));
     facts(this.at.loads, [
-      ["load", now === null ? NONE : limit + pm(now.load, now.loadSd, unit)],
-      ["shear", now === null || now.shear === null ? NONE : pm(now.shear, now.shearSd, unit)],
-      ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${now.deg.toFixed(0)}°`],
+      ["load", now === null ? NONE : limit + words(now.load, now.loadSd)],
+      ["shear", now === null || now.shear === null ? NONE : words(now.shear, now.shearSd)],
+      ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${fixed(now.deg, 0)}°`],
       now === null || force !== null ? ["centre", centre] : ["use", "tactiled calibrate"],
     ]);
     put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated" : `Calibrated: ${force.calibration}${force.valid ? "" : ", not valid"}`);
@@ -151,7 +153,7 @@ export class BoardPanel {
     drawBar(at.bar, held);
     facts(at.margin, [
       ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
-      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : this.board.calibrated() === null ? "not calibrated" : NONE],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not in newtons"],
     ]);
   }
 
@@ -201,7 +203,7 @@ export class BoardPanel {
     const disk = r === null ? "–" : r.state === "off" ? "off" : `${r.state}${r.file ? ` ${r.file.split("/").pop()}` : ""}, ${bytesWords(r.bytes_written)}, ${bytesWords(1e6 * r.free_mb)} free${r.reason ? `, ${r.reason}` : ""}`;
     const items = [["rate", `${sig(s.rate_hz, 4)} Hz`, "rate_hz", s.rate_hz], ["scans", `${s.scans}`, "scans", s.scans],
       ["lost", s.loss_known === false ? "not known" : `${s.scans_missing} (${loss < 0.005 ? "0" : loss.toFixed(2)} %)`, "scans_missing", s.scans_missing], ["corrupt frames", `${s.frames_corrupt}`, "frames_corrupt", s.frames_corrupt],
-      ["clock", s.clock_sd_s < 1e3 ? `± ${sig(1e3 * s.clock_sd_s, 2)} ms, ${s.clock_rate_ppm.toFixed(0)} ppm` : "not known", "clock_sd_s", s.clock_sd_s],
+      ["clock", s.clock_sd_s < 1e3 ? `± ${sig(1e3 * s.clock_sd_s, 2)} ms, ${fixed(s.clock_rate_ppm, 0)} ppm` : "not known", "clock_sd_s", s.clock_sd_s],
       ["loop lag", `${sig(1e3 * s.loop_lag_s, 2)} ms`, "loop_lag_s", s.loop_lag_s], ["restarts", `${s.restarts}`, "restarts", s.restarts], ["recording", disk, "recording", r === null ? "" : r.state]];
     const strip = this.at.strip;
     strip.dataset.seq = s.seq; strip.dataset.run = s.run;
@@ -261,7 +263,7 @@ export class BoardPanel {
     table.dataset.values = JSON.stringify(Array.from(scan.volts));
     g.names.forEach((_, c) => {
       const cells = body.rows[c].cells;
-      put(cells[1], scan.volts[c].toFixed(4));
+      put(cells[1], fixed(scan.volts[c], 4));
       put(cells[2], this.board.health[c] || (scan.valid[c] ? "" : "not valid"));
     });
   }

@@ -13,13 +13,18 @@ export function ageWords(seconds) {
   return `${(s / 3600).toFixed(1)} h`;
 }
 
+/** Number with so many decimals; zero has no sign, and what is no number is a dash. */
+export function fixed(value, places) {
+  return Number.isFinite(value) ? value.toFixed(places).replace(/^-(?=[0.]+$)/, "") : "–";
+}
+
 /** Number with so many significant digits and no exponent. */
 export function sig(value, digits = 3) {
-  if (!Number.isFinite(value)) return "–";
-  if (value === 0) return "0";
-  const places = Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value))));
-  return value.toFixed(Math.min(places, 6));
+  return value === 0 ? "0" : fixed(value, Number.isFinite(value) ? placesOf(value, digits) : 0);
 }
+
+/** Decimals of a number with so many significant digits, at most 6. */
+export const placesOf = (value, digits) => Math.min(6, Math.max(0, digits - 1 - Math.floor(Math.log10(Math.abs(value)))));
 
 /** Value and standard deviation, with the digits that the deviation allows. */
 export function pm(value, sd, unit) {
@@ -27,8 +32,7 @@ export function pm(value, sd, unit) {
   if (sd >= UNKNOWN_SD) return "not known";
   const power = Math.floor(Math.log10(sd));
   const places = Math.min(6, Math.max(0, (sd / 10 ** power < 2 ? 1 : 0) - power)); // one digit of the deviation, two below 2
-  const shown = value.toFixed(places).replace(/^-(?=[0.]+$)/, ""); // zero has no sign
-  return `${shown} ± ${sd.toFixed(places)} ${unit}`;
+  return `${fixed(value, places)} ± ${sd.toFixed(places)} ${unit}`;
 }
 
 export const bytesWords = (n) => (n < 1e6 ? `${(n / 1e3).toFixed(0)} kB` : n < 1e9 ? `${(n / 1e6).toFixed(1)} MB` : `${(n / 1e9).toFixed(2)} GB`);
