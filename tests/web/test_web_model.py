@@ -226,8 +226,8 @@ def test_a_daemon_that_states_no_force_is_not_waited_for(
         pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
       const at = (run, s) =>
         board.take("scan", {{ ...common(run, s), index: Math.round(10 * s), volts: [2], valid: [true] }});
-      const known = {{ fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1 }};
-      board.take("force", {{ ...common(1, 20), seq: 0, calibration: "finger-7", ...known }});
+      const newtons = {{ fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1 }};
+      board.take("force", {{ ...common(1, 20), seq: 0, calibration: "finger-7", ...newtons }});
       at(1, 20);
       const sent = {{ scan: 102, force: {sent} }};
       board.take("status", {{ ...common({run}, 21), contact: "none", rate_hz: 100, sent }});
