@@ -202,9 +202,10 @@ export class SkinPicture {
   }
 
   _words(c, width, height, words) {
+    const wide = this.canvas.clientWidth - 44; // longer words are drawn narrower
     c.font = "700 20px system-ui, sans-serif"; c.textAlign = "center"; c.textBaseline = "middle";
-    c.lineWidth = 6; c.strokeStyle = colour("halo"); c.strokeText(words, width / 2, height / 2);
-    c.fillStyle = colour("stale-ink"); c.fillText(words, width / 2, height / 2);
+    c.lineWidth = 6; c.strokeStyle = colour("halo"); c.strokeText(words, width / 2, height / 2, wide);
+    c.fillStyle = colour("stale-ink"); c.fillText(words, width / 2, height / 2, wide);
   }
 
   _legendWords(g, state) {
