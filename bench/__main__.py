@@ -12,7 +12,7 @@ from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-_FILTER = ("tactiled/detect/contact", "tactiled/detect/signal", "config/learnt")
+_FILTER = ("tactiled/detect", "bench/worlds", "config/learnt")
 
 
 class Bench(NamedTuple):
@@ -65,13 +65,15 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> No
     """
     if data is not None and name != "recordings":
         raise click.UsageError("--data is for `bench recordings`")
+    if numbers is not None and not numbers.parent.is_dir():
+        raise click.UsageError(f"--json: there is no folder {numbers.parent}")
     measure = getattr(import_module(BENCHES[name].module), f"bench_{name}")
     with ProgressBar(f"bench {name}", None) as progress:
         sections: Sequence[str] = measure(progress, BenchOptions(quick, data))
+    click.echo("\n\n".join(sections))
     if numbers is not None:
         command = f"./run bench {name}{' --data DIR' * (data is not None)}{' --quick' * quick}"
         numbers.write_text(as_json(command, BENCHES[name].code, sections), "utf-8")
-    click.echo("\n\n".join(sections))
 
 
 if __name__ == "__main__":

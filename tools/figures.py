@@ -27,12 +27,15 @@ from tools.site.pages import ROOT, pages
 CHANGED = " The measured code has changed since."
 UNKNOWN = " The measured code may have changed since."  # where the history has no such commit
 # Pages that explain comments have them in backticks.
-_BLOCK = re.compile(r"(?<!`)(<!-- figure: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_BLOCK = re.compile(
+    r"(?<!`)(<!-- figure: (\S+) -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL
+)
+_EDGE = re.compile(r"(?<!`)<!-- (?:figure: .*?|end) -->")
 _MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
 _OTHER = re.compile(r"(?<!`)<!--(?! figure: \S+ -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)")
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
-_NUMBER = re.compile(r"(?<!\w)-?\d+(?:,\d{3})*(?:\.\d+)?")
+_NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Figure:
 
     def _head(self) -> str:
         commit, date = (self.commit or "not known")[:9], (self.date or "not known")[:10]
+        commit += " with changes" if (self.commit or "").endswith("-dirty") else ""
         words = [f"`{self.command}`", f"commit {commit}", f"date {date}"]
         if self.machine:
             words.append(
@@ -82,7 +86,7 @@ class Figure:
 
     def _age(self) -> str:
         """Say whether a later commit touched what was measured."""
-        if self.commit is None:
+        if not self.commit:
             return UNKNOWN
         later = f"{self.commit.removesuffix('-dirty')}..HEAD"
         git = ["git", "-C", str(ROOT), "rev-list", "-1", later, "--", *self.code]
@@ -137,6 +141,10 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
     """Yield where a page differs from the figures: the line, and what is wrong."""
     for other in _OTHER.finditer(text):
         yield f"{_line(text, other)}: this comment is none of those that tools/figures.py explains"
+    paired = {place for block in _BLOCK.finditer(text) for place in (block.start(), block.start(3))}
+    for edge in _EDGE.finditer(text):
+        if edge.start() not in paired:
+            yield f"{_line(text, edge)}: `{edge[0]}` has no other end, or is not alone on its line"
     for block in _BLOCK.finditer(text):
         line, file = _line(text, block), f"docs/figures/{block[2]}.json"
         if block[2] not in figures:
@@ -159,7 +167,7 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
 
 def numbers(text: str) -> set[float]:
     """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
-    return {float(one.replace(",", "")) for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))}
+    return {float(one.replace(",", "").replace("\u2212", "-")) for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))}
 
 
 def _ageless(text: str) -> str:
@@ -180,6 +188,8 @@ def _line(text: str, match: re.Match[str]) -> int:
 
 def main(arguments: list[str]) -> None:
     """Write the tables, or check with ``--check``."""
+    if arguments not in ([], ["--check"]):
+        sys.exit("usage: python -m tools.figures [--check]")
     figures, n_numbers, wrong = load_figures(), 0, list[str]()
     for path in pages():
         text = path.read_text("utf-8")

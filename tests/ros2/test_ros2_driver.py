@@ -1,6 +1,7 @@
 """Messages of the ROS 2 driver in C++, over structures made by ROS's own generators (rosidl, of Debian).
 
-The driver and `tactiled ros2` make the same messages of the same input; every field is compared.
+The driver and `tactiled ros2` make the same messages of the same input; every field of tactiled_msgs is
+compared, and that of the wrench. Diagnostics have keys of their own.
 """
 
 import itertools

@@ -115,6 +115,10 @@ def test_own_messages_are_in_si_units() -> None:
     assert values["angle_sd_rad"] == math.pi
     assert values["candidates"][0]["period_m"] == 0.0016
     assert values["candidates"][0]["angle_rad"] == math.pi / 2
+    one = convert.own_message(force_map(tx_nmm=250.0), FRAME)
+    assert one["tx_n_m"] == 0.25
+    grip_message = codec.to_map(GripEvent(time_s=1.0, torsion=3.0), seq=0, board="TS0001", unix_offset_s=0.0)
+    assert convert.own_message(grip_message, FRAME)["torsion_m"] == 0.003
     grip = own_types.own_texts()["Grip"]
     assert "in unit times\n# metres." in grip
     left = re.findall(r"^\S+ (\w+(?:mm|_deg|mm_s))$", "".join(own_types.own_texts().values()), re.MULTILINE)

@@ -69,12 +69,20 @@ def test_a_page_as_written_has_no_problem() -> None:
         ("figure: slip", "figure: skid", "9: there is no docs/figures/skid.json"),
         ("| 1,282 |", "| 1,283 |", "9: differs from docs/figures/slip.json; run `python -m tools.figures`"),
         ("<!-- from slip: quiet", "<!-- form slip: quiet", "7: this comment is none of those"),
+        ("figure: slip -->", "figure: slip --> ", "9: `<!-- figure: slip -->` has no other end"),
+        ("<!-- figure: slip -->\n", "", "17: `<!-- end -->` has no other end"),
     ],
 )
 def test_an_edit_of_one_place_is_found_at_its_line(right: str, wrong: str, said: str) -> None:
     text = written().replace(" and -1", "")
     assert right in text
     assert any(problem.startswith(said) for problem in problems(text.replace(right, wrong, 1), KNOWN))
+
+
+def test_a_block_without_its_end_keeps_the_text_up_to_the_next() -> None:
+    text = written().replace(" and -1", "").replace("<!-- end -->", "kept\n\n<!-- figure: slip -->\n<!-- end -->")
+    assert "kept" in with_figures(text, KNOWN)
+    assert any(problem.startswith("9: `<!-- figure: slip -->` has no") for problem in problems(text, KNOWN))
 
 
 def test_an_old_figure_says_so_and_is_not_a_problem(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ _WIDTH = 100  # of comments in the text
 # Ends of names in units that are not SI: end of the name in ROS, and factor. No end is that of a later one.
 _SI = {
     "_nmm": ("_n_m", 1e-3), "_mm_s": ("_m_s", 1e-3), "_mm": ("_m", 1e-3), "_deg": ("_rad", math.pi / 180.0),
-    "torsion": ("torsion", 1e-3),  # in `unit` times mm
+    "torsion": ("torsion_m", 1e-3),  # in `unit` times mm
 }  # fmt: skip
 _SI_WORDS = {"millimetres": "metres", "mm": "metres", "degrees": "radians", "180": "pi"}
 

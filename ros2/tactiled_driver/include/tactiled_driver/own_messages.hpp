@@ -99,7 +99,7 @@ inline void convert(const tactiled::Grip& from, tactiled_msgs::msg::Grip& to, co
     to.load = from.load;
     to.shear_x = from.shear_x;
     to.shear_y = from.shear_y;
-    scale(0.001, from.torsion, to.torsion);
+    scale(0.001, from.torsion, to.torsion_m);
     to.unit = from.unit;
     to.needed_load = from.needed_load;
     to.state = from.state;
