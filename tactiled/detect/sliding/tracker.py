@@ -2,12 +2,13 @@
 
 A surface that moves under the skin loads each taxel on its own. A hand that trembles, a motor that hums, a
 tap and a change of grip act on a rigid body: on the load and on its two tilts, which are three patterns over
-the channels. Without the three strongest patterns of a window, a channel at rest is left with its own noise;
-with them, a hum, taps and a firmer grip look like slides.
+the channels. Without the three strongest patterns of a window, a channel at rest is left with its own noise.
 
 1. Spectra of the window: a cubic trend removed, under a Hann window, over the noise of each channel.
 2. Roughness: the largest mean of three neighbouring bins of what the three strongest patterns leave, over the
-   same at rest. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
+   same at rest. Where rest was seen out of contact alone, it must exceed white noise at the level of the
+   window's quietest quarter of bins, too. What happens in one quarter of the window, such as a tap, does not
+   count. Before rest was seen, roughness says nothing: noise at rest has a spectrum of its own.
 3. Ripple: the strongest line that travels, whose phases differ between channels. A ridge passes the taxels
    one after the other, so that the phases of its ripple fill the circle. A hum of the gripper or a tremor of
    the hand shakes the load and tilts it: phasors in phase, and phasors of both signs in quadrature to these.
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.period_only import LEAST_CYCLES, apart_from, swing_spectrum
+from tactiled.detect.grooves.period_only import apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.quantise import HeldReadings
 
@@ -37,14 +38,15 @@ _WINDOW_S = 2.0  # choice
 _LEAST_WINDOW = 72
 _HOPS = 8  # choice: in a window
 BEGINS, _BOUND, _SPENT = 3.0, 5.0, 0.5  # choice: log odds; two windows at least, four to forget
-# prior: log odds of sliding up to which a window shows the rest; as many speak against sliding in a window
-# before rest was seen, in which nothing travels.
-_LEARNS_BELOW = 1.0
+_LEARNS_BELOW = 1.0  # prior: log odds of sliding up to which a window shows the rest
+_NO_RIPPLE = -1.0  # prior: log odds, before rest was seen: what does not travel is taken for rest
 _KNOWN_HOPS = 4  # choice: at rest, before their mean counts
 _MEMORY_HOPS = 32  # choice: 8 s
 _STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of the slide
 _STOPPED_HOPS = 2  # choice
+_LEAST_STEPS = 1.0 / 12  # derived: variance of rounding to whole steps
 _ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that of even rounding
+_LEAST_CYCLES = 3  # derived: a cubic trend leaves humps of fewer in the window
 _PATTERNS = 3  # derived: load, and tilt in two directions
 _CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
 _FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
@@ -56,7 +58,8 @@ _QUIET_PART = 0.25  # prior: of the bins, which show the noise
 _AT_REST, _AT_REST_SDS = 0.4, 3.5
 _SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
 _LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
-_MOST_ODDS = 1.45  # derived: of roughness and of ripple: both in one window are less than sliding needs
+_ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
+_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # tuned: on the same seeds; less than sliding needs
 
 # derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
 # the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
@@ -107,7 +110,7 @@ class _Spectra(NamedTuple):
 def _spectra(readings: FloatArray, rounding_power: FloatArray) -> _Spectra:
     """Compute spectra of readings (n, channels); `rounding_power` (channels,) is the least noise of each."""
     n, found = len(readings), swing_spectrum(readings)
-    z = found.values[LEAST_CYCLES : n // 2]
+    z = found.values[_LEAST_CYCLES : n // 2]
     power = np.sort(np.abs(z) ** 2, axis=0)[int(_QUIET_PART * len(z))]
     least = rounding_power * float((np.hanning(n) ** 2).sum())
     return _Spectra(z, np.maximum(power, np.maximum(least, 1e-12)), found.readings)
@@ -115,11 +118,27 @@ def _spectra(readings: FloatArray, rounding_power: FloatArray) -> _Spectra:
 
 def _own_power(found: _Spectra, noise: FloatArray) -> FloatArray:
     """Power (bins,) over the noise that the strongest patterns of a window leave, mean over channels."""
+    z = found.z / np.sqrt(noise) @ _own_patterns(found, noise)
+    return np.asarray((np.abs(z) ** 2).mean(axis=1))
+
+
+def _own_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
+    """Patterns (channels, channels - left out), over the noise, except the strongest."""
     z = found.z / np.sqrt(noise)
     parts = np.concatenate([z.real, z.imag])
     _, patterns = np.linalg.eigh(parts.T @ parts)
-    own = z @ patterns[:, : z.shape[1] - _n_patterns(z.shape[1])]
-    return np.asarray((np.abs(own) ** 2).mean(axis=1))
+    return np.asarray(patterns[:, : z.shape[1] - _n_patterns(z.shape[1])])
+
+
+def _happens_once(found: _Spectra) -> bool:
+    """Return True where most of what exceeds the noise is in one quarter of the window, as of a tap."""
+    n = len(found.readings)
+    own = found.readings / np.sqrt(found.noise) @ _own_patterns(found, found.noise)
+    power = (own**2).mean(axis=1)[: n // 4 * 4].reshape(4, -1).mean(axis=1)
+    # A quarter of exponentially distributed power is below 0.29 of its mean; a Hann window has 3/8 of n.
+    noise = 1 / (-np.log(1 - _QUIET_PART) * 0.375 * n)
+    excess = np.maximum(power - noise, 0.0)
+    return bool(excess.max() > _ONCE * excess.sum())
 
 
 def _n_patterns(channels: int) -> int:
@@ -127,15 +146,22 @@ def _n_patterns(channels: int) -> int:
     return min(_PATTERNS, channels // _CHANNELS_OF_PATTERN)
 
 
-def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray) -> float:
-    """Log odds of sliding, given the `_own_power` (bins,) of a window and that at rest."""
-    channels = found.z.shape[1]
+def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> float:
+    """Log odds of sliding, given the `_own_power` (bins,) of a window and that at rest, where it is known."""
+    bins, channels = found.z.shape
+    n_free = channels - _n_patterns(channels)
     if channels < _FEW:
-        return -_MOST_ODDS
-    sd = float(1 / np.sqrt(2 * (channels - _n_patterns(channels))))
-    ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
+        return -_MOST_ROUGH
+    sd = float(1 / np.sqrt(2 * n_free))
+    if at_rest is None:
+        level = np.sort(own)[int(_QUIET_PART * bins)]
+        ratio = np.convolve(own, _SMOOTH, "valid") / max(float(level), 1e-12)
+    else:
+        ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
     growth = float(np.log(max(float(ratio.max()), 1e-12)))
-    rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ODDS, _MOST_ODDS))
+    rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ROUGH, _MOST_ROUGH))
+    if rough > 0 and _happens_once(found):
+        rough = 0.0
     ripple = _ripple_odds(found)
     return rough if ripple <= 0 else max(rough, 0.0) + ripple
 
@@ -143,8 +169,8 @@ def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray) -> float:
 def _ripple_odds(found: _Spectra) -> float:
     """Log odds of sliding that the ripple of a window gives; 0 where no line travels."""
     size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / len(found.z)))
-    line = travelling_line(found.z / size, LEAST_CYCLES) - _LINE_AT_REST
-    return float(np.clip(_SLOPE * line, 0.0, _MOST_ODDS))
+    line = travelling_line(found.z / size, _LEAST_CYCLES) - _LINE_AT_REST
+    return float(np.clip(_SLOPE * line, 0.0, _MOST_LINE))
 
 
 class _Rest:
@@ -154,7 +180,7 @@ class _Rest:
         self.n = 0
         self.is_of_contact = False
         self._noise = np.full(n_channels, np.nan)
-        self.own = np.zeros(0)  # none before the first window
+        self.own: FloatArray | None = None
 
     def noise(self, used: NDArray[np.bool_], now: FloatArray) -> FloatArray:
         """Noise of the channels that are used; that of `now` where none is known."""
@@ -166,7 +192,7 @@ class _Rest:
         self.n = min(self.n + 1, _MEMORY_HOPS)
         before = self.noise(used, noise)
         self._noise[used] = before + (noise - before) / self.n
-        self.own = self.own + (own - self.own) / self.n if len(self.own) else own
+        self.own = own if self.own is None else self.own + (own - self.own) / self.n
 
 
 class SlidingTracker:
@@ -234,7 +260,7 @@ class SlidingTracker:
         readings = readings[:, used]
         change = np.abs(np.diff(readings, axis=0))
         smallest = np.where(change > 0, change, np.inf).min(axis=0)
-        rounding = np.where(np.isfinite(smallest), np.maximum(smallest, 1.0), 1.0) ** 2 * _ROUNDING
+        rounding = np.maximum(np.where(np.isfinite(smallest), smallest, 0.0) ** 2 * _ROUNDING, _LEAST_STEPS)
         found = _spectra(readings, rounding)
         rest = self._rest
         noise = rest.noise(used, found.noise)
@@ -258,9 +284,13 @@ class SlidingTracker:
 
     def _gained(self, found: _Spectra, noise: FloatArray) -> float:
         """Log odds of the window, as far as rest is known."""
-        if self._rest.n < _KNOWN_HOPS:
-            return _ripple_odds(found) or -_LEARNS_BELOW
-        return _log_odds(found, _own_power(found, noise), self._rest.own)
+        rest = self._rest
+        if rest.n < _KNOWN_HOPS:
+            return _ripple_odds(found) or _NO_RIPPLE
+        over_rest = _log_odds(found, _own_power(found, noise), rest.own)
+        if rest.is_of_contact:
+            return over_rest
+        return min(over_rest, _log_odds(found, _own_power(found, found.noise), None))
 
     def _stops(self, readings: FloatArray) -> bool:
         """Return True where the newest readings of a slide change far less than those before."""
