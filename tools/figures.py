@@ -27,9 +27,7 @@ from tools.site.pages import ROOT, pages
 CHANGED = " The measured code has changed since."
 UNKNOWN = " The measured code may have changed since."  # where the history has no such commit
 # Pages that explain comments have them in backticks.
-_BLOCK = re.compile(
-    r"(?<!`)(<!-- figure: (\S+) -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL
-)
+_BLOCK = re.compile(r"(?<!`)(<!-- figure: (\S+) -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL)
 _EDGE = re.compile(r"(?<!`)<!-- (?:figure: .*?|end) -->")
 _MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
 _OTHER = re.compile(r"(?<!`)<!--(?! figure: \S+ -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)")
@@ -167,7 +165,10 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
 
 def numbers(text: str) -> set[float]:
     """Return the numbers of a text; `11,791` is 11791. Code and addresses have none, nor has a list item."""
-    return {float(one.replace(",", "").replace("\u2212", "-")) for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))}
+    return {
+        float(one.replace(",", "").replace("\u2212", "-"))
+        for one in _NUMBER.findall(_NOT_WORDS.sub(" ", text))
+    }
 
 
 def _ageless(text: str) -> str:

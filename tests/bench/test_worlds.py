@@ -190,13 +190,30 @@ def test_pressures_add_up_to_the_load_wherever_the_object_moves(shape: str, towa
         np.testing.assert_allclose(found.sum(axis=1), table.usual_n * np.array([0.1, 2.0]))
 
 
-def test_pressures_go_along_with_an_object_that_moves() -> None:
-    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 21), np.linspace(-5, 5, 21)))
-    ball = MovingLoads([draw_table(np.random.default_rng(3), "sphere", x, y, 0.0)])
-    centres = [float((ball.at(np.ones(1), np.array([way_mm]))[0] * x).sum()) for way_mm in (-1.25, 0.0, 1.25)]
+@pytest.mark.parametrize("axis", [0, 1])
+def test_pressures_go_along_with_an_object_that_moves(axis: int) -> None:
+    places = [a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 21), np.linspace(-5, 5, 21))]
+    ball = MovingLoads([draw_table(np.random.default_rng(3), "sphere", *places, axis * np.pi / 2)])
+    along = places[axis]
+    centres = [
+        float((ball.at(np.ones(1), np.array([way_mm]))[0] * along).sum()) for way_mm in (-1.25, 0.0, 1.25)
+    ]
     centres = [centre / float(ball.at(np.ones(1), np.zeros(1)).sum()) for centre in centres]
     assert 0.5 < centres[1] - centres[0] < 1.25
     assert 0.5 < centres[2] - centres[1] < 1.25
+
+
+def test_pressures_turn_with_an_object_that_turns() -> None:
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 41), np.linspace(-5, 5, 41)))
+    inside = np.hypot(x, y) < 5  # a square would pull the axes to its own
+    x, y = x[inside], y[inside]
+    rib = MovingLoads([draw_table(np.random.default_rng(3), "rib", x, y, None)])
+    turned = []
+    for turn in (0.0, 0.2):
+        load = rib.at(np.ones(1), np.array([turn * float(np.hypot(x, y).mean())]))[0]
+        dx, dy = x - (load @ x) / load.sum(), y - (load @ y) / load.sum()
+        turned.append(0.5 * np.arctan2(2 * (load @ (dx * dy)), load @ (dx**2) - load @ (dy**2)))
+    assert turned[1] - turned[0] == pytest.approx(0.2, abs=0.03)
 
 
 def test_short_runs_are_joined_to_what_is_around_them() -> None:

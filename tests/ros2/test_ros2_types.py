@@ -13,7 +13,7 @@ from message_strategies import instances
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.events import codec
-from tactiled.events.types import EVENT_TYPES, Candidate, Event, ForceEvent, TextureEvent
+from tactiled.events.types import EVENT_TYPES, Candidate, Event, ForceEvent, GripEvent, TextureEvent
 from tactiled.ros2 import convert, names, own_types
 from tactiled.ros2.cdr import encode
 from tactiled.ros2.definitions import (

@@ -70,7 +70,7 @@ def test_a_page_as_written_has_no_problem() -> None:
         ("| 1,282 |", "| 1,283 |", "9: differs from docs/figures/slip.json; run `python -m tools.figures`"),
         ("<!-- from slip: quiet", "<!-- form slip: quiet", "7: this comment is none of those"),
         ("figure: slip -->", "figure: slip --> ", "9: `<!-- figure: slip -->` has no other end"),
-        ("<!-- figure: slip -->\n", "", "17: `<!-- end -->` has no other end"),
+        ("<!-- figure: slip -->\n", "", "19: `<!-- end -->` has no other end"),
     ],
 )
 def test_an_edit_of_one_place_is_found_at_its_line(right: str, wrong: str, said: str) -> None:
@@ -80,7 +80,11 @@ def test_an_edit_of_one_place_is_found_at_its_line(right: str, wrong: str, said:
 
 
 def test_a_block_without_its_end_keeps_the_text_up_to_the_next() -> None:
-    text = written().replace(" and -1", "").replace("<!-- end -->", "kept\n\n<!-- figure: slip -->\n<!-- end -->")
+    text = (
+        written()
+        .replace(" and -1", "")
+        .replace("<!-- end -->", "kept\n\n<!-- figure: slip -->\n<!-- end -->")
+    )
     assert "kept" in with_figures(text, KNOWN)
     assert any(problem.startswith("9: `<!-- figure: slip -->` has no") for problem in problems(text, KNOWN))
 
