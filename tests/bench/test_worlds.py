@@ -192,9 +192,9 @@ def test_pressures_add_up_to_the_load_wherever_the_object_moves(shape: str, towa
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_pressures_go_along_with_an_object_that_moves(axis: int) -> None:
-    places = [a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 21), np.linspace(-5, 5, 21))]
-    ball = MovingLoads([draw_table(np.random.default_rng(3), "sphere", *places, axis * np.pi / 2)])
-    along = places[axis]
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-5, 5, 21), np.linspace(-5, 5, 21)))
+    ball = MovingLoads([draw_table(np.random.default_rng(3), "sphere", x, y, axis * np.pi / 2)])
+    along = (x, y)[axis]
     centres = [
         float((ball.at(np.ones(1), np.array([way_mm]))[0] * along).sum()) for way_mm in (-1.25, 0.0, 1.25)
     ]
