@@ -444,7 +444,8 @@ class Signs:
         Parameters
         ----------
         noise : float
-            Standard deviation of a taxel's reading in a look, in units of the readings.
+            Standard deviation of a taxel's shear in a look, in units of the readings; taken for that of its
+            load, which is the same where both are sums and differences of the same channels.
         """
         n, row, at = self.n_taxels, self.row, self.at
         relative = max(noise / self.whole, _TINY)
