@@ -6,8 +6,9 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
   stand between them.
 - ``<!-- from NAME: PART / PART; PART -->``: the numbers before it are those of the figure, back to the
   comment before, or else to the beginning of the paragraph, list item or table row. Each term between
-  semicolons selects the texts and cells in whose title, row or heading all of its parts occur. Each number
-  must be in a selected text or cell, in the heading of such a cell or in the first cell of its row.
+  semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
+  the beginning of a word on. Each number must be in a selected text or cell, in the heading of such a cell
+  or in the first cell of its row.
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ.
@@ -56,7 +57,7 @@ class Figure:
     def select(self, term: str) -> list[str]:
         """Return the texts and cells at a term, each cell with its heading and the first of its row."""
         parts = term.split(" / ")
-        return [words for place, words in self._places() if all(part in place for part in parts)]
+        return [words for place, words in self._places() if all(_has_word(place, part) for part in parts)]
 
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield what terms are looked for in, and the words that have the numbers, of each text and cell."""
@@ -90,6 +91,10 @@ class Figure:
         git = ["git", "-C", str(ROOT), "rev-list", "-1", later, "--", *self.code]
         found = subprocess.run(git, capture_output=True, text=True, check=False)
         return UNKNOWN if found.returncode else CHANGED if found.stdout else ""
+
+
+def _has_word(place: str, part: str) -> bool:
+    return re.search(rf"(?<!\w){re.escape(part)}", place) is not None
 
 
 def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:

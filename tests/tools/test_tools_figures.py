@@ -69,6 +69,7 @@ def test_a_page_as_written_has_no_problem() -> None:
         ("figure: slip", "figure: skid", "9: there is no docs/figures/skid.json"),
         ("| 1,282 |", "| 1,283 |", "9: differs from docs/figures/slip.json; run `python -m tools.figures`"),
         ("<!-- from slip: quiet", "<!-- form slip: quiet", "7: this comment is none of those"),
+        ("from slip: gross", "from slip: ross", "3: docs/figures/slip.json has nothing at `ross / quiet`"),
         ("figure: slip -->", "figure: slip --> ", "9: `<!-- figure: slip -->` has no other end"),
         ("<!-- figure: slip -->\n", "", "19: `<!-- end -->` has no other end"),
     ],
