@@ -441,11 +441,7 @@ class Signs:
     def _take_moves(self, noise: float) -> None:
         """Signs of load that moves over the taxels: what slides or turns takes its pressures along.
 
-        Parameters
-        ----------
-        noise : float
-            Standard deviation of a taxel's shear in a look, in units of the readings; taken for that of its
-            load, which is the same where both are sums and differences of the same channels.
+        The noise is that of a taxel's shear in a look, in units of the readings, taken for that of its load.
         """
         n, row, at = self.n_taxels, self.row, self.at
         relative = max(noise / self.whole, _TINY)
