@@ -101,7 +101,7 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
     bears = float(limit.sum())
     loaded = int((limit > 0.05 * limit.mean()).sum())
     stiffness = bears / log_uniform(rng, 0.1, 1.0)  # N/mm: elastic travel 0.1 to 1 mm
-    radius = float(np.hypot(x, y).mean())
+    radius = table.radius_mm
     second = bears * rng.uniform(0.8, 1.3) if held.course.carries else 0.0
     second_stiffness = stiffness * rng.uniform(0.3, 1.5) if held.course.carries else 0.0
     whole = stiffness * (1 + held.course.spring) + second_stiffness

@@ -28,7 +28,8 @@ class PressureTable:
     """Loads (N) of places, at loads from 0 up, while the object moves along a line or turns."""
 
     usual_n: float
-    reach_mm: float  # way of the object to either end of the table; of a turn, at `radius_mm` from the middle
+    reach_mm: float  # way of the object to either end of the table; of a turn, at `radius_mm`
+    radius_mm: float  # mean distance of the nodes from the middle of the array, about which an object turns
     # (offsets, levels, nodes): loads of the nodes, N; the total of level k is
     # ``usual_n * 2.5 * (k / (levels - 1))^2``
     node_n: FloatArray
@@ -111,7 +112,7 @@ def draw_table(
         # A hand keeps the object's tilt towards the pad, whichever part of it touches.
         gap = gap_of(along, across) + (tilt_mm[0] * x + tilt_mm[1] * y) / half + skin
         found.append(_levels(usual_n, gap - gap.min(), depth, power))
-    return PressureTable(usual_n, reach_mm, np.stack(found))
+    return PressureTable(usual_n, reach_mm, radius, np.stack(found))
 
 
 def _gap(rng: np.random.Generator, shape: str, half: float) -> Callable[[FloatArray, FloatArray], FloatArray]:

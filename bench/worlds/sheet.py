@@ -75,9 +75,8 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         "coupling": ground * rng.uniform(0.1, 0.8), "stiffness": ground * float(area.sum()),
         "grows": rng.uniform(0.01, 0.06), "hand": log_uniform(rng, 0.7, 20.0),
         "angle": angle, "radius": float(np.hypot(x[area], y[area]).mean()),
-        "moves": float(hand != "twist"), "turns": float(hand == "twist"),
+        "moves": float(hand != "twist"), "turns": table.radius_mm * float(hand == "twist"),
         "relaxes": rng.uniform(0.0, 0.05), "creep": rng.uniform(0.01, 0.08),
-        "x": float(x[area].mean()), "y": float(y[area].mean()),
     }  # fmt: skip
     scalars["reach"] = _REACH.get(hand, 1.0)
     if hand == "near-limit":
@@ -90,11 +89,7 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
 def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     """Relax a batch of lattices of one size, step by step."""
     v, arrays = side_by_side_scenes(scenes)
-    adhesion = arrays["adhesion"]
-    x, y = (
-        arrays["x"] - v["x"][:, None],
-        arrays["y"] - v["y"][:, None],
-    )  # the object turns about the middle of the contact
+    adhesion, x, y = arrays["adhesion"], arrays["x"], arrays["y"]
     longest = max(len(s.plan.course) for s in scenes)
     course = partial(side_by_side, [s.plan for s in scenes])
     load_course, friction = course("load"), course("friction")
@@ -106,9 +101,7 @@ def _simulate(scenes: list[PressedScene]) -> list[Forces]:
     n, nodes = x.shape
     side = round(np.sqrt(nodes))
     along = np.stack([np.cos(v["angle"]), np.sin(v["angle"])])
-    moves = v["moves"] * np.stack([*along, np.zeros(n)]) + v["turns"] * np.stack(
-        [*np.zeros((2, n)), v["radius"]]
-    )
+    moves = np.stack([*(v["moves"] * along), v["turns"]])  # way of the loads for each place of the object
     ground, coupling = v["ground"][:, None], v["coupling"][:, None]
     neighbours = _neighbours(side)
     own = ground + coupling * neighbours
