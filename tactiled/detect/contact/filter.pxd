@@ -12,7 +12,7 @@ cdef double LOOK_S, GROWTH_S, _INFINITE, _LEAST_RATIO, _LEAST_BORNE, _LEAST_LOAD
 cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _ONSETS, _ENDS, _FILTER_PART
 cdef double _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
 cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
-cdef double _LEAST_VARIANCE, _HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
+cdef double _LEAST_VARIANCE, _AVERAGE_S, _HERE_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
 cdef double _UNTOLD_WITHOUT_ZERO
 cdef long LOAD_CHANGE
 
@@ -58,9 +58,10 @@ cdef class SlipHysteresis:
 
 
 cdef class Posterior:
-    cdef public double[::1] cells, shown, edges, middles, shares
+    cdef public double[::1] cells, logs, shown, edges, middles, shares
     cdef public tuple soon, utilisation, friction
-    cdef public double p_sliding, slipping_share
+    cdef public double new_part, p_sliding, slipping_share
+    cdef public bint is_begun, is_gross
 
     cpdef begin(self)
     cpdef take(self, double[::1] scores, double[::1] soon_scores, double signs_odds, double ratio,

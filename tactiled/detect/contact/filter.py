@@ -99,16 +99,19 @@ FIVE_PERCENT = 1.645  # derived: standard deviations from the median to the quan
 # prior: of a cell: where hardly any of friction is in use, the ratio does not tell friction
 _LEAST_MIDDLE = 0.05
 _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it to a tenth at best
-# prior: standard deviations of the logarithm of the ratio by which the friction that a state implies may err:
-# in one contact by pressure, place and zero; over all contacts by gains of uncalibrated shear, too. Beyond so
-# many deviations of this and of friction, a state is implausible.
-_HERE_SD, _RATIO_SD, _PLAUSIBLE_SDS = 0.15, 0.3, 2.0
+# prior: standard deviation of the logarithm of the ratio by which the friction that a state implies may err in
+# one contact, by pressure, place and zero. Beyond so many deviations of this and of friction, a state is
+# implausible.
+_HERE_SD, _PLAUSIBLE_SDS = 0.15, 2.0
 # prior: of friction in the worlds that the trees learnt from: see `GripParams`
 _LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
 # prior: part of the looks whose ratio says nothing of friction. In these worlds the ratio over friction and
 # utilisation is off by more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero of the
 # shear is not known.
 _UNTOLD, _UNTOLD_WITHOUT_ZERO = 0.03, 0.5
+# tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
+# the next (chosen on the worlds of `bench grip`)
+_AVERAGE_S = 0.04
 
 # --- what is published
 NEEDED_UTILISATION = 0.7  # choice
@@ -127,9 +130,9 @@ class SlipThresholds(NamedTuple):
 
 
 SETTINGS: Mapping[str, SlipThresholds] = {
-    "fast": SlipThresholds(incipient=0.7, gross=0.35),
-    "balanced": SlipThresholds(incipient=0.9, gross=0.5),
-    "quiet": SlipThresholds(incipient=0.98, gross=0.65),
+    "fast": SlipThresholds(incipient=0.7, gross=0.3),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.4),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.55),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 
@@ -420,8 +423,9 @@ class Posterior:
         As they are published.
     """
 
-    def __init__(self) -> None:
-        self.cells, self.shown = _zeros(N_STATES), _zeros(N_STATES)
+    def __init__(self, look_s: float) -> None:
+        self.new_part = 1.0 - exp(-look_s / _AVERAGE_S)
+        self.cells, self.shown, self.logs = _zeros(N_STATES), _zeros(N_STATES), _zeros(N_STATES)
         self.edges = array("d", EDGES)
         middles = [max((low + high) / 2, _LEAST_MIDDLE) for low, high in pairwise(EDGES)]
         self.middles = array("d", [*middles, 1.0])
@@ -430,6 +434,7 @@ class Posterior:
 
     def begin(self) -> None:
         """Forget the contact: every state is as likely."""
+        self.is_begun = self.is_gross = False
         for k in range(len(self.cells)):
             self.cells[k] = 1.0 / len(self.cells)
         self.soon = self.utilisation = self.friction = (0.0, 0.0, 0.0)
@@ -453,7 +458,6 @@ class Posterior:
 
         The trees have learnt from friction of one prior (`_LEARNT_LOG`) and are not told what is known of it:
         by Bayes, each cell is as much likelier as what is known makes its friction likelier than that prior.
-        Frictions that leave both are made less likely: the trees say nothing of them.
 
         Parameters
         ----------
@@ -481,7 +485,6 @@ class Posterior:
         sliding = rests + 0.5 * (scores[n - 1] - rests + signs_odds)
         most = max(most, sliding)
         log_ratio = log(max(ratio, _LEAST_BORNE))
-        sd = sqrt(variance + _RATIO_SD * _RATIO_SD)
         here = variance + _HERE_SD * _HERE_SD
         learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
         untold = _UNTOLD if has_zero else _UNTOLD_WITHOUT_ZERO
@@ -490,12 +493,20 @@ class Posterior:
             p = exp((scores[k] if k < n - 1 else sliding) - most)
             friction = log_ratio - log(self.middles[k])
             off, off_learnt = friction - log_friction, friction - _LEARNT_LOG
-            fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - off * off / here))
+            misfit = off * off / here
+            fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - misfit))
+            if misfit > _PLAUSIBLE_SDS * _PLAUSIBLE_SDS:
+                fits *= exp(-0.5 * (misfit - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
             p *= untold + (1.0 - untold) * fits
-            sds = abs(off) / sd
-            if sds > _PLAUSIBLE_SDS:
-                p *= exp(-0.5 * (sds * sds - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
-            self.cells[k] = max(p, _TINY)
+            self.cells[k] = p
+            total += p
+        is_over = self.is_gross and self.cells[n - 1] < _SURELY_OVER * total
+        part = 1.0 if is_over or not self.is_begun else self.new_part
+        self.is_begun = True
+        whole, total = total, 0.0
+        for k in range(n):
+            self.logs[k] += part * (log(max(self.cells[k] / whole, _TINY)) - self.logs[k])
+            self.cells[k] = exp(self.logs[k])
             total += self.cells[k]
         for k in range(n):
             self.cells[k] /= total
@@ -528,6 +539,7 @@ class Posterior:
             Of the logarithm of friction, as a ratio, in the memory.
         """
         n = len(self.cells)
+        self.is_gross = is_gross
         for k in range(n):
             self.shown[k] = self.cells[k]
         if is_gross:
@@ -675,7 +687,7 @@ class ContactFilter:
         self.prior_p = 1.0 / (1.0 + exp(-self.base_odds))
         self.memory = Memory(self.base_odds)
         self.friction_memory = FrictionMemory(friction / self.per_friction, log_sd)
-        self.posterior = Posterior()
+        self.posterior = Posterior(self.look_s)
         self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
         self.columns = array("q", [NAMES.index(name) for name in STATE_SIGNS])
         self.row = _zeros(len(STATE_SIGNS) + len(MEMORY_NAMES))

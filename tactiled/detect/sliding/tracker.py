@@ -59,7 +59,7 @@ _AT_REST, _AT_REST_SDS = 0.4, 3.5
 _SLOPE = 4.0  # tuned: on the same seeds; log odds for each unit of log power beyond
 _LINE_AT_REST = 0.7  # tuned: twice the most at rest on the same seeds, in logarithms
 _ONCE = 0.6  # derived: of the excess: a slide through the window has a quarter in each
-_MOST_ROUGH, _MOST_LINE = 1.5, 1.4  # tuned: on the same seeds; less than sliding needs
+_MOST = 1.4  # tuned: on the same seeds; log odds of one window by either: less than sliding needs
 
 # derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
 # the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
@@ -151,7 +151,7 @@ def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> f
     bins, channels = found.z.shape
     n_free = channels - _n_patterns(channels)
     if channels < _FEW:
-        return -_MOST_ROUGH
+        return -_MOST
     sd = float(1 / np.sqrt(2 * n_free))
     if at_rest is None:
         level = np.sort(own)[int(_QUIET_PART * bins)]
@@ -159,7 +159,7 @@ def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> f
     else:
         ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
     growth = float(np.log(max(float(ratio.max()), 1e-12)))
-    rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST_ROUGH, _MOST_ROUGH))
+    rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST, _MOST))
     if rough > 0 and _happens_once(found):
         rough = 0.0
     ripple = _ripple_odds(found)
@@ -170,7 +170,7 @@ def _ripple_odds(found: _Spectra) -> float:
     """Log odds of sliding that the ripple of a window gives; 0 where no line travels."""
     size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / len(found.z)))
     line = travelling_line(found.z / size, _LEAST_CYCLES) - _LINE_AT_REST
-    return float(np.clip(_SLOPE * line, 0.0, _MOST_LINE))
+    return float(np.clip(_SLOPE * line, 0.0, _MOST))
 
 
 class _Rest:

@@ -163,11 +163,11 @@ def odds_of(scores: Sequence[float]) -> float:
 
 
 def posterior(cells: Sequence[float]) -> Posterior:
-    """Posterior after scores that are cells; a ratio that every friction of the prior may bear.
+    """Posterior after scores that are cells; a ratio that nearly every friction of the prior may bear.
 
     The signs give sliding the same odds.
     """
-    one = Posterior()
+    one = Posterior(LOOK_S)
     scores = [math.log(max(p, 1e-9)) for p in cells]
     one.take(scores, [0.0, -2.0, -3.0, -4.0], odds_of(scores), 0.16, math.log(0.6), 0.36, True, False)
     return one
@@ -194,14 +194,14 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
         assert contact.posterior.p_sliding >= 0.5 / 3
         assert contact.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
     else:
-        assert contact.posterior.p_sliding == pytest.approx(weights[-1] / sum(weights))
+        assert contact.posterior.p_sliding == contact.p_sliding
 
 
 @given(POSITIVE, st.floats(-30, 30), st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
 def test_the_posterior_is_a_distribution_for_any_ratio(
     weights: list[float], odds: float, ratio: float, sd: float, has_zero: bool, ripple_travels: bool
 ) -> None:
-    one = Posterior()
+    one = Posterior(LOOK_S)
     scores = [math.log(weight) for weight in weights]
     one.take(scores, [0.0, 1.0, 2.0, 3.0], odds, ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
@@ -213,7 +213,7 @@ def test_the_posterior_is_a_distribution_for_any_ratio(
 def test_the_odds_of_sliding_are_the_mean_of_those_by_state_and_by_signs() -> None:
     scores = [0.0, *[-40.0] * (N_STATES - 2), -1.0]
     here = math.log(0.6), 0.36, True, False
-    of_state, of_both = Posterior(), Posterior()
+    of_state, of_both = Posterior(LOOK_S), Posterior(LOOK_S)
     of_state.take(scores, [0.0] * 4, -1.0, 0.3, *here)
     of_both.take(scores, [0.0] * 4, 3.0, 0.3, *here)
     odds = [math.log(one.cells[-1] / (1.0 - one.cells[-1])) for one in (of_state, of_both)]
@@ -222,21 +222,39 @@ def test_the_odds_of_sliding_are_the_mean_of_those_by_state_and_by_signs() -> No
 
 def test_a_friction_that_nothing_has_is_not_believed() -> None:
     """A ratio of 3 with a fifth of friction in use would need a friction of 13."""
-    one = Posterior()
+    one = Posterior(LOOK_S)
     alike = [0.0] * N_STATES
     one.take(alike, [0.0] * 4, odds_of(alike), 3.0, math.log(0.6), 0.36, True, False)
-    assert sum(one.cells[:3]) < 0.05
+    assert max(one.cells[:3]) < 0.15 * one.cells[-1]
+    one.begin()
     one.take(alike, [0.0] * 4, odds_of(alike), 0.3, math.log(0.6), 0.36, True, False)
     assert min(one.cells[1:]) == pytest.approx(max(one.cells[1:]))
 
 
 def test_a_slide_does_not_go_on_with_a_quarter_of_what_it_bore() -> None:
     alike, known = [0.0] * N_STATES, (math.log(0.6), 0.01, True)
-    one = Posterior()
+    one = Posterior(LOOK_S)
     one.take(alike, [0.0] * 4, odds_of(alike), 0.55, *known, False)
     whole = one.cells[-1]
-    one.take(alike, [0.0] * 4, odds_of(alike), 0.15, *known, False)
+    for _ in range(10):
+        one.take(alike, [0.0] * 4, odds_of(alike), 0.15, *known, False)
     assert one.cells[-1] < 0.02 < whole
+
+
+def test_one_look_counts_by_what_is_new_in_it() -> None:
+    """The first look is taken as it is; later ones move the log odds by their part of the averaging time."""
+    rests, slides = [0.0] * N_STATES, [*[0.0] * (N_STATES - 1), 6.0]
+    here = 0.3, math.log(0.6), 0.36, True, False
+    one, at_once = Posterior(LOOK_S), Posterior(LOOK_S)
+    odds = []
+    for posterior_of, scores in ((one, rests), (one, slides), (one, slides), (at_once, slides)):
+        posterior_of.take(scores, [0.0] * 4, odds_of(scores), *here)
+        p = posterior_of.cells[-1]
+        odds.append(math.log(p / (1.0 - p)))
+    new = 1.0 - math.exp(-0.5)
+    assert odds[3] - odds[0] == pytest.approx(6.0)
+    assert odds[1] - odds[0] == pytest.approx(6.0 * new)
+    assert odds[2] - odds[1] == pytest.approx(6.0 * new * (1.0 - new))
 
 
 def test_quantiles_are_those_of_the_cells() -> None:
