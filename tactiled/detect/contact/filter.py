@@ -3,8 +3,8 @@
 Each look of 20 ms, trees judge the signs of the moment alone (`signs`); the odds that they give enter the
 `Memory`; other trees weigh the memory and a few signs and give the `Posterior` of the state: utilisation in
 cells, or sliding. The log odds of sliding are the mean of those by both. A third forest gives the time to
-gross slip of what does not slide yet. All three are trained by ``./run train slip``. What is known of
-friction outlives the contact (`FrictionMemory`).
+gross slip of what does not slide yet. All three are trained by ``./run train slip``. The posterior is averaged
+over some looks. What is known of friction outlives the contact (`FrictionMemory`).
 
 A slip opens and closes by thresholds on this one posterior (`SlipHysteresis`). What is published of the state
 follows the slip that is open, so that slip events, grip messages and contact state never differ.
@@ -887,7 +887,7 @@ class ContactFilter:
 
     @property
     def p_sliding(self) -> float:
-        """Probability that all of the contact slides, by this look alone, whichever slip is open."""
+        """Probability that all of the contact slides, by the looks of late, whichever slip is open."""
         return self.posterior.cells[N_STATES - 1]
 
     @property
