@@ -2,9 +2,9 @@
 
 Each look of 20 ms, trees judge the signs of the moment alone (`signs`); the odds that they give enter the
 `Memory`; other trees weigh the memory and a few signs and give the `Posterior` of the state: utilisation in
-cells, or sliding. The log odds of sliding are the mean of those by both. A third forest gives the time to
-gross slip of what does not slide yet. All three are trained by ``./run train slip``. The posterior is averaged
-over some looks. What is known of friction outlives the contact (`FrictionMemory`).
+cells, or sliding. The log odds of sliding are the mean of those by both, and the posterior is averaged over
+some looks. A third forest gives the time to gross slip of what does not slide yet. All three are trained by
+``./run train slip``. What is known of friction outlives the contact (`FrictionMemory`).
 
 A slip opens and closes by thresholds on this one posterior (`SlipHysteresis`). What is published of the state
 follows the slip that is open, so that slip events, grip messages and contact state never differ.
@@ -99,8 +99,8 @@ FIVE_PERCENT = 1.645  # derived: standard deviations from the median to the quan
 # prior: of a cell: where hardly any of friction is in use, the ratio does not tell friction
 _LEAST_MIDDLE = 0.05
 _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it to a tenth at best
-# prior: standard deviation of the logarithm of the ratio by which the friction that a state implies may err in
-# one contact, by pressure, place and zero. Beyond so many deviations of this and of friction, a state is
+# prior: standard deviation of the logarithm of the ratio by which the friction that a state implies may err
+# in one contact, by pressure, place and zero. Beyond so many deviations of this and of friction, a state is
 # implausible.
 _HERE_SD, _PLAUSIBLE_SDS = 0.15, 2.0
 # prior: of friction in the worlds that the trees learnt from: see `GripParams`
