@@ -188,10 +188,9 @@ class Subscription(_SubscriptionBase):
         topics is in it, and fewer than `most`: that costs a fifth of reading it.
         """
         if only_with:
-            self._unread += self._received(most - len(self._unread))
-            asked = _endings(only_with)
-            is_asked = any(parts[0].endswith(asked) for parts, _ in self._unread)
-            if not is_asked and len(self._unread) < most:
+            received, asked = self._received(most - len(self._unread)), _endings(only_with)
+            self._unread += received
+            if len(self._unread) < most and not any(parts[0].endswith(asked) for parts, _ in received):
                 return []
         self._read(most, newest_of)
         items = list(self._items)

@@ -59,8 +59,10 @@ def _are_numbers(value: Any) -> bool:
     """Check the readings of a scan at once: one call for each takes three times as long."""
     if not isinstance(value, list) or not {*map(type, value)} <= {float, int}:
         return False
-    # NaN compares with nothing, so that it may hide from `min` and `max`; it does not from a sum.
-    return not value or (min(value) >= -_LARGEST and max(value) <= _LARGEST and sum(value) < math.inf)
+    # The norm bounds them all in a fifth of the time. With a NaN, norm and sum are NaN: below nothing.
+    return math.hypot(*value) <= _LARGEST or (
+        min(value) >= -_LARGEST and max(value) <= _LARGEST and sum(value) < math.inf
+    )
 
 
 def _is_instant(value: Any) -> bool:
