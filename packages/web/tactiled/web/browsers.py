@@ -1,7 +1,7 @@
 """Connected browsers, each with a bounded queue: a slow one loses frames and delays nobody.
 
-A browser answers each frame. Live frames are sent while fewer than `_IN_FLIGHT` wait for their answer: the
-buffers of the system would hold seconds of old frames for a slow link otherwise.
+A browser answers every second frame. Live frames are sent while fewer than `_IN_FLIGHT` wait for an answer:
+the buffers of the system would hold seconds of old frames for a slow link otherwise.
 """
 
 import asyncio
@@ -16,6 +16,7 @@ from tactiled.web.feed import Frames
 TURNS_PER_S = 20.0  # a verdict waits 25 ms on average: most of what the server costs is to be woken
 TURNS_PER_FRAME = 2  # of a turn without a verdict: a page that draws faster is no easier to read
 _LIVE_FRAMES = 2  # 200 ms: what waits longer would be shown as stale
+_FRAMES_PER_ANSWER = 2  # as in stream.js: an answer to each would cost the server a twentieth more
 _IN_FLIGHT = 3  # frames of 300 ms, the way to a browser and back
 _KEPT_FRAMES = 1000  # events of minutes; a browser that is further behind connects again and gets the history
 _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must not stay for ever
@@ -56,8 +57,8 @@ class Browser:
         self._wake()
 
     def answered(self) -> None:
-        """Note that the browser has taken a frame."""
-        self._in_flight = max(0, self._in_flight - 1)
+        """Note that the browser has taken two frames more."""
+        self._in_flight = max(0, self._in_flight - _FRAMES_PER_ANSWER)
         self._wake()
 
     def _wake(self) -> None:

@@ -294,7 +294,7 @@ class PageServer:
             await socket.send_bytes(self._feed.history(time.time(), time.monotonic()))
             sending = asyncio.create_task(self._send(browser, socket))
             try:
-                async for _ in socket:  # an answer to each frame
+                async for _ in socket:  # an answer to every second frame
                     browser.answered()
             finally:
                 sending.cancel()

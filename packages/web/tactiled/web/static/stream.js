@@ -4,6 +4,7 @@ import { unpack } from "./unpack.js";
 
 const RETRY_FIRST_MS = 250;
 const RETRY_LAST_MS = 2000;
+const FRAMES_PER_ANSWER = 2; // as in browsers.py
 const RATES_DIFFER = 5e-4; // largest difference in rate of two hosts' clocks: five times that of a bad crystal
 
 /** The server's wall clock as it is now, with the time that frames spent on their way. */
@@ -30,13 +31,14 @@ export const perfSeconds = () => performance.now() / 1000;
 
 /** Keep a WebSocket open; `onFrame(frame)` for each frame, `onState(open)` for each change. */
 export function connect(clock, onFrame, onState) {
-  let wait = RETRY_FIRST_MS;
+  let wait = RETRY_FIRST_MS, taken = 0;
   const open = () => {
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; onState(true); };
+    socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; taken = 0; onState(true); };
     socket.onmessage = (message) => {
-      socket.send(""); // ready for another one
+      taken += 1;
+      if (taken % FRAMES_PER_ANSWER === 0) socket.send(""); // ready for others
       const frame = unpack(message.data);
       if (frame.mono !== undefined) clock.observe(frame.now, frame.mono, perfSeconds());
       onFrame(frame);
