@@ -24,6 +24,19 @@ def held(shared: Robot) -> Robot:
     return shared
 
 
+FOUND = """async (unit) => {
+  const { guideTuning } = await import("/static/tune.js");
+  const per_hour = { low: 0, high: 1 }, told = { incipient: 0, gross: 0, contact_s: 5 };
+  const of = { motion: told, quiet: told, per_hour, incipient_p: 0.7, gross_p: 0.35 };
+  const proposed = { setting: "fast", is_accepted: true, friction: 0.62, friction_log_sd: 0.1 };
+  const found = { proposed, accepted_per_hour: 10, toml: "", settings: { fast: of } };
+  const post = async () => new Response(JSON.stringify({ ok: true, found }) + "\\n");
+  const board = { info: null, geometry: { unit } };
+  guideTuning({ root: document.querySelector(".board"), board }, post, () => {});
+  document.querySelector(".tune .start").click();
+}"""
+
+
 def open_guide(page: Page, made: Robot) -> None:
     """Open the guide with the keyboard, with the shortest times."""
     open_with_commands(page, made)
@@ -72,3 +85,10 @@ def test_a_run_is_cancelled_and_another_begins(held: Robot, page: Page) -> None:
     expect(start).to_be_enabled()
     start.press("Enter")
     expect(step).to_contain_text("hold it still")
+
+
+def test_friction_is_one_of_readings_for_arrays_of_another_unit_alone(held: Robot, page: Page) -> None:
+    open_guide(page, held)
+    for unit, words in (("V", "(shear over load, both as readings)"), ("N", "(shear over load)")):
+        page.evaluate(FOUND, unit)
+        expect(page.locator(".tune .how-sure")).to_contain_text(f"of this object: 0.62 {words}, ± 10 %.")
