@@ -28,8 +28,8 @@ from tactiled.errors import ConfigError, TactiledError
 from tactiled.events.codec import evidence_key
 from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.events.words import event_words
-from tactiled.force.calibration import AXES
 from tactiled.plain_table import table
+from tactiled.plots.first_slip import draw_first_slip
 from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 
@@ -38,7 +38,6 @@ SCENE = "demo"
 RELEASE = "slip without motion: the remaining shear is released"
 START_WITHIN_S = 60.0  # of each process; Python and its libraries take 6 s to start on a small loaded machine
 GRACE_S = 5.0  # for scans that are late at the end; a longer backlog means that the host is too slow
-_FORCE_S = 5.0  # between two printed forces
 CONFIG = """\
 [port]
 url = "{link}"
@@ -68,7 +67,6 @@ class DemoRecord:
     events: list[Event] = field(default_factory=list)
     host: Host = field(default_factory=Host)
     next_index: int | None = None  # of the next expected scan
-    next_force_s: float = 0.0  # time from which on the next force is printed
 
 
 def run_demo(picture: Path) -> bool:
@@ -140,8 +138,9 @@ def _judge(
     if cut_short:
         _say(f"the demo was cut short: {cut_short}")
     if seen.time_s:
-        _draw(picture, seen, truth, slides, t0_s)
-        click.echo(f"\npicture: {picture}")
+        whole = picture.with_stem(f"{picture.stem}-log")
+        _draw(picture, whole, seen, truth, slides, t0_s)
+        click.echo(f"\npictures: {picture} (the first slip), {whole} (all that was read and found)")
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
@@ -163,26 +162,12 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
         return
     if topic == "status":
         seen.host.fits_late = message["fits_late"]
-    if topic == "force":
-        _print_force(message, time_s, seen)
-        return
     event = _event(topic, message, unix_offset_s)
     if event is not None:
         seen.events.append(event)
     if topic in ("contact", "slip", "texture"):
         found_s = message[evidence_key(topic)] - unix_offset_s - (time_s if seen.t0_s is None else seen.t0_s)
         _say(f"{found_s:6.2f} s  found:", event_words(topic, message))
-
-
-def _print_force(message: dict[str, Any], time_s: float, seen: DemoRecord) -> None:
-    """Print the force once every `_FORCE_S` of contact."""
-    if seen.t0_s is None or time_s < seen.next_force_s or message["fz_n"] < message["fz_sd_n"]:
-        return
-    seen.next_force_s = time_s + _FORCE_S
-    forces = ", ".join(
-        f"{axis} = {message[f'{axis}_n']:.1f} ± {message[f'{axis}_sd_n']:.1f}" for axis in AXES
-    )
-    _say(f"{time_s - seen.t0_s:6.2f} s  found: force {forces} N ({message['calibration']} calibration)")
 
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
@@ -203,7 +188,9 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
     return None
 
 
-def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float) -> None:
+def _draw(
+    picture: Path, whole: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float
+) -> None:
     shear_s = [phase.start_s for phase in truth.phases if phase.kind == "slide"]
     instant_s = np.array(seen.time_s) - t0_s
     played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)
@@ -216,9 +203,10 @@ def _draw(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSl
         time_s=t0_s + instant_s[played],
         utilisation=truth.utilisation(instant_s[played]),
     )
+    draw_first_slip(picture, seen.events, shown)
     array = load_array("wang2019-3x3")
     time_s, volts = np.array(seen.time_s), np.array(seen.volts)
-    draw_log(picture, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
+    draw_log(whole, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
 
 
 @contextlib.contextmanager
