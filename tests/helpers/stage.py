@@ -136,13 +136,13 @@ class Stage:
     ) -> Iterator[list[tuple[bytes, bytes]]]:
         """Yield what is due, each time it is asked."""
         status_s = info_s = 0.0
-        contact: ContactState = "none"
         play_s = events[-1][0]
         last = [
             event for at_s, event in events if at_s > play_s - _LAST_S and event.topic in ("scan", "grip")
         ]
         for run in itertools.count(1):  # as a daemon that was restarted: what is open at the end has no end
             began_s, waiting, held = time.time(), iter(events), itertools.cycle(last)
+            contact: ContactState = "none"
             if run == 1:
                 began_s -= max(0.0, play_s - self._live_s)
             following = next(waiting, None)
