@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
-from pages import robot
-from playwright.sync_api import Browser, ViewportSize, expect
+from pages import robot, staged
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 from stage import stage
 
 pytestmark = pytest.mark.system
@@ -22,6 +22,7 @@ NAMES = {
     ("phone", "light"): "web-phone-light.png",
     ("phone", "dark"): "web-phone.png",
 }
+GROSS_S, LIFTS_S = 6.3, 12.0  # of the scene demo: all of the contact slides, until it is lifted
 
 
 def test_the_page_fits_desktop_and_phone(browser: Browser, tmp_path: Path, pictures: Path | None) -> None:
@@ -46,3 +47,23 @@ def test_the_page_fits_desktop_and_phone(browser: Browser, tmp_path: Path, pictu
                 expect(seen.locator(".grooves .texture")).to_contain_text("normal at", timeout=120_000)
                 (pictures / NAMES[device, scheme]).write_bytes(page.screenshot())
             context.close()
+
+
+def test_the_picture_of_a_slip_agrees_with_itself(page: Page, tmp_path: Path, pictures: Path | None) -> None:
+    """The first slip of the scene demo, of which `tactiled demo` draws the beginning."""
+    page.set_viewport_size({"width": 1280, "height": 650})
+    with robot(tmp_path) as made, staged(page, made, ("TS0001", "demo", 11.0), live_s=11.0, forces=True):
+        page.locator(".timeline .span").select_option("10")
+        board = page.locator(".board:has(.lamp[data-level=gross][data-state=fresh])")
+        sentence = re.compile(r"^Slipping towards \+x for ([\d.]+)\ss: tighten$")
+        expect(board.locator(".advice")).to_have_text(sentence)
+        said = sentence.match(board.locator(".advice").inner_text())
+        assert said is not None
+        assert float(said[1]) < LIFTS_S - GROSS_S
+        slips = page.locator(".events .list li[data-topic=slip]")
+        expect(slips.nth(0)).to_contain_text("gross slip towards +x")
+        expect(slips.nth(1)).to_contain_text("incipient slip towards +x")
+        assert int(re.findall(r"\d+", page.locator(".used").inner_text())[0]) >= 90
+        if pictures is not None:
+            page.wait_for_timeout(1500)  # a while of the slide
+            (pictures / "web-slip.png").write_bytes(page.screenshot())
