@@ -1,4 +1,5 @@
 // Messages of tactiled as JSON lines in, ROS 2 messages of tactiled_driver as YAML lines out.
+#include <cmath>
 #include <iomanip>
 #include <iostream>
 #include <nlohmann/json.hpp>
@@ -34,19 +35,22 @@ void print_wrench(const tactiled::Force& force, bool calibrated_only)
     std::cout << std::endl;
 }
 
+// Of a status that was received at 0 s, with an age, and diagnostics at `now_s`.
 void print_diagnostics(const Json& map)
 {
     BoardState state;
     state.board = "TS0001";
     state.is_active = map.at("is_active");
-    state.is_fresh = map.at("is_fresh");
-    state.reason = map.at("reason");
     if (map.contains("status")) {
         state.status = map.at("status").get<tactiled::Status>();
-        state.status_s = map.at("status_s");
+        state.status_s = 0.0;
+        state.status_age_s = map.at("age_s");
+        state.too_old = std::abs(state.status_age_s) > FRESH_S;  // as the node counts it
     }
-    to_flow_style_yaml(diagnostics(state, 100.0, 1.5), std::cout);
-    std::cout << std::endl;
+    const double now_s = map.at("now_s");
+    std::cout << "{is_fresh: " << std::boolalpha << state.is_fresh(now_s) << ", message: ";
+    to_flow_style_yaml(diagnostics(state, now_s, 1.5), std::cout);
+    std::cout << "}" << std::endl;
 }
 
 int main()

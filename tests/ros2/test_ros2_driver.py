@@ -1,7 +1,6 @@
 """Messages of the ROS 2 driver in C++, over structures made by ROS's own generators (rosidl, of Debian).
 
-The driver and `tactiled ros2` make the same messages of the same input; every field of tactiled_msgs is
-compared, and that of the wrench. Diagnostics have keys of their own.
+The driver and `tactiled ros2` make the same messages of the same input; every field is compared.
 """
 
 import itertools
@@ -9,18 +8,24 @@ import json
 import os
 import shutil
 import subprocess
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from cpp import HEADERS, ROOT, WARNINGS
 from messages import STATUS
+from nodes import FakeNode
 from ruamel.yaml import YAML
 
+from tactiled.client import Message
+from tactiled.client.parse import message_of
 from tactiled.events import codec
 from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
 from tactiled.ros2 import convert
+from tactiled.ros2.bridge import Bridge, BridgeParams
 from tactiled.ros2.definitions import STANDARD
 from tools.interfaces import schemas
 
@@ -131,30 +136,66 @@ def test_wrench_is_that_of_the_bridge(play: Play, valid: bool, calibration: str)
 
 
 STATUS_MAP = message(STATUS)
-INVALID = STATUS_MAP | {"valid": False, "state": "no-device", "reason": "the cable is unplugged"}
+
+
+@contextmanager
+def clocks(now_s: float, unix_s: float) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "monotonic", lambda: now_s)
+        patch.setattr(time, "time", lambda: unix_s)
+        yield
 
 
 @pytest.mark.parametrize(
-    ("fields", "level", "text"),
+    ("fields", "age_s", "now_s"),
     [
-        ({"is_active": False}, 3, "the node is not active"),
-        ({}, 3, "no status was received: is tactiled running?"),
-        ({"status": STATUS_MAP, "is_fresh": True}, 0, STATUS_MAP["state"]),
-        ({"status": STATUS_MAP | {"warning": "clock"}, "is_fresh": True}, 1, "clock"),
-        ({"status": INVALID}, 2, "the cable is unplugged"),
-        ({"status": INVALID | {"reason": ""}}, 2, "no-device"),
-        ({"status": INVALID, "status_s": 99.4, "reason": "no status read"}, 3, "no status read"),
-        ({"status": STATUS_MAP, "reason": "reading 2.0 s behind"}, 3, "reading 2.0 s behind"),
+        ({}, 0.0, 0.1),
+        ({"warning": "a noisy line"}, 0.0, 0.1),
+        ({"valid": False, "state": "no-device", "reason": "the cable is unplugged"}, 0.0, 0.1),
+        ({"valid": False, "state": "no-device", "reason": ""}, 0.0, 0.1),
+        ({}, 0.0, 0.5),
+        ({}, 0.0, 0.6),
+        ({"valid": False}, 0.0, 9.0),
+        ({}, 0.4, 0.1),
+        ({}, 2.0, 0.1),
+        ({}, -2.0, 0.1),  # of a clock that was set back
     ],
 )
-def test_diagnostics_say_why_nothing_comes(play: Play, fields: dict[str, Any], level: int, text: str) -> None:
-    line = {"topic": "diagnostics", "is_active": True, "is_fresh": False, "reason": "", "status_s": 99.9}
-    (found,) = play([line | fields])
-    (entry,) = found["status"]
-    assert entry["message"] == text
-    assert int(entry["level"]) == level
-    assert entry["hardware_id"] == "TS0001"
-    assert found["header"]["stamp"] == {"sec": 1, "nanosec": 500_000_000}
+def test_freshness_and_diagnostics_are_those_of_the_bridge(
+    play: Play, fields: dict[str, Any], age_s: float, now_s: float
+) -> None:
+    node, data = FakeNode(), STATUS_MAP | {"board": "TS0001"} | fields
+    bridge = Bridge(node, BridgeParams(("",)), lambda _: None)  # type: ignore[arg-type]
+    received = message_of("status", data, 0.0, data["timestamp"] + age_s)
+    assert isinstance(received, Message)
+    with clocks(0.0, data["timestamp"] + age_s):
+        bridge.take("", received)
+    with clocks(now_s, 1.5):
+        bridge.diagnose()
+    (found,) = play(
+        [{"topic": "diagnostics", "is_active": True, "status": data, "age_s": age_s, "now_s": now_s}]
+    )
+    expected = node.written[-1][1]
+    assert [found["message"]["header"], len(found["message"]["status"])] == [expected["header"], 1]
+    (entry,) = found["message"]["status"]
+    entry |= {"level": int(entry["level"]), "values": [texts(pair) for pair in entry["values"]]}
+    assert [entry] == expected["status"]
+    assert found["is_fresh"] is (entry["level"] in (0, 1))
+
+
+def texts(pair: Mapping[str, Any]) -> dict[str, str]:
+    """Key and value of the diagnostics, of which a YAML reader makes numbers."""
+    return {name: str(value) for name, value in pair.items()}
+
+
+@pytest.mark.parametrize(
+    ("is_active", "words"),
+    [(False, "the node is not active"), (True, "no status was received: is tactiled running?")],
+)
+def test_diagnostics_without_a_status_say_why(play: Play, is_active: bool, words: str) -> None:
+    (found,) = play([{"topic": "diagnostics", "is_active": is_active, "now_s": 0.1}])
+    (entry,) = found["message"]["status"]
+    assert (int(entry["level"]), entry["message"], found["is_fresh"]) == (3, words, False)
 
 
 @pytest.mark.parametrize("is_lost", [True, False])

@@ -26,6 +26,8 @@ _DELIVERY: dict[str, Delivery] = {
     "scan": "sensor", "force": "sensor", "grip": "sensor",
     "contact": "latched", "info": "repeated",  # for late subscribers
 }  # fmt: skip
+# Fields of the status in the diagnostics; the topic `status` has them all.
+_STATUS_VALUES = ("state", "contact", "rate_hz", "scans", "scans_missing", "frames_corrupt")
 DiagnosticsRow: TypeAlias = tuple[str, str, Level, str, Mapping[str, Any]]
 Report = Callable[[dict[str, Any]], None]
 
@@ -204,7 +206,8 @@ class Bridge:
         self, name: str, board: str, freshness: BoardFreshness, refused: int = 0, calibration: str = "none"
     ) -> DiagnosticsRow:
         level, text = freshness.level(time.monotonic())
-        values = {key: value for key, value in freshness.status.items() if not isinstance(value, dict)}
+        status = freshness.status
+        values = {name: status[name] for name in _STATUS_VALUES} if status else {}
         counts = {
             "force_calibration": calibration,
             "messages_too_old": freshness.dropped,

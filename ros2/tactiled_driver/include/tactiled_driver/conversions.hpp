@@ -66,18 +66,25 @@ inline tactiled::Contact contact_of(const tactiled::Status& status, const std::s
     return contact;
 }
 
-// What the driver knows of its board.
+// What the driver knows of its board, with the rules of `tactiled ros2` for what is fresh.
 struct BoardState {
     std::string board;
-    tactiled::Status status;                                      // newest one
-    double status_s = -std::numeric_limits<double>::infinity();  // when it was read, monotonic
-    bool is_active = false, is_fresh = false;
-    std::string reason;                // of the newest STALE
-    std::string calibration = "none";  // of the newest force
-    std::uint64_t too_old = 0;         // messages that were not published
-    std::uint64_t lost = 0, malformed = 0;
+    bool is_active = false;
+    tactiled::Status status;  // newest one; its version is 0 before the first one
+    double status_s = -std::numeric_limits<double>::infinity();  // when it was received, monotonic
+    double status_age_s = 0.0;                                   // its age then
+    std::string calibration = "none";                            // of the newest force
+    // Messages that were not published: old ones; those that cannot be read; those the middleware did not take.
+    std::uint64_t too_old = 0, malformed = 0, refused = 0;
+
+    // True while messages about the skin may be published.
+    bool is_fresh(double now_s) const
+    {
+        return status.valid && now_s - status_s <= FRESH_S && std::abs(status_age_s) <= FRESH_S;
+    }
 };
 
+// Level and text in the diagnostics.
 struct Verdict {
     unsigned char level;
     std::string text;
@@ -87,15 +94,25 @@ inline Verdict verdict(const BoardState& state, double now_s)
 {
     using diagnostic_msgs::msg::DiagnosticStatus;
     const tactiled::Status& status = state.status;
+    const double silent_s = now_s - state.status_s, age_s = std::abs(state.status_age_s);
+    char text[96];
     if (!state.is_active)
         return {DiagnosticStatus::STALE, "the node is not active"};
-    if (state.is_fresh)
-        return {status.warning.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN,
-                status.warning.empty() ? status.state : status.warning};
-    if (now_s - state.status_s <= FRESH_S && !status.valid)
+    if (status.v == 0)
+        return {DiagnosticStatus::STALE, "no status was received: is tactiled running?"};
+    if (silent_s > FRESH_S) {
+        std::snprintf(text, sizeof text, "no status for %.1f s: is tactiled running?", silent_s);
+        return {DiagnosticStatus::STALE, text};
+    }
+    if (age_s > FRESH_S) {
+        std::snprintf(text, sizeof text, "status is %.1f s off: messages wait, or the clocks differ", age_s);
+        return {DiagnosticStatus::STALE, text};
+    }
+    if (!status.valid)
         return {DiagnosticStatus::ERROR, status.reason.empty() ? status.state : status.reason};
-    return {DiagnosticStatus::STALE,
-            state.reason.empty() ? "no status was received: is tactiled running?" : state.reason};
+    if (!status.warning.empty())
+        return {DiagnosticStatus::WARN, status.warning};
+    return {DiagnosticStatus::OK, status.state};
 }
 
 inline diagnostic_msgs::msg::DiagnosticArray diagnostics(const BoardState& state, double now_s, double unix_s)
@@ -113,17 +130,20 @@ inline diagnostic_msgs::msg::DiagnosticArray diagnostics(const BoardState& state
         pair.key = key;
         pair.value = value;
     };
-    char rate_hz[32];
-    std::snprintf(rate_hz, sizeof rate_hz, "%.6g", state.status.rate_hz);
-    add("state", state.status.state);
-    add("contact", state.status.contact);
-    add("rate_hz", rate_hz);
-    add("scans", std::to_string(state.status.scans));
-    add("scans_missing", std::to_string(state.status.scans_missing));
+    if (state.status.v != 0) {
+        char rate_hz[32];
+        std::snprintf(rate_hz, sizeof rate_hz, "%.6g", state.status.rate_hz);
+        add("state", state.status.state);
+        add("contact", state.status.contact);
+        add("rate_hz", rate_hz);
+        add("scans", std::to_string(state.status.scans));
+        add("scans_missing", std::to_string(state.status.scans_missing));
+        add("frames_corrupt", std::to_string(state.status.frames_corrupt));
+    }
     add("force_calibration", state.calibration);
     add("messages_too_old", std::to_string(state.too_old));
-    add("messages_lost", std::to_string(state.lost));
     add("messages_malformed", std::to_string(state.malformed));
+    add("messages_refused", std::to_string(state.refused));
     return array;
 }
 
