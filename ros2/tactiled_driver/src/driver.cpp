@@ -101,8 +101,9 @@ public:
         }
         is_ending_ = false;
         state_.is_active = true;
+        const Result result = LifecycleNode::on_activate(state);  // first: until then, all is lost
         thread_ = std::thread([this] { listen(); });
-        return LifecycleNode::on_activate(state);
+        return result;
     }
 
     Result on_deactivate(const rclcpp_lifecycle::State& state) override
