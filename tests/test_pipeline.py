@@ -296,7 +296,6 @@ def test_an_array_in_counts_gets_the_counts_of_the_board(tmp_path: Path) -> None
     assert (errors > 0.1).mean() < 0.01
 
 
-@pytest.mark.xfail(strict=True, reason="a sign beside a split of the trees: the gross slip is 40 ms apart")
 def test_an_array_in_counts_has_its_slips_when_that_in_volts_has_them(tmp_path: Path) -> None:
     in_volts, in_counts = (
         [e.detected_s for e in events if isinstance(e, SlipEvent)] for events in in_volts_and_counts(tmp_path)

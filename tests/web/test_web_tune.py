@@ -66,7 +66,7 @@ def test_a_person_is_guided_to_a_setting_and_uses_it(held: Robot, page: Page, pi
     assert page.evaluate(LOW) == []
     page.locator(".tune .use").press("Enter")
     expect(page.locator(".reply")).to_have_text("✓ Use fast now: done")
-    expect(page.locator(".commands .setting")).to_have_value("0.7 0.3")
+    expect(page.locator(".commands .setting")).to_have_value("0.7 0.25")
 
 
 def test_a_run_is_cancelled_and_another_begins(held: Robot, page: Page) -> None:

@@ -13,7 +13,7 @@ cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _ONSET
 cdef double _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
 cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
 cdef double _LEAST_VARIANCE, _AVERAGE_S, _HERE_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
-cdef double _UNTOLD_WITHOUT_ZERO
+cdef double _WITHOUT_ZERO
 cdef long LOAD_CHANGE
 
 cpdef double kept_load(double log_load_change)

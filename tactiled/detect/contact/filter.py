@@ -105,10 +105,10 @@ _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it 
 _HERE_SD, _PLAUSIBLE_SDS = 0.15, 2.0
 # prior: of friction in the worlds that the trees learnt from: see `GripParams`
 _LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
-# prior: part of the looks whose ratio says nothing of friction. In these worlds the ratio over friction and
-# utilisation is off by more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero of the
-# shear is not known.
-_UNTOLD, _UNTOLD_WITHOUT_ZERO = 0.03, 0.5
+# prior: part of the looks whose ratio says nothing of friction; where the zero of the shear is not known, part
+# of those that say no more than the prior. In these worlds the ratio over friction and utilisation is off by
+# more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero is not known.
+_UNTOLD, _WITHOUT_ZERO = 0.03, 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
 # the next (chosen on the worlds of `bench grip`)
 _AVERAGE_S = 0.04
@@ -130,9 +130,9 @@ class SlipThresholds(NamedTuple):
 
 
 SETTINGS: Mapping[str, SlipThresholds] = {
-    "fast": SlipThresholds(incipient=0.7, gross=0.3),
-    "balanced": SlipThresholds(incipient=0.9, gross=0.4),
-    "quiet": SlipThresholds(incipient=0.98, gross=0.55),
+    "fast": SlipThresholds(incipient=0.7, gross=0.25),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.35),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.5),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 
@@ -487,7 +487,7 @@ class Posterior:
         log_ratio = log(max(ratio, _LEAST_BORNE))
         here = variance + _HERE_SD * _HERE_SD
         learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
-        untold = _UNTOLD if has_zero else _UNTOLD_WITHOUT_ZERO
+        no_zero = 0.0 if has_zero else _WITHOUT_ZERO
         total = 0.0
         for k in range(n):
             p = exp((scores[k] if k < n - 1 else sliding) - most)
@@ -495,9 +495,10 @@ class Posterior:
             off, off_learnt = friction - log_friction, friction - _LEARNT_LOG
             misfit = off * off / here
             fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - misfit))
+            fits = no_zero + (1.0 - no_zero) * fits
             if misfit > _PLAUSIBLE_SDS * _PLAUSIBLE_SDS:
                 fits *= exp(-0.5 * (misfit - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
-            p *= untold + (1.0 - untold) * fits
+            p *= _UNTOLD + (1.0 - _UNTOLD) * fits
             self.cells[k] = p
             total += p
         is_over = self.is_gross and self.cells[n - 1] < _SURELY_OVER * total
