@@ -35,7 +35,7 @@ VERBS = {
     ),
     "demo": PackagedVerb(
         "emulator",
-        "Run board emulator, daemon and subscriber for half a minute; print a table and write a picture.",
+        "Run board emulator, daemon and subscriber for half a minute; print a table and write two pictures.",
     ),
     "emulate": PackagedVerb(
         "emulator",
