@@ -29,7 +29,7 @@ def draw_first_slip(path: Path, events: Sequence[Event], truth: KnownTruth) -> s
     reported_s = min((e.detected_s for e in onsets if e.detected_s > begin_s), default=np.inf)
     lead_ms = 1e3 * (gross_s - reported_s)
     title = "No slip was reported before all of the contact slid"
-    if lead_ms > 0:
+    if lead_ms >= 1:
         title = f"Slip is reported {lead_ms:.0f} ms before all of the contact slides"
     figure = Figure(figsize=(9, 4), layout="constrained")
     axis = figure.subplots()

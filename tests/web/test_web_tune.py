@@ -27,7 +27,7 @@ def held(shared: Robot) -> Robot:
 FOUND = """async (unit) => {
   const { guideTuning } = await import("/static/tune.js");
   const per_hour = { low: 0, high: 1 }, told = { incipient: 0, gross: 0, contact_s: 5 };
-  const of = { motion: told, quiet: told, per_hour, incipient_p: 0.7, gross_p: 0.35 };
+  const of = { motion: told, quiet: told, per_hour, incipient_p: 0.7, gross_p: 0.25 };
   const proposed = { setting: "fast", is_accepted: true, friction: 0.62, friction_log_sd: 0.1 };
   const found = { ...of, proposed, accepted_per_hour: 10, toml: "", settings: { fast: of } };
   const post = async () => new Response(JSON.stringify({ ok: true, found }) + "\\n");

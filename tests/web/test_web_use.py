@@ -70,7 +70,7 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
         live.run()
         live.plug()
         page.goto(f"{commanding(live)}#token={TOKEN}")
-        expect(page.locator(".commands .setting")).to_have_value("0.9 0.5")
+        expect(page.locator(".commands .setting")).to_have_value("0.9 0.35")
         until_s = time.monotonic() + PATIENCE_S
         while page.locator(".reply").inner_text() != "✓ Set zero: done":  # half a second of scans is needed
             assert time.monotonic() < until_s

@@ -19,7 +19,7 @@ FLAGS = {
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start the node with the topics that `tactiled ros2` has: /tactile/BOARD/wrench and so on."""
+    """Start the node with topics as /tactile/BOARD/wrench; a board that is no ROS name needs `namespace`."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
         for name, (default, meaning) in (TEXTS | FLAGS).items()

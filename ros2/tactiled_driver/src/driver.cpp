@@ -130,6 +130,7 @@ private:
     void open()
     {
         state_ = BoardState();
+        n_unread_ = 0;
         state_.board = get_parameter("board").as_string();
         if (state_.board.empty())
             throw std::invalid_argument("parameter board: set it to the serial number that `tactiled listen` shows");
@@ -186,8 +187,15 @@ private:
     void listen()
     {
         while (!is_ending_) {
-            const tactiled::Item* item = events_->next(tactiled::monotonic_s() + WAIT_S);
+            const tactiled::Item* item = nullptr;
+            bool is_refused = false;
+            try {
+                item = events_->next(tactiled::monotonic_s() + WAIT_S);
+            } catch (const std::exception&) {
+                is_refused = true;
+            }
             const std::lock_guard<std::mutex> lock(mutex_);
+            state_.refused += is_refused;
             try {
                 watch();
                 if (item && item->kind == tactiled::Kind::MESSAGE)  // others are old, or show in the diagnostics

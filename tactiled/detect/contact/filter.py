@@ -436,7 +436,7 @@ class Posterior:
         """Forget the contact: every state is as likely."""
         self.is_begun = self.is_gross = False
         for k in range(len(self.cells)):
-            self.cells[k] = 1.0 / len(self.cells)
+            self.cells[k], self.logs[k] = 1.0 / len(self.cells), 0.0
         self.soon = self.utilisation = self.friction = (0.0, 0.0, 0.0)
         self.p_sliding = self.slipping_share = 0.0
 
@@ -715,6 +715,7 @@ class ContactFilter:
     def restart(self) -> None:
         """Begin windows anew, after a gap in which the contact went on."""
         self.signs.restart()
+        self.posterior.is_begun = False
         self.gate.close()
 
     def weigh(self, total_x: float, total_y: float, moment: float, load: float) -> None:

@@ -203,7 +203,8 @@ def test_the_posterior_is_a_distribution_for_any_ratio(
 ) -> None:
     one = Posterior(LOOK_S)
     scores = [math.log(weight) for weight in weights]
-    one.take(scores, [0.0, 1.0, 2.0, 3.0], odds, ratio, math.log(0.6), sd * sd, has_zero, ripple_travels)
+    for now in (1.0, ratio, ratio):
+        one.take(scores, [0.0, 1.0, 2.0, 3.0], odds, now, math.log(0.6), sd * sd, has_zero, ripple_travels)
     assert sum(one.cells) == pytest.approx(1.0)
     assert min(one.cells) > 0
     assert 0 < one.soon[0] < one.soon[1] < one.soon[2] < 1

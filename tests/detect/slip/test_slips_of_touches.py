@@ -131,9 +131,8 @@ def seen(made: Callable[[int], Scene], seed: int, noise: float) -> tuple[ScanBlo
     return regular_block(counted, 100.0, channel_offset_s=offset_s), truth
 
 
-LATE = pytest.mark.xfail(
-    strict=True, reason="a slide after a pull of 30 ms is told to begin up to 65 ms too late"
-)
+LATE = pytest.mark.xfail(strict=True, reason="a slide after a pull of 30 ms is reported 3 ms or more too late")
+TOLD_LATE = pytest.mark.xfail(strict=True, reason="its onset is told up to 65 ms too late")
 
 
 @pytest.mark.parametrize(
@@ -145,11 +144,23 @@ def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -
     (slip,) = truth.slips
     assert slip.shear_s is not None
     assert slip.gross_s is not None
+    first = slips(detect(block))[0]
+    assert slip.shear_s < first.detected_s + 0.01 < max(slip.gross_s, slip.shear_s + 0.05)
+
+
+@pytest.mark.parametrize(
+    ("seed", "noise"),
+    [(201, 0.3e-3), (201, 10e-3), (203, 0.3e-3), pytest.param(203, 10e-3, marks=TOLD_LATE)],
+)
+def test_a_physical_slide_has_its_instants_and_direction(seed: int, noise: float) -> None:
+    block, truth = seen(FAMILIES["steady-slide"], seed, noise)
+    (slip,) = truth.slips
+    assert slip.shear_s is not None
+    assert slip.gross_s is not None
     assert slip.direction_deg is not None
     events = slips(detect(block))
     assert [(e.state, e.kind) for e in events[:2]] == WHOLE[:2]
     first, gross = events[:2]
-    assert slip.shear_s < first.detected_s + 0.01 < max(slip.gross_s, slip.shear_s + 0.05)
     assert first.onset_s == pytest.approx(slip.shear_s, abs=0.03)
     assert gross.onset_s == pytest.approx(slip.gross_s, abs=0.03 + 0.1 * (slip.gross_s - slip.shear_s))
     assert abs((first.direction_deg - slip.direction_deg + 180) % 360 - 180) < 5
