@@ -131,7 +131,9 @@ def seen(made: Callable[[int], Scene], seed: int, noise: float) -> tuple[ScanBlo
     return regular_block(counted, 100.0, channel_offset_s=offset_s), truth
 
 
-LATE = pytest.mark.xfail(strict=True, reason="a slide after a pull of 30 ms is reported 3 ms or more too late")
+LATE = pytest.mark.xfail(
+    strict=True, reason="a slide after a pull of 30 ms is reported 3 ms or more too late"
+)
 TOLD_LATE = pytest.mark.xfail(strict=True, reason="its onset is told up to 65 ms too late")
 
 

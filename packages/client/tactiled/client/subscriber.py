@@ -185,7 +185,8 @@ class Subscription(_SubscriptionBase):
         Of the topics `newest_of`, whose messages replace one another, only the newest message of each board
         is read: a program that draws now and then saves the time of the others. It does not learn which of
         these topics were lost. With `only_with`, what has arrived waits for another call while none of these
-        topics is in it, and fewer than `most`: that costs a fifth of reading it. Give it the same topics each time.
+        topics is in it, and fewer than `most`: that costs a fifth of reading it. They must
+        be the same in each call.
         """
         if only_with:
             received, asked = self._received(most - len(self._unread)), _endings(only_with)
