@@ -21,6 +21,7 @@ import numpy as np
 from tactiled import child
 from tactiled.array import load_array
 from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_releases, true_slides
+from tactiled.demo.first_slip import draw_first_slip
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
@@ -29,7 +30,6 @@ from tactiled.events.codec import evidence_key
 from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.events.words import event_words
 from tactiled.plain_table import table
-from tactiled.plots.first_slip import draw_first_slip
 from tactiled.plots.log import KnownTruth, draw_log
 from tactiled.progress import ProgressBar
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from messages import SLIP
 
+from tactiled.demo.first_slip import draw_first_slip
 from tactiled.events.types import GripEvent
-from tactiled.plots.first_slip import draw_first_slip
 from tactiled.plots.log import KnownTruth
 
 TIME_S = np.arange(100) / 100
