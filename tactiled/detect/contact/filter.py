@@ -110,7 +110,7 @@ _LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
 # off by more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero is not known.
 _UNTOLD, _WITHOUT_ZERO = 0.03, 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
-# the next (chosen on the worlds of `bench grip`)
+# the next (chosen on other seeds of the worlds of `bench grip`)
 _AVERAGE_S = 0.04
 
 # --- what is published
