@@ -72,6 +72,26 @@ def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
     assert scans == [b"scan 98", b"scan 99"]
 
 
+def test_an_answer_makes_room_for_two_frames() -> None:
+    async def main() -> list[int]:
+        link = Link()
+        browser = Browser(cast(Any, link))
+        sending = asyncio.create_task(browser.send_all())
+        n_sent = []
+        for is_answered in (False, True):
+            if is_answered:
+                browser.answered()
+            for n in range(4):
+                await asyncio.sleep(0)
+                browser.offer(Frames(None, b"scan %d" % n))
+            await asyncio.sleep(0)
+            n_sent.append(len(link.sent))
+        sending.cancel()
+        return n_sent
+
+    assert asyncio.run(main()) == [3, 5]
+
+
 def test_a_browser_that_keeps_up_gets_one_frame_in_place_of_two() -> None:
     async def main() -> list[bytes]:
         link = Link()

@@ -436,7 +436,7 @@ class Posterior:
         """Forget the contact: every state is as likely."""
         self.is_begun = self.is_gross = False
         for k in range(len(self.cells)):
-            self.cells[k], self.logs[k] = 1.0 / len(self.cells), 0.0
+            self.cells[k] = 1.0 / len(self.cells)
         self.soon = self.utilisation = self.friction = (0.0, 0.0, 0.0)
         self.p_sliding = self.slipping_share = 0.0
 
@@ -502,11 +502,12 @@ class Posterior:
             self.cells[k] = p
             total += p
         is_over = self.is_gross and self.cells[n - 1] < _SURELY_OVER * total
-        part = 1.0 if is_over or not self.is_begun else self.new_part
+        is_taken_whole = is_over or not self.is_begun
         self.is_begun = True
         whole, total = total, 0.0
         for k in range(n):
-            self.logs[k] += part * (log(max(self.cells[k] / whole, _TINY)) - self.logs[k])
+            now = log(max(self.cells[k] / whole, _TINY))
+            self.logs[k] = now if is_taken_whole else self.logs[k] + self.new_part * (now - self.logs[k])
             self.cells[k] = exp(self.logs[k])
             total += self.cells[k]
         for k in range(n):

@@ -258,6 +258,18 @@ def test_one_look_counts_by_what_is_new_in_it() -> None:
     assert odds[2] - odds[1] == pytest.approx(6.0 * new * (1.0 - new))
 
 
+def test_the_first_look_after_a_gap_is_not_averaged_with_one_from_before() -> None:
+    contact = ContactFilter(Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S), silent(), 100.0, 0.6, 0.6, 0.9, 0.5)
+    rests, slides = [0.0] * N_STATES, [*[0.0] * (N_STATES - 1), 6.0]
+    here = [0.0] * 4, 0.0, 0.3, math.log(0.6), 0.36, True, False
+    contact.posterior.take(rests, *here)
+    contact.restart()
+    contact.posterior.take(slides, *here)
+    fresh = Posterior(LOOK_S)
+    fresh.take(slides, *here)
+    assert list(contact.posterior.cells) == list(fresh.cells)
+
+
 def test_quantiles_are_those_of_the_cells() -> None:
     cells = [0.0] * N_STATES
     cells[4] = 1.0  # 0.6 to 0.7

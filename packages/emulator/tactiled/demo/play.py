@@ -139,8 +139,8 @@ def _judge(
         _say(f"the demo was cut short: {cut_short}")
     if seen.time_s:
         whole = picture.with_stem(f"{picture.stem}-log")
-        _draw(picture, whole, seen, truth, slides, t0_s)
-        click.echo(f"\npictures: {picture} (the first slip), {whole} (all that was read and found)")
+        title = _draw(picture, whole, seen, truth, slides, t0_s)
+        click.echo(f"\n{title}.\npictures: {picture} (the first slip), {whole} (all that was read and found)")
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
@@ -190,7 +190,7 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
 
 def _draw(
     picture: Path, whole: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float
-) -> None:
+) -> str:
     shear_s = [phase.start_s for phase in truth.phases if phase.kind == "slide"]
     instant_s = np.array(seen.time_s) - t0_s
     played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)
@@ -203,10 +203,11 @@ def _draw(
         time_s=t0_s + instant_s[played],
         utilisation=truth.utilisation(instant_s[played]),
     )
-    draw_first_slip(picture, seen.events, shown)
+    title = draw_first_slip(picture, seen.events, shown)
     array = load_array("wang2019-3x3")
     time_s, volts = np.array(seen.time_s), np.array(seen.volts)
     draw_log(whole, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
+    return title
 
 
 @contextlib.contextmanager
