@@ -15,16 +15,21 @@ cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
 cdef double _LEAST_VARIANCE, _AVERAGE_S, _HERE_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
 cdef double _WITHOUT_ZERO
 cdef long LOAD_CHANGE
+cdef unsigned int _ALL_LEAVES, _DE_BRUIJN
+cdef int[::1] _PLACES
 
 cpdef double kept_load(double log_load_change)
 
 
 cdef class Trees:
-    cdef public double[::1] first, value, scores
-    cdef public long long[::1] root, output
-    cdef public int[::1] links
+    cdef public double[::1] first, limit, leaf, scores
+    cdef public int[::1] output, leaf_of, of_feature, tree
+    cdef public signed char[::1] nan_fails
+    cdef public unsigned int[::1] left, reached
 
-    @cython.locals(k=Py_ssize_t, t=Py_ssize_t, node=Py_ssize_t, link=int, value=double, goes_left=bint)
+    @cython.locals(
+        k=Py_ssize_t, t=Py_ssize_t, feature=Py_ssize_t, end=Py_ssize_t, value=double, lowest="unsigned int", place=int
+    )
     cpdef evaluate(self, double[::1] row)
 
 

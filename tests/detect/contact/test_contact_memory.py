@@ -4,6 +4,7 @@ import math
 from array import array
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -292,3 +293,43 @@ def test_trees_add_the_leaf_that_a_row_reaches_and_nan_goes_where_it_was_told() 
     for row, wanted in (([0.5, 0.0], 211.0), ([0.6, -1.0], 121.0), ([math.nan, math.nan], 121.0)):
         forest.evaluate(array("d", row))
         assert forest.scores[0] == wanted
+
+
+@given(seed=st.integers(0, 2**32), n_leaves=st.integers(1, 32))
+def test_trees_give_what_walking_them_gives(seed: int, n_leaves: int) -> None:
+    """Rows have values at limits, too, and values that are missing."""
+    rng = np.random.default_rng(seed)
+    limits = [-1.0, 0.0, 0.5, 2.0]
+    links: list[tuple[int, int]] = []
+    value: list[float] = []
+
+    def grow(n: int) -> None:
+        at, left = len(links), int(rng.integers(1, n)) if n > 1 else 0
+        links.append((int(rng.integers(10)) if left else -1, 0))
+        value.append(float(rng.choice(limits) if left else rng.standard_normal()))
+        if left:
+            grow(left)
+            links[at] = links[at][0], len(links)
+            grow(n - left)
+
+    def walk(node: int, row: "array[float]") -> float:
+        link, right = links[node]
+        if link < 0:
+            return value[node]
+        x = row[link >> 1]
+        return walk(node + 1 if (link & 1 if math.isnan(x) else x <= value[node]) else right, row)
+
+    roots = []
+    for _ in range(3):
+        roots.append(len(links))
+        grow(n_leaves)
+    forest = Trees({"first": [0.0] * 3, "root": roots, "output": [2, 0, 1], "links": links, "value": value})
+    row = array("d", rng.choice([*limits, 0.2, -3.0, 9.0, math.nan], 5))
+    forest.evaluate(row)
+    assert list(forest.scores) == [walk(roots[k], row) for k in (1, 2, 0)]
+
+
+def test_trees_have_at_most_32_leaves() -> None:
+    links = [one for k in range(32) for one in ((0, 2 * k + 2), (-1, 0))] + [(-1, 0)]
+    with pytest.raises(ValueError, match="more than 32 leaves"):
+        Trees({"first": [0.0], "root": [0], "output": [0], "links": links, "value": [0.0] * 65})
