@@ -96,7 +96,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
                         ".0f",
                         is_least=True,
                     )
-                    for scene, limit in zip(SCENES, (300.0, 50.0), strict=True)
+                    for scene, limit in zip(SCENES, (1000.0, 200.0), strict=True)
                 ),
             ]
         ),
