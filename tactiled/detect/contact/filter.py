@@ -582,6 +582,7 @@ class Posterior:
         self.is_gross = is_gross
         for k in range(n):
             self.shown[k] = self.cells[k]
+        low = self._quantile(0.05)  # whichever slip is open: it may be over, and what is not sure must show
         if is_gross:
             sliding = self.cells[n - 1] / (self.cells[n - 2] + self.cells[n - 1])
             sliding = max(sliding, least_sliding)
@@ -589,7 +590,7 @@ class Posterior:
                 self.shown[k] = 0.0
             self.shown[n - 2], self.shown[n - 1] = 1.0 - sliding, sliding
         self.p_sliding = self.shown[n - 1]
-        self.utilisation = self._quantile(0.05), self._quantile(0.5), self._quantile(0.95)
+        self.utilisation = low, self._quantile(0.5), self._quantile(0.95)
         share, mean, square = 0.0, 0.0, 0.0
         for k in range(n):
             share += self.shown[k] * self.shares[k]

@@ -59,7 +59,7 @@ def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], se
                 assert (event.state == "gross") == (kind == "gross")
                 if kind == "gross":
                     n_gross += 1
-                    assert event.utilisation_low >= LEAST_GROSS_USED
+                    assert event.utilisation >= LEAST_GROSS_USED
                     assert (event.p_gross_50ms, event.p_gross_300ms, event.slipping_share) == (1.0, 1.0, 1.0)
                     assert event.p_sliding >= SETTINGS[setting].gross / 3
                     assert event.friction_low <= event.friction <= event.friction_high
