@@ -265,8 +265,8 @@ def _aims(runs: Sequence[Run]) -> list[Aim]:
             [run.ratio(phase, percent / 100) for run in runs],
             ".1f",
         )
-        for percent, limits in ((50, (2.5, 2.5, 3.0)), (99, (3.0, 3.0, 4.0)))
-        for phase, limit in zip(PHASES, limits, strict=True)
+        for percent, limit in ((50, 2.5), (99, 3.0))
+        for phase in PHASES
     ]
     over_rest = f"{turn_ms / max(rest_ms, 1e-6):.1f} times {rest_ms:.1f} ms"
     memory_mb = float(np.median([run.memory_mb for run in runs]))
@@ -276,11 +276,11 @@ def _aims(runs: Sequence[Run]) -> list[Aim]:
         aim("the same, on any machine", "at most 3 times that at rest", over_rest, turn_ms <= 3 * rest_ms),
         never("scans lost", sum(one.lost for run in runs for one in run.daemon.values())),
         never("groove fits late", sum(run.fits_late for run in runs)),
-        at_most("memory of the daemon after the slide (RSS)", 70.0, memory_mb, ".0f", " MB"),
+        at_most("memory of the daemon after the slide (RSS)", 110.0, memory_mb, ".0f", " MB"),
         *(
             median_aim(
                 f"processor of tactiled over C, {phase}", limit, [run.cpu_ratio(phase) for run in runs], ".1f"
             )
-            for phase, limit in (("rest", 3.0), ("sliding", 8.0))
+            for phase, limit in (("rest", 10.0), ("sliding", 15.0))
         ),
     ]
