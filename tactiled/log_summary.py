@@ -12,6 +12,7 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 # Below a zero which was measured under load: part of the scans, and of the range (less is noise or drift),
 # and of the span of the pressure (less is drift of a sensor that was pressed later).
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
+_BACK_PART = 0.2  # of that: a pressure which ends so near to its zero was free at both ends
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
 
@@ -190,10 +191,16 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
             float(np.median(one[np.isfinite(one)])) if np.isfinite(one).any() else 0.0 for one in at_lowest.T
         ]
         found = ", ".join(f"{zero:.5g}" for zero in lowest)
-        yield (
-            f"pressure falls to {-low:.3g} {array.unit} below the zero: was the sensor touched in the first "
-            f"{array.zero_first_s:g} s? Then write numbers: where it is lowest, zero = [{found}]"
-        )
+        falls = f"pressure falls to {-low:.3g} {array.unit} below the zero"
+        numbers = f"Then write numbers: where it is lowest, zero = [{found}]"
+        end = float(np.median(pressure[time_s > time_s[-1] - array.zero_first_s]))
+        if abs(end) < _BACK_PART * -low:
+            yield (
+                f"{falls} and comes back to it at the end: channels that fall under load have `sign = -1` in "
+                f"the array file. Or was the sensor touched at both ends? {numbers}"
+            )
+        else:
+            yield f"{falls}: was the sensor touched in the first {array.zero_first_s:g} s? {numbers}"
 
 
 def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:

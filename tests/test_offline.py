@@ -517,6 +517,14 @@ def test_a_zero_that_was_taken_under_load_is_named(begins_pressed: bool) -> None
     assert not any("--tare-s" in line for line in said)  # the zero is taken from the beginning already
 
 
+def test_channels_that_fall_under_load_are_named_before_a_zero_under_load() -> None:
+    """The log begins and ends without a load."""
+    load = np.where((np.arange(300) > 100) & (np.arange(300) < 200), 300.0, 0.0)
+    readings = 1000 - load[:, np.newaxis] + np.random.default_rng(0).normal(0, 2, (300, 16))
+    (said,) = [line for line in said_of_a_pad(readings) if line.startswith("pressure falls to")]
+    assert said.index("`sign = -1`") < said.index("zero = [")
+
+
 def test_saturated_readings_at_the_beginning_are_no_zero_taken_under_load() -> None:
     readings = 1000 + np.random.default_rng(0).normal(0, 2, (300, 16))
     readings[:8] = 4095.0  # of the 11 scans that give the zero

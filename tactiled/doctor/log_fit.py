@@ -126,7 +126,13 @@ def _signs(array: Array, change: FloatArray) -> Finding:
     tells = loads & (np.abs(goes) > _LEAST_PART * float(np.abs(goes[loads]).max()))
     falls: NDArray[np.int64] = np.flatnonzero(tells & (goes < 0))
     if not falls.size:
-        return Finding("log: signs", "ok", "load channels rise where the log changes most")
+        words = "load channels rise where the log changes most"
+        if array.has_shear:
+            words += (
+                "; those of shear do not show in a log: push the skin along +x and +y, and x and y must "
+                "rise, or directions are wrong by up to 180 deg"
+            )
+        return Finding("log: signs", "ok", words)
     words = f"fall where the log changes most: {_names(array, falls)}"
     other = {int(-sign) for sign in array.sign[falls]}
     if len(falls) == int(tells.sum()) and len(other) == 1:

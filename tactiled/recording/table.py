@@ -36,6 +36,11 @@ _READ_VALUES = 1 << 16  # of an npz at once: zlib holds twice what it is asked f
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
+_TIME_NAMES = "time", "timestamp", "stamp", "t"
+_TIME_ADVICE = (
+    "times named time, t, timestamp or stamp need a unit, as in stamp_ms or by --time-unit, and a log "
+    "without times needs --rate"
+)
 
 
 @dataclass(frozen=True)
@@ -46,16 +51,17 @@ class TableOptions:
     rate_hz: float | None = None
     # Names of the columns of a CSV in channel order, ``*`` for several; all but the time if left out
     columns: Sequence[str] = ()
-    # Unit of the times; their column or array may then be called ``time``, ``t`` or ``timestamp``
+    # Unit of the times, where the name of their column or array does not say it
     time_unit: TimeUnit | None = None
 
 
 def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatArray, FloatArray]:
     """Read the times (n,) in seconds and the readings (n, channels) of a log, NaN where missing.
 
-    ``.csv``: a header, a column ``time_s``, then one column per channel in channel order, with commas,
-    semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row without any reading
-    a missing scan, which is left out. Without a column of times, the rate spaces the rows.
+    ``.csv``: a header, a column ``time_s`` (or ``stamp_ms`` and the like), then one column per channel in
+    channel order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and
+    a row without any reading a missing scan, which is left out. Without a column of times, the rate spaces
+    the rows.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -65,12 +71,12 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         The file is not a valid log (the message names the line or the array), or too large to be held.
     """
     options = options or TableOptions()
-    stamps, readings = (_read_npz if path.suffix == ".npz" else _read_csv)(path, options)
+    stamps, unit, readings = (_read_npz if path.suffix == ".npz" else _read_csv)(path, options)
     if stamps is None:
         assert options.rate_hz is not None  # which stands for the times
         time_s = np.arange(len(readings)) / options.rate_hz
     else:
-        time_s = stamps * SECONDS[options.time_unit or "s"]
+        time_s = stamps * SECONDS[unit]
     if not (is_number := np.isfinite(time_s)).all():
         raise DataError(f"{path}: time_s is not a number in row {int(np.argmin(is_number)) + 1}")
     if (backwards := np.flatnonzero(np.diff(time_s) <= 0)).size:
@@ -84,31 +90,28 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         raise DataError(
             f"{path}: {len(time_s)} scans (rows with a reading); at least two are needed to compute the rate"
         )
-    if fault := _rate_fault(spacing_of(time_s).period_s, options):
+    if fault := _rate_fault(spacing_of(time_s).period_s, unit, options):
         raise DataError(f"{path}: {fault}")
     return time_s, readings
 
 
-def _rate_fault(spacing_s: float, options: TableOptions) -> str:
+def _rate_fault(spacing_s: float, given: TimeUnit, options: TableOptions) -> str:
     """Describe an implausible time spacing and its remedy; empty where the times are probably seconds."""
     slowest, fastest = RATES_HZ
     rate_hz = 1 / spacing_s
     rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
     if rate_hz > fastest:
         return f"{rows}, and no board is faster than {fastest:g} Hz; give it in seconds or say --time-unit"
-    is_known = options.rate_hz is not None or options.time_unit is not None
+    is_known = options.rate_hz is not None or options.time_unit is not None or given != "s"
     if rate_hz >= (slowest if is_known else _SLOWEST_LIKELY_HZ):
         return ""
-    given = options.time_unit or "s"
     unit_hz = rate_hz * SECONDS[given]
     likely = [unit for unit in SECONDS if _SLOWEST_LIKELY_HZ <= unit_hz / SECONDS[unit] <= fastest]
     unit = next((unit for unit in likely if unit != given), "")
     other = f"if they are in {unit} say --time-unit {unit}, " if unit else ""
     slow = f"; if scans are so slow, give --rate {rate_hz:g}" if rate_hz >= slowest else ""
-    return (
-        f"{rows}; times are taken in {options.time_unit or 'seconds'}: {other}if they count rows divide by "
-        f"the rate{slow}"
-    )
+    taken = "seconds" if given == "s" else given
+    return f"{rows}; times are taken in {taken}: {other}if they count rows divide by the rate{slow}"
 
 
 def _check_size(path: Path, n_bytes: int) -> None:
@@ -116,15 +119,20 @@ def _check_size(path: Path, n_bytes: int) -> None:
         raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
 
 
-def _time_names(time_unit: TimeUnit | None) -> list[str]:
-    """Return the names that a column of times may have."""
-    return ["time_s"] if time_unit is None else ["time_s", f"time_{time_unit}", "time", "t", "timestamp"]
+def _time_name(names: Sequence[str], given: TimeUnit | None) -> tuple[str, TimeUnit] | None:
+    """Return the name of the times among some, and their unit: the one given, else that of the name."""
+    known = [("time_s", given or "s")]
+    for name in _TIME_NAMES:
+        known += [(f"{name}_{unit}", given or unit) for unit in SECONDS]
+        if given:
+            known.append((name, given))
+    return next((one for one in known if one[0] in names), None)
 
 
 # ---- CSV -----------------------------------------------------------------------------------------
 
 
-def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, FloatArray]:
+def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             first_line = stream.readline(_MOST_LINE)
@@ -136,7 +144,7 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, Flo
                     f"{path}: the first line has numbers only; write a line of names above it, or in its "
                     "place where it is the header"
                 )
-            time_column = _time_column(path, header, options)
+            time_column, unit = _time_column(path, header, options)
             needed = _chosen(path, header, options.columns, time_column)
             numbers = array("d")  # it grows in place
             for cells in reader:
@@ -154,9 +162,9 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, Flo
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
     if time_column is None:
-        return None, np.frombuffer(numbers).reshape(-1, max(len(needed), 1))
+        return None, unit, np.frombuffer(numbers).reshape(-1, max(len(needed), 1))
     table = np.frombuffer(numbers).reshape(-1, 1 + len(needed))
-    return table[:, 0], table[:, 1:]
+    return table[:, 0], unit, table[:, 1:]
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -167,18 +175,14 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _time_column(path: Path, header: list[str], options: TableOptions) -> int | None:
-    """Return the number of the column of times; None where the rate stands for it."""
-    for name in _time_names(options.time_unit):
-        if name in header:
-            return header.index(name)
+def _time_column(path: Path, header: list[str], options: TableOptions) -> tuple[int | None, TimeUnit]:
+    """Return the number of the column of times, and their unit; None where the rate stands for it."""
+    if named := _time_name(header, options.time_unit):
+        return header.index(named[0]), named[1]
     if options.rate_hz is not None:
-        return None
+        return None, "s"
     found = ", ".join(header[:6]) or "nothing"
-    raise DataError(
-        f"{path}: the header lacks the column time_s (found: {found}); "
-        "a column time, t or timestamp needs --time-unit, and a log without times needs --rate"
-    )
+    raise DataError(f"{path}: the header lacks the column time_s (found: {found}); {_TIME_ADVICE}")
 
 
 def _chosen(path: Path, header: list[str], columns: Sequence[str], time_column: int | None) -> list[int]:
@@ -222,7 +226,7 @@ def _is_number(cell: str) -> bool:
 # ---- npz -----------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, FloatArray]:
+def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
     if options.columns:
         raise ConfigError("command line", ["--columns is for CSV; an npz file has the array volts"])
     try:
@@ -248,18 +252,15 @@ def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, Flo
 
 def _from_archive(
     path: Path, archive: zipfile.ZipFile, options: TableOptions
-) -> tuple[FloatArray | None, FloatArray]:
+) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
     names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-    time_name = next((name for name in _time_names(options.time_unit) if name in names), None)
-    others = [name for name in names if name not in (*_time_names("s"), time_name, "valid")]
+    time_name, unit = _time_name(names, options.time_unit) or (None, "s")
+    others = [name for name in names if not _time_name([name], "s") and name != "valid"]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     lacks_time = time_name is None and options.rate_hz is None
     if lacks_time or name is None:
         missing = [*(["time_s"] if lacks_time else []), *(["volts"] if name is None else [])]
-        raise DataError(
-            f"{path}: lacks the array {' and '.join(missing)}; it has {names}; an array time, t "
-            "or timestamp needs --time-unit, and a log without times needs --rate"
-        )
+        raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {names}; {_TIME_ADVICE}")
     readings = _read_array(path, archive, name)
     n_channels = math.prod(readings.shape[1:])
     if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number
@@ -275,7 +276,7 @@ def _from_archive(
         if valid.shape != readings.shape:
             raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
         readings[valid == 0] = np.nan
-    return time, readings.reshape(-1, n_channels)
+    return time, unit, readings.reshape(-1, n_channels)
 
 
 def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:

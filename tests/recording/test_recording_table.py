@@ -1,6 +1,7 @@
 """Tables of others are read, or refused with the place."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -136,6 +137,20 @@ def test_readings_marked_invalid_become_nan(tmp_path: Path) -> None:
         read_table(tmp_path / "w.npz")
 
 
+@pytest.mark.parametrize("name", ["stamp_ms", "t_ms", "timestamp_ms", "time_ms"])
+def test_a_name_may_say_the_unit_of_the_times(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f"{name},a,b\n1000,1,2\n1010,4,5\n")
+    time_s, readings = read_table(path)
+    assert time_s == pytest.approx([1.0, 1.01])
+    assert readings.tolist() == [[1.0, 2.0], [4.0, 5.0]]
+    time_s, _ = read_table(path, TableOptions(time_unit="s"))  # what is given counts
+    assert time_s == pytest.approx([1000.0, 1010.0])
+    arrays: dict[str, Any] = {name: [1000, 1010], "pad": np.ones((2, 4))}
+    np.savez(tmp_path / "t.npz", **arrays)
+    assert read_table(tmp_path / "t.npz")[0] == pytest.approx([1.0, 1.01])
+
+
 def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("note,t,b2,b1,a\nx,0,1,2,3\ny,10,4,5,6\nz,20,7,8,9\n")
@@ -144,7 +159,7 @@ def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> Non
     assert volts.tolist() == [[3.0, 1.0, 2.0], [6.0, 4.0, 5.0], [9.0, 7.0, 8.0]]
     with pytest.raises(DataError, match=r"no column 'c' of --columns; the header has note, t, b2, b1, a"):
         read_table(path, TableOptions(columns=("c",), time_unit="ms"))
-    with pytest.raises(DataError, match=r"a column time, t or timestamp needs --time-unit"):
+    with pytest.raises(DataError, match=r"times named time, t, timestamp or stamp need a unit"):
         read_table(path, TableOptions(columns=("a",)))
 
 
