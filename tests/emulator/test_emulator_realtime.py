@@ -19,8 +19,8 @@ import pytest
 from patience import PATIENCE_S
 
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.emulator.line.links import PtyLink, SocketLink, make_control_link, make_link
-from tactiled.emulator.realtime import Emulator, run_emulator
+from tactiled.emulator.line.links import PtyLink, SocketLink, make_control_link, make_tcp_link
+from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
 from tactiled.wire.codec import Decoder, Encoder
@@ -256,10 +256,11 @@ def test_a_signal_ends_the_emulator_cleanly(tmp_path: Path, number: signal.Signa
     program = (
         "import json, sys; from pathlib import Path\n"
         "from tactiled.emulator.scene.description import load_scene\n"
-        "from tactiled.emulator.realtime import run_emulator\n"
+        "from tactiled.emulator.line.links import PtyLink\n"
+        "from tactiled.emulator.realtime import Emulator\n"
         "from tactiled.wire.layout import load_layout\n"
-        "run_emulator(load_scene('rest'), load_layout('board-v1'), link=Path(sys.argv[1]),\n"
-        "             report=lambda report: print(json.dumps(report), flush=True))\n"
+        "Emulator(load_scene('rest'), load_layout('board-v1'), PtyLink(Path(sys.argv[1])),\n"
+        "         report=lambda report: print(json.dumps(report), flush=True)).run_until_signal()\n"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", program, str(link)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -282,10 +283,10 @@ def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
         assert str(link.readlink()).startswith("/dev/")
     link.write_text("precious")
     with pytest.raises(ConfigError, match="is no symbolic link"):
-        run_emulator(DEMO, V1, link=link, report=lambda _: None)
+        Emulator(DEMO, V1, PtyLink(link), report=lambda _: None).run()
     assert link.read_text() == "precious"
     with pytest.raises(ConfigError, match="No such file"):
-        run_emulator(DEMO, V1, link=tmp_path / "no" / "folder", report=lambda _: None)
+        Emulator(DEMO, V1, PtyLink(tmp_path / "no" / "folder"), report=lambda _: None).run()
 
 
 @pytest.mark.parametrize(
@@ -299,11 +300,9 @@ def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
         "unix://x:99",
     ],
 )
-def test_addresses_of_another_form_are_refused(tcp: str, tmp_path: Path) -> None:
+def test_addresses_of_another_form_are_refused(tcp: str) -> None:
     with pytest.raises(ConfigError, match=r"tcp: .* not of the form tcp://HOST:PORT$"):
-        make_link(None, tcp)
-    with pytest.raises(ConfigError, match="not both"):
-        make_link(tmp_path / "board", tcp)
+        make_tcp_link(tcp)
 
 
 @pytest.mark.parametrize("address", ["unix://", "tcp://127.0.0.1:99", "/tmp/x"])
@@ -336,12 +335,12 @@ def test_ports_that_cannot_be_made_are_refused(tmp_path: Path) -> None:
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         address = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
-        asked: tuple[tuple[dict[str, Any], str], ...] = (
-            ({"tcp": address}, "tcp: cannot listen"),
-            ({"link": tmp_path / "board", "control": f"unix://{tmp_path}"}, "control: cannot listen"),
-            ({"link": tmp_path / "no" / "folder"}, "link: cannot make"),
-        )
-        for ports, says in asked:
+        control = make_control_link(f"unix://{tmp_path}")
+        for link, controlled, says in (
+            (make_tcp_link(address), None, "tcp: cannot listen"),
+            (PtyLink(tmp_path / "board"), control, "control: cannot listen"),
+            (PtyLink(tmp_path / "no" / "folder"), None, "link: cannot make"),
+        ):
             with pytest.raises(ConfigError, match=says):
-                run_emulator(DEMO, V1, report=report, **ports)
+                Emulator(DEMO, V1, link, report=report, control=controlled).run()
     assert not os.path.lexists(tmp_path / "board")

@@ -98,7 +98,8 @@ def emulate(
     from tactiled import tomlfile
     from tactiled.emulator.board.identity import EmulatedBoardParams
     from tactiled.emulator.line.faults import FaultParams
-    from tactiled.emulator.realtime import run_emulator
+    from tactiled.emulator.line.links import PtyLink, make_control_link, make_tcp_link
+    from tactiled.emulator.realtime import Emulator
     from tactiled.emulator.scene.named import named_scene
     from tactiled.wire.layout import load_layout
 
@@ -116,18 +117,17 @@ def emulate(
             done = f"{played_s:.1f} of {duration_s:.1f} s of the scene"
             click.echo(f"emulate: solving grooves before the port appears: {done}", err=True)
 
-    run_emulator(
+    Emulator(
         played,
         load_layout(protocol),
-        link=link,
-        tcp=tcp,
+        PtyLink(link) if tcp is None else make_tcp_link(tcp),
         board=None if board is None else tomlfile.load(board, EmulatedBoardParams),
         faults=None if faults is None else tomlfile.load(faults, FaultParams),
         seed=seed,
         report=report,
         with_scans=scans,
-        control=control,
-    )
+        control=None if control is None else make_control_link(control),
+    ).run_until_signal()
 
 
 def _write_rig(folder: Path, array: str, seed: int, seconds: float) -> None:

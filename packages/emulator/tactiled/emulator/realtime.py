@@ -16,15 +16,13 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import Any
 
-from tactiled.array import Array
-from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array
+from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.line.links import HostLink, make_control_link, make_link
+from tactiled.emulator.line.links import HostLink
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene
@@ -42,16 +40,18 @@ _MOST_INPUTS = 64  # reads of the host that wait for a late board; the rest wait
 
 
 class Emulator:
-    """A board in real time; `run` until `stop`.
+    """A board in real time; `run` until `stop`, or `run_until_signal`.
 
     Parameters
     ----------
     report : callable
         Gets maps with ``what``: ``"ready"`` (address of the port), ``"scene"`` (truth, instants on
         CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"behind"`` (the
-        host is too slow for the scene), ``"end"`` (counts).
+        host is too slow for the scene), ``"preparing"`` (tables are solved), ``"end"`` (counts).
     with_scans : bool
         Report the truth of each scan.
+    control : HostLink, optional
+        Where a controller can move the grip.
 
     The constructor raises `ConfigError` where scene, layout and board do not fit.
     """
@@ -104,6 +104,15 @@ class Emulator:
         self._faults_to_cause.append(kind)
         os.write(self._wake_write, b"x")
 
+    def run_until_signal(self) -> None:
+        """Solve the tables that a grooved plate needs, then run until `stop`, SIGTERM or SIGINT.
+
+        `ConfigError` where the link cannot be made.
+        """
+        self._solve_tables()
+        with _stopped_by_signals(self.stop):
+            self.run()
+
     def run(self) -> None:
         """Run the board until `stop`."""
         try:
@@ -123,6 +132,18 @@ class Emulator:
             os.close(self._wake_write)
         counts = vars(self._port.counts) | {"bytes_overflowed": self._bytes_overflowed}
         self._report({"what": "end", "counts": counts})
+
+    def _solve_tables(self) -> None:
+        """Play a scene over grooves once: tables that are not shipped, a minute each, are solved and kept."""
+        contact = make_contact(SceneMotion(self._scene), self._port.array)
+        if not isinstance(contact, PhysicalContact) or not contact.has_tables:
+            return
+        told_s, duration_s = time.monotonic(), self._scene.duration_s
+        while contact.played_s < duration_s:
+            contact.play_until(contact.played_s + _PLAYED_S)
+            if time.monotonic() > told_s + _TELL_S:
+                told_s = time.monotonic()
+                self._report({"what": "preparing", "played_s": contact.played_s, "duration_s": duration_s})
 
     def _step(self) -> None:
         """Do one event or input that is due, then sleep until something is."""
@@ -185,58 +206,6 @@ class Emulator:
         names = ("index", "sequence", "boot", "began_s", "sent")
         of_scan = {name: getattr(scan, name) for name in names}
         self._report({"what": "scan", **of_scan, **contact_report(self._port.contact, scan.scene_s)})
-
-
-def run_emulator(
-    scene: Scene,
-    layout: Layout,
-    *,
-    link: Path | None = None,
-    tcp: str | None = None,
-    board: EmulatedBoardParams | None = None,
-    faults: FaultParams | None = None,
-    seed: int = 0,
-    report: Report,
-    with_scans: bool = False,
-    control: str | None = None,
-) -> None:
-    """Run an `Emulator` until SIGTERM or SIGINT, on a pty with the name `link`, or listening on `tcp`.
-
-    A controller can move the grip at `control`, which is ``unix:///PATH``. While tables of a grooved plate
-    are solved first, `report` gets ``"preparing"``.
-
-    Raises
-    ------
-    ConfigError
-        The arguments do not fit each other, or the link cannot be made.
-    """
-    emulator = Emulator(
-        scene,
-        layout,
-        make_link(link, tcp),
-        board=board,
-        faults=faults,
-        seed=seed,
-        report=report,
-        with_scans=with_scans,
-        control=None if control is None else make_control_link(control),
-    )
-    _solve_tables(scene, emulated_array(scene, layout), report)
-    with _stopped_by_signals(emulator.stop):
-        emulator.run()
-
-
-def _solve_tables(scene: Scene, array: Array, report: Report) -> None:
-    """Play a scene over grooves once: tables that are not shipped, a minute each, are solved and kept."""
-    contact = make_contact(SceneMotion(scene), array)
-    if not isinstance(contact, PhysicalContact) or not contact.has_tables:
-        return
-    told_s = time.monotonic()
-    while contact.played_s < scene.duration_s:
-        contact.play_until(contact.played_s + _PLAYED_S)
-        if time.monotonic() > told_s + _TELL_S:
-            told_s = time.monotonic()
-            report({"what": "preparing", "played_s": contact.played_s, "duration_s": scene.duration_s})
 
 
 @contextlib.contextmanager

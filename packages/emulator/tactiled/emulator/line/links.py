@@ -168,18 +168,11 @@ class SocketLink:
 HostLink = PtyLink | SocketLink
 
 
-def make_link(link: Path | None, tcp: str | None) -> HostLink:
-    """Make a pty of the name `link`, or a socket at `tcp`, which is ``tcp://HOST:PORT``.
-
-    `ConfigError` where the address is of another form, or both are given.
-    """
-    if tcp is None:
-        return PtyLink(link)
-    if link is not None:
-        raise ConfigError("command line", ["give either a link for a pty or a TCP address, not both"])
-    host, _, port = tcp.removeprefix("tcp://").rpartition(":")
+def make_tcp_link(address: str) -> SocketLink:
+    """Make a socket for the daemon at ``tcp://HOST:PORT``; `ConfigError` for other addresses."""
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or "/" in host or not port.isdecimal() or int(port) > 65535:
-        raise ConfigError("command line", [f"tcp: {tcp!r} is not of the form tcp://HOST:PORT"])
+        raise ConfigError("command line", [f"tcp: {address!r} is not of the form tcp://HOST:PORT"])
     return SocketLink("tcp", (host.strip("[]"), int(port)))
 
 
