@@ -17,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.bag import is_bag, read_bag
+from tactiled.recording.table import TableOptions
 from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import read_log
 
@@ -132,7 +133,7 @@ def test_bags_are_logs_of_calibrate_and_tune(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="--topic TOPIC"):
         read_log(path, str(array))
     with pytest.raises(ConfigError, match="a bag has --topic"):
-        read_log(path, str(array), ("a",), topic="/array")
+        read_log(path, str(array), "/array", TableOptions(columns=("a",)))
     with pytest.raises(DataError, match=r"4 channels, .* or the field .* --topic TOPIC\.FIELD"):
         read_log(path, "wang2019-3x3", topic="/array")
 

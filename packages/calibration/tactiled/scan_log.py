@@ -15,7 +15,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.recording.spacing import to_blocks
 from tactiled.recording.steps import Replay
-from tactiled.recording.table import TableOptions, TimeUnit
+from tactiled.recording.table import TableOptions
 from tactiled.recording.whole import read_whole
 from tactiled.samples.block import Gap, ScanBlock
 
@@ -40,20 +40,10 @@ class ScanLog:
 
 
 def read_log(
-    path: Path,
-    array: str | None = None,
-    columns: tuple[str, ...] = (),
-    time_unit: TimeUnit | None = None,
-    topic: str | None = None,
-    rate_hz: float | None = None,
+    path: Path, array: str | None = None, topic: str | None = None, options: TableOptions | None = None
 ) -> ScanLog:
-    """Read a recording, or a table or bag (see `read_whole`).
-
-    Raises
-    ------
-    DataError, ConfigError
-    """
-    whole = read_whole(path, array, topic, TableOptions(rate_hz, columns, time_unit))
+    """Read a recording, or a table or bag; parameters and errors as for `read_whole`."""
+    whole = read_whole(path, array, topic, options or TableOptions())
     if whole is None:
         return _from_mcap(path)
     known, time_s, readings = whole

@@ -14,7 +14,7 @@ from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.outside import shown
 from tactiled.progress import ProgressBar, tell
-from tactiled.recording.table import TimeUnit
+from tactiled.recording.table import TableOptions
 from tactiled.scan_log import read_log
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
@@ -26,17 +26,15 @@ def calibrate_files(
     log: Path,
     reference: Path,
     out: Path,
-    array: str | None = None,
+    array: str | None,
+    topic: str | None,
+    options: TableOptions,
     *,
-    board: str = "",
-    columns: tuple[str, ...] = (),
-    time_unit: TimeUnit | None = None,
-    topic: str | None = None,
-    rate_hz: float | None = None,
-    is_same_clock: bool = False,
-    are_poses: bool = False,
-    plot: Path | None = None,
-    as_json: bool = True,
+    board: str,
+    is_same_clock: bool,
+    are_poses: bool,
+    plot: Path | None,
+    as_json: bool,
 ) -> None:
     """Write a calibration file; the verdict to stderr, numbers as one JSON line to stdout if asked.
 
@@ -50,7 +48,7 @@ def calibrate_files(
     if out.stem in _TAKEN or len(out.stem) > _LONGEST:
         fault = f"{out.name}: the name of the file becomes the name in messages; at most {_LONGEST} letters, "
         raise ConfigError("-o", [fault + f"and not {' or '.join(_TAKEN)}, which have a meaning there"])
-    data = read_log(log, array, columns, time_unit, topic, rate_hz)
+    data = read_log(log, array, topic, options)
     table = read_reference(reference)
     if table.unused:
         names = ", ".join(map(shown, table.unused[:_MOST_NAMES]))

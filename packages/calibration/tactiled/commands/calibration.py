@@ -73,6 +73,10 @@ def calibrate(
     guide: str | None,
     guide_s: float,
     keys: Path | None,
+    topic: str | None,
+    columns: tuple[str, ...],
+    time_unit: Any,
+    rate_hz: float | None,
     **about: Any,
 ) -> None:
     """Fit newtons to the readings of LOG with the record of a force sensor.
@@ -99,5 +103,7 @@ def calibrate(
         need_extra("matplotlib", "plot", "calibrate --plot")
         need_picture(plot)
     from tactiled.calibrate.run import calibrate_files
+    from tactiled.recording.table import TableOptions
 
-    calibrate_files(log, reference, out, array, plot=plot, **about)
+    table = TableOptions(rate_hz, columns, time_unit)
+    calibrate_files(log, reference, out, array, topic, table, plot=plot, **about)

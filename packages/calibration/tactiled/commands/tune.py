@@ -63,7 +63,8 @@ def tune(
     board: str,
     as_json: bool,
     keys: Path | None,
-    **of_files: Any,
+    topic: str | None,
+    **of_table: Any,
 ) -> None:
     """Count what each setting reports in your own hold and motion; propose a setting and the friction.
 
@@ -76,11 +77,12 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
+    from tactiled.recording.table import TableOptions
     from tactiled.tune.recordings import read_pair, record_live
     from tactiled.tune.run import judge
 
     if quiet is not None and motion is not None:
-        recordings = read_pair(quiet, motion, array, **of_files)
+        recordings = read_pair(quiet, motion, array, topic, TableOptions(**of_table))
     else:
         recordings = record_live(endpoint, quiet_s, motion_s, array, board, keys, tell)
     judge(*recordings, per_hour, as_json=as_json)

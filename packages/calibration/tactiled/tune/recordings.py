@@ -7,7 +7,7 @@ from pathlib import Path
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError, OperatorError
-from tactiled.recording.table import TimeUnit
+from tactiled.recording.table import TableOptions
 from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import LiveScans, read_log
 from tactiled.tune.study import Recording, contact_gate, contact_level
@@ -24,10 +24,8 @@ def read_pair(
     quiet: Path,
     motion: Path,
     array: str | None = None,
-    columns: tuple[str, ...] = (),
-    time_unit: TimeUnit | None = None,
     topic: str | None = None,
-    rate_hz: float | None = None,
+    options: TableOptions | None = None,
 ) -> Pair:
     """Read the files of a quiet hold and of motion without slip; see `read_log`.
 
@@ -36,10 +34,8 @@ def read_pair(
     DataError, ConfigError
         A file is invalid, or they are of different arrays.
     """
-    logs = [read_log(path, array, columns, time_unit, topic, rate_hz) for path in (quiet, motion)]
-    first, second = (
-        Recording(path.name, log.array, log.blocks()) for path, log in zip((quiet, motion), logs, strict=True)
-    )
+    logs = [(path.name, read_log(path, array, topic, options)) for path in (quiet, motion)]
+    first, second = (Recording(name, log.array, log.blocks()) for name, log in logs)
     if first.array.channel_name != second.array.channel_name:
         fault = f"{quiet} is of the array {first.array.name}, {motion} of {second.array.name}"
         raise ConfigError("command line", [f"{fault}: record both with one board"])
