@@ -78,10 +78,7 @@ def _number(cell: str) -> float:
 def tensor(path: Path, channels: int) -> FloatArray:
     """Read the one float32 tensor of a file that PyTorch saved, (n, channels), without unpickling it.
 
-    Raises
-    ------
-    DataError
-        The file has not one block of data, or none of whole scans.
+    `DataError` where the file has not one block of data, or none of whole scans.
     """
     with zipfile.ZipFile(path) as file:
         blocks = [name for name in file.namelist() if name.endswith("/data/0")]

@@ -69,10 +69,7 @@ class Outcome:
 def matching(patterns: Sequence[str]) -> list[str]:
     """Return the files of names and patterns (``*``, ``**``), sorted, each once.
 
-    Raises
-    ------
-    DataError
-        A name or a pattern has no file.
+    `DataError` where a name or a pattern has no file.
     """
     found: set[str] = set()
     for pattern in patterns:
@@ -114,10 +111,7 @@ def _analysed_events(job: FileJob) -> bytes:
 def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Outcome:
     """Analyse files and write one table, in the order of `jobs`; it has its name once it is whole.
 
-    Raises
-    ------
-    OperatorError
-        The table cannot be written, or a process ended.
+    `OperatorError` where the table cannot be written, or a process ended.
     """
     if jobs:
         jobs[0].choices.params()  # a fault of these is no fault of a file
@@ -161,10 +155,7 @@ def in_order(workers: Executor, jobs: Iterable[FileJob], n_ahead: int) -> Iterat
 def _whole_file(to: Path) -> Iterator[BinaryIO]:
     """Open a file that has its name once the block is done; an error leaves none.
 
-    Raises
-    ------
-    OperatorError
-        Another run writes the file.
+    `OperatorError` where another run writes the file.
     """
     unfinished = to.with_name(f"{to.name}.unfinished")
     try:

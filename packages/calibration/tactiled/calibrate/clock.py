@@ -60,6 +60,8 @@ def align(
 ) -> Alignment:
     """Find the offset of the clocks at which the records resemble each other most.
 
+    `DataError` where the records do not resemble each other, or do not overlap.
+
     Parameters
     ----------
     between_s : float
@@ -67,11 +69,6 @@ def align(
         searched within `WITHIN_S` of it.
     is_same_clock : bool
         Take `between_s` as it is.
-
-    Raises
-    ------
-    DataError
-        The records do not resemble each other, or do not overlap.
     """
     step_s = log.step_s / 2
     lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))

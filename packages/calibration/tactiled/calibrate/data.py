@@ -184,10 +184,8 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
 def pose_log(readings: FloatArray, array: Array) -> BinnedLog:
     """Make a log of static poses (n, channels), a second each, of which no noise is known.
 
-    Raises
-    ------
-    DataError
-        The zero of the array is that of the beginning, which poses do not have; or a reading is missing.
+    `DataError` where the zero of the array is that of the beginning, which poses do not have, or a reading is
+    missing.
     """
     if array.zero_first_s:
         raise DataError(
@@ -213,10 +211,7 @@ def pose_log(readings: FloatArray, array: Array) -> BinnedLog:
 def same_poses(time_s: FloatArray, table: ReferenceTable) -> tuple[NDArray[np.int64], ReferenceTable]:
     """Return the rows of a log whose pose is in the reference, too, and the reference of these poses.
 
-    Raises
-    ------
-    DataError
-        Hardly any pose is in both.
+    `DataError` where hardly any pose is in both.
     """
     _, log_rows, rows = np.intersect1d(time_s, table.time_s, return_indices=True)
     if len(rows) < _LEAST_POSES:

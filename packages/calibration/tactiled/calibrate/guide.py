@@ -44,10 +44,7 @@ class Advice:
 class Guide:
     """Information about the sensitivities of an array, updated with each second of scans.
 
-    Raises
-    ------
-    DataError
-        The array has no channel whose kind is known to respond to pressure or shear.
+    `DataError` where the array has no channel whose kind is known to respond to pressure or shear.
 
     Examples
     --------
@@ -146,6 +143,9 @@ def record_guided(
 ) -> GuidedLog:
     """Record until every sensitivity can be known, or for `most_s`, and write the scans.
 
+    `DataError` or `ConfigError` where there is no daemon, no board or no scan, or the array is not known
+    here.
+
     Parameters
     ----------
     log : Path
@@ -156,11 +156,6 @@ def record_guided(
         Called with a line for the person who presses.
     board : str
         Serial number of the board; empty for the first of the daemon.
-
-    Raises
-    ------
-    DataError, ConfigError
-        No daemon, no board, no scans; the array is not known here.
     """
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])

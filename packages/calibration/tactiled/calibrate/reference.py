@@ -19,10 +19,7 @@ _LEAST_ROWS = 20
 def read_reference(path: Path) -> ReferenceTable:
     """Read the CSV of a force sensor: time_s, and any of the forces and moments.
 
-    Raises
-    ------
-    DataError
-        The file is not such a table; the message names the line.
+    `DataError` where the file is not such a table; the message names the line.
     """
     rows: list[list[float]] = []
     wanted = ("time_s", *COLUMNS)

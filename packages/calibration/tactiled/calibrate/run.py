@@ -38,10 +38,7 @@ def calibrate_files(
 ) -> None:
     """Write a calibration file; the verdict to stderr, numbers as one JSON line to stdout if asked.
 
-    Raises
-    ------
-    DataError, ConfigError
-        A file is invalid, or the data cannot give a calibration.
+    `DataError` or `ConfigError` where a file is invalid, or the data cannot give a calibration.
     """
     if not out.parent.is_dir() or out.suffix != ".toml":
         raise ConfigError("-o", [f"{out}: name a .toml in a folder that exists"])

@@ -82,6 +82,8 @@ def calibrate(
 ) -> CalibrationStudy:
     """Fit a calibration.
 
+    `DataError` where the data cannot give a calibration; the message says what to do.
+
     Parameters
     ----------
     time_s : (n,) float64
@@ -93,11 +95,6 @@ def calibrate(
         The times of log and reference are of one clock: no offset is searched.
     are_poses : bool
         Readings and reference are static poses in any order; `time_s` is the number of the pose in both.
-
-    Raises
-    ------
-    DataError
-        The data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
     between_s = 0.0

@@ -29,10 +29,7 @@ def read_pair(
 ) -> Pair:
     """Read the files of a quiet hold and of motion without slip; see `read_log`.
 
-    Raises
-    ------
-    DataError, ConfigError
-        A file is invalid, or they are of different arrays.
+    `DataError` or `ConfigError` where a file is invalid, or they are of different arrays.
     """
     logs = [(path.name, read_log(path, array, topic, options)) for path in (quiet, motion)]
     first, second = (Recording(name, log.array, log.blocks()) for name, log in logs)
@@ -53,12 +50,9 @@ def record_live(
 ) -> Pair:
     """Record a quiet hold and a motion from a daemon; `report` is called with prompts for the user.
 
-    `array` is the file of an array that is not shipped; without `board`, the first one is taken.
-
-    Raises
-    ------
-    DataError, ConfigError
-        No daemon, no board, no contact; the endpoint is invalid, or the array does not match the board.
+    `array` is the file of an array that is not shipped; without `board`, the first one is taken. `DataError`
+    or `ConfigError` where there is no daemon, board or contact, the endpoint is invalid, or the array does
+    not match the board.
     """
     with Subscription(endpoint, ("scan", "info"), board or None, keys=keys) as subscription:
         scans = LiveScans(subscription, endpoint, array, report)

@@ -153,10 +153,7 @@ class Study:
 def study(quiet: Recording, motion: Recording, accepted_per_hour: float, report: Report) -> Study:
     """Evaluate two recordings of one array in which nothing slips as a whole.
 
-    Raises
-    ------
-    DataError
-        There is too little contact in one of them.
+    `DataError` where there is too little contact in one of them.
     """
     hold_s, motion_s = quiet.contact_s(), motion.contact_s()
     reports = _Reports(quiet.array)

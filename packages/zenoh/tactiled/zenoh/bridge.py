@@ -92,12 +92,8 @@ def wait_for_session(config: "zenoh.Config") -> "zenoh.Session":
 class ZenohBridge:
     """Forward messages and requests until stopped; the session is closed by its owner.
 
-    Raises
-    ------
-    ConfigError
-        The endpoint or the keys are invalid.
-    UnavailableError
-        Another bridge has this name.
+    `ConfigError` where the endpoint or the keys are invalid; `UnavailableError` where another bridge has this
+    name.
     """
 
     def __init__(self, params: ZenohBridgeParams, session: "zenoh.Session") -> None:

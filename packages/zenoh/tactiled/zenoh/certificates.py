@@ -49,12 +49,8 @@ class FleetMembers:
 def make_fleet(folder: Path, new: FleetMembers) -> list[Path]:
     """Add members, and write the configurations of all; return the files of the new members to carry there.
 
-    Raises
-    ------
-    ConfigError
-        A name is invalid or taken, or there is no router.
-    OperatorError
-        openssl is not installed or fails.
+    `ConfigError` where a name is invalid or taken, or there is no router; `OperatorError` where openssl is
+    not installed or fails.
     """
     known = _read(folder)
     taken = [name for name in new.names if name in known.names or new.names.count(name) > 1]

@@ -68,10 +68,7 @@ class FleetList:
     def ask(self) -> list[FleetRow]:
         """Ask all hosts, and return the boards by host and name.
 
-        Raises
-        ------
-        ConfigError, UnavailableError
-            The endpoint is invalid, or its router does not answer.
+        `ConfigError` or `UnavailableError` where the endpoint is invalid, or its router does not answer.
         """
         return self.update(states(self._endpoint, self._keys, _TIMEOUT_S), time.time())
 
@@ -217,10 +214,7 @@ class FleetMetrics(Collector):
     def serving(self, port: int) -> Iterator[int]:
         """Serve ``http://127.0.0.1:PORT/metrics`` in a thread until the end of the block; yield the port.
 
-        Raises
-        ------
-        UnavailableError
-            The port is in use.
+        `UnavailableError` where the port is in use.
         """
         registry = CollectorRegistry()
         registry.register(self)

@@ -25,12 +25,8 @@ def bridge_config(file: Path | None, connect: tuple[str, ...], *, is_insecure: b
     """Make the configuration of a bridge from one of zenoh (JSON5).
 
     The locators `connect` replace those of the file; `is_insecure` accepts what other hosts can reach without
-    certificates.
-
-    Raises
-    ------
-    ConfigError
-        The file cannot be read, or lists every place where plaintext would leave this host.
+    certificates. `ConfigError` where the file cannot be read, or lists every place where plaintext would
+    leave this host.
     """
     source = str(file or "zenoh")
     if file is not None:

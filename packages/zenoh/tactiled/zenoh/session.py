@@ -42,12 +42,7 @@ def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
     """Parse an endpoint.
 
     `keys` is a configuration of zenoh with the certificates of this client; the endpoint may name it instead.
-    With it, the router is reached over TLS.
-
-    Raises
-    ------
-    ConfigError
-        It names no host, or has other faults.
+    With it, the router is reached over TLS. `ConfigError` where it names no host, or has other faults.
     """
     form = f"it should look like {ZENOH_SCHEME}ROUTER:7447/HOST"
     try:
@@ -84,10 +79,7 @@ def chunk_of(name: str) -> str:
 def quiet_config(file: Path | None) -> "zenoh.Config":
     """Read a configuration of zenoh; where it does not say otherwise, a client that looks for nobody.
 
-    Raises
-    ------
-    zenoh.ZError
-        The file cannot be read.
+    `zenoh.ZError` where the file cannot be read.
     """
     config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
     for key, value in (("mode", '"client"'), ("scouting/multicast/enabled", "false")):
@@ -100,10 +92,7 @@ def quiet_config(file: Path | None) -> "zenoh.Config":
 def session_config(address: ZenohAddress) -> "zenoh.Config":
     """Make the configuration of a session in the mode `client`, which listens nowhere.
 
-    Raises
-    ------
-    ConfigError
-        The file cannot be read.
+    `ConfigError` where the file cannot be read.
     """
     try:
         config = quiet_config(address.config)
@@ -118,12 +107,7 @@ def session_config(address: ZenohAddress) -> "zenoh.Config":
 def open_session(address: ZenohAddress) -> "zenoh.Session":
     """Open a session.
 
-    Raises
-    ------
-    ConfigError
-        The configuration cannot be read.
-    UnavailableError
-        The router does not answer.
+    `ConfigError` where the configuration cannot be read; `UnavailableError` where the router does not answer.
     """
     try:
         return zenoh.open(session_config(address))
@@ -167,10 +151,7 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
 def spread(endpoints: Sequence[str], keys: Path | None, timeout_s: float) -> tuple[str, ...]:
     """Replace endpoints of all hosts (``zenoh://ROUTER:7447/*``) by one for each host that is there now.
 
-    Raises
-    ------
-    UnavailableError
-        There is none, or the router does not answer.
+    `UnavailableError` where there is none, or the router does not answer.
     """
     found: list[str] = []
     for endpoint in endpoints:

@@ -39,10 +39,7 @@ def subscription(
 ) -> "ZenohTransport":
     """Subscribe to a host, and to what it sends of some topics and a board; parameters as for `Client`.
 
-    Raises
-    ------
-    ConfigError
-        As for `parse_address` and `session_config`.
+    `ConfigError` as for `parse_address` and `session_config`.
     """
     address = _of_one_host(endpoint, keys)
     return ZenohTransport(address, _keys(address.host, topics, board), address.control if can_ask else "")
