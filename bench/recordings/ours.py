@@ -69,11 +69,7 @@ def periods_mm(log: Log, array: Array) -> list[float]:
 
 
 def _events(
-    log: Log,
-    array: Array,
-    params: DetectParams,
-    topics: Sequence[str],
-    sliding: KnownSliding | None = None,
+    log: Log, array: Array, params: DetectParams, topics: Sequence[str], sliding: KnownSliding | None = None
 ) -> list[Event]:
     suite = TunedSuite(array, params, lambda a, p: build_suite(a, p, sliding=sliding, topics=tuple(topics)))
     blocks = to_blocks(log.time_s, log.readings, None, array.in_range(log.readings))

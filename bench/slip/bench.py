@@ -9,14 +9,7 @@ from itertools import chain
 
 from bench.report import BENCH_WORKERS, BenchOptions, counted, seeds_in_words, table
 from bench.slip.cases import NAMES, REPORTED_FROM, Reported, draw_reported, run_case
-from bench.slip.gratings import (
-    GRATINGS_FROM,
-    LENGTH_S,
-    N_GRATINGS,
-    N_QUICK_GRATINGS,
-    read_grating,
-    rows,
-)
+from bench.slip.gratings import GRATINGS_FROM, LENGTH_S, N_GRATINGS, N_QUICK_GRATINGS, read_grating, rows
 from bench.slip.minutes import (
     MINUTES_FROM,
     N_QUICK_RESTS,

@@ -10,13 +10,7 @@ from typing import Any
 from bench.report import BENCH_WORKERS, BenchOptions, aims_table, counted, seeds_in_words
 from bench.texture.grooveless import SURFACES
 from bench.texture.tables import aims, over_bound_table
-from bench.texture.trials import (
-    MEMORIES,
-    coloured_trial,
-    grid_trial,
-    grooveless_trial,
-    track_trials,
-)
+from bench.texture.trials import MEMORIES, coloured_trial, grid_trial, grooveless_trial, track_trials
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 

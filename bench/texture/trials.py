@@ -14,15 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.texture import grooveless
-from bench.texture.signal import (
-    RATE_HZ,
-    Bound,
-    Wave,
-    bound,
-    draw_grating,
-    readings,
-    scan_times_s,
-)
+from bench.texture.signal import RATE_HZ, Bound, Wave, bound, draw_grating, readings, scan_times_s
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave

@@ -78,11 +78,7 @@ class LiveScans:
     """
 
     def __init__(
-        self,
-        subscription: Subscription,
-        endpoint: str,
-        array: str | None,
-        report: Callable[[str], None],
+        self, subscription: Subscription, endpoint: str, array: str | None, report: Callable[[str], None]
     ) -> None:
         self._subscription, self._endpoint, self._report = subscription, endpoint, report
         described = first_info(subscription, endpoint)

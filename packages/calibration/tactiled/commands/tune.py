@@ -5,17 +5,7 @@ from typing import Any
 
 import click
 
-from tactiled.cli.options import (
-    BOARD,
-    COLUMNS,
-    FILE,
-    JSON,
-    KEYS,
-    TIME_UNIT,
-    TOPIC,
-    need_named,
-    need_readable,
-)
+from tactiled.cli.options import BOARD, COLUMNS, FILE, JSON, KEYS, TIME_UNIT, TOPIC, need_named, need_readable
 from tactiled.commands.calibration import RATE
 from tactiled.progress import tell
 

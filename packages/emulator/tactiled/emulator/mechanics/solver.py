@@ -169,12 +169,7 @@ class ContactSolver:
         return np.asarray(step) if np.isfinite(step).all() else None
 
     def _matrix(
-        self,
-        frame: FloatArray,
-        nodes: IntArray,
-        slipping: IntArray,
-        along: FloatArray,
-        ratio: FloatArray,
+        self, frame: FloatArray, nodes: IntArray, slipping: IntArray, along: FloatArray, ratio: FloatArray
     ) -> FloatArray:
         """Derivative of the functions above at the touching nodes, bordered by the load."""
         count = len(nodes)

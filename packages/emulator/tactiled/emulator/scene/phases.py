@@ -13,8 +13,7 @@ Duration = Annotated[float, Field(ge=_SHORTEST_S, le=86400, description="seconds
 
 
 Unevenness = Annotated[
-    float,
-    Field(ge=0, le=0.5, description="standard deviation of friction from place to place over its mean"),
+    float, Field(ge=0, le=0.5, description="standard deviation of friction from place to place over its mean")
 ]
 
 

@@ -48,11 +48,7 @@ class Truth:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        t0_s: float = 0.0,
-        contact: SceneContact | None = None,
-        array: Array | None = None,
+        self, scene: Scene, t0_s: float = 0.0, contact: SceneContact | None = None, array: Array | None = None
     ) -> None:
         self.scene = scene
         self.t0_s = t0_s
