@@ -17,7 +17,7 @@ from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.held import DAMPING_RATIO, stiffness_n_mm
 from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, PressPhase
-from tactiled.emulator.scene.taxels import INEQUALITY, offset_mm, taxel_shares
+from tactiled.emulator.scene.taxels import ChannelForces, offset_mm, taxel_shares
 
 STEP_S = 1e-3  # a fifth of the period of the lightest object on the skin
 RATE_HZ = 100.0
@@ -44,7 +44,7 @@ class HeldBatch:
         time_s: FloatArray = np.arange(self.n_scans * _STEPS + 1) * np.float64(STEP_S)
         drives = [motion.at(time_s) for motion in motions]
         self._scene_n = np.stack([drive.load_n for drive in drives])
-        self._pull_n = np.stack([drive.pull_x_n + 1j * drive.pull_y_n for drive in drives])
+        self._pull_n = np.stack([drive.pull_n for drive in drives])
         self._friction_part = np.stack([drive.friction_part for drive in drives])
         self._share = np.concatenate([taxel_shares(motion, array) for motion in motions])
         self._mass = np.array([1e-3 * h.mass_kg for h in held if h])  # N s2/mm
@@ -55,19 +55,13 @@ class HeldBatch:
         presses = [next(p.force_n for p in scene.phases if isinstance(p, PressPhase)) for scene in scenes]
         self._stiffness = np.array([stiffness_n_mm(force_n) for force_n in presses])
         self._at_rest = np.array([plate.friction * plate.static_ratio for plate in plates])
-        self._surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
-        self._azimuth_deg = np.unique(array.azimuth_deg % 360)
-        self._model = Lumped(self._surface, self._azimuth_deg, e * t)
+        read = [ChannelForces(motion, array) for motion in motions]
+        self._area, self._gain = read[0].area, np.stack([one.gain for one in read])
+        surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
+        self._model = Lumped(surface, read[0].azimuth_deg, e * t)
         places = np.stack([array.x_mm, array.y_mm], axis=-1)
         offsets = [offset_mm(plate, scene.seed) for plate, scene in zip(plates, scenes, strict=True)]
         self._base_mm = np.concatenate([places - offset for offset in offsets])
-        self._area = np.searchsorted(self._azimuth_deg, array.azimuth_deg % 360)
-        self._gain = np.stack(
-            [
-                1 + INEQUALITY * np.random.default_rng([s.seed, 2]).uniform(-1, 1, array.n_channels)
-                for s in scenes
-            ]
-        )
         self._electronics = scenes[0].electronics
         self._noise_v = np.array([scene.electronics.noise_v for scene in scenes])
         self._rngs = [np.random.default_rng([scene.seed, 3]) for scene in scenes]

@@ -58,7 +58,7 @@ def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
     """Return the grip that just bears the load at instants (n,) of scene time, by friction at rest."""
     state = SceneMotion(scene).at(time_s)
     friction = scene.surface.friction * scene.surface.static_ratio * state.friction_part
-    return np.asarray(np.hypot(state.pull_x_n, state.pull_y_n) / friction)
+    return np.asarray(np.abs(state.pull_n) / friction)
 
 
 @dataclass(frozen=True)

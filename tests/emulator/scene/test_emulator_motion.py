@@ -56,10 +56,10 @@ def test_travel_is_the_integral_of_speed_and_everything_is_finite(
     edges = np.unique(np.concatenate([motion.segment_start_s, np.linspace(-1, end + 1, 4000)]))
     state, middle = motion.at(edges), motion.at((edges[1:] + edges[:-1]) / 2)
     angle = np.deg2rad(middle.direction_deg)
-    for travel, part in ((state.travel_x_mm, np.cos(angle)), (state.travel_y_mm, np.sin(angle))):
+    for travel, part in ((state.travel_mm.real, np.cos(angle)), (state.travel_mm.imag, np.sin(angle))):
         # The midpoint rule is exact here: no step straddles a segment, in which speed is linear.
         np.testing.assert_allclose(np.diff(travel), middle.speed_mm_s * part * np.diff(edges), atol=1e-9)
-    assert np.all(np.hypot(state.shear_x, state.shear_y) <= 1 + 1e-12)
+    assert np.all(np.abs(state.shear) <= 1 + 1e-12)
     assert np.all(state.load_n >= -1e-9)
     assert state.load_n[-1] == 0
     assert all(np.all(np.isfinite(values)) for values in vars(state).values())
@@ -72,14 +72,14 @@ def test_tangential_state_obeys_dahl_and_reverses() -> None:
     state = SceneMotion(test).at(time_s)
     s = np.zeros(2)
     stepped = []
-    for dx, dy in zip(np.diff(state.travel_x_mm), np.diff(state.travel_y_mm), strict=True):
+    for dx, dy in zip(np.diff(state.travel_mm.real), np.diff(state.travel_mm.imag), strict=True):
         stepped.append(s)
         s = s + (np.array([dx, dy]) - s * np.hypot(dx, dy)) / PRESLIDING_MM
     expected = np.array(stepped)
-    np.testing.assert_allclose(state.shear_x[:-1], expected[:, 0], atol=2e-4)
-    np.testing.assert_allclose(state.shear_y[:-1], expected[:, 1], atol=2e-4)
-    assert state.shear_x[int(0.29e5)] > 0.99
-    assert state.shear_x[int(0.59e5)] < -0.99
+    np.testing.assert_allclose(state.shear.real[:-1], expected[:, 0], atol=2e-4)
+    np.testing.assert_allclose(state.shear.imag[:-1], expected[:, 1], atol=2e-4)
+    assert state.shear.real[int(0.29e5)] > 0.99
+    assert state.shear.real[int(0.59e5)] < -0.99
 
 
 def test_a_stop_relaxes_shear_and_two_holds_equal_one() -> None:
@@ -87,16 +87,16 @@ def test_a_stop_relaxes_shear_and_two_holds_equal_one() -> None:
     time_s = np.linspace(0, 3, 301)
     once = SceneMotion(scene(PRESS, slide, {"kind": "hold", "duration_s": 0.8})).at(time_s)
     twice = SceneMotion(scene(PRESS, slide, HOLD, HOLD)).at(time_s)
-    np.testing.assert_allclose(once.shear_x, twice.shear_x, atol=1e-12)
-    assert once.shear_x[150] - once.shear_x[230] > 0.2
+    np.testing.assert_allclose(once.shear.real, twice.shear.real, atol=1e-12)
+    assert once.shear.real[150] - once.shear.real[230] > 0.2
 
 
 def test_losing_contact_clears_the_tangential_state() -> None:
     slide = {"kind": "slide", "duration_s": 1.0, "speed_mm_s": 1.0}
     lifted = scene(PRESS, slide, {"kind": "lift", "duration_s": 0.1}, PRESS, HOLD)
     state = SceneMotion(lifted).at(np.array([1.49, 2.3]))
-    assert state.shear_x[0] > 0.9
-    assert state.shear_x[1] == 0.0
+    assert state.shear.real[0] > 0.9
+    assert state.shear.real[1] == 0.0
 
 
 def test_a_change_of_plate_in_contact_takes_travel() -> None:

@@ -81,8 +81,7 @@ class HeldMotion:
             [self._grip(self._k + k, scene_n) for k, scene_n in enumerate(drive.load_n.tolist())]
         )
         pressed = model.press(load_n[:, None] * self._share)
-        end = drive.travel_x_mm + 1j * drive.travel_y_mm
-        force = (drive.pull_x_n + 1j * drive.pull_y_n + self._params.spring_n_mm * end).tolist()
+        force = (drive.pull_n + self._params.spring_n_mm * drive.travel_mm).tolist()
         place_mm, tangential_n, slipping = np.empty((n, 2)), np.empty((n, 2, t)), np.empty((n, t))
         for k, friction_part in enumerate(drive.friction_part.tolist()):
             if self._k > 0:

@@ -8,6 +8,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from tactiled.emulator.scene.phases import (
     SlidePhase,
 )
 
+ComplexArray = NDArray[np.complex128]
+
 # Presliding distance of the skin: the paper's voltages settle within some 0.1 mm of travel.
 PRESLIDING_MM = 0.1
 # A viscoelastic skin loses part of its shear at constant displacement, so that the end of a slide and its
@@ -40,83 +43,68 @@ _LEAST_FRICTION = 0.01  # part of the plate's: contact models need a limit above
 
 @dataclass(frozen=True)
 class Segment:
-    """Values at the beginning of a segment, and their rates in it."""
+    """Values at the beginning of a segment, and their rates in it; vectors are x + iy."""
 
-    t0: float
-    load: float
-    load_rate: float
-    speed: float
-    acceleration: float
-    direction_deg: float
-    x: float
-    y: float
-    path: float
-    shear_x: float
-    shear_y: float
-    phase: int
     surface: int
     surface_before: int
-    path_at_change: float
-    turn: float
-    turn_rate: float
-    pull_x: float
-    pull_y: float
-    pull_x_rate: float
-    pull_y_rate: float
+    phase: int = 0
+    t0: float = 0.0
+    load: float = 0.0
+    load_rate: float = 0.0
+    speed: float = 0.0
+    acceleration: float = 0.0
+    direction_deg: float = 0.0
+    place: complex = 0j
+    path: float = 0.0
+    path_at_change: float = 0.0
+    shear: complex = 0j
+    turn: float = 0.0
+    turn_rate: float = 0.0
+    pull: complex = 0j
+    pull_rate: complex = 0j
 
     @property
     def stands(self) -> bool:
         return self.speed == 0 and self.acceleration == 0
 
     @property
-    def direction(self) -> tuple[float, float]:
+    def direction(self) -> complex:
         return unit_vector(self.direction_deg)
 
     @property
-    def shear_goal(self) -> tuple[float, float]:
+    def shear_goal(self) -> complex:
         """Limit of the tangential state."""
         if not self.stands:
             return self.direction
-        kept = min(1.0, _SHEAR_KEPT / max(math.hypot(self.shear_x, self.shear_y), 1e-9))
-        return kept * self.shear_x, kept * self.shear_y
+        return min(1.0, _SHEAR_KEPT / max(abs(self.shear), 1e-9)) * self.shear
 
     def after(self, dt: float) -> "Segment":
         """State after `dt`, at which the next segment begins."""
         way = self.speed * dt + self.acceleration * dt * dt / 2
-        (dx, dy), (goal_x, goal_y) = self.direction, self.shear_goal
         left = math.exp(-way / PRESLIDING_MM - self.stands * dt / SHEAR_RELAXATION_S)
         return replace(
             self,
             t0=self.t0 + dt,
             load=self.load + self.load_rate * dt,
-            x=self.x + dx * way,
-            y=self.y + dy * way,
+            place=self.place + self.direction * way,
             path=self.path + way,
-            shear_x=goal_x + (self.shear_x - goal_x) * left,
-            shear_y=goal_y + (self.shear_y - goal_y) * left,
+            shear=self.shear_goal + (self.shear - self.shear_goal) * left,
             turn=self.turn + self.turn_rate * dt,
-            pull_x=self.pull_x + self.pull_x_rate * dt,
-            pull_y=self.pull_y + self.pull_y_rate * dt,
+            pull=self.pull + self.pull_rate * dt,
         )
 
 
 @dataclass(frozen=True)
 class MotionState:
-    """State of the skin at given instants; all arrays have their shape."""
+    """State of the skin at given instants; all arrays have their shape, vectors are x + iy."""
 
     load_n: FloatArray  # total normal load
-    # travel_x_mm, travel_y_mm: travel of the skin over the surface since the scene began
-    travel_x_mm: FloatArray
-    travel_y_mm: FloatArray
+    travel_mm: ComplexArray  # of the skin over the surface since the scene began
     speed_mm_s: FloatArray  # speed along `direction_deg`
     direction_deg: FloatArray  # direction of the phase's motion; of the last motion where nothing moves
-    # shear_x, shear_y: tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
-    shear_x: FloatArray
-    shear_y: FloatArray
+    shear: ComplexArray  # tangential state, a vector of length 0 (fresh contact) to 1 (gross slip)
     turn_deg: FloatArray  # angle by which the skin has turned about the middle of the array
-    # pull_x_n, pull_y_n: tangential load of a held object, in the direction in which the skin would slip
-    pull_x_n: FloatArray
-    pull_y_n: FloatArray
+    pull_n: ComplexArray  # tangential load of a held object, in the direction in which the skin would slip
     friction_part: FloatArray  # friction of a held object over that of its plate
     phase: NDArray[np.int64]  # number of the scene's phase
 
@@ -138,7 +126,9 @@ class SceneMotion:
         self.surfaces: list[FlatPlate | GroovedPlate] = []
         self._segments = self._build()
         names = (*vars(self._segments[0]), "stands", "direction", "shear_goal")
-        self._table = {name: np.array([getattr(s, name) for s in self._segments]) for name in names}
+        self._table: dict[str, NDArray[Any]] = {
+            name: np.array([getattr(s, name) for s in self._segments]) for name in names
+        }
 
     @property
     def segment_start_s(self) -> FloatArray:
@@ -148,24 +138,20 @@ class SceneMotion:
         """State at instants of scene time, of any shape."""
         i, dt, way = self._locate(time_s)
         table = self._table
-        dx, dy = np.moveaxis(table["direction"][i], -1, 0)
-        goal_x, goal_y = np.moveaxis(table["shear_goal"][i], -1, 0)
+        goal = table["shear_goal"][i]
+        direction: ComplexArray = table["direction"][i]
         left = np.exp(-way / PRESLIDING_MM - table["stands"][i] * dt / SHEAR_RELAXATION_S)
         extras = self.scene.disturbances
-        pull = _pull_n(extras, time_s)
         return MotionState(
             load_n=np.maximum(
                 table["load"][i] + table["load_rate"][i] * dt + _disturbed(extras, "load_n", time_s), 0.0
             ),
-            travel_x_mm=table["x"][i] + dx * way,
-            travel_y_mm=table["y"][i] + dy * way,
+            travel_mm=table["place"][i] + direction * way,
             speed_mm_s=table["speed"][i] + table["acceleration"][i] * dt,
             direction_deg=table["direction_deg"][i],
-            shear_x=goal_x + (table["shear_x"][i] - goal_x) * left,
-            shear_y=goal_y + (table["shear_y"][i] - goal_y) * left,
+            shear=goal + (table["shear"][i] - goal) * left,
             turn_deg=table["turn"][i] + table["turn_rate"][i] * dt,
-            pull_x_n=table["pull_x"][i] + table["pull_x_rate"][i] * dt + pull.real,
-            pull_y_n=table["pull_y"][i] + table["pull_y_rate"][i] * dt + pull.imag,
+            pull_n=table["pull"][i] + table["pull_rate"][i] * dt + _pull_n(extras, time_s),
             friction_part=np.maximum(1.0 + _disturbed(extras, "friction", time_s), _LEAST_FRICTION),
             phase=table["phase"][i],
         )
@@ -199,7 +185,7 @@ class SceneMotion:
 
     def _build(self) -> list[Segment]:
         surface = self._number(self.scene.surface)
-        now = Segment(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, surface, surface, 0, 0, 0, 0, 0, 0, 0)
+        now = Segment(surface, surface)
         segments: list[Segment] = []
         for number, phase in enumerate(self.scene.phases):
             now = self._on_surface_of(phase, now)
@@ -211,19 +197,17 @@ class SceneMotion:
             elif isinstance(phase, SlidePhase):
                 knots = speed_knots(phase)
                 now = replace(now, direction_deg=phase.direction_deg)
-            pull_x, pull_y, turn_rate = now.pull_x, now.pull_y, 0.0
+            pull, turn_rate = now.pull, 0.0
             if isinstance(phase, LoadPhase):
                 goal = now.load if phase.force_n is None else phase.force_n
-                x, y = unit_vector(phase.direction_deg)
-                pull_x, pull_y = phase.tangential_n * x, phase.tangential_n * y
+                pull = phase.tangential_n * unit_vector(phase.direction_deg)
             elif isinstance(phase, RotatePhase):
                 turn_rate = phase.angle_deg / phase.duration_s
             now = replace(
                 now,
                 phase=number,
                 load_rate=(goal - now.load) / phase.duration_s,
-                pull_x_rate=(pull_x - now.pull_x) / phase.duration_s,
-                pull_y_rate=(pull_y - now.pull_y) / phase.duration_s,
+                pull_rate=(pull - now.pull) / phase.duration_s,
                 turn_rate=turn_rate,
             )
             for (start, speed), (stop, speed_after) in itertools.pairwise(knots):
@@ -232,12 +216,10 @@ class SceneMotion:
                 now = segments[-1].after(stop - start)
             # Set exactly, so that rounding does not accumulate.
             end_s = float(self.phase_start_s[number + 1])
-            now = replace(now, t0=end_s, load=goal, pull_x=pull_x, pull_y=pull_y)
-            if goal == 0:
-                now = replace(now, shear_x=0.0, shear_y=0.0)
+            now = replace(now, t0=end_s, load=goal, pull=pull, shear=now.shear if goal else 0j)
         # After the scene the skin stays in its last state.
-        now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0)
-        return [*segments, replace(now, pull_x_rate=0.0, pull_y_rate=0.0)]
+        now = replace(now, load_rate=0.0, speed=0.0, acceleration=0.0, turn_rate=0.0, pull_rate=0j)
+        return [*segments, now]
 
     def _on_surface_of(self, phase: Phase, now: Segment) -> Segment:
         if phase.surface is None or (new := self._number(phase.surface)) == now.surface:
@@ -252,10 +234,10 @@ class SceneMotion:
         return self.surfaces.index(surface)
 
 
-def unit_vector(direction_deg: float) -> tuple[float, float]:
-    """Cosine and sine of a direction, rounded to be exact along the axes: cos(90 deg) is else 6e-17."""
+def unit_vector(direction_deg: float) -> complex:
+    """Direction as x + iy, rounded to be exact along the axes: cos(90 deg) is else 6e-17."""
     angle = math.radians(direction_deg)
-    return round(math.cos(angle), 15), round(math.sin(angle), 15)
+    return complex(round(math.cos(angle), 15), round(math.sin(angle), 15))
 
 
 def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
@@ -279,12 +261,12 @@ def _disturbed(disturbances: Sequence[Disturbance], on: str, time_s: FloatArray)
     return out
 
 
-def _pull_n(disturbances: Sequence[Disturbance], time_s: FloatArray) -> NDArray[np.complex128]:
-    """Extra pull on a held object as x + iy."""
+def _pull_n(disturbances: Sequence[Disturbance], time_s: FloatArray) -> ComplexArray:
+    """Extra pull on a held object."""
     out = np.zeros(np.shape(time_s), dtype=np.complex128)
     for extra in disturbances:
         if extra.on == "pull_n":
-            angle = np.deg2rad(extra.direction_deg)
+            angle = np.deg2rad(extra.direction_deg)  # numpy may round the last bit unlike `unit_vector`
             out += _value(extra, time_s) * complex(round(np.cos(angle), 15), round(np.sin(angle), 15))
     return out
 

@@ -11,14 +11,13 @@ from tactiled.emulator.mechanics.periodic import Periodic
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.scene.held import HeldMotion
 from tactiled.emulator.scene.loading import CreepLag
-from tactiled.emulator.scene.motion import MotionState, SceneMotion
+from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.slip_instants import SlipEpisodeTracker
 from tactiled.emulator.scene.taxels import ChannelForces, model_surface, offset_mm, taxel_shares
 from tactiled.errors import ConfigError
 
 _SCAN_S = 0.01  # computed at once where a controller may change the grip
 _BLOCK_S = 0.16  # computed at once otherwise: some scans, and a short pause of a real-time loop
-_DRIVEN = 31  # blocks of a held object whose motion of the scene is computed ahead
 # Columns of `ContactStepper` after those of channels and taxels.
 _SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _WHOLE = 0, 1, slice(2, 4), slice(4, 6), 6, 7
 
@@ -135,8 +134,6 @@ class ContactStepper:
             taxel_mm = self._middle_mm + self._from_middle
             self.held = HeldMotion(scene, scene.held_object, flat, self._share, taxel_mm, self._offset_mm[0])
             self.step_s = self.held.step_s
-        self._drive: MotionState | None = None
-        self._drive_k = 0
         self._lag = CreepLag(self.step_s, scene.electronics.creep_time_s)
         self.reset()
 
@@ -156,23 +153,12 @@ class ContactStepper:
         """Rows (n, width) of the next n grid points."""
         time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(self.step_s)
         self._k += n
-        if self.held is not None:
-            state = self._driven(n)
-            load_n, travel_mm, felt = self.held.play(state)
-            return self._rows(time_s, load_n, travel_mm, felt)
         state = self._motion.at(time_s)
-        travel_mm = np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1)
+        if self.held is not None:
+            return self._rows(time_s, *self.held.play(state))
+        travel_mm = np.stack([state.travel_mm.real, state.travel_mm.imag], axis=-1)
         felt = self._step(time_s, state.load_n, travel_mm, np.deg2rad(state.turn_deg))
         return self._rows(time_s, state.load_n, travel_mm, felt)
-
-    def _driven(self, n: int) -> MotionState:
-        """Motion of the scene at the newest n grid points, which costs as much for one scan as for many."""
-        first = self._k - n - self._drive_k
-        if self._drive is None or first < 0 or first + n > len(self._drive.load_n):
-            self._drive_k, first = self._k - n, 0
-            many: FloatArray = np.arange(self._drive_k, self._k + _DRIVEN * n) * np.float64(self.step_s)
-            self._drive = self._motion.at(many)
-        return MotionState(**{name: rows[first : first + n] for name, rows in vars(self._drive).items()})
 
     def _step(
         self, time_s: FloatArray, load_n: FloatArray, travel_mm: FloatArray, turn: FloatArray

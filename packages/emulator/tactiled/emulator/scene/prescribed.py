@@ -7,7 +7,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.mechanics.unevenness import friction_factor
 from tactiled.emulator.scene.loading import PrescribedLag
-from tactiled.emulator.scene.motion import SceneMotion
+from tactiled.emulator.scene.motion import ComplexArray, SceneMotion
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
 from tactiled.emulator.scene.taxels import INEQUALITY
@@ -42,7 +42,7 @@ class SignalContact:
         self._lag = GridInterpolator(lag, step_s=lag.step_s, block=_LOADS_AT_ONCE)
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
-        self._taxel_share, self._taxel_x_mm, self._taxel_y_mm = taxel_share, array.x_mm, array.y_mm
+        self._taxel_share, self._taxel_mm = taxel_share, array.x_mm + 1j * array.y_mm
         kinds = np.array(array.channel_kind)
         taxel = array.channel_taxel
         self._part = taxel_share[taxel]
@@ -54,32 +54,28 @@ class SignalContact:
         self._shear_x = (kinds == "shear_x") * array.sign
         self._shear_y = (kinds == "shear_y") * array.sign
         self._tangential = (kinds == "shear_x") | (kinds == "shear_y")
-        self._x_mm, self._y_mm = array.x_mm[taxel], array.y_mm[taxel]
+        self._channel_mm = self._taxel_mm[taxel]
 
     def forces(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `PhysicalContact.forces`."""
         state = self._motion.at(time_s)
-        friction, ripple = self._friction_and_ripple(
-            time_s, self._x_mm + state.travel_x_mm, self._y_mm + state.travel_y_mm
-        )
+        shear = state.shear
+        friction, ripple = self._friction_and_ripple(time_s, self._channel_mm + state.travel_mm)
         normal = state.load_n * self._part * (1.0 + ripple)
         tilt = np.minimum(_TILT_PER_FRICTION * friction, _LARGEST_TILT)
-        tilted = normal * (1.0 + tilt * (self._side_x * state.shear_x + self._side_y * state.shear_y))
-        shear = normal * friction * (self._shear_x * state.shear_x + self._shear_y * state.shear_y)
+        tilted = normal * (1.0 + tilt * (self._side_x * shear.real + self._side_y * shear.imag))
+        pulled = normal * friction * (self._shear_x * shear.real + self._shear_y * shear.imag)
         relaxed = self._lag.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
-        return np.where(self._tangential, shear, tilted), relaxed
+        return np.where(self._tangential, pulled, tilted), relaxed
 
     def state(self, time_s: FloatArray) -> ContactState:
         """Truth at instants (n,); slip is prescribed, of the whole contact at once."""
         state = self._motion.at(time_s)
         angle = np.deg2rad(state.direction_deg)
-        friction, ripple = self._friction_and_ripple(
-            time_s[:, None],
-            self._taxel_x_mm + state.travel_x_mm[:, None],
-            self._taxel_y_mm + state.travel_y_mm[:, None],
-        )
+        place_mm = self._taxel_mm + state.travel_mm[:, None]
+        friction, ripple = self._friction_and_ripple(time_s[:, None], place_mm)
         normal = state.load_n[:, None] * self._taxel_share * (1 + ripple)
-        shear = np.stack([state.shear_x, state.shear_y], axis=-1)
+        shear = _pairs(state.shear)
         slips = (state.speed_mm_s > 0).astype(np.float64)
         return ContactState(
             normal_n=normal,
@@ -87,28 +83,33 @@ class SignalContact:
             slipping=np.repeat(slips[:, None], normal.shape[1], axis=1),
             slipping_share=slips,
             load_n=state.load_n,
-            travel_mm=np.stack([state.travel_x_mm, state.travel_y_mm], axis=-1),
+            travel_mm=_pairs(state.travel_mm),
             velocity_mm_s=state.speed_mm_s[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1),
         )
 
     def _friction_and_ripple(
-        self, time_s: FloatArray, x_mm: FloatArray, y_mm: FloatArray
+        self, time_s: FloatArray, place_mm: ComplexArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Friction coefficient and groove ripple at places over the surface."""
-        friction, ripple = np.zeros(x_mm.shape), np.zeros(x_mm.shape)
+        """Friction coefficient and groove ripple at places (x + iy) over the surface."""
+        friction, ripple = np.zeros(place_mm.shape), np.zeros(place_mm.shape)
         for number, surface in enumerate(self._motion.surfaces):
             share = self._motion.surface_share(number, time_s)
-            factor = friction_factor(surface.unevenness, np.stack([x_mm, y_mm], axis=-1))
+            factor = friction_factor(surface.unevenness, _pairs(place_mm))
             friction += share * surface.friction * factor
             if isinstance(surface, GroovedPlate):
-                ripple += share * _ripple(surface, x_mm, y_mm)
+                ripple += share * _ripple(surface, place_mm)
         return friction, ripple
 
 
-def _ripple(grooves: GroovedPlate, x_mm: FloatArray, y_mm: FloatArray) -> FloatArray:
+def _pairs(vectors: ComplexArray) -> FloatArray:
+    """Pairs (..., 2) of x and y."""
+    return np.stack([vectors.real, vectors.imag], axis=-1)
+
+
+def _ripple(grooves: GroovedPlate, place_mm: ComplexArray) -> FloatArray:
     """Relative change of the normal force at places in the frame of the surface; see `SignalContact`."""
     angle = np.deg2rad(grooves.angle_deg)
-    along_mm = x_mm * np.cos(angle) + y_mm * np.sin(angle) - grooves.offset_mm
+    along_mm = place_mm.real * np.cos(angle) + place_mm.imag * np.sin(angle) - grooves.offset_mm
     phase = 2 * np.pi * along_mm / grooves.period_mm
     aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
     amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture

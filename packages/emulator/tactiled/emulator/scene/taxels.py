@@ -14,7 +14,10 @@ _PLATE_MM = 100.0  # a scene touches an uneven plate within so much of its middl
 
 
 class ChannelForces:
-    """Conversion of forces on the bumps to forces on the channels."""
+    """Conversion of forces on the bumps to forces on the channels.
+
+    A side channel reads the area `area` (channels,) of those at `azimuth_deg`, times its `gain` (channels,).
+    """
 
     def __init__(self, motion: SceneMotion, array: Array) -> None:
         kinds = np.array(array.channel_kind)
@@ -22,21 +25,21 @@ class ChannelForces:
         azimuths = array.azimuth_deg[side] % 360
         self.azimuth_deg: FloatArray = np.unique(azimuths)
         self._taxel = array.channel_taxel
-        self._area = np.zeros(array.n_channels, dtype=np.int64)
-        self._area[side] = np.searchsorted(self.azimuth_deg, azimuths)
+        self.area = np.zeros(array.n_channels, dtype=np.int64)
+        self.area[side] = np.searchsorted(self.azimuth_deg, azimuths)
         self._is_side, self._is_normal = side, kinds == "normal"
         # Friction on a skin that slides along +x points along -x; the channel rises (array file).
         self._shear_x = -array.sign * (kinds == "shear_x")
         self._shear_y = -array.sign * (kinds == "shear_y")
         rng = np.random.default_rng([motion.scene.seed, 2])
-        self._gain = np.where(side, 1 + INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
+        self.gain = np.where(side, 1 + INEQUALITY * rng.uniform(-1, 1, array.n_channels), 1.0)
 
     def channels(self, felt: TaxelForces) -> FloatArray:
         """(n, channels)."""
         taxel = self._taxel
         out = self._is_normal * felt.normal_n[:, taxel]
         if felt.side_n.shape[-1]:
-            out = out + self._is_side * self._gain * felt.side_n[:, taxel, self._area]
+            out = out + self._is_side * self.gain * felt.side_n[:, taxel, self.area]
         tangential = felt.tangential_n[:, taxel]
         return np.asarray(out + self._shear_x * tangential[..., 0] + self._shear_y * tangential[..., 1])
 
