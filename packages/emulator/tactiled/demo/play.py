@@ -1,16 +1,15 @@
 """``tactiled demo``: board emulator, daemon and subscriber as processes; estimates against truth."""
 
 import contextlib
+import dataclasses
 import json
 import os
-import socket
 import subprocess
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, Queue
 from typing import IO, Any
@@ -26,7 +25,7 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
 from tactiled.errors import ConfigError, TactiledError
-from tactiled.events.codec import evidence_key
+from tactiled.events.codec import evidence_key, message_key
 from tactiled.events.types import Candidate, Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.events.words import event_words
 from tactiled.plain_table import table
@@ -57,15 +56,15 @@ class DemoError(TactiledError):
 Lines = Queue[tuple[str, dict[str, Any] | None]]
 
 
-@dataclass
+@dataclasses.dataclass
 class DemoRecord:
     """Data of the subscriber and the emulator, on the host's monotonic clock."""
 
     t0_s: float | None = None  # instant of scene time 0; None until the board is started
-    time_s: list[float] = field(default_factory=list)
-    volts: list[list[float]] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-    host: Host = field(default_factory=Host)
+    time_s: list[float] = dataclasses.field(default_factory=list)
+    volts: list[list[float]] = dataclasses.field(default_factory=list)
+    events: list[Event] = dataclasses.field(default_factory=list)
+    host: Host = dataclasses.field(default_factory=Host)
     next_index: int | None = None  # of the next expected scan
 
 
@@ -80,7 +79,7 @@ def run_demo(picture: Path) -> bool:
     unix_offset_s = time.time() - time.monotonic()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-")))
-        link, endpoint = folder / "board", f"tcp://127.0.0.1:{_free_port()}"
+        link, endpoint = folder / "board", f"ipc://{folder}/events.ipc"
         config = folder / "tactiled.toml"
         config.write_text(CONFIG.format(link=link, endpoint=endpoint, speed=SPEED_MM_S))
         lines: Lines = Queue()
@@ -172,20 +171,17 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
 
 def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event | None:
     """Convert a message back to its event on the monotonic clock."""
-    head = ("topic", "recovered", "v", "timestamp", "seq", "board", "run")
-    fields = {name: value for name, value in message.items() if name not in head}
-    fields["time_s"] = message["timestamp"] - unix_offset_s
-    if topic == "grip":
-        return GripEvent(**fields)
-    if topic == "slip":
-        for name in ("onset", "detected"):
-            fields[f"{name}_s"] = fields.pop(name) - unix_offset_s
-        return SlipEvent(**fields)
-    if topic == "texture":
-        fields["answered_s"] = fields.pop("answered") - unix_offset_s
+    kinds: dict[str, type[Event]] = {"grip": GripEvent, "slip": SlipEvent, "texture": TextureEvent}
+    kind = kinds.get(topic)
+    if kind is None:
+        return None
+    fields = {}
+    for field in dataclasses.fields(kind):
+        value = message[key := message_key(field.name)]
+        fields[field.name] = value if key == field.name else value - unix_offset_s
+    if kind is TextureEvent:
         fields["candidates"] = tuple(Candidate(**c) for c in fields["candidates"])
-        return TextureEvent(**fields)
-    return None
+    return kind(**fields)
 
 
 def _draw(
@@ -260,17 +256,6 @@ def await_line(lines: Lines, name: str, what: str, kind: str | None = None) -> d
         f"{what} did not come within {START_WITHIN_S:g} s: this host is too slow or too busy for the demo "
         f"(load {load:.1f} on {os.cpu_count()} processors)"
     )
-
-
-def _free_port() -> int:
-    """Find a free port whose successor is free too, for the daemon's requests."""
-    while True:
-        with socket.socket() as probe, socket.socket() as beside:
-            probe.bind(("127.0.0.1", 0))
-            port: int = probe.getsockname()[1]
-            with contextlib.suppress(OSError, OverflowError):  # in use, or beyond the last port
-                beside.bind(("127.0.0.1", port + 1))
-                return port
 
 
 def _phase_words(phase: TruePhase) -> str:
