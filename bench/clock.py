@@ -25,7 +25,7 @@ from tactiled.wire.frames import Command
 from tactiled.wire.layout import load_layout
 
 _ORIGIN_S = 1000.0
-_ANSWER_S = (1e-4, 1e-3)  # the emulated board's own
+_BOARD = EmulatedBoardParams()  # that answers pings within its usual times
 _SETTLED_S = 10.0  # errors count from here on, as the target is stated
 _DURATION_S = 60.0
 
@@ -82,23 +82,15 @@ def bench_clock(progress: ProgressBar, options: BenchOptions) -> list[str]:
     title = (
         f"Error of scan instants from {_SETTLED_S:g} s on; {seeds} runs ({seeds_in_words(seeds)}) of "
         f"{_DURATION_S:g} s for each line, without and with pings; a board that answers a ping within "
-        f"{1e3 * _ANSWER_S[0]:g} to {1e3 * _ANSWER_S[1]:g} ms"
+        f"{1e3 * _BOARD.answer_least_s:g} to {1e3 * _BOARD.answer_most_s:g} ms"
     )
     return [title, table(rows)]
 
 
 def timing(
-    line: LineConditions,
-    seed: int,
-    duration_s: float,
-    *,
-    pings: bool = False,
-    answer_s: tuple[float, float] = _ANSWER_S,
+    line: LineConditions, seed: int, duration_s: float, *, pings: bool = False
 ) -> tuple[FloatArray, FloatArray]:
-    """Error and stated sigma (n,) of every scan's instant.
-
-    The board is pinged as the daemon does, and answers within the least and the largest time `answer_s`.
-    """
+    """Error and stated sigma (n,) of every scan's instant; the board is pinged as the daemon does."""
     layout = load_layout("board-v1")
     # The board starts on a hand-over of the adapter, so only what follows sets the phase of scans against
     # bunches: steps of the multiplexer that differ by up to 36 x 140 us cover any lattice.
@@ -106,12 +98,7 @@ def timing(
     step_s = float(rng.uniform(60e-6, 200e-6))
     scans: list[ScanTruth] = []
     board = EmulatedBoardParams(
-        drift_ppm=line.drift_ppm,
-        channel_step_s=step_s,
-        rate_hz=line.rate_hz,
-        boot_count=seed + 1,
-        answer_least_s=answer_s[0],
-        answer_most_s=answer_s[1],
+        drift_ppm=line.drift_ppm, channel_step_s=step_s, rate_hz=line.rate_hz, boot_count=seed + 1
     )
     port = EmulatedPort(
         load_scene("rest"), layout, power_up_s=_ORIGIN_S, board=board, faults=line.faults, seed=seed,

@@ -75,18 +75,9 @@ def as_json(command: str, code: Sequence[str], sections: Sequence[str]) -> str:
 
 def commit() -> str:
     """Commit of this checkout, with ``-dirty`` where files differ from it; nothing where it is none."""
-    git = [
-        "git",
-        "-C",
-        str(Path(__file__).parent),
-        "describe",
-        "--always",
-        "--abbrev=40",
-        "--dirty",
-        "--exclude",
-        "*",
-    ]
-    return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
+    git = ["git", "describe", "--always", "--abbrev=40", "--dirty", "--exclude", "*"]
+    done = subprocess.run(git, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return done.stdout.strip()
 
 
 def load_words() -> str:

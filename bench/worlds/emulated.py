@@ -18,8 +18,6 @@ from tactiled.emulator.scene.families.holding import START_N
 from tactiled.emulator.scene.truth import Truth
 from tactiled.samples.block import regular_block
 
-__all__ = ["RATE_HZ", "TOUCHING_N", "Played", "play", "world_of"]
-
 _ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit
 _CHANNEL_STEP_S = 250e-6
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.hold.batch import ALL_SLIDES, HeldBatch
+from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
 from bench.hold.play import MOST_N, least_n
-from bench.worlds.emulated import RATE_HZ, TOUCHING_N, Played, world_of
+from bench.worlds.emulated import TOUCHING_N, Played, world_of
 from bench.worlds.hands import log_uniform
 from bench.worlds.world import World
 from tactiled.array import Array, FloatArray, load_array

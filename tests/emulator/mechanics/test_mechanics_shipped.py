@@ -16,7 +16,7 @@ FLAT = [(name, run) for name, run in SHIPPED if run in ("flat-0.3", "flat-0.6", 
 
 @pytest.fixture(scope="module")
 def shipped() -> dict[str, FloatArray]:
-    return load_compliance("coarse")
+    return load_compliance()
 
 
 def test_shipped_compliance_is_symmetric_and_positive(shipped: dict[str, FloatArray]) -> None:

@@ -14,6 +14,7 @@ from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Command
 from tactiled.wire.layout import Layout
 
+_POWER_UP_S = 1000.0  # simulated monotonic time
 # Time after the stop at the end of the scene in which the last bytes arrive.
 _DRAIN_S = 0.2
 
@@ -26,8 +27,6 @@ class Simulation:
 
     Parameters
     ----------
-    origin_s : float
-        Simulated monotonic time at power-up.
     seed : int
         Of the faults; the scene has its own.
     duration_s : float or None
@@ -39,17 +38,15 @@ class Simulation:
         scene: Scene,
         layout: Layout,
         *,
-        origin_s: float = 1000.0,
         board: EmulatedBoardParams | None = None,
         faults: FaultParams | None = None,
         seed: int = 0,
         duration_s: float | None = None,
     ) -> None:
         faults = faults or FaultParams()
-        self.now_s = origin_s
+        self.now_s = _POWER_UP_S
         self.scans: list[ScanTruth] = []  # truth about each scan instant so far
         self._scene = scene
-        self._origin_s = origin_s
         self._duration_s = scene.duration_s if duration_s is None else duration_s
         self._drain_s = _DRAIN_S + faults.bunch_s + faults.stall_s
         self._encoder = Encoder(layout)
@@ -58,7 +55,7 @@ class Simulation:
         self._token = 0
         note = self.scans.append
         self._port = EmulatedPort(
-            scene, layout, power_up_s=origin_s, board=board, faults=faults, seed=seed, on_scan=note
+            scene, layout, power_up_s=_POWER_UP_S, board=board, faults=faults, seed=seed, on_scan=note
         )
 
     @property
@@ -100,7 +97,7 @@ class Simulation:
 
     def _end_s(self) -> float:
         t0_s = self._port.board.scene_start_s
-        return (self._origin_s if t0_s is None else t0_s) + self._duration_s
+        return (_POWER_UP_S if t0_s is None else t0_s) + self._duration_s
 
     def _command(self, name: str) -> None:
         self._token = (self._token + 1) % 256  # fits a token of any width

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import Readout
-from tactiled.resources import shipped
+from tactiled.emulator.mechanics.skin import load_compliance
 
 # At large strain the pressure moves with the tilting bump, the more the larger the load, which linear
 # weights do not contain. Growth of the weights per newton of load on the taxel, fitted under 2.5 N
@@ -63,10 +63,10 @@ def _even(s: FloatArray, q: FloatArray) -> FloatArray:
 @cache
 def _fits(readout: Readout) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Coefficients for normal forces, forces along the azimuth, and forces across it."""
-    with np.load(shipped("config", "contact", "compliance-coarse.npz")) as data:
-        x, y = data["x_mm"].astype(np.float64), data["y_mm"].astype(np.float64)
-        normal = data[f"{readout}_from_normal"][2].astype(np.float64)  # the area at +x: s is x, q is y
-        tangential = data[f"{readout}_from_tangential"][2].astype(np.float64)
+    data = load_compliance()
+    x, y = data["x_mm"], data["y_mm"]
+    normal = data[f"{readout}_from_normal"][2]  # the area at +x: s is x, q is y
+    tangential = data[f"{readout}_from_tangential"][2]
     basis = _even(x, y)
     odd = y[:, None] * basis
     return (

@@ -113,7 +113,7 @@ def shipped_skin(readout: Readout = "edge") -> SkinCompliance:
     )
 
 
-def load_compliance(fineness: str = "coarse") -> dict[str, FloatArray]:
+def load_compliance() -> dict[str, FloatArray]:
     """Shipped arrays of finite elements, in float64, provenance left out; signs and units in docs/contact.md.
 
     n points of the surface, m at the bottom, axes x and y: ``c_nn`` (n, n), ``c_nt`` (n, n, 2) and ``c_tt``
@@ -121,7 +121,7 @@ def load_compliance(fineness: str = "coarse") -> dict[str, FloatArray]:
     ``PART_from_tangential`` are the forces (N/N) on half the chip, beyond 1 mm and within 0.5 mm of the axis
     (-x, -y, +x, +y), and at each bottom point. Pressing is positive; a bonded chip can be pulled.
     """
-    with np.load(shipped("config", "contact", f"compliance-{fineness}.npz")) as file:
+    with np.load(shipped("config", "contact", "compliance-coarse.npz")) as file:
         return {name: np.asarray(file[name], dtype=np.float64) for name in file.files if name != "provenance"}
 
 

@@ -43,7 +43,7 @@ class Rig:
         return RigRun(loads, readings, *self.reference.measure(loads, self.array, rng))
 
 
-def draw_rig(array: Array, seed: int, noise_v: float = 1e-3) -> tuple[Rig, np.random.Generator]:
+def draw_rig(array: Array, seed: int) -> tuple[Rig, np.random.Generator]:
     """Draw a rig; the generator goes on to draw motions.
 
     Arrays without side electrodes get a skin whose channels respond to everything, as those of magnets do.
@@ -51,7 +51,7 @@ def draw_rig(array: Array, seed: int, noise_v: float = 1e-3) -> tuple[Rig, np.ra
     rng = np.random.default_rng([15, seed])
     sensor: DrawnSensor
     if set(array.channel_kind) == {"side"}:
-        sensor = draw_sensor(array, rng, noise_v)
+        sensor = draw_sensor(array, rng)
     else:
         sensor = draw_magnets(array, rng)
     return Rig(array, sensor, draw_reference(rng)), rng
