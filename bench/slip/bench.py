@@ -9,24 +9,17 @@ from itertools import chain
 
 from bench.report import BENCH_WORKERS, BenchOptions, counted, seeds_in_words, table
 from bench.slip.cases import NAMES, REPORTED_FROM, Reported, draw_reported, run_case
-from bench.slip.gratings import GRATINGS_FROM, LENGTH_S, N_GRATINGS, N_QUICK_GRATINGS, read_grating, rows
-from bench.slip.minutes import (
-    MINUTES_FROM,
-    N_QUICK_RESTS,
-    N_QUICK_SLIDES,
-    N_RESTS,
-    N_SLIDES,
-    minute_rows,
-    read_minute,
-)
+from bench.slip.gratings import GRATINGS_FROM, LENGTH_S, read_grating, rows
+from bench.slip.minutes import MINUTES_FROM, minute_rows, read_minute
 from bench.slip.score import AHEAD_S, SLOW_S, settings_table
 from bench.worlds.generators import draw
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
 PLATES_FROM, PLATE_MINUTES = 200_000, 0.2  # seeds, of which none was learnt from, and length of a world
-N_WORLDS, N_QUICK_WORLDS = 240, 48  # of each generator
 _BATCH = 12
+# Worlds of each generator, gratings, and slides and rests of a minute.
+FULL, QUICK = (240, 40, 100, 60), (48, 12, 10, 6)
 
 
 def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
@@ -34,9 +27,7 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
 
     Quick: 48 worlds of each generator instead of 240, a tenth of the minutes.
     """
-    n_worlds = N_QUICK_WORLDS if options.quick else N_WORLDS
-    n_gratings = N_QUICK_GRATINGS if options.quick else N_GRATINGS
-    n_slides, n_rests = (N_QUICK_SLIDES, N_QUICK_RESTS) if options.quick else (N_SLIDES, N_RESTS)
+    n_worlds, n_gratings, n_slides, n_rests = QUICK if options.quick else FULL
     minutes = [(MINUTES_FROM + k, k < n_slides) for k in range(n_slides + n_rests)]
     starts = range(0, n_worlds, _BATCH)
     sections = [

@@ -19,7 +19,6 @@ from tactiled.samples.block import ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
 RATE_HZ, LENGTH_S = 100.0, 20.0
-N_GRATINGS, N_QUICK_GRATINGS = 40, 12
 GRATINGS_FROM = 0  # seeds
 _PERIODS = 4  # that the narrowest window holds
 _RIGHT = 0.02  # of the period, within which an answer is right

@@ -20,8 +20,6 @@ from tactiled.events.types import GripEvent
 
 ARRAY = load_array("wang2019-3x3")
 MINUTES_FROM = 7_000  # seeds
-N_SLIDES, N_RESTS = 100, 60
-N_QUICK_SLIDES, N_QUICK_RESTS = 10, 6
 _LENGTH_S, _TOLD_AFTER_S, _MOST_OF = 60.0, 0.5, 0.95
 _NOISE_V = (0.3e-3, 3e-3)
 _HOLD_EXTRA_S = 3.0  # so that the press is over and forgotten when something happens

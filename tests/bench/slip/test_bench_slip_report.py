@@ -40,9 +40,7 @@ def test_the_bench_prints_all_tables(slide: dict[str, Reported], monkeypatch: py
     monkeypatch.setattr(slip_bench, "executor", lambda *_: nullcontext(SimpleNamespace(map=map)))
     monkeypatch.setattr(slip_bench, "read_laws", lambda _: [slide])
     monkeypatch.setattr(slip_bench, "read_plates", lambda _: [slide])
-    monkeypatch.setattr(slip_bench, "N_QUICK_GRATINGS", 1)
-    monkeypatch.setattr(slip_bench, "N_QUICK_SLIDES", 1)
-    monkeypatch.setattr(slip_bench, "N_QUICK_RESTS", 1)
+    monkeypatch.setattr(slip_bench, "QUICK", (48, 1, 1, 1))
     monkeypatch.setattr(minutes, "_LENGTH_S", 3.0)  # of a minute
     text = "\n".join(bench_slip(ProgressBar("slips", None), BenchOptions(quick=True)))
     assert text.count("| question") == 2
