@@ -156,7 +156,7 @@ def test_the_table_has_milliseconds_ppm_and_gigabytes_and_no_control_characters(
     assert [line.split() for line in lines[1:4]] == [
         ["h", "B1", "running", "12", "0.50", "2.2", "f9", "12.3"],
         ["h", "B2", "gone", "0", "0.00", "0.0", "-", "0.0", "!"],
-        ["h", "B3", "silent", "-", "-", "-", "-", "-", "\N{REPLACEMENT CHARACTER}["],
+        ["h", "B3", "silent", "-", "-", "-", "-", "-", "?["],
     ]
     assert lines[4] == "1 of 3 boards fresh"
 

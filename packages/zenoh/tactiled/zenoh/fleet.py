@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tactiled.errors import UnavailableError
+from tactiled.events.words import printable
 from tactiled.zenoh.session import states
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
@@ -153,10 +154,10 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
     table.add_column("words")
     for row in shown:
         style = "" if row.valid else "dim" if row.state == "gone" else "bold"
-        *cells, words = map(_printable, _cells(row))
+        # As `Text`, in which rich looks for no markup: a board could carry some.
+        *cells, last = (Text(printable(cell)) for cell in _cells(row))
         # Of a column that does not wrap, rich would cut the others, too.
-        last = Text.from_markup(words, overflow="ellipsis" if is_long else "fold")
-        last.no_wrap = is_long
+        last.overflow, last.no_wrap = "ellipsis" if is_long else "fold", is_long
         table.add_row(*cells, last, style=style)
     console = Console()
     if clear:
@@ -164,8 +165,8 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
     console.print(table)
     if len(shown) < len(rows):
         others = Counter(row.state for row in rows) - Counter(row.state for row in shown)
-        words = ", ".join(f"{count} {_printable(state)}" for state, count in others.most_common(_MOST_STATES))
-        console.print(f"and {len(rows) - len(shown)} more: {words}")
+        words = ", ".join(f"{count} {printable(state)}" for state, count in others.most_common(_MOST_STATES))
+        console.print(f"and {len(rows) - len(shown)} more: {words}", markup=False)
     fresh = sum(row.valid for row in rows)
     console.print(f"{fresh} of {len(rows)} boards fresh")
 
@@ -189,11 +190,6 @@ def _cells(row: FleetRow) -> list[str]:
         else f"{row.free_mb / 1e3:.1f}" + ("" if row.recording == "recording" else " !"),
         row.reason,
     ]
-
-
-def _printable(text: str) -> str:
-    """Return text without control characters and without rich's markup, which a board could carry."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text).replace("[", r"\[")
 
 
 class FleetMetrics(Collector):
