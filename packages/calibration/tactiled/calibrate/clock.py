@@ -60,15 +60,9 @@ def align(
 ) -> Alignment:
     """Find the offset of the clocks at which the records resemble each other most.
 
-    `DataError` where the records do not resemble each other, or do not overlap.
-
-    Parameters
-    ----------
-    between_s : float
-        First scan of the log minus first sample of the reference, by their own clocks; the true offset is
-        searched within `WITHIN_S` of it.
-    is_same_clock : bool
-        Take `between_s` as it is.
+    `between_s` is the first scan of the log minus the first sample of the reference, by their own clocks. The
+    true offset is searched within `WITHIN_S` of it; with `is_same_clock` it is taken as it is. `DataError`
+    where the records do not resemble each other, or do not overlap.
     """
     step_s = log.step_s / 2
     lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))

@@ -149,13 +149,8 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
     """Subtract the zero and average over bins; missing readings are interpolated in time.
 
     A bin holds so many neighbouring scans, whatever their spacing. A scan stands for the time to the middle
-    between it and its neighbours, but not for a pause.
-
-    Parameters
-    ----------
-    time_s : (n,) float64
-    readings : (n, channels) float64
-        As in the file, NaN where missing.
+    between it and its neighbours, but not for a pause. `readings` (n, channels) are as in the file, NaN where
+    missing.
     """
     spacing_s = np.diff(time_s)
     half_s = np.minimum(spacing_s, np.quantile(spacing_s, _USUAL)) / 2
@@ -268,12 +263,8 @@ class AlignedReference:
     def means(self, late_s: float, drift: float) -> FloatArray:
         """Return the mean of the reference in each bin (n, 6); at its ends the nearest values hold on.
 
-        Parameters
-        ----------
-        late_s : float
-            Time from the reference's first sample to the log's first scan, in the reference's clock.
-        drift : float
-            Relative excess of the reference's clock rate.
+        `late_s` is the time from the reference's first sample to the log's first scan, in the reference's
+        clock; `drift` the relative excess of the rate of that clock.
         """
         start, end = self._ends_s(late_s, drift)
         width = np.maximum(end - start, 1e-9)[:, np.newaxis]

@@ -22,12 +22,8 @@ def segments(outputs: FloatArray, used: list[int], step_s: float) -> NDArray[np.
     Contacts longer than a fifth of the record are cut into pieces of five seconds. A record of fewer contacts
     than folds is cut into ten pieces of equal length.
 
-    Parameters
-    ----------
-    outputs : (n, 6) float64
-        Reference, whose smallest force is a pause. Readings would not do: their zero drifts.
-    used : list of int
-        Columns that the reference has.
+    A pause is the smallest force of the reference, `outputs` (n, 6), which has the columns `used`. Readings
+    would not do: their zero drifts.
     """
     n = len(outputs)
     edges = np.flatnonzero(

@@ -231,14 +231,7 @@ def force_walk(left_out: FloatArray, time_s: FloatArray, segment: NDArray[np.int
     """Random walks (3,) of the errors of fx, fy and fz, in newtons per root second.
 
     The mean square difference of the mean errors of two contacts is ``a + walk^2 t`` for a time t between
-    them; a is what the folds know of each contact alone.
-
-    Parameters
-    ----------
-    left_out : (n, 6) float64
-        Errors in the folds.
-    time_s : (n,) float64
-    segment : (n,) int64
+    them; a is what the folds know of each contact alone. `left_out` (n, 6) are the errors in the folds.
     """
     count = np.bincount(segment)
     if len(count) < _LEAST_CONTACTS:

@@ -48,19 +48,11 @@ def axis_uncertainty(
     reference_sd: float,
     n_segments: int,
 ) -> AxisUncertainty:
-    """Fit the standard deviation of one component to the differences in the folds.
+    """Fit the standard deviation of one component to its differences in the folds, `left_out` (n,).
 
-    Parameters
-    ----------
-    features : (n, features) float64
-    covariance : (features, features) float64
-    left_out : (n,) float64
-    force, normal : (n,) float64
-        The component, and the normal force.
-    reference_sd : float
-        Noise of the reference in a bin, which is no error of the model.
-    n_segments : int
-        Contacts in the data.
+    `force` and `normal` (n,) are the component and the normal force; `features` are (n, features).
+    `reference_sd` is the noise of the reference in a bin, which is no error of the model; the data has
+    `n_segments` contacts.
     """
     factor = _factor(covariance, features)
     explained = ((features @ factor.T) ** 2).sum(axis=1)  # of the part that is kept: the rest is fitted
