@@ -40,11 +40,8 @@ class Course:
     @property
     def slid_before(self) -> NDArray[np.bool_]:
         """A slide came and went before the scan."""
-        ends = np.flatnonzero(np.diff(self.slides.astype(int)) < 0)
-        found: NDArray[np.bool_] = np.zeros(len(self.at), dtype=np.bool_)
-        if len(ends):
-            found[ends[0] + 1 :] = True
-        return found
+        ends = np.diff(self.slides.astype(int), prepend=0) < 0
+        return np.logical_or.accumulate(ends)
 
     @property
     def utilisation(self) -> FloatArray:
@@ -146,10 +143,7 @@ def _false_per_h(courses: Sequence[Course]) -> float:
     n = sum(len(c.world.gross_s) for c in courses)
     points = []
     for threshold in (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
-        found = wrong = 0
-        for c in courses:
-            f, w = _alarms(c, threshold)
-            found, wrong = found + f, wrong + w
+        found, wrong = np.sum([_alarms(c, threshold) for c in courses], axis=0)
         points.append((found / max(n, 1), wrong / hours))
     points.sort()
     recall, false = np.array(points).T
@@ -159,31 +153,25 @@ def _false_per_h(courses: Sequence[Course]) -> float:
 def _alarms(c: Course, threshold: float) -> tuple[int, int]:
     """Return true slips that an alarm finds, and alarms without a slip."""
     rate = c.world.rate_hz
-    opens, closes, low, is_open = [], [], 0, False
     n_off = max(1, round(_OFF_S * rate))
-    last = -(10**9)
+    alarms: list[list[int]] = []  # first and last scan of each
+    is_open, low, last = False, 0, -1
     for at, p in zip(c.at.tolist(), c.p_sliding.tolist(), strict=True):
-        if at != last + 1 and is_open:  # another contact
-            closes.append(last)
-            is_open = False
+        is_open = is_open and at == last + 1  # another contact ends it
         last = at
-        if not is_open:
-            if p >= threshold:
-                is_open, low = True, 0
-                opens.append(at)
-        else:
+        if is_open:
+            alarms[-1][1] = at
             low = low + 1 if p < threshold / 2 else 0
-            if low >= n_off:
-                is_open = False
-                closes.append(at)
-    if is_open:
-        closes.append(last)
-    begin, end = np.array(opens) / rate, np.array(closes) / rate
+            is_open = low < n_off
+        elif p >= threshold:
+            is_open, low = True, 0
+            alarms.append([at, at])
+    begin, end = np.array(alarms).reshape(-1, 2).T / rate
     found = sum(
         bool(np.any((begin <= t + _LATE_S) & (end >= t - _EARLY_S) & ((begin >= t - _EARLY_S) | (end >= t))))
         for t in c.world.gross_s
     )
     reach = round(_LATE_S * rate)
     gross = c.world.gross
-    wrong = sum(not gross[max(0, a - reach) : a + reach + 1].any() for a in opens)
+    wrong = sum(not gross[max(0, a - reach) : a + reach + 1].any() for a, _ in alarms)
     return found, wrong
