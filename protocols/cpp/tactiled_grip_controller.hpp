@@ -59,6 +59,10 @@ public:
         touched_s_ = std::min(touched_s_, grip.timestamp);
         if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load <= 0)
             return command_n_;
+        const bool was_unseen = unseen_;
+        unseen_ = grip.state == Grip::STATE_UNKNOWN || (was_unseen && grip.state == Grip::STATE_PARTIAL);
+        if (was_unseen && !unseen_)
+            past_.clear();  // its shear had another zero
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
@@ -75,7 +79,7 @@ public:
         } else {
             held_n_ = command_n_;
         }
-        if (past_.empty())
+        if (unseen_ || past_.empty())
             calm_from_s_ = now.at_s + CALM_AFTER_STALE_S;
         else if (slides)
             calm_from_s_ = std::max(now.at_s + CALM_AFTER_SLIP_S, calm_from_s_);
@@ -144,7 +148,7 @@ private:
     {
         friction_ = 0.0;
         slid_ = touched_s_ = INF;
-        slides_ = false;
+        slides_ = unseen_ = false;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
         calm_from_s_ = wanted_n_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
@@ -241,6 +245,7 @@ private:
     double target_, least_n_, most_n_, command_n_;
     double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
     bool slides_;
+    bool unseen_;  // nobody saw the contact begin: shear that was there then does not show
     std::deque<Seen> past_;
     double touched_s_, contact_s_, calm_from_s_, dropped_s_;
     double held_n_, wanted_n_, level_n_, newtons_, steady_from_s_;

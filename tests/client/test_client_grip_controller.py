@@ -164,6 +164,22 @@ def test_another_object_is_met_without_what_was_learnt() -> None:
     assert played(controller, again) == played(GripController(start_n=command_n), again)
 
 
+@pytest.mark.parametrize("between", ["unknown", "partial"])
+@pytest.mark.parametrize("pause_s", [0.3, 5.0])  # a daemon that is started anew, fast or not
+def test_a_contact_whose_beginning_was_not_seen_is_not_eased(pause_s: float, between: str) -> None:
+    """Its shear is told from zero on: what was borne before does not show."""
+    controller = pressed()
+    held_n = played(controller, [grip(k / 100, shear=2.0) for k in range(300)])[-1]
+    begin_s = 3.0 + pause_s
+    messages = [grip(begin_s + k / 100, shear=0.01, state="unknown") for k in range(200)]
+    messages += [grip(begin_s + 2 + k / 100, shear=0.01, state=between) for k in range(200)]
+    assert min(played(controller, messages)) >= held_n
+    # Its zero is known now: what is borne shows, and the grip may be eased to it after a while.
+    known = played(controller, [grip(begin_s + 4 + k / 100, shear=1.0) for k in range(400)])
+    assert known[:90] == [held_n] * 90
+    assert known[-1] < held_n
+
+
 def test_stale_data_tighten_once_and_ease_nothing() -> None:
     controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(600)])[-1]

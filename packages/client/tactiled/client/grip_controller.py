@@ -41,7 +41,7 @@ _DENIED = 0.4  # of the friction bound of a message: less is not believed of a s
 _RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, _GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 _CALM_S, _CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
-_CALM_AFTER_STALE_S = 1.0  # from the first message on, and after stale data
+_CALM_AFTER_STALE_S = 1.0  # from the first message on, after stale data, and after an unseen beginning
 _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
@@ -104,6 +104,7 @@ class GripController:
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
         self._slides = False
+        self._unseen = False  # nobody saw the contact begin: shear that was there then does not show
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
@@ -130,6 +131,10 @@ class GripController:
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
+        was_unseen, state = self._unseen, grip["state"]
+        self._unseen = state == "unknown" or (was_unseen and state == "partial")
+        if was_unseen and not self._unseen:
+            self._past.clear()  # its shear had another zero
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
@@ -139,12 +144,12 @@ class GripController:
         wanted_n = self._wanted(grip["friction"], now, ahead)
         if slides:
             again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
-            if grip["state"] != "gross":  # an object that sways and sticks is not gripped ever harder
+            if state != "gross":  # an object that sways and sticks is not gripped ever harder
                 again_n = min(again_n, self._newtons * now.shear / (_DENIED * grip["friction_low"]))
             wanted_n = max(wanted_n, again_n)
         else:
             self._held_n = self.command_n
-        if not self._past:
+        if self._unseen or not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
         elif slides:
             self._calm_from_s = max(now.at_s + _CALM_AFTER_SLIP_S, self._calm_from_s)
