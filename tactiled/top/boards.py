@@ -82,7 +82,7 @@ class BoardView:
             return Lamp("STALE", age_s, "no scan arrives")
         if age_s > late_s or (scan is not None and scan["late"]):
             return Lamp("LATE", age_s, "scans come later than a controller can use")
-        return Lamp("FRESH", age_s, status["warning"] or "board, line and clock are in order")
+        return Lamp("FRESH", age_s, status["warning"])
 
     def drop_other_runs(self, run: int) -> None:
         """Forget what another run of the daemon said of now: its slips and contacts never end."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import zip_longest
 from textwrap import wrap
 from typing import Any
 
@@ -10,45 +11,55 @@ from rich.text import Text
 
 from tactiled.client.listen import clock_words
 from tactiled.events.words import force_words, lost_words, printable, texture_words
-from tactiled.top.boards import BoardView, Felt, Lamp
+from tactiled.top.boards import BoardView
+from tactiled.top.verdict import verdict
 
 _ARROWS = "→↗↑↖←↙↓↘"
-_LAMPS = {
-    "FRESH": ("●", "bold white on rgb(0,116,90)"),
-    "LATE": ("▲", "bold black on rgb(240,171,0)"),
-    "STALE": ("■", "bold white on rgb(90,100,110)"),
-    "NO BOARD": ("○", "bold reverse"),
-}
+_LATE, _OLD = "bold black on rgb(240,171,0)", "bold white on rgb(90,100,110)"
+_LAMPS = {"FRESH": "●", "LATE": "▲", "STALE": "■", "NO BOARD": "○"}
+_LEVELS = {"near": _LATE, "partial": _LATE, "gross": "bold white on rgb(168,67,0)"}
+_CALM = "bold white on rgb(0,116,90)"
 _SLIP = "rgb(213,94,0)"  # vermilion and blue of Okabe and Ito: told apart by every kind of colour vision
+RANGES = (4, 8, 16, 32, 1, 2)
+"""Parts of the range of the array that the fullest colour may stand for; the first one is usual."""
 _MEANINGS = (
-    "A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; "
-    "· touched, ! slipping.",
+    "A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed "
+    "(none below 3 % of full colour); · touched, ! slipping.",
     "Directions are those of the skin over the surface. Forces need a calibration: tactiled calibrate.",
 )
-_ADVICE_LINES = 3
+_SENTENCE_LINES = 4
+_OTHERS = 3  # boards: as many lines as leave the array in sight of 24
+_LEAST = 0.03  # of full colour: a shear below has no direction, as on the page
 _CELL = (9, 2)  # columns and lines of a taxel where there is room
 _ARRAY_LINES = 10
 
 
 def draw(
-    board: BoardView, now_unix_s: float, width: int, height: int, footer: str, notice: str = ""
+    board: BoardView,
+    now_unix_s: float,
+    width: int,
+    height: int,
+    footer: str,
+    notice: str = "",
+    part: int = RANGES[0],
+    others: Sequence[BoardView] = (),
 ) -> list[Text]:
     """Return the lines of the screen, `height` of them, each at most `width` wide.
 
-    `notice`, unless it is empty, takes the place of the last event, above the footer.
+    `notice`, unless it is empty, takes the place of the last event, above the footer. `part` is that of the
+    range of the array which the fullest colour stands for. Of `others`, boards too, the sentence is shown.
     """
-    lamp = board.lamp(now_unix_s)
-    live = lamp.state in ("FRESH", "LATE")
-    style = "dim" if lamp.state == "FRESH" else "bold"
-    left = _array(board, live, max(20, width // 2 - 4))
-    right = _facts(board, live)
-    lines = [
-        _lamp_line(board, lamp, width),
-        *(Text(f" {line}", style) for line in wrap(lamp.words, max(20, width - 2))[:_ADVICE_LINES]),
-    ]
+    live = board.lamp(now_unix_s).state in ("FRESH", "LATE")
+    full = 1.0 if board.geometry is None else (board.geometry["high"] - board.geometry["low"]) / 2 / part
+    left = _array(board, live, max(20, width // 2 - 4), full)
+    right = _facts(board, live, full)
+    beside = max(24, *(line.cell_len for line in left)) + 1
+    lines = [*_sentence(board, now_unix_s, width), _name(board, full)]
+    for other in others[:_OTHERS]:
+        lines.append(Text(f" {other.name:10.10} ", "dim") + _sentence(other, now_unix_s, width)[0])
     for n in range(max(len(left), len(right))):
         line = Text(" ") + (left[n] if n < len(left) else Text())
-        line.pad_right(max(0, width // 2 - 2 - line.cell_len))
+        line.pad_right(max(0, beside - line.cell_len))
         lines.append(line + (right[n] if n < len(right) else Text()))
     lines.append(Text("─" * width, "dim"))
     room = max(0, height - len(lines) - 1)
@@ -86,11 +97,25 @@ def age_in_words(age_s: float | None) -> str:
     return f"{age_s / 3600:.1f} h"
 
 
-def _lamp_line(board: BoardView, lamp: Lamp, width: int) -> Text:
-    shape, style = _LAMPS[lamp.state]
+def _sentence(board: BoardView, now_unix_s: float, width: int) -> list[Text]:
+    """Return what the contact does and how sure that is, beside the lamp and the age of the newest scan."""
+    lamp = board.lamp(now_unix_s)
+    if lamp.state in ("FRESH", "LATE"):
+        said = verdict(board, now_unix_s)
+        is_calm = said.level in ("free", "good")  # else a warning on the host can wait
+        words = [said.sentence, lamp.words if is_calm and lamp.words else said.sure]
+        style = _LEVELS.get(said.level, _CALM if lamp.state == "FRESH" else _LATE)
+    else:
+        words, style = wrap(lamp.words, max(20, width - 14))[:_SENTENCE_LINES], _OLD
+    beside = [f" {_LAMPS[lamp.state]} {lamp.state:8}  ", f" {age_in_words(lamp.age_s):>10}  "]
+    rows = zip_longest(beside, words, fillvalue="")
+    return [Text(f"{left:13}{right}".ljust(width), style) for left, right in rows]
+
+
+def _name(board: BoardView, full: float) -> Text:
     array = board.newest.get("info", {}).get("array_id", "")
-    words = f" {shape} {lamp.state}  {age_in_words(lamp.age_s):>7}   {board.name or 'no board yet'}  {array}"
-    return Text(words.ljust(width), style)
+    scale = "" if board.geometry is None else f"full colour {full:.3g} {board.geometry['unit']}"
+    return Text(f" {board.name or 'no board yet'}  {array}  {scale}", "dim")
 
 
 def _event_line(at_s: float, topic: str, words: str) -> Text:
@@ -98,29 +123,23 @@ def _event_line(at_s: float, topic: str, words: str) -> Text:
     return Text(f" {clock_words(at_s)}  ", "dim").append(words, style)
 
 
-def _facts(board: BoardView, live: bool) -> list[Text]:
+def _facts(board: BoardView, live: bool, full: float) -> list[Text]:
     """Return lines of a name and a value."""
     status, felt, geometry = board.newest.get("status", {}), board.felt(), board.geometry
     unit = "" if geometry is None else geometry["unit"]
-    rows: list[tuple[str, str, str]] = []
+    rows: list[tuple[str, str]] = []
 
-    def add(name: str, words: str, style: str = "") -> None:
-        rows.append((name, words, style))
+    def add(name: str, words: str) -> None:
+        rows.append((name, words))
 
-    contact = board.newest["contact"]["state"] if "contact" in board.newest else status.get("contact", "-")
-    if contact == "none" and (below := status.get("hidden_below", 0.0)):
-        contact = f"none, told from {below:.3g} {unit}"
-    add("contact", str(contact) if live else "unknown", "bold")
-    if board.slip is not None and live:
-        add("slip", f"{board.slip['kind'].upper()} {_arrow(board.slip['direction_deg'])}", f"bold {_SLIP}")
-    else:
-        add("slip", "no slip" if live else "unknown")
+    if status.get("contact") == "none" and live and (below := status["hidden_below"]):
+        add("contact", f"none, told from {below:.3g} {unit}")
     if felt is not None and geometry is not None:
         shear_x, shear_y = float(felt.shear_x.sum()), float(felt.shear_y.sum())
         add("load", f"{felt.load.sum():z.2f} {unit}" if live else "-")
         if geometry["has_shear"]:
-            angle = math.degrees(math.atan2(shear_y, shear_x))
-            add("shear", f"{math.hypot(shear_x, shear_y):.2f} {unit} {_arrow(angle)}" if live else "-")
+            arrow = _arrow(shear_x, shear_y, _LEAST * full * len(felt.load))
+            add("shear", f"{math.hypot(shear_x, shear_y):.2f} {unit} {arrow}" if live else "-")
     force, grip, texture = board.current("force"), board.current("grip"), board.newest.get("texture")
     if force is not None and live:
         add("force", force_words(force))
@@ -137,11 +156,11 @@ def _facts(board: BoardView, live: bool) -> list[Text]:
         add("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path")
     if (recording := board.newest.get("recording")) is not None:
         add("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB")
-    return [Text(f"{name:>13}  ", "dim").append(words, style) for name, words, style in rows]
+    return [Text(f"{name:>13}  ", "dim").append(words) for name, words in rows]
 
 
-def _array(board: BoardView, live: bool, width: int) -> list[Text]:
-    """Return the array as coloured cells: the colour is load, the arrow shear; y points up."""
+def _array(board: BoardView, live: bool, width: int, full: float) -> list[Text]:
+    """Return the array as cells: the colour is load, fullest at `full`, the arrow shear; y points up."""
     geometry, felt = board.geometry, board.felt()
     if geometry is None:
         return [Text("no array yet", "dim")]
@@ -150,7 +169,6 @@ def _array(board: BoardView, live: bool, width: int) -> list[Text]:
     wide = columns * _CELL[0] <= width and len(grid) * (_CELL[1] + 1) <= _ARRAY_LINES + 1
     cell = _CELL[0] - 1 if wide else max(2, min(4, width // columns - 1))
     load = np.zeros(len(geometry["pressure"])) if felt is None else np.abs(felt.load)
-    scale = max(float(load.max(initial=0.0)), 0.02 * geometry["high"])
     touched = board.newest.get("contact", {}).get("taxels", ())
     slipping = set(board.slip["taxels"]) if board.slip is not None and live else set()
     lines: list[Text] = []
@@ -160,10 +178,13 @@ def _array(board: BoardView, live: bool, width: int) -> list[Text]:
             if taxel is None:
                 first, second = (line.append(" " * (cell + 1)) for line in (first, second))
                 continue
-            style = _style(load[taxel] / scale, live, taxel in slipping)
+            style = _style(load[taxel] / full, live, taxel in slipping)
             number = f"{load[taxel]:.2f}" if felt is not None and live else "-"
             mark = "!" if taxel in slipping else "·" if taxel in touched else " "
-            arrow = _taxel_arrow(felt, taxel) if live else " "
+            shown = felt if live else None
+            arrow = (
+                " " if shown is None else _arrow(shown.shear_x[taxel], shown.shear_y[taxel], _LEAST * full)
+            )
             if wide:
                 first.append(f"{number:^{cell}}", style).append(" ")
                 second.append(f"{mark + ' ' + arrow:^{cell}}", style).append(" ")
@@ -206,13 +227,6 @@ def _style(share: float, live: bool, slips: bool) -> str:
     return f"{'black' if share > 0.6 else 'white'} on rgb({red},{green},{blue})"
 
 
-def _taxel_arrow(felt: Felt | None, taxel: int) -> str:
-    if felt is None:
-        return " "
-    x, y = float(felt.shear_x[taxel]), float(felt.shear_y[taxel])
-    largest = float(np.hypot(felt.shear_x, felt.shear_y).max())
-    return _arrow(math.degrees(math.atan2(y, x))) if math.hypot(x, y) > 0.1 * largest > 0.0 else " "
-
-
-def _arrow(angle_deg: float) -> str:
-    return _ARROWS[round(angle_deg / 45) % 8]
+def _arrow(x: float, y: float, least: float) -> str:
+    """Arrow of a shear; a space where it is not larger than `least`."""
+    return _ARROWS[round(math.degrees(math.atan2(y, x)) / 45) % 8] if math.hypot(x, y) > least else " "

@@ -22,7 +22,7 @@ from tactiled.array import Array
 from tactiled.client import Commander, Subscription
 from tactiled.errors import OperatorError
 from tactiled.top.boards import BoardView, BoardViews
-from tactiled.top.draw import draw, draw_help
+from tactiled.top.draw import RANGES, draw, draw_help
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
 _ONCE_S = 1.3  # the slowest message, info, comes once a second
@@ -35,6 +35,7 @@ _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
 _KEYS = {
     "q": "quit",
     "b": "next board",
+    "s": "next scale: the load that has the fullest colour",
     "t": "tare: what the skin reads now is its zero",
     "i": "inhibit slips for 0.5 s: the hand moves",
     "e": "expect a load change for 0.5 s",
@@ -42,7 +43,7 @@ _KEYS = {
     "r": "record, or stop",
     "?": "this help",
 }
-_FOOTER = " q quit  b board  t tare  i inhibit  e load change  m mark  r record  ? help "
+_FOOTER = " ? help  q quit  b board  s scale  t tare  i inhibit  e expect  m mark  r record"
 
 
 def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool, as_json: bool) -> int:
@@ -108,7 +109,7 @@ def _print_once(views: BoardViews, as_json: bool) -> int:
 
 
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
-    chosen, footer, footer_until_s, helps = 0, _FOOTER, 0.0, False
+    chosen, scale, footer, footer_until_s, helps = 0, 0, _FOOTER, 0.0, False
 
     def command(do: str, board: BoardView, **fields: Any) -> str:
         try:
@@ -138,6 +139,8 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
                 helps = True
             if key == "b":
                 chosen += 1
+            elif key == "s":
+                scale += 1
             elif words := act(key, board):
                 footer, footer_until_s = words, time.monotonic() + 3.0
             if time.monotonic() > footer_until_s:
@@ -146,7 +149,9 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             if helps:
                 lines = draw_help(width, height, _KEYS)
             else:
-                lines = draw(board, time.time(), width, height, footer, views.notice)
+                part = RANGES[scale % len(RANGES)]
+                others = [other for other in boards if other is not board]
+                lines = draw(board, time.time(), width, height, footer, views.notice, part, others)
             show([_painted(line, width) for line in lines])
 
 

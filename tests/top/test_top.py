@@ -10,6 +10,7 @@ import subprocess
 import sys
 import termios
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from fcntl import ioctl
 from pathlib import Path
@@ -23,15 +24,17 @@ from message_strategies import instances
 from messages import SLIP, STATUS, anything
 from pages import robot
 from patience import PATIENCE_S
+from verdicts import AT_S, CASES, Case
 
 from tactiled.array import load_array
 from tactiled.client import Lost, Malformed, Message, Recovered, Restarted
 from tactiled.events.codec import to_map
 from tactiled.events.types import EVENT_TYPES, Event, ForceEvent, InfoEvent, ScanEvent, TextureEvent
 from tactiled.resources import shipped_names
-from tactiled.top.boards import BoardViews
+from tactiled.top.boards import BoardView, BoardViews
 from tactiled.top.draw import draw
 from tactiled.top.run import snapshot
+from tactiled.top.verdict import verdict
 
 NOW_S = 1000.0
 
@@ -97,7 +100,7 @@ def test_every_array_fits_every_screen(name: str, size: tuple[int, int], after_s
     assert len(lines) == size[1]
     assert max(line.cell_len for line in lines) <= size[0]
     words = "\n".join(line.plain for line in lines)
-    assert ("GROSS" in words) == (after_s < 1.0 and size[1] > 10) or size[1] == 10
+    assert ("Slipping towards +x +y" in words) == (after_s < 1.0) or size[0] == 40
     assert "keys" in words
 
 
@@ -108,6 +111,51 @@ def test_a_load_that_may_be_hidden_stands_beside_the_contact() -> None:
         views.take(message(replace(STATUS, time_s=NOW_S, contact="none", hidden_below=below)))
         text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, ""))
         assert ("contact  none, told from 450 " in text) == is_shown
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_sentence_says_what_the_contact_does(case: Case) -> None:
+    newest: dict[str, Mapping[str, Any]] = {"scan": {"timestamp": AT_S}, **case.messages()}
+    board = BoardView("TS1", newest=newest, slip=newest.get("slip"))
+    assert verdict(board, AT_S) == (case.level, case.sentence, case.sure)
+
+
+def test_the_sentence_stands_first_and_what_is_stale_says_so_there() -> None:
+    views = views_of(contact="sliding")
+    views.take(message(replace(SLIP, time_s=NOW_S, onset_s=NOW_S - 0.27, detected_s=NOW_S)))
+    live, stale = (draw(views.boards["TS1"], NOW_S + after_s, 80, 24, "") for after_s in (0.05, 5.0))
+    assert live[0].plain.strip() == "● FRESH     Slipping towards +x +y for 0.3 s: tighten"
+    assert live[1].plain.strip() == "50 ms  100 % sure"
+    assert stale[0].plain.strip() == "■ STALE     no status for 5.0 s: is tactiled running?"
+
+
+def test_the_sentences_of_other_boards_stand_below_that_of_the_chosen_one() -> None:
+    one, *others = (views_of(contact="holding").boards["TS1"] for _ in range(8))
+    for n, other in enumerate(others):
+        other.name = f"left-{n}"
+    lines = draw(one, NOW_S + 0.05, 80, 24, "keys", others=others)
+    assert [line.plain.split() for line in lines[3:6]] == [
+        [f"left-{n}", "●", "FRESH", "Holding"] for n in range(3)
+    ]
+    assert (len(lines), max(line.cell_len for line in lines)) == (24, 80)
+
+
+def test_colours_stand_for_the_same_load_whatever_is_pressed() -> None:
+    array = load_array("wang2019-3x3")
+    taxel_of = array.channel_taxel
+
+    def colour(share: float, part: int) -> Any:
+        views = views_of()
+        volts = tuple(
+            zero + share * array.high * (t == 0) for zero, t in zip(array.zero, taxel_of, strict=True)
+        )
+        views.take(message(replace(scan(array.n_channels, NOW_S + 0.01), volts=volts)))
+        lines = draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, "", part=part)
+        return {str(span.style) for line in lines[3:12] for span in line.spans if "on rgb" in str(span.style)}
+
+    assert colour(0.0, 4) == colour(0.0002, 4)
+    assert colour(0.05, 4) != colour(0.2, 4)
+    assert colour(0.05, 4) != colour(0.05, 32)
 
 
 def test_stale_numbers_are_not_shown() -> None:
@@ -127,7 +175,7 @@ def test_advice_is_wrapped_where_the_screen_is_narrow() -> None:
     views = views_of()
     views.take(message(status))
     lines = [line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, "keys")]
-    assert reason in " ".join(line.strip() for line in lines)
+    assert reason in " ".join(line[13:].strip() for line in lines)
     assert max(map(len, lines)) <= 80
 
 

@@ -103,6 +103,17 @@ def force_words(data: Mapping[str, Any]) -> str:
     return f"{normal}, shear {shear}"
 
 
+def way(direction_deg: float, sd_deg: float) -> str:
+    """Name the way of the skin over the surface by axes; empty where it is not known.
+
+    Examples
+    --------
+    >>> way(-88.0, 5.0), way(0.0, 180.0)
+    ('-y', '')
+    """
+    return "" if sd_deg >= _UNKNOWN_WAY_SD_DEG else _WAYS[round(direction_deg / 45) % 8]
+
+
 def lost_words(status: Mapping[str, Any]) -> str:
     """Number of lost scans, or that it is not known: frames without a sequence number do not tell."""
     if not status["loss_known"]:
@@ -133,18 +144,13 @@ def _slip(data: Mapping[str, Any]) -> str:
     if data["state"] == "end":
         words = f"{data['kind']} slip ended after {lasted_s:.2f} s"
     else:
-        words = f"{data['kind']} slip{_towards(data['direction_deg'], data['direction_sd_deg'])}"
+        words = f"{data['kind']} slip"
+        if towards := way(data["direction_deg"], data["direction_sd_deg"]):
+            sd_deg = max(1, round(data["direction_sd_deg"]))
+            words += f" towards {towards} ({round(data['direction_deg'])} ± {sd_deg}°)"
         if data["valid"]:
             words += f", p {data['confidence']:.2f}, latency {1000 * lasted_s:.0f} ms"
     return words + _faults(data)
-
-
-def _towards(direction_deg: float, sd_deg: float) -> str:
-    """Way of the skin over the surface; empty where it is not known."""
-    if sd_deg >= _UNKNOWN_WAY_SD_DEG:
-        return ""
-    way = _WAYS[round(direction_deg / 45) % 8]
-    return f" towards {way} ({round(direction_deg)} ± {max(1, round(sd_deg))}°)"
 
 
 def _grip(data: Mapping[str, Any]) -> str:
