@@ -79,6 +79,10 @@ function feed(messages) {
 function onFrame(frame) {
   if (frame.dropped !== undefined) { dropped += frame.dropped; return; }
   feed(frame.m);
+  askIfDue();
+}
+
+function askIfDue() {
   const perf = perfSeconds();
   if ([...boards.values()].some((panel) => panel.isDue(perf))) ask();
 }
@@ -102,6 +106,7 @@ function draw(ms) {
   for (const panel of boards.values()) {
     try { panel.draw(now, connected, replay); } catch (error) { panel.fail(error); } // the other boards go on
   }
+  askIfDue();
   const perf = perfSeconds();
   if (perf - counted > 2) {
     counted = perf;

@@ -59,14 +59,19 @@ export class BoardPanel {
     if (this.root.hidden) return;
     const lamp = replay === null ? this.steady.follow(freshness(board, now, connected), perf) : recorded(board, now, replay.words);
     this.lamp = lamp;
-    const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows, isNews = changed || this._hasEvent();
+    const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
-    if (isNews || perf >= this.due.picture) {
+    if (this._hasEvent()) { // in words at once; the canvases, which take longer to paint, follow with the next frame of the screen
+      this._texts(lamp, now);
+      this.due.picture = this.due.numbers = 0;
+      return;
+    }
+    if (changed || perf >= this.due.picture) {
       this.due.picture = perf + PICTURE_S;
       if (this.visible.get(this.canvas) !== false && (changed || board.changed !== this.drawn.changed)) this.skin.draw(board, lamp.shows ?? lamp.state);
       this.drawn.changed = board.changed;
     }
-    if (isNews || perf >= this.due.numbers) {
+    if (changed || perf >= this.due.numbers) {
       this.due.numbers = perf + NUMBERS_S;
       this._texts(lamp, now);
       if (now !== null) this._timeline(lamp, now, replay === null ? 0 : replay.origin);
