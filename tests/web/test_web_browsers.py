@@ -3,6 +3,7 @@
 import asyncio
 from typing import Any, cast
 
+import pytest
 from frames import unpack
 
 from tactiled.web.browsers import Browser
@@ -56,8 +57,7 @@ def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
             browser.offer(Frames(b"event %d" % n if n % 10 == 0 else None, b"scan %d" % n))
             await asyncio.sleep(0)
         unanswered = [*link.sent]
-        for _ in range(20):
-            browser.answered()
+        browser.answered(str(len(unanswered)))
         await asyncio.sleep(0)
         sending.cancel()
         scans = [frame for frame in unanswered if frame.startswith(b"scan")]
@@ -72,15 +72,19 @@ def test_what_a_slow_link_gets_is_new_and_every_event_is_among_it() -> None:
     assert scans == [b"scan 98", b"scan 99"]
 
 
-def test_an_answer_makes_room_for_two_frames() -> None:
+@pytest.mark.parametrize(
+    ("answers", "room"),
+    [(["2"], 2), (["1"], 1), (["2", "1"], 2), (["3"], 3), (["99"], 3), ([""], 0), (["-3", "x", b"2"], 0)],
+)
+def test_an_answer_makes_room_for_the_frames_that_it_counts(answers: list[object], room: int) -> None:
     async def main() -> list[int]:
         link = Link()
         browser = Browser(cast(Any, link))
         sending = asyncio.create_task(browser.send_all())
         n_sent = []
         for is_answered in (False, True):
-            if is_answered:
-                browser.answered()
+            for answer in answers if is_answered else ():
+                browser.answered(answer)
             for n in range(4):
                 await asyncio.sleep(0)
                 browser.offer(Frames(None, b"scan %d" % n))
@@ -89,7 +93,7 @@ def test_an_answer_makes_room_for_two_frames() -> None:
         sending.cancel()
         return n_sent
 
-    assert asyncio.run(main()) == [3, 5]
+    assert asyncio.run(main()) == [3, 3 + room]
 
 
 def test_a_browser_that_keeps_up_gets_one_frame_in_place_of_two() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pages import Robot, robot
 from patience import PATIENCE_S
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, WebSocketRoute, expect
 from stage import stage
 
 from bench.web.link import link
@@ -49,6 +49,43 @@ def test_the_lamp_follows_the_board(live: Robot, page: Page) -> None:
     until_unknown(page, ".loads dd")
     live.plug()
     expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+
+
+def test_the_page_counts_the_frames_it_took_and_follows_an_upgrade(
+    live: Robot, page: Page, tmp_path: Path
+) -> None:
+    with stage(tmp_path, ("TS0001", "demo", 5.0), then="hold") as endpoint:
+        answers, ways = list[str | bytes](), list[WebSocketRoute]()
+
+        def meet(way: WebSocketRoute) -> None:
+            server = way.connect_to_server()
+            ways.append(way)
+            answers.clear()
+
+            def to_server(message: str | bytes) -> None:
+                answers.append(message)
+                server.send(message)
+
+            way.on_message(to_server)
+
+        page.route_web_socket("**/api/live", meet)
+        page.goto(live.serve("--events", endpoint, events=False))
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
+        while len(answers) < 8:
+            page.wait_for_timeout(50)
+        assert answers[:8] == [str(2 * n) for n in range(8)]  # the history, a frame too, is not counted
+        page.evaluate("window.before = true")
+        ways[-1].close()  # the same page: it connects again and counts anew
+        while len(ways) < 2 or len(answers) < 2:
+            page.wait_for_timeout(50)
+        assert answers[:2] == ["0", "2"]
+        assert page.evaluate("window.before") is True
+        session = json.loads(page.request.get(page.url + "api/session").text())
+        page.route("**/api/session*", lambda route: route.fulfill(json={**session, "page": "another"}))
+        with page.expect_event("load"):
+            ways[-1].close()
+        assert page.evaluate("window.before") is None
+        expect(page.locator(".lamp")).to_have_attribute("data-state", "fresh")
 
 
 def test_silence_is_stale_and_a_new_daemon_is_found_again(live: Robot, page: Page) -> None:

@@ -1,7 +1,7 @@
 """Connected browsers, each with a bounded queue: a slow one loses frames and delays nobody.
 
-A browser answers every second frame. Live frames are sent while fewer than `_IN_FLIGHT` wait for an answer:
-the buffers of the system would hold seconds of old frames for a slow link otherwise.
+A browser says now and then how many frames it has taken. Live frames are sent while fewer than `_IN_FLIGHT`
+are on their way: the buffers of the system would hold seconds of old frames for a slow link otherwise.
 """
 
 import asyncio
@@ -16,7 +16,6 @@ from tactiled.web.feed import Frames
 TURNS_PER_S = 20.0  # a verdict waits 25 ms on average: most of what the server costs is to be woken
 TURNS_PER_FRAME = 2  # of a turn without a verdict: a page that draws faster is no easier to read
 _LIVE_FRAMES = 2  # 200 ms: what waits longer would be shown as stale
-_FRAMES_PER_ANSWER = 2  # as in stream.js: an answer to each would cost the server a twentieth more
 _IN_FLIGHT = 3  # frames of 300 ms, the way to a browser and back
 _KEPT_FRAMES = 1000  # events of minutes; a browser that is further behind connects again and gets the history
 _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must not stay for ever
@@ -29,7 +28,7 @@ class Browser:
         self._socket = socket
         self._live: deque[bytes] = deque()
         self._kept: deque[bytes] = deque()
-        self._in_flight = 0
+        self._sent = self._taken = 0  # frames after the history
         self._filled = asyncio.Event()
         self._dropped = 0
 
@@ -44,7 +43,7 @@ class Browser:
 
         One that keeps up gets what there is in one frame.
         """
-        keeps_up = not self._kept and not self._live and self._in_flight < _IN_FLIGHT
+        keeps_up = not self._kept and not self._live and self._in_flight() < _IN_FLIGHT
         is_one = frames.both is not None and keeps_up
         kept = frames.both if is_one else frames.kept
         if kept is not None:
@@ -56,10 +55,14 @@ class Browser:
                 self._dropped += 1
         self._wake()
 
-    def answered(self) -> None:
-        """Note that the browser has taken two frames more."""
-        self._in_flight = max(0, self._in_flight - _FRAMES_PER_ANSWER)
-        self._wake()
+    def answered(self, taken: object) -> None:
+        """Note how many frames the browser says it has taken in all; what is no number counts for nothing."""
+        if isinstance(taken, str) and taken.isdecimal():
+            self._taken = max(self._taken, min(int(taken), self._sent))
+            self._wake()
+
+    def _in_flight(self) -> int:
+        return self._sent - self._taken
 
     def _wake(self) -> None:
         """Let `send_all` go on where there is something to send: to wake a task for nothing costs, too."""
@@ -73,7 +76,7 @@ class Browser:
                 await self._filled.wait()
                 self._filled.clear()
                 while len(self._kept) <= _KEPT_FRAMES and (frame := self._next()) is not None:
-                    self._in_flight += 1
+                    self._sent += 1
                     async with asyncio.timeout(_STUCK_S):
                         await self._socket.send_bytes(frame)
 
@@ -81,7 +84,7 @@ class Browser:
         """Return the frame to be sent next: events first, then live frames for which there is room."""
         if self._kept:
             return self._kept.popleft()
-        if not self._live or self._in_flight >= _IN_FLIGHT:
+        if not self._live or self._in_flight() >= _IN_FLIGHT:
             return None
         if self._dropped:
             dropped: bytes = msgpack.packb({"dropped": self._dropped})

@@ -126,6 +126,8 @@ class PageServer:
         files = {array.name: file for file, array in params.arrays.items()}
         self._guided = GuidedVerbs(params.endpoints, files, params.keys)
         self._static = read_static(STATIC)
+        etags = "".join(file.etag for file in self._static.values())
+        self._page_version = hashlib.sha256(etags.encode()).hexdigest()
         self._log = RateLimitedLog(logger)
         self._connections = Connections(self._crowded)
         self._settings: dict[tuple[int, str], dict[str, Any]] = {}
@@ -273,6 +275,7 @@ class PageServer:
             return answer(404, str(error))
         session = {
             "version": __version__,
+            "page": self._page_version,  # a tab with another one, from before an upgrade, loads itself anew
             "endpoints": list(self._params.endpoints),
             "commands": not self._refuse(request) and replay is None,
             "replay": None if replay is None else replay.summary(),
@@ -294,8 +297,8 @@ class PageServer:
             await socket.send_bytes(self._feed.history(time.time(), time.monotonic()))
             sending = asyncio.create_task(self._send(browser, socket))
             try:
-                async for _ in socket:  # an answer to every second frame
-                    browser.answered()
+                async for message in socket:
+                    browser.answered(message.data)
             finally:
                 sending.cancel()
                 await asyncio.gather(sending, return_exceptions=True)

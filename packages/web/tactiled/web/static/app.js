@@ -147,7 +147,7 @@ async function start() {
   if (session.ok === false) { document.getElementById("waiting").textContent = session.reason; return; }
   document.getElementById("subtitle").textContent = session.replay === null ? "" : `recording ${session.replay.name}`;
   if (session.replay === null) {
-    connect(clock, onFrame, (open) => { connected = open; });
+    connect(clock, session.page, onFrame, (open) => { connected = open; });
   } else {
     player = new Player(session.replay, feed, () => { for (const panel of boards.values()) panel.board.rewind(); });
     const at = /[#&]at=([\d.]+)/.exec(location.hash);

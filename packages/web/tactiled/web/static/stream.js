@@ -4,7 +4,7 @@ import { unpack } from "./unpack.js";
 
 const RETRY_FIRST_MS = 250;
 const RETRY_LAST_MS = 2000;
-const FRAMES_PER_ANSWER = 2; // as in browsers.py
+const FRAMES_PER_ANSWER = 2; // an answer to each would cost the server a twentieth more
 const RATES_DIFFER = 5e-4; // largest difference in rate of two hosts' clocks: five times that of a bad crystal
 
 /** The server's wall clock as it is now, with the time that frames spent on their way. */
@@ -29,25 +29,29 @@ export class ServerClock {
 
 export const perfSeconds = () => performance.now() / 1000;
 
-/** Keep a WebSocket open; `onFrame(frame)` for each frame, `onState(open)` for each change. */
-export function connect(clock, onFrame, onState) {
+/** Keep a WebSocket open; `onFrame(frame)` for each frame, `onState(open)` for each change. Loads the page anew where the server has another `version` of it. */
+export function connect(clock, version, onFrame, onState) {
   let wait = RETRY_FIRST_MS, taken = 0;
   const open = () => {
     const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; taken = 0; onState(true); };
+    socket.onopen = () => { clock.reset(); wait = RETRY_FIRST_MS; taken = -1; onState(true); }; // the history is not counted
     socket.onmessage = (message) => {
       taken += 1;
-      if (taken % FRAMES_PER_ANSWER === 0) socket.send(""); // ready for others
+      if (taken % FRAMES_PER_ANSWER === 0) socket.send(`${taken}`); // ready for others
       const frame = unpack(message.data);
       if (frame.mono !== undefined) clock.observe(frame.now, frame.mono, perfSeconds());
       onFrame(frame);
     };
     socket.onclose = () => {
       onState(false);
-      setTimeout(open, wait);
+      setTimeout(retry, wait);
       wait = Math.min(2 * wait, RETRY_LAST_MS);
     };
+  };
+  const retry = async () => {
+    try { if ((await (await fetch("/api/session")).json()).page !== version) { location.reload(); return; } } catch { /* no server yet */ }
+    open();
   };
   open();
 }
