@@ -6,14 +6,14 @@ import { channelCurve, CurveChooser, valueWords } from "./curves.js";
 import { announce, el, facts, fill, put, row } from "./dom.js";
 import { freshness, SteadyLamp } from "./freshness.js";
 import { historyControls } from "./history.js";
-import { Scope, Spectrum, Timeline } from "./plots.js";
+import { Scope, Timeline } from "./plots.js";
 import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, fixed, placesOf, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
 const PICTURE_S = 0.08;   // skin: with each frame of the server, which come every 100 ms and now and then sooner
 const NUMBERS_S = 0.18;   // numbers and timeline, with every second frame: faster cannot be read, and is two pixels of a minute
-const SLOW_S = 0.5;       // scope, spectrum, labels
+const SLOW_S = 0.5;       // scope, labels
 const LISTED = 60;
 const RETRY_S = 1;        // after a drawing that failed
 const LEAST = 0.03;       // of a full arrow on every taxel, or newtons: a shear below has no direction
@@ -29,8 +29,8 @@ export class BoardPanel {
     const find = (selector) => root.querySelector(selector);
     this.at = { lamp: find(".lamp"), word: find(".lamp .word"), age: find(".lamp .age"), advice: find(".advice"), sure: find(".sure"), name: find(".who .name"), what: find(".who .what"),
       range: find(".range"), loads: find(".loads"), calibration: find(".calibration"), used: find(".used"), bar: find(".bar"), margin: find(".margin"),
-      texture: find(".texture"), list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), line: find(".spectrum .line"), readings: find(".readings"),
-      scope: find(".scope"), spectrum: find(".spectrum"), readout: find(".readout") };
+      texture: find(".texture"), list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), readings: find(".readings"),
+      scope: find(".scope"), readout: find(".readout") };
     this.steady = new SteadyLamp();
     this.canvas = find("canvas.array");
     this.skin = new SkinPicture(this.canvas, find(".legend"));
@@ -42,13 +42,12 @@ export class BoardPanel {
     this.give = null;        // gives a command to the daemon, where this page may
     historyControls(find, this);
     this.scope = new Scope(find(".scope .plot"));
-    this.spectrum = new Spectrum(find(".spectrum .plot"));
     this.due = { picture: 0, numbers: 0, slow: 0 };
     this.drawn = { changed: -1, state: "", events: -1 };
     this.retry = 0;
     this.visible = new WeakMap();
     const watcher = new IntersectionObserver((entries) => { for (const e of entries) this.visible.set(e.target, e.isIntersecting); });
-    for (const place of [this.at.scope, this.at.spectrum, this.canvas, find(".timeline")]) watcher.observe(place);
+    for (const place of [this.at.scope, this.canvas, find(".timeline")]) watcher.observe(place);
     this.timelinePlace = find(".timeline");
   }
 
@@ -246,10 +245,6 @@ export class BoardPanel {
     board.judgeChannels();
     if (board.geometry !== null) this.skin.offerRanges(board.geometry, at.range);
     if (this.visible.get(at.scope)) this.scope.draw(board, now, this.skin.full);
-    if (this.visible.get(at.spectrum)) {
-      this.spectrum.draw(board, this.skin.full);
-      put(at.line, this.spectrum.found.hz > 0 ? `ripple at ${this.spectrum.found.hz.toFixed(3)} Hz` : "mean of all channels");
-    }
     const bad = board.health.filter(Boolean).length;
     const label = `Tactile array ${board.name}: ${this.lamp.word}. ${at.advice.textContent}. ${[...at.loads.querySelectorAll("div")].map((d) => d.textContent).join(", ")}. ${bad} channels with faults.`;
     if (this.canvas.getAttribute("aria-label") !== label) this.canvas.setAttribute("aria-label", label);

@@ -1,4 +1,4 @@
-// Timeline, scope and spectrum with uPlot.
+// Timeline and scope with uPlot.
 
 import uPlot from "/static/uplot/uPlot.esm.js";
 import { seriesOf, valuesOf } from "./curves.js";
@@ -6,7 +6,6 @@ import { colour, onTheme } from "./theme.js";
 import { clockWords, sig } from "./words.js";
 
 const SCOPE_S = 5;
-const FFT_N = 512;
 const SERIES = ["series-1", "series-2", "series-3", "series-4", "series-5", "series-6"];
 const FONT = "11px system-ui, sans-serif";
 const axis = (more) => ({ stroke: () => colour("muted"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { stroke: () => colour("grid"), width: 1, size: 4 }, font: FONT, ...more });
@@ -221,83 +220,5 @@ export class Scope extends Plot {
       if (after > 0) shown.splice(after, 0, { timestamp: (shown[after - 1].timestamp + gap.to) / 2, volts: [], valid: [] });
     }
     this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] - board.zero[c] : null)))]);
-  }
-}
-
-export class Spectrum extends Plot {
-  constructor(place, height = 170) {
-    const found = { hz: 0 };
-    super(place, {
-      data: [[], []],
-      scales: { x: { time: false }, y: { range: [-100, 0] } },
-      axes: [axis({ values: (u, ticks) => ticks.map((t) => `${sig(t, 3)} Hz`), size: 26, space: 60 }), axis({ size: 50, values: (u, ticks) => ticks.map((v) => `${Math.round(v)} dB`) })],
-      series: [{}, { stroke: () => colour("series-1"), width: 1.2, points: { show: false } }],
-      hooks: { draw: [(u) => mark(u, found.hz)] },
-    }, height);
-    this.found = found;
-  }
-
-  /** Draw the mean power of all readable channels over the newest window, against that of the reading `full`. */
-  draw(board, full) {
-    const texture = board.texture;
-    this.found.hz = texture !== null && texture.frequency_hz > 0 ? texture.frequency_hz : 0;
-    const from = board.gaps.at(-1)?.to ?? -Infinity;
-    const scans = board.scans.filter((s) => s.timestamp >= from).slice(-FFT_N);
-    if (scans.length < FFT_N || !board.zero.length) return;
-    const rate = (scans.length - 1) / (scans[scans.length - 1].timestamp - scans[0].timestamp);
-    const channels = board.health.map((h, c) => (h ? -1 : c)).filter((c) => c >= 0);
-    const step = Math.max(1, Math.floor(channels.length / 36)); // 36 transforms are enough for a mean
-    const power = new Float64Array(FFT_N / 2);
-    const used = channels.filter((_, k) => k % step === 0);
-    for (const channel of used) addPower(scans, channel, power);
-    const hz = [], db = [];
-    for (let i = 2; i < FFT_N / 2; i += 1) { hz.push(i * rate / FFT_N); db.push(10 * Math.log10(power[i] / (used.length * full * full) + 1e-12)); }
-    this.plot.setData([hz, db]);
-  }
-}
-
-function mark(u, hz) {
-  if (!(hz > 0) || hz > (u.scales.x.max ?? 0)) return;
-  const c = u.ctx, { top, height } = u.bbox, x = u.valToPos(hz, "x", true), r = window.devicePixelRatio || 1;
-  c.save(); c.strokeStyle = c.fillStyle = colour("texture"); c.lineWidth = 1.5 * r; c.setLineDash([5 * r, 4 * r]);
-  c.beginPath(); c.moveTo(x, top); c.lineTo(x, top + height); c.stroke();
-  c.font = `600 ${11 * r}px system-ui, sans-serif`; c.textBaseline = "top"; c.textAlign = "left"; c.fillText(` ${hz.toFixed(3)} Hz`, x, top + 2 * r);
-  c.restore();
-}
-
-const window_ = Float64Array.from({ length: FFT_N }, (_, i) => 0.5 - 0.5 * Math.cos(2 * Math.PI * i / FFT_N));
-const re = new Float64Array(FFT_N), im = new Float64Array(FFT_N);
-
-/** Add the power spectrum of one channel, its straight line taken off, under a Hann window. */
-function addPower(scans, channel, power) {
-  const n = FFT_N;
-  let mean = 0, slope = 0, norm = 0;
-  for (let i = 0; i < n; i += 1) mean += scans[i].volts[channel] / n;
-  for (let i = 0; i < n; i += 1) { const x = i - (n - 1) / 2; slope += x * scans[i].volts[channel]; norm += x * x; }
-  slope /= norm;
-  for (let i = 0; i < n; i += 1) { re[i] = window_[i] * (scans[i].volts[channel] - mean - slope * (i - (n - 1) / 2)); im[i] = 0; }
-  transform(re, im);
-  for (let i = 0; i < n / 2; i += 1) power[i] += (re[i] * re[i] + im[i] * im[i]) / (n * n);
-}
-
-/** Fast Fourier transform in place, radix 2 (Cooley and Tukey). */
-function transform(a, b) {
-  const n = a.length;
-  for (let i = 1, j = 0; i < n; i += 1) {
-    let bit = n >> 1;
-    for (; j & bit; bit >>= 1) j ^= bit;
-    j ^= bit;
-    if (i < j) { [a[i], a[j]] = [a[j], a[i]]; [b[i], b[j]] = [b[j], b[i]]; }
-  }
-  for (let size = 2; size <= n; size <<= 1) {
-    const turn = -2 * Math.PI / size;
-    for (let start = 0; start < n; start += size) {
-      for (let k = 0; k < size / 2; k += 1) {
-        const wr = Math.cos(turn * k), wi = Math.sin(turn * k);
-        const p = start + k, q = p + size / 2;
-        const xr = a[q] * wr - b[q] * wi, xi = a[q] * wi + b[q] * wr;
-        a[q] = a[p] - xr; b[q] = b[p] - xi; a[p] += xr; b[p] += xi;
-      }
-    }
   }
 }
