@@ -99,6 +99,15 @@ def test_nothing_is_drawn_over_a_time_without_scans(opened: Page, run: int, inde
     assert bands == ["none", "holding", "none", "holding"][: 4 if words.startswith("no scans") else 3]
 
 
+def test_a_contact_that_a_gap_ended_is_not_drawn_behind_it(opened: Page) -> None:
+    """The daemon publishes the first scan behind a gap before the message that the contact has ended."""
+    act = """
+    scan(1, 10.2); scan(1, 15);
+    board.take("contact", { ...common(1, 10.2), seq: 9, state: "none", taxels: [] });
+    return board.bands.map((band) => band.state);"""
+    assert model(opened, act) == ["none", "holding", "none"]
+
+
 def test_the_page_unpacks_what_the_server_packs(opened: Page) -> None:
     whole = [0, 127, 128, 255, 256, 65_535, 65_536, 2**32, -1, -32, -33, -200, -40_000, -(2**40)]
     texts = ["", "grün", "x" * 40, "x" * 300, "x" * 70_000]

@@ -5,7 +5,7 @@ import { ageWords, markText, UNKNOWN_SD } from "./words.js";
 export const SPAN_S = 60;        // that a page which opens gets of the past
 const KEEP_S = 600;              // that it keeps
 const UNCALIBRATED = ["nominal", "none"]; // values of `calibration` with which no force is known in newtons
-const RING_S = 11;               // readings for scope and spectrum
+const RING_S = 11;               // readings for scope and faults of channels
 const POINT_S = 0.095;           // interval of points on the timeline, 6000 of them: one for each frame, as of forces, and of the history
 const EVENTS = 400;
 const HEALTH_SCANS = 100;
@@ -195,7 +195,7 @@ export class BoardModel {
     }
     const i = this.bands.findLastIndex((band) => band.from <= from); // the status of a new run comes before its scans
     if (i >= 0 && this.bands[i].state !== "none") {
-      const after = why || i + 1 < this.bands.length ? [] : [{ from: to, state: this.bands[i].state }]; // the daemon has not said that it ended
+      const after = why || i + 1 < this.bands.length ? [] : [{ from: to, state: this.bands[i].state, assumed: true }]; // the daemon has not said that it ended
       this.bands.splice(i + 1, 0, { from, state: "none" }, ...after);
     }
     this._list(to, "gap", { words });
@@ -234,7 +234,8 @@ export class BoardModel {
   }
 
   _band(from, state) {
-    const last = this.bands[this.bands.length - 1];
+    if (this.bands.at(-1)?.assumed && from < this.bands.at(-1).from) this.bands.pop(); // said after the first scan behind the gap
+    const last = this.bands.at(-1);
     if (last !== undefined && last.from > from) return;
     if (last === undefined || last.state !== state) this.bands.push({ from, state });
     if (this.bands.length > 300) this.bands.shift();
