@@ -40,7 +40,7 @@ def verdict(board: BoardView, now_unix_s: float) -> Verdict:
             words += f"{towards and f' towards {towards}'} for {_duration(now_unix_s - slip['onset'])}"
             if slip["suppressed"]:
                 return Verdict("good", f"{words}, as announced ({slip['suppressed']})", sure)
-            if not slip["valid"]:
+            if not slip["valid"] and not (grip and grip["valid"]):
                 return Verdict("near", f"{words}: do not act on it", "The readings were late or incomplete.")
         return Verdict("gross" if state == "sliding" else "partial", f"{words}: tighten", sure)
     if state == "none":

@@ -59,8 +59,13 @@ CASES = [
          "Slipping towards -y for 45 s: tighten", _ALL),
     Case("sliding", {"kind": "gross", "onset": AT_S - 300}, {}, "gross",
          "Slipping towards -x for 5 min: tighten", _ALL),
-    Case("sliding", {"kind": "gross", "valid": False}, {}, "near",
+    Case("sliding", {"kind": "gross", "valid": False}, {"valid": False}, "near",
          "Slipping towards -x for 0.4 s: do not act on it", _LATE),
+    Case("sliding", {"kind": "gross", "valid": False}, {"state": "none", "valid": False}, "near",
+         "Slipping towards -x for 0.4 s: do not act on it", _LATE),
+    # Its onset was late, but what is read now can be trusted.
+    Case("sliding", {"kind": "gross", "valid": False}, {}, "gross", "Slipping towards -x for 0.4 s: tighten",
+         _ALL),
     Case("sliding", {"kind": "gross", "valid": False, "suppressed": "inhibit"}, {}, "good",
          "Slipping towards -x for 0.4 s, as announced (inhibit)", _ALL),
     # The viewer was started later than the onset.

@@ -18,6 +18,7 @@ export async function listRecordings() {
   try { found = await (await fetch("/api/recordings")).json(); }
   catch (error) { words.textContent = `no answer from tactiled web (${error.message})`; return; }
   words.textContent = found.length === 0 ? "There is none yet." : found.some((one) => !one.opens) ? "Larger ones are downloaded, and shown by tactiled web --file." : "";
+  table.parentElement.hidden = found.length === 0;
   table.tHead.replaceChildren(row("th", ["name", "written until", "size", "look", "save"]));
   table.tBodies[0].replaceChildren(...found.map(({ name, bytes, ended, opens }) => {
     const tr = row("td", [name, new Date(1000 * ended).toLocaleString("sv-SE"), bytesWords(bytes), "", ""]), at = encodeURIComponent(name);

@@ -25,7 +25,7 @@ export function verdict(board, now, isRecorded = false) {
     const towards = slip === null ? "" : way(slip.direction_deg, slip.direction_sd_deg);
     const words = (state === "sliding" ? "Slipping" : "Beginning to slip") + (towards && ` towards ${towards}`) + (slip === null ? "" : ` for ${duration(now - slip.onset)}`);
     if (slip?.suppressed) return { level: "good", sentence: `${words}, as announced (${slip.suppressed})`, sure };
-    if (slip !== null && !slip.valid) return { level: "near", sentence: `${words}: do not act on it`, sure: "The readings were late or incomplete." };
+    if (slip !== null && !slip.valid && !grip?.valid) return { level: "near", sentence: `${words}: do not act on it`, sure: "The readings were late or incomplete." };
     return { level: state === "sliding" ? "gross" : "partial", sentence: words + todo, sure };
   }
   if (state === "none") return { level: "free", sentence: "Nothing touches the skin", sure };
