@@ -53,9 +53,19 @@ SIGHTS: dict[str, Callable[[Page], None]] = {
     "gap": lambda page: expect(page.locator(".events .list")).to_contain_text("no scans for"),
     "uncalibrated": lambda page: expect(page.locator(".calibration")).to_contain_text("Not calibrated"),
     "holding": lambda page: expect(page.locator(".loads")).to_contain_text(re.compile(r"\d N")),
-    "two boards": lambda page: expect(page.locator(".lamp[data-level=gross]")).to_have_count(1),
+    "two boards": lambda page: see_the_other_board(page),
 }
 """What else must be in the picture."""
+
+
+def see_the_other_board(page: Page) -> None:
+    """A board that slips is marked on its button, where only the other one is shown, too."""
+    expect(page.locator(".lamp[data-level=gross]")).to_have_count(1)
+    page.keyboard.press("1")
+    expect(page.locator(".board:visible")).to_have_count(1)
+    expect(page.locator("#chooser [data-level=gross]")).to_have_text("TS0002")
+    expect(page.locator("#chooser [data-level=good]")).to_have_text("TS0001")
+    page.keyboard.press("0")
 
 
 @contextmanager

@@ -61,6 +61,7 @@ function showBoards(chosen) {
     button.type = "button";
     button.setAttribute("aria-pressed", panel === chosen);
     button.onclick = () => showBoards(panel);
+    if (panel !== null) panel.tab = button;
     return button;
   }));
 }

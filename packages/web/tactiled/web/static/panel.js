@@ -31,6 +31,7 @@ export class BoardPanel {
       range: find(".range"), loads: find(".loads"), calibration: find(".calibration"), used: find(".used"), bar: find(".bar"), margin: find(".margin"),
       texture: find(".texture"), list: find(".events .list"), strip: find(".strip"), chosen: find(".chosen"), readings: find(".readings"),
       scope: find(".scope"), readout: find(".readout") };
+    this.tab = null;         // button that chooses this board, where there are several
     this.steady = new SteadyLamp();
     this.canvas = find("canvas.array");
     this.skin = new SkinPicture(this.canvas, find(".legend"));
@@ -55,9 +56,9 @@ export class BoardPanel {
   draw(now, connected, replay) {
     const board = this.board, perf = performance.now() / 1000;
     if (perf < this.retry) return;
-    if (this.root.hidden) return;
     const lamp = replay === null ? this.steady.follow(freshness(board, now, connected), perf) : recorded(board, now, replay.words);
     this.lamp = lamp;
+    if (this.root.hidden) { this._judge(lamp, now); return; }
     const changed = lamp.state !== this.drawn.state || lamp.shows !== this.drawn.shows;
     if (changed) this._lampChanged(lamp);
     if (this._hasEvent()) { // in words at once; the canvases, which take longer to paint, follow with the next frame of the screen
@@ -111,10 +112,16 @@ export class BoardPanel {
     announce(`${this.board.name || "board"}: ${lamp.word}. ${lamp.words}`);
   }
 
-  _texts(lamp, now) {
-    const { board, at } = this;
+  /** Whether the board is live, and its sentence; the level is on its button, too, since the board may be hidden or far below. */
+  _judge(lamp, now) {
     const live = ["fresh", "late", "replay"].includes(lamp.shows ?? lamp.state);
-    const said = live && now !== null ? verdict(board, now, lamp.state === "replay") : { level: "free", sentence: lamp.words, sure: "" };
+    const said = live && now !== null ? verdict(this.board, now, lamp.state === "replay") : { level: "free", sentence: lamp.words, sure: "" };
+    if (this.tab !== null) this.tab.dataset.level = said.level;
+    return { live, said };
+  }
+
+  _texts(lamp, now) {
+    const { board, at } = this, { live, said } = this._judge(lamp, now);
     at.lamp.dataset.level = said.level;
     put(at.age, lamp.state === "replay" ? (now === null ? "" : clockWords(now).slice(0, 10)) : ageWords(lamp.age));
     put(at.advice, said.sentence);
