@@ -61,8 +61,10 @@ public:
             return command_n_;
         const bool was_unseen = unseen_;
         unseen_ = grip.state == Grip::STATE_UNKNOWN || (was_unseen && grip.state == Grip::STATE_PARTIAL);
-        if (was_unseen && !unseen_)
+        if (unseen_ != was_unseen) {
             past_.clear();  // its shear had another zero
+            borne_n_ = unseen_ ? BLIND * command_n_ : 0.0;
+        }
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
@@ -70,7 +72,7 @@ public:
         bound_friction(grip, now, ratio, step_s);
         const bool slides = dropped || ratio > 0;
         const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
-        double wanted_n = wanted(grip.friction, now, ahead);
+        double wanted_n = borne_n_ + wanted(grip.friction, now, ahead);
         if (slides) {
             double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_);
             if (grip.state != Grip::STATE_GROSS)  // an object that sways and sticks is not gripped ever harder
@@ -151,7 +153,7 @@ private:
         slides_ = unseen_ = false;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
-        calm_from_s_ = wanted_n_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
+        calm_from_s_ = wanted_n_ = borne_n_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
         held_n_ = command_n_;
     }
 
@@ -246,6 +248,7 @@ private:
     double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
     bool slides_;
     bool unseen_;  // nobody saw the contact begin: shear that was there then does not show
+    double borne_n_;  // the force that bears it; what comes to it counts by half, as the load grows, too
     std::deque<Seen> past_;
     double touched_s_, contact_s_, calm_from_s_, dropped_s_;
     double held_n_, wanted_n_, level_n_, newtons_, steady_from_s_;

@@ -173,9 +173,15 @@ def test_a_contact_whose_beginning_was_not_seen_is_not_eased(pause_s: float, bet
     begin_s = 3.0 + pause_s
     messages = [grip(begin_s + k / 100, shear=0.01, state="unknown") for k in range(200)]
     messages += [grip(begin_s + 2 + k / 100, shear=0.01, state=between) for k in range(200)]
-    assert min(played(controller, messages)) >= held_n
+    assert set(played(controller, messages)[100:]) == {controller.command_n}
+    assert held_n * grip_controller.BLIND <= controller.command_n < 1.1 * held_n * grip_controller.BLIND
+    held_n = controller.command_n
+    # Shear that comes is borne beside what was there.
+    grown = played(controller, [grip(begin_s + 4 + k / 100, shear=1.0, state="unknown") for k in range(9)])
+    assert grown[-1] > held_n + 6.0 / 4.0 * 1.0 / 0.6
+    held_n = controller.command_n
     # Its zero is known now: what is borne shows, and the grip may be eased to it after a while.
-    known = played(controller, [grip(begin_s + 4 + k / 100, shear=1.0) for k in range(400)])
+    known = played(controller, [grip(begin_s + 5 + k / 100, shear=1.0) for k in range(400)])
     assert known[:90] == [held_n] * 90
     assert known[-1] < held_n
 

@@ -46,7 +46,8 @@ _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 SAME_S = 2.0  # longest pause of contacts after which the object may still be the same: gaps end contacts
-BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
+# Times the grip that was wanted last, while tactile data are stale, or where a beginning was not seen.
+BLIND = 1.3
 
 
 class _Seen(NamedTuple):
@@ -105,6 +106,9 @@ class GripController:
         self._slid = math.inf  # shear over load at the last slip
         self._slides = False
         self._unseen = False  # nobody saw the contact begin: shear that was there then does not show
+        self._borne_n = (
+            0.0  # the force that bears it; what comes to it counts by half, as the load grows, too
+        )
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
@@ -133,15 +137,16 @@ class GripController:
             return self.command_n
         was_unseen, state = self._unseen, grip["state"]
         self._unseen = state == "unknown" or (was_unseen and state == "partial")
-        if was_unseen and not self._unseen:
+        if self._unseen != was_unseen:
             self._past.clear()  # its shear had another zero
+            self._borne_n = BLIND * self.command_n if self._unseen else 0.0
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
         self._bound_friction(grip, now, ratio, step_s)
         slides = dropped or ratio > 0
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
-        wanted_n = self._wanted(grip["friction"], now, ahead)
+        wanted_n = self._borne_n + self._wanted(grip["friction"], now, ahead)
         if slides:
             again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
             if state != "gross":  # an object that sways and sticks is not gripped ever harder
