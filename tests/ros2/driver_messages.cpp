@@ -71,6 +71,8 @@ int main()
         print<tactiled::Command, msg::Command>(map);
         if (map.at("topic") == "wrench")
             print_wrench(map.at("data").get<tactiled::Force>(), map.at("calibrated_only"));
+        if (map.at("topic") == "frame")
+            std::cout << frame_of(map.at("data")) << std::endl;
         if (map.at("topic") == "diagnostics")
             print_diagnostics(map);
         if (map.at("topic") == "lost contact") {

@@ -6,13 +6,16 @@ The driver and `tactiled ros2` make the same messages of the same input; every f
 import itertools
 import json
 import os
+import runpy
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 from cpp import HEADERS, ROOT, WARNINGS
@@ -27,6 +30,7 @@ from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
 from tactiled.ros2 import convert
 from tactiled.ros2.bridge import Bridge, BridgeParams
 from tactiled.ros2.definitions import STANDARD
+from tactiled.ros2.names import frame_id, name_of_board
 from tools.interfaces import schemas
 
 FRAME = "tactile_TS_0001"
@@ -133,6 +137,22 @@ def test_wrench_is_that_of_the_bridge(play: Play, valid: bool, calibration: str)
     )
     assert strict == convert.wrench(data, FRAME)
     assert (loose is not None) is (valid and calibration != "none")
+
+
+BOARDS = "TS0001", "TS-0001", "0001", "", "--", "-a--b_", "Tür.3", "左手", "a\x00b"
+
+
+def test_frames_are_those_of_the_bridge(play: Play) -> None:
+    assert play([{"topic": "frame", "data": board} for board in BOARDS]) == [*map(frame_id, BOARDS)]
+
+
+def test_namespaces_of_the_launch_file_are_those_of_the_bridge(monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("", ".actions", ".substitutions"):
+        monkeypatch.setitem(sys.modules, f"launch{module}", MagicMock())
+    for module in ("", ".actions", ".parameter_descriptions"):
+        monkeypatch.setitem(sys.modules, f"launch_ros{module}", MagicMock())
+    launch = runpy.run_path(str(ROOT / "ros2" / "tactiled_driver" / "launch" / "driver.launch.py"))
+    assert [*map(launch["name_of_board"], BOARDS)] == [*map(name_of_board, BOARDS)]
 
 
 STATUS_MAP = message(STATUS)

@@ -11,7 +11,7 @@ def is_namespace(name: str) -> bool:
 
 
 def name_of_board(board: str) -> str:
-    """Return the part of a topic that names a board: letters, digits and single underscores.
+    """Return the name of a board in topics and frames: letters and digits of ASCII, single underscores.
 
     >>> name_of_board("TS-0001"), name_of_board("0001"), name_of_board("")
     ('TS_0001', 'board_0001', 'board')
@@ -26,7 +26,7 @@ def frame_id(board: str) -> str:
     >>> frame_id("TS0001")
     'tactile_TS0001'
     """
-    return "tactile_" + ("".join(c if c.isalnum() else "_" for c in board) or "board")
+    return f"tactile_{name_of_board(board)}"
 
 
 def dds_type(name: str) -> str:

@@ -2,10 +2,10 @@
 // Pure: no node, no clock. own_messages.hpp has the messages of tactiled_msgs.
 #pragma once
 
-#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <geometry_msgs/msg/wrench_stamped.hpp>
 #include <limits>
@@ -18,15 +18,24 @@ namespace tactiled_driver {
 
 constexpr double FRESH_S = 0.5;  // five periods of the status, as in the client
 
-// Frame of the array of a board: tactile_TS0001.
-inline std::string frame_of(const std::string& board)
+// Name of a board in topics and frames, by the rule of tactiled.ros2.names: TS_0001 for TS-0001.
+inline std::string name_of(const std::string& board)
 {
-    std::string frame = "tactile_" + board;
-    for (char& c : frame)
-        if (!std::isalnum(static_cast<unsigned char>(c)))
-            c = '_';
-    return frame;
+    const auto is_one_of = [](char c, const char* characters) { return c != 0 && std::strchr(characters, c); };
+    constexpr const char* LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz";
+    std::string name = "_";
+    for (const char c : board)
+        if (is_one_of(c, LETTERS) || is_one_of(c, "0123456789"))
+            name += c;
+        else if (name.back() != '_')
+            name += '_';
+    if (name.back() == '_')
+        name.pop_back();
+    return name.size() > 1 && is_one_of(name[1], LETTERS) ? name.substr(1) : "board" + name;
 }
+
+// Frame of the array of a board.
+inline std::string frame_of(const std::string& board) { return "tactile_" + name_of(board); }
 
 // True for a force in newtons that may be acted on. A nominal one, of published sensitivities, counts only where
 // `calibrated_only` is false: standard messages cannot say that a force is nominal.
