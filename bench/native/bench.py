@@ -78,7 +78,7 @@ class NativeCost:
     """Processor time."""
     allocations: float
     of_msgpack: float
-    """Allocations of msgpack's parser, for one walk and two times unpacking."""
+    """Allocations of msgpack's parser, for one walk and one unpacking."""
 
 
 def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:

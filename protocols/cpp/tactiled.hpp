@@ -45,14 +45,11 @@ public:
     // interrupted. The item is valid until the next call.
     const Item* next(double until_s = INF)
     {
-        pollfd waits[] = {{events_fd_, POLLIN, 0}, {requests_fd_, POLLIN, 0}};
         for (;;) {
             if (const Item* item = read())
                 return item;
-            if (monotonic_s() >= until_s || !detail::wait(waits, std::min(until_s, deadline_s())))
+            if (monotonic_s() >= until_s || !wait(std::min(until_s, deadline_s())))
                 return nullptr;
-            may_receive_ = waits[0].revents != 0;
-            may_have_reply_ = may_have_reply_ || waits[1].revents != 0;
         }
     }
 
@@ -104,7 +101,8 @@ private:
             if (may_have_reply_)
                 take_replies();
             may_receive_ = may_receive_ && receive();
-            inbox_.tick(monotonic_s(), items_);
+            if (items_.empty())  // a message that has come is not delayed further
+                inbox_.tick(monotonic_s(), items_);
             // While ZeroMQ sends, or tries to, it takes note of replies that have come, and signals them no
             // more.
             may_have_reply_ = !inbox_.requests().unsent().empty();
@@ -122,10 +120,29 @@ private:
         }
     }
 
+    // Wait for something to read, until an instant at most; false where a signal interrupted.
+    bool wait(double until_s)
+    {
+        const double wait_s = until_s - monotonic_s();
+        // Without a request, the socket waits: a system call less between a message and its reader.
+        if (wait_s >= 1e-3 && !inbox_.requests().is_waiting()) {
+            const int wait_ms = static_cast<int>(1e3 * std::min(wait_s, detail::LONGEST_WAIT_S));
+            events_.set(zmq::sockopt::rcvtimeo, wait_ms);
+            has_part_ = may_receive_ = zmq_msg_recv(parts_[0].handle(), events_.handle(), 0) >= 0;
+            return has_part_ || zmq_errno() == EAGAIN;
+        }
+        pollfd waits[] = {{events_fd_, POLLIN, 0}, {requests_fd_, POLLIN, 0}};
+        if (!detail::wait(waits, until_s))
+            return false;
+        may_receive_ = waits[0].revents != 0;
+        may_have_reply_ = may_have_reply_ || waits[1].revents != 0;
+        return true;
+    }
+
     // Read at most one message.
     bool receive()
     {
-        if (!detail::take(events_, parts_[0]))
+        if (!std::exchange(has_part_, false) && !detail::take(events_, parts_[0]))
             return false;
         std::size_t count = 1;
         for (bool more = parts_[0].more(); more; ++count)
@@ -163,6 +180,7 @@ private:
     int events_fd_ = -1, requests_fd_ = -1;
     // A descriptor is signalled once; from then on, a socket is read until it has nothing more.
     bool may_receive_ = true, may_have_reply_ = true;
+    bool has_part_ = false;    // the first part was taken
     zmq::message_t parts_[3];  // topic, payload, and what should not be there
     Inbox inbox_;
     Items items_;

@@ -66,6 +66,9 @@ public:
     const std::vector<Request>& unsent() const { return unsent_; }
     void sent() { unsent_.erase(unsent_.begin()); }
 
+    // True while a reply is needed.
+    bool is_waiting() const { return deadline_s() < INF || !unsent_.empty(); }
+
     // Time of the next `tick`, monotonic seconds.
     double deadline_s() const
     {
@@ -403,7 +406,10 @@ private:
                      double now_s, double unix_s, Message& out)
     {
         std::string reason;
-        if (map.type != msgpack::type::MAP || !detail::read_head(topic, map, now_s, unix_s, out, reason))
+        detail::Head head;
+        detail::Checker checker(head, evidence_key(topic));
+        if (map.type != msgpack::type::MAP || !detail::check(packed, checker) ||
+            !detail::read_head(topic, head, now_s, unix_s, out, reason))
             return false;
         out.payload = packed;
         return true;

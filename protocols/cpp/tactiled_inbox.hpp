@@ -74,6 +74,8 @@ public:
             return;
         catch_up_.watch_run(message_, out);
         if (message_.topic == "status") {
+            zone_.clear();
+            map_ = detail::unpack(zone_, frames.payload);
             watch_age(now_s, unix_s, out);
             expect_sent(now_s, out);
             catch_up_.status_read(message_.board, out);
@@ -133,8 +135,8 @@ private:
         const std::string_view topic = path.substr(last + 1);
         if (topic != "status" && !wanted_.has_topic(topic))
             return true;
-        if (!detail::parse_map(frames.payload, topic, zone_, map_, reason_) ||
-            !detail::read_head(topic, map_, now_s, unix_s, message_, reason_))
+        if (!detail::check_map(frames.payload, topic, head_, reason_) ||
+            !detail::read_head(topic, head_, now_s, unix_s, message_, reason_))
             return false;
         // Until the daemon has a hello of its board, its status has no board name.
         is_message_ = wanted_.has_board(message_.board) || (message_.board.empty() && topic == "status");
@@ -228,8 +230,9 @@ private:
     double least_lead_s_ = 0.0, lead_at_s_;
     std::uint64_t malformed_ = 0;
     // Of the message that is read now; members, so that their memory is used again.
+    detail::Head head_;
     msgpack::zone zone_;
-    msgpack::object map_;
+    msgpack::object map_;  // of a status or a reply
     Message message_;
     bool is_message_ = false;
     std::string reason_;

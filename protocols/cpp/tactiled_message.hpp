@@ -56,27 +56,80 @@ inline bool is_utf8(std::string_view text)
     return true;
 }
 
-// Refuses what Python's msgpack refuses; reads without allocating, whatever sizes the bytes claim.
+// Fields that every message has, as they were packed; NIL where one is missing, or of a type that none of them
+// has. A text refers to the payload.
+struct Head {
+    msgpack::object v, seq, timestamp, board, run;
+    msgpack::object evidence;  // NIL also where the timestamp is that of the evidence
+};
+
+// Refuses what Python's msgpack refuses, and takes note of the head; reads without allocating, whatever sizes
+// the bytes claim. A message is unpacked where all of its fields are needed, and not here: after a wait, code
+// and data are seldom in the caches, so that each further pass over the bytes delays the message.
 class Checker : public msgpack::null_visitor {
 public:
-    bool visit_nil() { return !in_key_; }
-    bool visit_boolean(bool) { return !in_key_; }
-    bool visit_positive_integer(std::uint64_t) { return !in_key_; }
-    bool visit_negative_integer(std::int64_t) { return !in_key_; }
-    bool visit_float32(float) { return !in_key_; }
-    bool visit_float64(double) { return !in_key_; }
-    bool visit_str(const char* text, std::uint32_t size) { return is_utf8({text, size}); }
-    bool visit_ext(const char* data, std::uint32_t size) { return !in_key_ && is_ext({data, size}); }
+    // `evidence_key`: name of the field for `Head::evidence`.
+    Checker(Head& head, std::string_view evidence_key) : head_(head), evidence_key_(evidence_key) {}
+
+    bool is_map_with_texts() const { return is_map_ && !has_other_key_; }
+
+    bool visit_nil() { return note({}); }
+    bool visit_boolean(bool) { return note({}); }
+    bool visit_positive_integer(std::uint64_t value) { return note(msgpack::object(value)); }
+    bool visit_negative_integer(std::int64_t) { return note({}); }
+    bool visit_float32(float value) { return note(msgpack::object(value)); }
+    bool visit_float64(double value) { return note(msgpack::object(value)); }
+    bool visit_bin(const char*, std::uint32_t)
+    {
+        if (!in_key_)
+            return note({});
+        has_other_key_ = has_other_key_ || depth_ == 1;
+        field_ = nullptr;
+        return true;
+    }
+    bool visit_ext(const char* data, std::uint32_t size) { return note({}) && is_ext({data, size}); }
+    bool visit_str(const char* text, std::uint32_t size)
+    {
+        if (in_key_ && depth_ == 1)
+            field_ = field_of({text, size});
+        msgpack::object value;
+        value.type = msgpack::type::STR;
+        value.via.str = {size, text};
+        return is_utf8({text, size}) && (in_key_ || note(value));
+    }
     bool start_array(std::uint32_t) { return begin(); }
-    bool start_map(std::uint32_t) { return begin(); }
+    bool start_map(std::uint32_t)
+    {
+        is_map_ = is_map_ || depth_ == 0;
+        return begin();
+    }
     bool end_array() { return end(); }
     bool end_map() { return end(); }
     bool start_map_key() { return in_key_ = true; }
     bool end_map_key() { return !(in_key_ = false); }
 
 private:
-    bool begin() { return !in_key_ && ++depth_ <= MOST_NESTED; }
+    bool begin() { return note({}) && ++depth_ <= MOST_NESTED; }
     bool end() { return depth_-- > 0; }
+
+    // Of a repeated key the last value counts. False for a key, which must be a text or bytes.
+    bool note(const msgpack::object& value)
+    {
+        if (field_ && depth_ == 1)
+            *field_ = value;
+        return !in_key_;
+    }
+
+    msgpack::object* field_of(std::string_view key)
+    {
+        return key == "v"             ? &head_.v
+               : key == "seq"         ? &head_.seq
+               : key == "timestamp"   ? &head_.timestamp
+               : key == "board"       ? &head_.board
+               : key == "run"         ? &head_.run
+               : key == evidence_key_ ? &head_.evidence
+                                      : nullptr;
+    }
 
     // Type and data; a timestamp, which has type -1, must be one.
     static bool is_ext(std::string_view ext)
@@ -91,7 +144,10 @@ private:
         return (ext.size() == 9 ? nanoseconds >> 2 : nanoseconds) < 1'000'000'000;
     }
 
-    bool in_key_ = false;
+    Head& head_;
+    std::string_view evidence_key_;
+    msgpack::object* field_ = nullptr;  // of the newest key
+    bool in_key_ = false, is_map_ = false, has_other_key_ = false;
     std::size_t depth_ = 0;
 };
 
@@ -166,31 +222,43 @@ inline msgpack::object unpack(msgpack::zone& zone, std::string_view payload)
     return msgpack::unpack(zone, payload.data(), payload.size(), refer);
 }
 
-// Parse a map with string keys and a supported version, which refers to the payload; false with the reason.
-inline bool parse_map(std::string_view payload, std::string_view name, msgpack::zone& zone,
-                      msgpack::object& map, std::string& reason)
+// Check that the payload is one value.
+inline bool check(std::string_view payload, Checker& checker)
+{
+    std::size_t end = 0;
+    return !payload.empty() && msgpack::parse(payload.data(), payload.size(), end, checker) &&
+           end == payload.size();
+}
+
+// Check a map with string keys and a supported version, and read its head; false with the reason.
+inline bool check_map(std::string_view payload, std::string_view name, Head& head, std::string& reason)
 {
     const auto refuse = [&](const std::string& words) {
         reason.assign(name).append(": ").append(words);
         return false;
     };
-    Checker checker;
-    std::size_t end = 0;
-    if (payload.empty() || !msgpack::parse(payload.data(), payload.size(), end, checker) ||
-        end != payload.size())
+    head = Head();
+    Checker checker(head, evidence_key(name));
+    if (!check(payload, checker))
         return refuse("not msgpack");
-    zone.clear();
-    map = unpack(zone, payload);
-    bool is_map = map.type == msgpack::type::MAP;
-    for (std::uint32_t n = 0; is_map && n < map.via.map.size; ++n)
-        is_map = is_text(map.via.map.ptr[n].key);
-    if (!is_map)
+    if (!checker.is_map_with_texts())
         return refuse("not a map with string keys");
-    const msgpack::object* version = find(map, "v");
-    if (!is_count(version) || version->via.u64 != MESSAGE_VERSION) {
-        const std::string found = is_count(version) ? std::to_string(version->via.u64) : "unknown";
+    if (!is_count(&head.v) || head.v.via.u64 != MESSAGE_VERSION) {
+        const std::string found = is_count(&head.v) ? std::to_string(head.v.via.u64) : "unknown";
         return refuse("version " + found + ", this client reads " + std::to_string(MESSAGE_VERSION));
     }
+    return true;
+}
+
+// The same, and unpack the map, which refers to the payload.
+inline bool parse_map(std::string_view payload, std::string_view name, msgpack::zone& zone,
+                      msgpack::object& map, std::string& reason)
+{
+    Head head;
+    if (!check_map(payload, name, head, reason))
+        return false;
+    zone.clear();
+    map = unpack(zone, payload);
     return true;
 }
 
@@ -289,30 +357,31 @@ struct Message {
 
 namespace detail {
 
-// Fill the fields of a message, except its payload, from a map; false with the reason.
-inline bool read_head(std::string_view topic, const msgpack::object& map, double now_s, double unix_s,
-                      Message& out, std::string& reason)
+// Fill the fields of a message, except its payload, from its head; false with the reason.
+inline bool read_head(std::string_view topic, const Head& head, double now_s, double unix_s, Message& out,
+                      std::string& reason)
 {
     const auto refuse = [&](std::string_view words) {
         reason.assign(topic).append(": ").append(words);
         return false;
     };
-    const msgpack::object *seq = find(map, "seq"), *stamp = find(map, "timestamp");
-    const msgpack::object *board = find(map, "board"), *run = find(map, "run");
-    if (!is_count(seq) || !is_number(stamp) || !std::isfinite(stamp->via.f64))
+    const auto is_instant = [](const msgpack::object& value) {
+        return is_number(&value) && std::isfinite(value.via.f64);
+    };
+    if (!is_count(&head.seq) || !is_instant(head.timestamp))
         return refuse("seq or timestamp is missing or no number");
-    if (!board || !is_text(*board) || !is_count(run))
+    if (!is_text(head.board) || !is_count(&head.run))
         return refuse("board or run is missing, or not what it should be");
-    const char* key = evidence_key(topic);
-    const msgpack::object* evidence = find(map, key);
-    if (!is_number(evidence) || !std::isfinite(evidence->via.f64))
+    const std::string_view key = evidence_key(topic);
+    const msgpack::object& evidence = key == "timestamp" ? head.timestamp : head.evidence;
+    if (!is_instant(evidence))
         return refuse(std::string(key) + " is missing or no number");
     out.topic = topic;
-    out.board = text_of(*board);
-    out.run = static_cast<std::int64_t>(run->via.u64);
-    out.seq = seq->via.u64;
-    out.timestamp = stamp->via.f64;
-    out.evidence = evidence->via.f64;
+    out.board = text_of(head.board);
+    out.run = static_cast<std::int64_t>(head.run.via.u64);
+    out.seq = head.seq.via.u64;
+    out.timestamp = head.timestamp.via.f64;
+    out.evidence = evidence.via.f64;
     out.received_s = now_s;
     out.received_unix_s = unix_s;
     return true;

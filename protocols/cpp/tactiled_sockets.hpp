@@ -84,6 +84,7 @@ constexpr int RECEIVE_HIGH_WATER = 2000;  // as the publisher's: a pause of some
 constexpr int REQUEST_HIGH_WATER = 64;
 constexpr int RECONNECT_MS = 30;  // requests wait for a daemon that restarts; libzmq's default is 100
 constexpr std::int64_t LARGEST_BYTES = 1 << 20;  // the largest message has some 40 kB (4096 channels)
+constexpr double LONGEST_WAIT_S = 1e6;  // after that, the caller waits again
 constexpr double RETRY_S = 0.01;  // interval of sending a request while the socket is not connected
 
 inline std::string random_hex(std::size_t digits)
@@ -214,8 +215,7 @@ inline int fd_of(zmq::socket_t& socket) { return socket.handle() ? socket.get(zm
 // interrupted. Once all was read from a socket, this is enough, and takes less time than the poll of ZeroMQ.
 template <std::size_t N> bool wait(pollfd (&waits)[N], double until_s)
 {
-    const double wait_s =
-        std::min(std::max(until_s - monotonic_s(), 0.0), 1e6);  // after that, it is called again
+    const double wait_s = std::min(std::max(until_s - monotonic_s(), 0.0), LONGEST_WAIT_S);
     timespec left{};
     left.tv_sec = static_cast<time_t>(wait_s);
     left.tv_nsec = static_cast<long>(1e9 * (wait_s - std::floor(wait_s)));
