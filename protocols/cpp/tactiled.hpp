@@ -316,9 +316,10 @@ private:
     bool is_reply()
     {
         std::string fault;
-        msgpack::object map;
-        if (!detail::parse_map(detail::view(part_), "reply", zone_, map, fault))
+        detail::Head head;
+        if (!detail::check_map(detail::view(part_), "reply", head, fault))
             return false;
+        const msgpack::object map = detail::unpack(zone_, detail::view(part_));
         const msgpack::object *id = detail::find(map, "id"), *reason = detail::find(map, "reason");
         if (!id || !detail::is_text(*id) || detail::text_of(*id) != id_)
             return false;

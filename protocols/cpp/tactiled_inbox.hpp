@@ -74,7 +74,6 @@ public:
             return;
         catch_up_.watch_run(message_, out);
         if (message_.topic == "status") {
-            zone_.clear();
             map_ = detail::unpack(zone_, frames.payload);
             watch_age(now_s, unix_s, out);
             expect_sent(now_s, out);
@@ -89,8 +88,8 @@ public:
     // Add the items from a reply of the daemon, whatever it contains.
     void answer(std::string_view payload, double now_s, double unix_s, Items& out)
     {
-        if (detail::parse_map(payload, "reply", zone_, map_, reason_))
-            catch_up_.answer(map_, payload, now_s, unix_s, out);
+        if (detail::check_map(payload, "reply", head_, reason_))
+            catch_up_.answer(detail::unpack(zone_, payload), payload, now_s, unix_s, out);
         else
             report_malformed(out);
     }
@@ -232,7 +231,7 @@ private:
     // Of the message that is read now; members, so that their memory is used again.
     detail::Head head_;
     msgpack::zone zone_;
-    msgpack::object map_;  // of a status or a reply
+    msgpack::object map_;  // of a status
     Message message_;
     bool is_message_ = false;
     std::string reason_;

@@ -56,19 +56,16 @@ inline bool is_utf8(std::string_view text)
     return true;
 }
 
-// Fields that every message has, as they were packed; NIL where one is missing, or of a type that none of them
-// has. A text refers to the payload.
+// Fields that every message has; NIL where one is missing or cannot be what it should. Texts refer to the payload.
 struct Head {
     msgpack::object v, seq, timestamp, board, run;
-    msgpack::object evidence;  // NIL also where the timestamp is that of the evidence
+    msgpack::object evidence;  // NIL where the timestamp is that of the evidence, too
 };
 
-// Refuses what Python's msgpack refuses, and takes note of the head; reads without allocating, whatever sizes
-// the bytes claim. A message is unpacked where all of its fields are needed, and not here: after a wait, code
-// and data are seldom in the caches, so that each further pass over the bytes delays the message.
+// Refuses what Python's msgpack refuses, and takes note of the head, without allocating, whatever sizes the bytes
+// claim. After a wait, caches are cold: each further pass over the bytes would delay the message.
 class Checker : public msgpack::null_visitor {
 public:
-    // `evidence_key`: name of the field for `Head::evidence`.
     Checker(Head& head, std::string_view evidence_key) : head_(head), evidence_key_(evidence_key) {}
 
     bool is_map_with_texts() const { return is_map_ && !has_other_key_; }
@@ -79,30 +76,23 @@ public:
     bool visit_negative_integer(std::int64_t) { return note({}); }
     bool visit_float32(float value) { return note(msgpack::object(value)); }
     bool visit_float64(double value) { return note(msgpack::object(value)); }
+    bool visit_ext(const char* data, std::uint32_t size) { return note({}) && is_ext({data, size}); }
     bool visit_bin(const char*, std::uint32_t)
     {
-        if (!in_key_)
-            return note({});
-        has_other_key_ = has_other_key_ || depth_ == 1;
-        field_ = nullptr;
-        return true;
+        has_other_key_ = has_other_key_ || (in_key_ && depth_ == 1);
+        return note({}) || in_key_;
     }
-    bool visit_ext(const char* data, std::uint32_t size) { return note({}) && is_ext({data, size}); }
     bool visit_str(const char* text, std::uint32_t size)
     {
-        if (in_key_ && depth_ == 1)
-            field_ = field_of({text, size});
         msgpack::object value;
         value.type = msgpack::type::STR;
         value.via.str = {size, text};
-        return is_utf8({text, size}) && (in_key_ || note(value));
+        if (in_key_ && depth_ == 1)
+            field_ = field_of({text, size});
+        return (in_key_ || note(value)) && is_utf8({text, size});
     }
     bool start_array(std::uint32_t) { return begin(); }
-    bool start_map(std::uint32_t)
-    {
-        is_map_ = is_map_ || depth_ == 0;
-        return begin();
-    }
+    bool start_map(std::uint32_t) { return begin() && ((is_map_ |= depth_ == 1), true); }
     bool end_array() { return end(); }
     bool end_map() { return end(); }
     bool start_map_key() { return in_key_ = true; }
@@ -112,10 +102,10 @@ private:
     bool begin() { return note({}) && ++depth_ <= MOST_NESTED; }
     bool end() { return depth_-- > 0; }
 
-    // Of a repeated key the last value counts. False for a key, which must be a text or bytes.
+    // Of a repeated key the last value counts. False for a key.
     bool note(const msgpack::object& value)
     {
-        if (field_ && depth_ == 1)
+        if (field_ && depth_ == 1 && !in_key_)
             *field_ = value;
         return !in_key_;
     }
@@ -216,8 +206,10 @@ inline std::string_view behind_head(std::string_view values)
     return values.substr(head == '\xDC' || head == '\xDE' ? 3 : head == '\xDD' || head == '\xDF' ? 5 : 1);
 }
 
+// Unpack a checked payload, which the object refers to, as it does to the zone.
 inline msgpack::object unpack(msgpack::zone& zone, std::string_view payload)
 {
+    zone.clear();
     const auto refer = [](msgpack::type::object_type, std::size_t, void*) { return true; };
     return msgpack::unpack(zone, payload.data(), payload.size(), refer);
 }
@@ -247,18 +239,6 @@ inline bool check_map(std::string_view payload, std::string_view name, Head& hea
         const std::string found = is_count(&head.v) ? std::to_string(head.v.via.u64) : "unknown";
         return refuse("version " + found + ", this client reads " + std::to_string(MESSAGE_VERSION));
     }
-    return true;
-}
-
-// The same, and unpack the map, which refers to the payload.
-inline bool parse_map(std::string_view payload, std::string_view name, msgpack::zone& zone,
-                      msgpack::object& map, std::string& reason)
-{
-    Head head;
-    if (!check_map(payload, name, head, reason))
-        return false;
-    zone.clear();
-    map = unpack(zone, payload);
     return true;
 }
 
@@ -345,7 +325,6 @@ struct Message {
         if (topic != T::TOPIC)
             return false;
         thread_local msgpack::zone zone;
-        zone.clear();
         try {
             from_json(detail::MapView(detail::unpack(zone, payload)), out);
         } catch (const std::exception&) {  // std::out_of_range, msgpack::type_error

@@ -2,10 +2,10 @@
 // Pure: no node, no clock. own_messages.hpp has the messages of tactiled_msgs.
 #pragma once
 
+#include <cctype>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
-#include <cstring>
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <geometry_msgs/msg/wrench_stamped.hpp>
 #include <limits>
@@ -21,17 +21,13 @@ constexpr double FRESH_S = 0.5;  // five periods of the status, as in the client
 // Name of a board in topics and frames, by the rule of tactiled.ros2.names: TS_0001 for TS-0001.
 inline std::string name_of(const std::string& board)
 {
-    const auto is_one_of = [](char c, const char* characters) { return c != 0 && std::strchr(characters, c); };
-    constexpr const char* LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz";
     std::string name = "_";
-    for (const char c : board)
-        if (is_one_of(c, LETTERS) || is_one_of(c, "0123456789"))
-            name += c;
-        else if (name.back() != '_')
-            name += '_';
+    for (const unsigned char c : board)
+        if (std::isalnum(c) || name.back() != '_')
+            name += std::isalnum(c) ? static_cast<char>(c) : '_';
     if (name.back() == '_')
         name.pop_back();
-    return name.size() > 1 && is_one_of(name[1], LETTERS) ? name.substr(1) : "board" + name;
+    return name.size() > 1 && std::isalpha(name[1]) ? name.substr(1) : "board" + name;
 }
 
 // Frame of the array of a board.
