@@ -13,10 +13,10 @@ from aiohttp import web
 
 from tactiled.web.feed import Frames
 
-TURNS_PER_S = 20.0  # a verdict waits 25 ms on average: most of what the server costs is to be woken
-TURNS_PER_FRAME = 2  # of a turn without a verdict: a page that draws faster is no easier to read
-_LIVE_FRAMES = 2  # 200 ms: what waits longer would be shown as stale
-_IN_FLIGHT = 3  # frames of 300 ms, the way to a browser and back
+TURNS_PER_S = 25.0  # a verdict waits 20 ms on average: most of what the server costs is to be woken
+TURNS_PER_FRAME = 3  # of a turn without a verdict: a page that draws faster is no easier to read
+_LIVE_FRAMES = 2  # 240 ms: what waits longer would be shown as stale
+_IN_FLIGHT = 3  # frames of 360 ms, the way to a browser and back
 _KEPT_FRAMES = 1000  # events of minutes; a browser that is further behind connects again and gets the history
 _STUCK_S = 10.0  # a laptop that was closed does not read; its connection must not stay for ever
 

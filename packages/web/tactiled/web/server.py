@@ -207,7 +207,7 @@ class PageServer:
             await runner.cleanup()
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
-        """Send frames to all browsers: in every second turn, and in the others where a verdict has come.
+        """Send frames to all browsers: in every third turn, and in the others where a verdict has come.
 
         What has arrived is read at once: waiting for single messages in asyncio takes more processor time.
         """

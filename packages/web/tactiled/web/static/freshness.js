@@ -1,7 +1,7 @@
 // The lamp: how old the newest data are, by the instants in the messages and never by arrival at the page alone.
 
 const SILENT_S = 0.3;      // three statuses missing; protocols/events.md: after this, trust nothing
-const LATE_S = 0.2;        // 100 ms (samples.late_after_s) + one frame of the server
+const LATE_S = 0.22;       // 100 ms (samples.late_after_s) + one frame of the server
 const PERIODS = 3;         // slow boards: so many scan periods are not late
 
 const SETTLED_S = 1;       // so long without a worse state before a better one is shown

@@ -11,7 +11,7 @@ import { SkinPicture } from "./skin.js";
 import { ageWords, bytesWords, clockWords, eventWords, fixed, placesOf, pm, REFUSALS, sig } from "./words.js";
 import { percent, verdict, way } from "./verdict.js";
 
-const PICTURE_S = 0.08;   // skin: with each frame of the server, which come every 100 ms and now and then sooner
+const PICTURE_S = 0.08;   // skin: with each frame of the server, which come every 120 ms and now and then sooner
 const NUMBERS_S = 0.18;   // numbers and timeline, with every second frame: faster cannot be read, and is two pixels of a minute
 const SLOW_S = 0.5;       // scope, labels
 const LISTED = 60;
@@ -152,7 +152,7 @@ export class BoardPanel {
       ["load", now === null ? NONE : limit + words(now.load, now.loadSd)],
       ["shear", now === null || now.shear === null ? NONE : words(now.shear, now.shearSd)],
       ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${fixed(now.deg, 0)}°`],
-      now === null || force !== null ? ["centre", centre] : ["use", "tactiled calibrate"],
+      now === null || force !== null ? ["centre", centre] : ["to do", "run: tactiled calibrate"],
     ]);
     put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated" : `Calibrated: ${force.calibration}${force.valid ? "" : ", not valid"}`);
     this.at.calibration.dataset.known = now === null || force !== null;
@@ -164,7 +164,7 @@ export class BoardPanel {
     drawBar(at.bar, held);
     facts(at.margin, [
       ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
-      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not in newtons"],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "needs readings in N"],
     ]);
   }
 
