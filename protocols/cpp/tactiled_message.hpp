@@ -73,7 +73,10 @@ public:
     bool visit_nil() { return note({}); }
     bool visit_boolean(bool) { return note({}); }
     bool visit_positive_integer(std::uint64_t value) { return note(msgpack::object(value)); }
-    bool visit_negative_integer(std::int64_t) { return note({}); }
+    bool visit_negative_integer(std::int64_t value)  // a signed form, which may hold a number above zero
+    {
+        return value < 0 ? note({}) : visit_positive_integer(static_cast<std::uint64_t>(value));
+    }
     bool visit_float32(float value) { return note(msgpack::object(value)); }
     bool visit_float64(double value) { return note(msgpack::object(value)); }
     bool visit_ext(const char* data, std::uint32_t size) { return note({}) && is_ext({data, size}); }

@@ -36,7 +36,7 @@ _READ_VALUES = 1 << 16  # of an npz at once: zlib holds twice what it is asked f
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
-_TIME_NAMES = "time", "timestamp", "stamp", "t"
+_TIME_NAMES = "time", "t", "timestamp", "stamp"
 _TIME_ADVICE = (
     "times named time, t, timestamp or stamp need a unit, as in stamp_ms or by --time-unit, and a log "
     "without times needs --rate"
@@ -119,13 +119,19 @@ def _check_size(path: Path, n_bytes: int) -> None:
         raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
 
 
-def _time_name(names: Sequence[str], given: TimeUnit | None) -> tuple[str, TimeUnit] | None:
-    """Return the name of the times among some, and their unit: the one given, else that of the name."""
+def _time_name(names: Sequence[str], options: TableOptions) -> tuple[str, TimeUnit] | None:
+    """Return the name of the times among some, and their unit; None without times.
+
+    Without a unit in the options, a name that has its unit is that of times, unless a rate is given: such a
+    log need not have any.
+    """
+    given = options.time_unit
     known = [("time_s", given or "s")]
-    for name in _TIME_NAMES:
-        known += [(f"{name}_{unit}", given or unit) for unit in SECONDS]
-        if given:
-            known.append((name, given))
+    if given:
+        known += [(f"time_{given}", given), *((name, given) for name in _TIME_NAMES)]
+        known += [(f"{name}_{given}", given) for name in _TIME_NAMES]
+    elif options.rate_hz is None:
+        known += [(f"{name}_{unit}", unit) for name in _TIME_NAMES for unit in SECONDS]
     return next((one for one in known if one[0] in names), None)
 
 
@@ -177,7 +183,7 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
 
 def _time_column(path: Path, header: list[str], options: TableOptions) -> tuple[int | None, TimeUnit]:
     """Return the number of the column of times, and their unit; None where the rate stands for it."""
-    if named := _time_name(header, options.time_unit):
+    if named := _time_name(header, options):
         return header.index(named[0]), named[1]
     if options.rate_hz is not None:
         return None, "s"
@@ -254,8 +260,8 @@ def _from_archive(
     path: Path, archive: zipfile.ZipFile, options: TableOptions
 ) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
     names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-    time_name, unit = _time_name(names, options.time_unit) or (None, "s")
-    others = [name for name in names if not _time_name([name], "s") and name != "valid"]
+    time_name, unit = _time_name(names, options) or (None, "s")
+    others = [name for name in names if name not in (*_TIME_NAMES, "time_s", time_name, "valid")]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     lacks_time = time_name is None and options.rate_hz is None
     if lacks_time or name is None:

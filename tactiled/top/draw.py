@@ -103,7 +103,8 @@ def _sentence(board: BoardView, now_unix_s: float, width: int) -> list[Text]:
     if lamp.state in ("FRESH", "LATE"):
         said = verdict(board, now_unix_s)
         is_calm = said.level in ("free", "good")  # else a warning on the host can wait
-        words = [said.sentence, lamp.words if is_calm and lamp.words else said.sure]
+        second = lamp.words if is_calm and lamp.words else said.sure
+        words = [said.sentence, *wrap(second, max(20, width - 14))][:_SENTENCE_LINES]
         style = _LEVELS.get(said.level, _CALM if lamp.state == "FRESH" else _LATE)
     else:
         words, style = wrap(lamp.words, max(20, width - 14))[:_SENTENCE_LINES], _OLD

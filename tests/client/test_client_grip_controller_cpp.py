@@ -73,15 +73,16 @@ def messages(seed: int) -> Iterator[dict[str, Any]]:
     shear = np.exp(np.cumsum(steps).clip(-3.0, 0.7)) * (np.arange(800) > 70)
     friction = np.exp(rng.normal(-0.3, 0.2) + np.cumsum(rng.normal(0.0, 0.002, 800)))
     angle, at_s = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0, 1e9))
-    state = "sticking"
+    state, readings = "sticking", 0.7
     for k in range(800):
+        readings = float(rng.choice([0.7, 1.6])) if rng.random() < 0.02 else readings
         if state != "unknown" or rng.random() < 0.02:
             states = ["sticking", "partial", "gross", "none", "unknown"]
             state = str(rng.choice(states, p=[0.984, 0.01, 0.004, 0.001, 0.001]))
         at_s += float(rng.choice([0.01, 0.08, 0.5, -30.0], p=[0.988, 0.008, 0.002, 0.002]))
         message = {
             "timestamp": at_s,
-            "load": float(rng.normal(0.7, 0.002)) if rng.random() > 0.005 else 0.0,
+            "load": float(rng.normal(readings, 0.002)) if rng.random() > 0.005 else 0.0,
             "shear_x": float(shear[k]) * math.cos(angle),
             "shear_y": float(shear[k]) * math.sin(angle),
             "friction_low": float(rng.uniform(0.6, 0.9)) * float(friction[k]),

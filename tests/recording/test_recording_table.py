@@ -144,11 +144,21 @@ def test_a_name_may_say_the_unit_of_the_times(name: str, tmp_path: Path) -> None
     time_s, readings = read_table(path)
     assert time_s == pytest.approx([1.0, 1.01])
     assert readings.tolist() == [[1.0, 2.0], [4.0, 5.0]]
-    time_s, _ = read_table(path, TableOptions(time_unit="s"))  # what is given counts
-    assert time_s == pytest.approx([1000.0, 1010.0])
+    with pytest.raises(DataError, match="lacks the column time_s"):  # two units: which is it?
+        read_table(path, TableOptions(time_unit="s"))
+    _, readings = read_table(path, TableOptions(rate_hz=50.0))  # a log without times
+    assert readings.shape == (2, 3)
     arrays: dict[str, Any] = {name: [1000, 1010], "pad": np.ones((2, 4))}
     np.savez(tmp_path / "t.npz", **arrays)
     assert read_table(tmp_path / "t.npz")[0] == pytest.approx([1.0, 1.01])
+
+
+def test_a_name_without_a_unit_comes_before_one_with_another(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_us,t,a\n5,0,1\n6,10,4\n")
+    time_s, readings = read_table(path, TableOptions(time_unit="ms"))
+    assert time_s == pytest.approx([0.0, 0.01])
+    assert readings.shape == (2, 2)
 
 
 def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:

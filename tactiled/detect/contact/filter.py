@@ -589,7 +589,7 @@ class Posterior:
             for k in range(n - 2):
                 self.shown[k] = 0.0
             self.shown[n - 2], self.shown[n - 1] = 1.0 - sliding, sliding
-        self.p_sliding = self.shown[n - 1]
+        self.p_sliding = max(self.cells[n - 1], least_sliding) if is_gross else self.cells[n - 1]
         self.utilisation = low, self._quantile(0.5), self._quantile(0.95)
         share, mean, square = 0.0, 0.0, 0.0
         for k in range(n):

@@ -46,8 +46,10 @@ _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 SAME_S = 2.0  # longest pause of contacts after which the object may still be the same: gaps end contacts
-# Times the grip that was wanted last, while tactile data are stale, or where a beginning was not seen.
+# Times the grip that was wanted last, while tactile data are stale, or in a contact whose beginning nobody
+# saw: its shear does not show, and a grip that tightens makes shear of its zero.
 BLIND = 1.3
+_SEEN = 2.0  # times the load then: the filter measures the zero of its shear anew
 
 
 class _Seen(NamedTuple):
@@ -66,9 +68,7 @@ def _is_usable(grip: Mapping[str, Any], present_n: float) -> bool:
         return False
     if grip["state"] == "none":
         return True
-    return (
-        math.isfinite(grip["friction_low"]) and math.isfinite(grip["friction"]) and grip["friction_low"] > 0
-    )
+    return all(math.isfinite(grip[name]) and grip[name] > 0 for name in ("friction_low", "friction"))
 
 
 class GripController:
@@ -98,6 +98,7 @@ class GripController:
     ) -> None:
         self._target, self._least_n, self._most_n = target, least_n, most_n
         self.command_n = self._limited(start_n)
+        self._wanted_n = 0.0  # by the newest message of a contact that was seen to begin
         self._forget()
 
     def _forget(self) -> None:
@@ -105,16 +106,14 @@ class GripController:
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
         self._slides = False
-        self._unseen = False  # nobody saw the contact begin: shear that was there then does not show
-        self._borne_n = (
-            0.0  # the force that bears it; what comes to it counts by half, as the load grows, too
-        )
+        # Load when a contact was met whose beginning nobody saw, until it has doubled; 0.0 for others.
+        self._unseen_load = 0.0
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
         self._calm_from_s = 0.0
         self._dropped_s = -math.inf
-        self._held_n, self._wanted_n = self.command_n, 0.0
+        self._held_n = self.command_n
         self._level_n = self._newtons = self._steady_from_s = 0.0
 
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
@@ -127,6 +126,7 @@ class GripController:
             # A gap in the scans ends a contact, too, and is not valid: the hand holds what it held.
             if grip["valid"]:
                 self._forget()
+                self._wanted_n = 0.0
             return self.command_n
         if grip["timestamp"] > self._contact_s + SAME_S:
             self._forget()
@@ -135,32 +135,39 @@ class GripController:
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
-        was_unseen, state = self._unseen, grip["state"]
-        self._unseen = state == "unknown" or (was_unseen and state == "partial")
-        if self._unseen != was_unseen:
-            self._past.clear()  # its shear had another zero
-            self._borne_n = BLIND * self.command_n if self._unseen else 0.0
+        state = grip["state"]
+        if state == "unknown" and not self._unseen_load:
+            self._unseen_load = grip["load"]
+            self._past.clear()  # its shear has another zero
+        elif state != "unknown" and grip["load"] > _SEEN * self._unseen_load > 0:
+            self._unseen_load = 0.0
+            self._past.clear()
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
         self._bound_friction(grip, now, ratio, step_s)
-        slides = dropped or ratio > 0
+        # Shear that falls or follows the grip may be that of the zero.
+        slides = state == "gross" if self._unseen_load else dropped or ratio > 0
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
-        wanted_n = self._borne_n + self._wanted(grip["friction"], now, ahead)
+        wanted_n = self._wanted(grip["friction"], now, ahead)
+        if self._unseen_load:  # a part of this shear is of the zero
+            blind_n = BLIND * self._wanted_n
+            wanted_n = min(max(wanted_n, blind_n), _GRASP_MOST * blind_n)
         if slides:
             again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
             if state != "gross":  # an object that sways and sticks is not gripped ever harder
                 again_n = min(again_n, self._newtons * now.shear / (_DENIED * grip["friction_low"]))
             wanted_n = max(wanted_n, again_n)
-        else:
+        elif not self._unseen_load:
             self._held_n = self.command_n
-        if self._unseen or not self._past:
+        if self._unseen_load or not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
         elif slides:
             self._calm_from_s = max(now.at_s + _CALM_AFTER_SLIP_S, self._calm_from_s)
         elif wanted_n > self.command_n or ahead > (1 + _GROWS) * now.shear or now.shear < _LEAST * now.load:
             self._calm_from_s = max(now.at_s + _CALM_S, self._calm_from_s)
-        self._wanted_n = wanted_n
+        if not self._unseen_load:
+            self._wanted_n = wanted_n
         if wanted_n > self.command_n:
             self.command_n = wanted_n
         elif now.at_s > self._calm_from_s:

@@ -23,7 +23,9 @@ def parse_map(payload: bytes, name: str) -> dict[str, Any] | Malformed:
         return Malformed(f"{name}: not a map with string keys")
     version = data.get("v")
     if type(version) is not int or version != MESSAGE_VERSION:
-        return Malformed(f"{name}: version {version!r:.20}, this client reads {MESSAGE_VERSION}")
+        # Words for a map or a list may be as deep as its levels.
+        words = type(version).__name__ if isinstance(version, dict | list) else f"{version!r:.20}"
+        return Malformed(f"{name}: version {words}, this client reads {MESSAGE_VERSION}")
     return data
 
 

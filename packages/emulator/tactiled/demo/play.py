@@ -78,7 +78,9 @@ def run_demo(picture: Path) -> bool:
     seen, cut_short = DemoRecord(), ""
     unix_offset_s = time.time() - time.monotonic()
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-")))
+        # The name of a socket has at most 107 bytes, and TMPDIR may be longer.
+        place = "/tmp" if len(tempfile.gettempdir()) > 60 else None  # the name is random
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-", dir=place)))
         link, endpoint = folder / "board", f"ipc://{folder}/events.ipc"
         config = folder / "tactiled.toml"
         config.write_text(CONFIG.format(link=link, endpoint=endpoint, speed=SPEED_MM_S))

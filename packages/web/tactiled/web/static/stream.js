@@ -50,7 +50,10 @@ export function connect(clock, version, onFrame, onState) {
     };
   };
   const retry = async () => {
-    try { if ((await (await fetch("/api/session")).json()).page !== version) { location.reload(); return; } } catch { /* no server yet */ }
+    try {
+      const answer = await fetch("/api/session"), page = answer.ok ? (await answer.json()).page : version; // a proxy may answer
+      if (typeof page === "string" && page !== version) { location.reload(); return; }
+    } catch { /* no server yet */ }
     open();
   };
   open();
