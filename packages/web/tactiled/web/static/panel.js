@@ -152,7 +152,7 @@ export class BoardPanel {
       ["load", now === null ? NONE : limit + words(now.load, now.loadSd)],
       ["shear", now === null || now.shear === null ? NONE : words(now.shear, now.shearSd)],
       ["towards", now === null || !(now.shear > Math.max(2 * now.shearSd, LEAST * (unit === "N" ? 1 : this.skin.full * this.board.geometry.pressure.length))) ? NONE : `${way(now.deg)}, ${fixed(now.deg, 0)}°`],
-      now === null || force !== null ? ["centre", centre] : ["to do", "run: tactiled calibrate"],
+      now === null || force !== null ? ["centre", centre] : ["run", "tactiled calibrate"],
     ]);
     put(this.at.calibration, now === null ? "" : force === null ? "Not calibrated" : `Calibrated: ${force.calibration}${force.valid ? "" : ", not valid"}`);
     this.at.calibration.dataset.known = now === null || force !== null;
@@ -164,7 +164,7 @@ export class BoardPanel {
     drawBar(at.bar, held);
     facts(at.margin, [
       ["interval", held === null ? NONE : `${Math.round(100 * held.utilisation_low)} to ${percent(held.utilisation_high)}`],
-      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "needs readings in N"],
+      ["friction", held === null ? NONE : held.unit === "N" ? `${sig(held.friction, 2)} (${sig(held.friction_low, 2)} to ${sig(held.friction_high, 2)})` : "not in newtons"],
     ]);
   }
 
