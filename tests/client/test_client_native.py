@@ -113,6 +113,13 @@ def with_field(packed: bytes) -> bytes:
     return b"".join([bytes([0x80 | len(GOOD) + 1]), msgpack.packb(GOOD)[1:], msgpack.packb("more"), packed])
 
 
+def signed(name: str, form: int) -> bytes:
+    """Pack a good message with one integer in a signed form, of 1, 2, 4 or 8 bytes."""
+    key, value = msgpack.packb(name), GOOD[name]
+    packed = bytes([0xD0 + form]) + value.to_bytes(1 << form, "big")
+    return bytes(msgpack.packb(GOOD).replace(key + msgpack.packb(value), key + packed))
+
+
 @pytest.mark.parametrize(
     "payload",
     [
@@ -124,6 +131,8 @@ def with_field(packed: bytes) -> bytes:
         *(msgpack.packb(GOOD | {"run": run}) for run in (-1, 0, 2**63 - 1, 2**63, "a", None)),
         *(msgpack.packb(GOOD | {"timestamp": at}) for at in (1, float("nan"), float("inf"), -1e300, "now")),
         msgpack.packb(GOOD | {"timestamp": 0.5}, use_single_float=True),
+        *(signed(name, form) for name in ("v", "seq", "run") for form in range(4)),
+        msgpack.packb(GOOD).replace(b"\xa1v\x01", b"\xa1v" + b"\x91" * 1000 + b"\x90"),
         *(with_field(b"\x91" * n + b"\x90") for n in (1021, 1022, 1023, 1024)),
         *(with_field(b"\x91" * n + b"\xc0") for n in (1021, 1022, 1023, 1024)),
         with_field(b"\x81\x01\x01"), with_field(b"\x81\xc4\x01x\x01"), with_field(b"\x81\x90\x01"),
