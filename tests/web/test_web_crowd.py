@@ -29,9 +29,11 @@ class Visitor:
     async def watch(self, session: aiohttp.ClientSession, url: str) -> None:
         with contextlib.suppress(ConnectionError):  # closed between a frame and its answer
             async with session.ws_connect(url + "api/live", max_msg_size=0) as live:
+                n_taken = -1  # the history is not counted
                 async for message in live:
                     self.note(unpack(message.data))
-                    await live.send_bytes(b"")
+                    n_taken += 1
+                    await live.send_str(f"{n_taken}")
 
     def note(self, frame: dict[str, Any]) -> None:
         for _, topic, data, _ in frame.get("m", ()):
