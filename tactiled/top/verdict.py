@@ -16,7 +16,7 @@ Level = Literal["free", "good", "near", "partial", "gross"]
 
 
 class Verdict(NamedTuple):
-    """What the contact does: a level, which colours the sentence, and how sure that is."""
+    """Sentence on the contact and what to do, its level, which colours it, and how sure that is."""
 
     level: Level
     sentence: str
