@@ -30,6 +30,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.runner import ServedBoard
     from tactiled.daemon.service import run_service
+    from tactiled.detect.grooves import window_fits
 
     set_up(10 if verbose else 20)
     files = config_files(configs)
@@ -43,7 +44,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     else:
         setups = [load_config(files[0], port)] if len(files) == 1 else load_configs(files)
     with ExitStack() as stack:
-        worker = stack.enter_context(BackgroundWorker())
+        worker = stack.enter_context(BackgroundWorker(window_fits.load))
         boards = [
             ServedBoard(
                 setup.config,

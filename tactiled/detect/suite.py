@@ -17,9 +17,8 @@ from tactiled.detect.base import ContactDetector, in_order
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.grooves.estimator import JointTexture, WindowFit
-from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line
+from tactiled.detect.grooves.window_fits import fit_line, fit_wave, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
 from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip

@@ -57,7 +57,15 @@ class BackgroundWorker:
     The newest job comes first, whichever board it is of: it has the most time left, so that a host that is
     too slow for all still gives some answers in time. These may then be almost all of one board, because a
     job that begins while the others wait depends on when each board hands over its own.
+
+    Parameters
+    ----------
+    prepare : callable, optional
+        Called first in the thread: loads what the jobs need.
     """
+
+    def __init__(self, prepare: Callable[[], None] = lambda: None) -> None:
+        self._prepare = prepare
 
     def __enter__(self) -> Self:
         self._changed = threading.Condition()
@@ -90,6 +98,7 @@ class BackgroundWorker:
         with contextlib.suppress(OSError):  # a container may forbid it; the pauses matter more
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
         self._next_pause_s = 0.0
+        self._prepare()
         set_pause(self._pause)
         while True:
             with self._changed:

@@ -5,8 +5,8 @@
 * A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. A new
   one begins where the speed changes sign, becomes known or becomes unknown. It is fitted every `hop_s`,
   counted in scans, so the arithmetic does not depend on how scans were chunked.
-* Each fit is handed to a worker, and its answer is reported `answer_after_s` after the end of its window, at
-  a fixed scan. A fit that is not ready by then is reported as "stale".
+* Each fit (`window_fits`) is handed to a worker, and its answer is reported `answer_after_s` after the end of
+  its window, at a fixed scan. A fit that is not ready by then is reported as "stale".
 * Once there is an answer, its wave is tracked. The window is fitted anew when it has doubled or, at its full
   length, when all its scans are new, and at every hop without an answer or with more than one wave in view.
 * The first answer comes when the number of periods and both standard deviations meet the criteria, or when
@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import (
     FitSpan,
@@ -36,8 +35,8 @@ from tactiled.detect.grooves.outcome import (
     texture_event,
 )
 from tactiled.detect.grooves.params import AnswerCriteria, JointParams
-from tactiled.detect.grooves.track import track_wave
 from tactiled.detect.grooves.window import FitWindow
+from tactiled.detect.grooves.window_fits import fit_wave, track_wave
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.signal.slip_gate import SlidingScans, SlipEnd, SlipGate, SlipStart
 from tactiled.detect.worker import InPlace, Job, Worker

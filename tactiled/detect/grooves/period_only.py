@@ -26,7 +26,6 @@ a speed the answer is "ambiguous", with the frequency alone.
 Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +36,15 @@ from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import ALIASED, TINY
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome, PeriodOnly, Refusal
-from tactiled.detect.grooves.window import FitWindow, trend_basis
+from tactiled.detect.grooves.swings import (
+    HARMONICS,
+    LEAST_CYCLES,
+    LOBE,
+    SwingSpectrum,
+    apart_from,
+    swing_spectrum,
+)
+from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import Candidate
 
 # choice: probability of a line in one window of noise. Windows of a slide overlap and are tested every 0.2 s:
@@ -46,7 +53,6 @@ _FALSE_ALARMS = 1e-4
 # prior: power of a fundamental over that of the strongest harmonic. Ridges that every second one is a little
 # higher than the other have less.
 _LEAST_FUNDAMENTAL = 0.1
-_HARMONICS = (2, 3)  # prior: a higher harmonic is never the strongest line of a ridge
 _SAME_LINE_PERIODS = 1.5  # derived: in the window: lines of a Hann window that are nearer are one
 # prior: a joint answer may exceed the period of motion across the grooves by this: the given speed has an
 # error.
@@ -56,8 +62,6 @@ _SPEED_ERROR = 1.1
 # 0.8 at D = 5.6 L. Set on the recordings of FabricSlide and BioTac_slide_20_50.
 _MOST_IN_PHASE = 0.8
 _INTERVAL_SDS = 2.0  # choice: standard deviations that widen the interval of the period at both ends
-_TREND_ORDER = 3  # choice
-LEAST_CYCLES = _TREND_ORDER  # periods in the window: a cubic trend leaves humps of fewer
 # physical: a Hann window uses the ends of the signal little, which costs 1.4 to 1.5; noise that channels
 # share and stamps that jitter by a tenth cost up to 1.4 more (research/README.md, `sensors`).
 _SD_OVER_BOUND = 2.0
@@ -68,28 +72,16 @@ _SD_OVER_BOUND = 2.0
 _STANDS_OUT = 5.0
 _LEAST_PHASES = 4  # derived: channels: phases of fewer agree by chance
 _LEAST_DOMINANT_CYCLES = 7  # tuned: on the same recordings
-_LEAST_SD = 1e-12  # derived: of the readings: less is the rounding of the trend
 # tuned: the level has 5 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines
 # on 4 of 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are 2.4 s at 35.6 Hz.
 _LEAST_BINS = 40
 _LEVEL_ORDER = 4  # choice
-_LOBE = 2  # derived: bins to either side that a Hann window spreads a line over
 # prior: bins to either side whose level a line must exceed, and the order of the polynomial through them:
 # enough for a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten
 # bins.
 _AROUND = 20
 _PARABOLA = 2  # choice: order of that polynomial, and of the floor of each channel
 _MOST_LINES = 8  # prior: of two gratings with their harmonics
-
-
-@dataclass(frozen=True, eq=False)
-class SwingSpectrum:
-    """Readings of a window less a cubic trend, and their spectrum under a Hann window."""
-
-    readings: FloatArray  # (n, channels)
-    # (channels,): standard deviation of the readings; 0 where they change by no more than rounding
-    sd: FloatArray
-    values: NDArray[np.complex128]  # (bins, channels): bin b has b periods in the window
 
 
 class SpectralLine(NamedTuple):
@@ -157,11 +149,11 @@ def _machine_bin(spectrum: SwingSpectrum, strongest: int) -> int | None:
     """
     power = (np.abs(spectrum.values) ** 2).sum(axis=1)
     found = [strongest]
-    for harmonic in _HARMONICS:
+    for harmonic in HARMONICS:
         if (first := round(strongest / harmonic)) >= _LEAST_DOMINANT_CYCLES:
-            near = power[first - _LOBE : first + _LOBE + 1]
-            peak = first - _LOBE + int(np.argmax(near))
-            if abs(peak - first) < _LOBE and power[peak] >= _LEAST_FUNDAMENTAL * power[strongest]:
+            near = power[first - LOBE : first + LOBE + 1]
+            peak = first - LOBE + int(np.argmax(near))
+            if abs(peak - first) < LOBE and power[peak] >= _LEAST_FUNDAMENTAL * power[strongest]:
                 found.append(peak)
     at_once = (at for at in found if _in_phase(spectrum.values[at], spectrum.sd) > _MOST_IN_PHASE)
     return next(at_once, None)
@@ -200,7 +192,7 @@ def _fundamentals(lines: list[SpectralLine], apart_hz: float) -> list[SpectralLi
         below = [
             line
             for line in left[1:]
-            for multiple in _HARMONICS
+            for multiple in HARMONICS
             if abs(multiple * line.frequency_hz - strongest.frequency_hz) < apart_hz
             and line.power >= _LEAST_FUNDAMENTAL * strongest.power
         ]
@@ -234,16 +226,6 @@ def _period(line: SpectralLine, window: FitWindow, weight: float) -> Candidate:
     )
 
 
-def swing_spectrum(readings: FloatArray) -> SwingSpectrum:
-    """Spectrum of finite readings (n, channels), in any unit."""
-    trend = trend_basis(len(readings), _TREND_ORDER)
-    centred = readings - readings.mean(axis=0)
-    centred = np.asarray(centred - trend @ (trend.T @ centred))
-    sd, size = centred.std(axis=0), np.abs(readings).max(axis=0)
-    values = np.fft.rfft(np.hanning(len(readings))[:, np.newaxis] * centred, axis=0)
-    return SwingSpectrum(centred, np.where(sd > _LEAST_SD * size, sd, 0.0), values)
-
-
 def spectral_lines(
     spectrum: SwingSpectrum, time_s: FloatArray, band_hz: tuple[float, float]
 ) -> list[SpectralLine]:
@@ -264,7 +246,7 @@ def spectral_lines(
     found = found or _dominant_line(readings, (band_hz[0] / step_hz, band_hz[1] / step_hz))
     absolute, free = (np.abs(values) ** 2).sum(axis=1), np.ones(len(bins), dtype=np.bool_)
     for at, _ in found:
-        free &= np.abs(bins - at) > _LOBE
+        free &= np.abs(bins - at) > LOBE
     lines = []
     for at, power in found:
         # Cramer-Rao bound of a line's frequency; a Hann window has 1.5 bins of noise.
@@ -293,21 +275,13 @@ def _noisy_lines(
     found = []
     for peak in _significant_bins(np.cbrt(pooled), np.log(cycles), in_band):
         near = abs(cycles - cycles[peak])
-        beside = (near > _LOBE) & (near <= _AROUND)
+        beside = (near > LOBE) & (near <= _AROUND)
         power = max(float(pooled[peak]) / float(pooled[beside].mean()) - 1.0, 0.1) * readings.shape[1]
         noise = (np.abs(values[beside]) ** 2).mean(axis=0)
         at = _refined(readings, float(cycles[peak]), floor=np.maximum(noise, noise.mean() * 1e-9))
         if at >= LEAST_CYCLES:
             found.append((at, power))
     return found
-
-
-def apart_from(cycles: NDArray[np.int64], line: int) -> NDArray[np.bool_]:
-    """True for bins outside the lobes of a line and of its harmonics, which uneven ridges widen."""
-    apart = np.abs(cycles - line) > _LOBE
-    for harmonic in _HARMONICS:
-        apart &= np.abs(cycles - harmonic * line) > harmonic + 1
-    return apart
 
 
 def _in_phase(swings: NDArray[np.complex128], size: FloatArray) -> float:
@@ -334,7 +308,7 @@ def _dominant_line(readings: FloatArray, band_cycles: tuple[float, float]) -> li
     if not is_possible.any():
         return []
     peak = int(np.argmax(np.where(is_possible, power, 0.0)))
-    others = (cycles >= _LOBE) & (cycles < n // 2 - 1) & apart_from(cycles, peak)
+    others = (cycles >= LOBE) & (cycles < n // 2 - 1) & apart_from(cycles, peak)
     if not others.any() or power[peak] < _STANDS_OUT * float(power[others].max()):
         return []
     beside = others & (np.abs(cycles - peak) <= _AROUND)
@@ -405,7 +379,7 @@ def _significant_bins(y: FloatArray, log_cycles: FloatArray, in_band: NDArray[np
     while len(found) < _MOST_LINES and (free & in_band).any():
         fitted = np.linalg.lstsq(basis[free], y[free], rcond=None)[0]
         peak = int(np.argmax(np.where(free & in_band, y - basis @ fitted, -np.inf)))
-        is_own = abs(bins - peak) <= _LOBE
+        is_own = abs(bins - peak) <= LOBE
         if _studentised(y, basis, free & ~is_own, peak, chance) < 1.0:
             break
         found.append(peak)

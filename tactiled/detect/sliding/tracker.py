@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.period_only import apart_from, swing_spectrum
+from tactiled.detect.grooves.swings import apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.quantise import HeldReadings
 

@@ -7,7 +7,8 @@ from tactiled.array import Array, FloatArray, build, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.outcome import Outcome, PeriodOnly
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.grooves.period_only import period_range, spectral_lines, swing_spectrum
+from tactiled.detect.grooves.period_only import period_range, spectral_lines
+from tactiled.detect.grooves.swings import swing_spectrum
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectParams, Suite, build_suite
