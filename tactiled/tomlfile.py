@@ -26,7 +26,13 @@ _BARE = re.compile(rf"[A-Za-z0-9_-]{{1,{SHOWN_CHARACTERS}}}")
 class Params(BaseModel):
     """Base of all parameters: immutable, without unknown keys, finite."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=False)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        allow_inf_nan=False,
+        strict=False,
+        defer_build=True,  # most commands need few of the tables: a tenth of a start
+    )
 
 
 P = TypeVar("P", bound=BaseModel)
