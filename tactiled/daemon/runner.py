@@ -189,13 +189,16 @@ class BoardRunner:
         self.act(self._link.opened(now_s, self._framing_errors(), is_pty=port.is_pty))
 
     def _received(self, data: bytes) -> None:
-        now_s = time.monotonic()
+        now_s, server = time.monotonic(), self._shared.publisher.server
+        server.is_held = True
         try:
             self.act(self._link.received(data, now_s, self._publish, self._record_read, self._send_scans))
             end_s = time.monotonic()
             self._shared.turns.add(end_s, end_s - now_s)
         except Exception as error:  # as in `_attempt`, without a call between bytes and scan
             self._failed(error)
+        server.is_held = False
+        server.flush()
 
     def _send_scans(self) -> None:
         self._shared.publisher.server.flush()

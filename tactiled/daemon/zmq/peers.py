@@ -164,6 +164,8 @@ class PeerServer:
         self._listeners: dict[socket.socket, dict[Peer, None]] = {}
         self._readable: asyncio.Queue[socket.socket | Peer] = asyncio.Queue()
         self._unsent: dict[Peer, None] = {}
+        self.is_held = False
+        """True while the owner queues messages and will call `flush`: that saves a turn of the loop."""
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def listen(self, endpoint: str) -> None:
@@ -186,7 +188,7 @@ class PeerServer:
             await limit.wait()
 
     def flush(self) -> None:
-        """Send what was queued in this turn of the event loop; it is done at the end of the turn anyway."""
+        """Send what was queued in this turn of the event loop; it is done at its end unless `is_held`."""
         unsent, self._unsent = self._unsent, {}
         for peer in unsent:
             if not peer.is_blocked:
@@ -224,7 +226,7 @@ class PeerServer:
     def _send(self, peer: Peer, message: Queued) -> None:
         """Queue a message, which is sent at the end of this turn of the event loop with those that follow."""
         peer.add(message)
-        if not self._unsent and self._loop is not None:
+        if not (self._unsent or self.is_held) and self._loop is not None:
             self._loop.call_soon(self.flush)
         self._unsent[peer] = None
 
