@@ -3,7 +3,8 @@
 // The rules are those of tactiled.client.inbox; tests/client/test_client_native.py plays the same streams to
 // both. Two conditions make old data look new. Silence: daemon, cable or board is gone, and the last message
 // stays the newest. Backlog: this program has paused, and messages wait, each of which was fresh when it was
-// sent. Data are therefore fresh only while a status says so that is recent by both clocks.
+// sent. Data are therefore fresh only while a status says so that is recent by both clocks; where several
+// boards are heard, a status of each.
 //
 // Pure: no input, no output, no clock. Memory is used again: nothing is allocated for a message in order,
 // once the longest of its topic has come.
@@ -12,6 +13,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstdio>
+#include <map>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -34,6 +36,7 @@ class Inbox {
 public:
     static constexpr double CLOCKS_PART = 5e-4;  // largest difference in rate of two hosts' crystals: five
                                                  // times the 100 ppm of a bad one
+    static constexpr std::size_t MOST_BOARDS = 1024;  // bounds the memory that invalid names can occupy
 
     // `stale_after_s`: silence, or age of the newest status, that counts as stale. `catch_up`: request missed
     // messages; `requests` has them, `answer` takes the replies.
@@ -51,7 +54,7 @@ public:
     std::uint64_t recovered() const { return catch_up_.recovered(); }
     std::uint64_t malformed() const { return malformed_; }
 
-    // True while the last status is valid and recent, so that tactile data may be acted on.
+    // True while the last status of each board is valid and recent: its data may be acted on.
     bool is_fresh(double now_s) const { return state_ == State::FRESH && now_s < status_s_ + stale_after_s_; }
 
     // Time of the next `tick`, monotonic seconds.
@@ -165,18 +168,60 @@ private:
     void watch_age(double now_s, double unix_s, Items& out)
     {
         status_s_ = now_s;
-        const double age_s = std::max(unix_s - message_.timestamp, behind_s(now_s));
-        if (age_s > stale_after_s_) {
-            turn_stale(words("reading %.1f s behind: messages wait, or the clocks differ", age_s), age_s,
-                       out);
+        Heard heard{message_.run, now_s, "", std::max(unix_s - message_.timestamp, behind_s(now_s))};
+        if (heard.silent_s > stale_after_s_) {
+            heard.fault = words("reading %.1f s behind: messages wait, or the clocks differ", heard.silent_s);
         } else if (!detail::is_true(detail::find(map_, "valid"))) {
             const msgpack::object* known_s = detail::find(map_, "age_s");
-            turn_stale(text("state") + ": " + text("reason"),
-                       detail::is_number(known_s) ? known_s->via.f64 : age_s, out);
-        } else if (state_ != State::FRESH) {
+            heard.silent_s = detail::is_number(known_s) ? known_s->via.f64 : heard.silent_s;
+            heard.fault = text("state") + ": " + text("reason");
+        }
+        hear(std::move(heard));
+        for (const auto& [board, newest] : heard_) {
+            if (newest.fault.empty())
+                continue;
+            const std::string name = board.empty() ? "without a name" : board;
+            const std::string whose = heard_.size() > 1 ? "board " + name + ": " : "";
+            turn_stale(whose + newest.fault, newest.silent_s, out);
+            return;
+        }
+        if (state_ != State::FRESH) {
             state_ = State::FRESH;
             out.add(Kind::FRESH);
         }
+    }
+
+    // Newest status of a board.
+    struct Heard {
+        std::int64_t run;
+        double at_s;
+        std::string fault;  // why its data may be old; empty where they are fresh
+        double silent_s;    // age of its newest data
+    };
+
+    // Keep the newest status of a board. One that falls silent beside others has another name now: a daemon
+    // sends the status of each of its boards, ten times a second, without a name until it has a hello.
+    void hear(Heard heard)
+    {
+        for (auto it = heard_.begin(); it != heard_.end();) {
+            const bool is_kept =
+                it->second.run == heard.run && it->second.at_s > heard.at_s - stale_after_s_;
+            it = is_kept ? std::next(it) : heard_.erase(it);
+        }
+        const std::string& board = message_.board;
+        if (!heard_.count(board))
+            heard_.erase("");  // it is the one that had no name, or that will be heard again
+        if (!wanted_.board.empty()) {
+            if (board.empty() && heard_.count(wanted_.board))
+                return;  // of another board
+            if (!heard_.count(board))
+                heard_.clear();
+        }
+        const auto known = heard_.find(board);
+        if (known != heard_.end())
+            known->second = std::move(heard);
+        else if (heard_.size() < MOST_BOARDS)
+            heard_.emplace(board, std::move(heard));
     }
 
     // Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
@@ -225,6 +270,7 @@ private:
     CatchUp catch_up_;
     double stale_after_s_, status_s_;
     State state_ = State::UNKNOWN;
+    std::map<std::string, Heard> heard_;  // by board
     std::optional<std::int64_t> lead_run_;  // run, least lead of a status, and when
     double least_lead_s_ = 0.0, lead_at_s_;
     std::uint64_t malformed_ = 0;

@@ -215,6 +215,54 @@ def test_boards_and_topics_are_chosen() -> None:
     assert kinds(daemon.status(state="no-device", valid=False, reason="no such port")) == ["Stale"]
 
 
+def test_all_boards_that_are_heard_must_run() -> None:
+    """Two fingers: the loss of one is reported once, by name, however often the other says that it runs."""
+    daemon = Daemon(topics=("slip",))
+    assert daemon.status() == [Fresh()]
+    daemon.board = "TS0002"
+    lost = {"state": "no-device", "valid": False, "reason": "unplugged", "age_s": 3.0}
+    assert daemon.status(**lost) == [Stale("board TS0002: no-device: unplugged", 3.0)]
+    for board in ("TS0001", "TS0002", "TS0001"):
+        daemon.wait(0.1)
+        daemon.board = board
+        assert daemon.status(**(lost if board == "TS0002" else {})) == []
+        assert not daemon.fresh
+    daemon.board = "TS0002"
+    assert daemon.status() == [Fresh()]
+
+
+def test_a_board_that_was_exchanged_is_forgotten() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.board = ""
+    assert kinds(daemon.status(state="syncing", valid=False, reason="no hello")) == ["Stale"]
+    daemon.board = "TS0001"
+    assert daemon.status() == [Fresh()]  # it had no name before
+    daemon.board = ""
+    (stale,) = daemon.status(state="syncing", valid=False, reason="no hello", age_s=1.0)
+    assert stale == Stale("board without a name: syncing: no hello", 1.0)
+    daemon.board = "TS0002"
+    assert daemon.status() == [Fresh()]
+    daemon.board = "TS0001"
+    assert kinds(daemon.status(state="stalled", valid=False, reason="no bytes")) == ["Stale"]
+    daemon.board = "TS0003"  # in its place
+    items: list[Item] = []
+    for _ in range(6):
+        daemon.now_s += 0.1
+        items += daemon.status()
+    assert items == [Fresh()]
+
+
+def test_a_nameless_board_beside_the_chosen_one_does_not_count() -> None:
+    daemon = Daemon(topics=("slip",), board="TS0001")
+    assert daemon.status() == [Fresh()]
+    for _ in range(3):
+        daemon.board = ""
+        assert daemon.status(state="no-device", valid=False, reason="no such port") == []
+        daemon.board = "TS0001"
+        assert daemon.status() == []
+    assert daemon.fresh
+
+
 GOOD: dict[Any, Any] = {"v": 1, "timestamp": 1.0, "seq": 0, "board": "TS0001", "run": 1, "detected": 1.0}
 
 

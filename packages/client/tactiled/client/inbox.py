@@ -3,7 +3,8 @@
 Two conditions make old data look new. *Silence*: daemon, cable or board is gone, and the last message stays
 the newest. *Backlog*: the client has paused, and messages wait in a queue, each of which was fresh when it
 was sent. Freshness is therefore not inferred from the arrival of a message: the daemon must state ``valid``
-in a status, and that status must be recent by both clocks.
+in a status, and that status must be recent by both clocks. Where several boards are heard, that holds for
+each of them.
 
 Ages compare the publisher's clock with the client's: on one host they are the same, between hosts NTP must
 keep them together.
@@ -12,7 +13,7 @@ keep them together.
 import math
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from tactiled.client.catchup import CatchUp
 from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
@@ -21,6 +22,15 @@ from tactiled.client.parse import is_count, message_of, parse_map
 _CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
 
 _MOST_BOARDS = 1024  # bounds the memory that invalid names of boards can occupy
+
+
+class _Heard(NamedTuple):
+    """Newest status of a board."""
+
+    run: int
+    at_s: float
+    fault: str  # why its data may be old; empty where they are fresh
+    silent_s: float  # age of its newest data
 
 
 class Inbox:
@@ -57,10 +67,11 @@ class Inbox:
         self._received_s = now_s
         self._sent_before: dict[str, tuple[int, dict[str, int]]] = {}
         self._state: Literal["unknown", "fresh", "stale"] = "unknown"
+        self._heard: dict[str, _Heard] = {}
         self._lead: tuple[object, float, float] = (None, 0.0, now_s)  # run, least lead, when
 
     def is_fresh(self, now_s: float) -> bool:
-        """Return True while the last status is valid and recent, so that tactile data may be acted on."""
+        """Return True while the last status of each board is valid and recent: its data may be acted on."""
         return self._state == "fresh" and now_s < self._status_s + self._stale_after_s
 
     @property
@@ -168,17 +179,39 @@ class Inbox:
 
     def _watch_age(self, status: Message, now_s: float, unix_s: float) -> list[Item]:
         self._status_s = now_s
-        age_s = max(unix_s - status.timestamp, self._behind_s(status.data, now_s))
+        age_s, fault = max(unix_s - status.timestamp, self._behind_s(status.data, now_s)), ""
         if age_s > self._stale_after_s:
-            return self._stale(f"reading {age_s:.1f} s behind: messages wait, or the clocks differ", age_s)
-        if status.data.get("valid") is not True:
+            fault = f"reading {age_s:.1f} s behind: messages wait, or the clocks differ"
+        elif status.data.get("valid") is not True:
             known_s = status.data.get("age_s")
-            reason = f"{_text(status.data, 'state')}: {_text(status.data, 'reason')}"
-            return self._stale(reason, known_s if isinstance(known_s, float) else age_s)
+            age_s = known_s if isinstance(known_s, float) else age_s
+            fault = f"{_text(status.data, 'state')}: {_text(status.data, 'reason')}"
+        self._hear(status.board, _Heard(status.data["run"], now_s, fault, age_s))
+        for board, heard in sorted(self._heard.items()):
+            if heard.fault:
+                whose = f"board {board or 'without a name'}: " if len(self._heard) > 1 else ""
+                return self._stale(whose + heard.fault, heard.silent_s)
         if self._state == "fresh":
             return []
         self._state = "fresh"
         return [Fresh()]
+
+    def _hear(self, board: str, heard: _Heard) -> None:
+        """Keep the newest status of a board; one that falls silent beside others has another name now.
+
+        A daemon sends the status of each of its boards, ten times a second, without a name until it has a
+        hello of the board.
+        """
+        due_s = heard.at_s - self._stale_after_s
+        self._heard = {b: h for b, h in self._heard.items() if h.run == heard.run and h.at_s > due_s}
+        if board not in self._heard:
+            self._heard.pop("", None)  # it is the one that had no name, or that will be heard again
+        if self._board is not None:
+            if not board and self._board in self._heard:
+                return  # of another board
+            self._heard.clear()
+        if board in self._heard or len(self._heard) < _MOST_BOARDS:
+            self._heard[board] = heard
 
     def _behind_s(self, status: dict[str, Any], now_s: float) -> float:
         """Seconds that a status waited to be read, by the monotonic clocks of daemon and client."""
