@@ -71,7 +71,7 @@ inline std::string control_endpoint(const std::string& endpoint)
 
 // Settings that most programs leave as they are.
 struct Options {
-    std::string board;                     // receive messages of this board only; empty for all
+    std::string board;                     // of this board only; empty for all, which must all be fresh
     double stale_after_s = STALE_AFTER_S;  // silence, or age of the newest status, that is reported as stale
     std::optional<std::string> control;    // endpoint for requests; empty text: nothing is recovered
     std::string keys;                      // file of this client from `tactiled keys make`

@@ -119,7 +119,8 @@ class Client(_SubscriptionBase):
         ``"slip"``, ``"texture"``, ``"contact"``, ``"scan"``, ``"status"``, ``"info"``, ``"command"``, ...;
         empty for all.
     board : str, optional
-        Receive messages of this board only; the others are not sent.
+        Receive messages of this board only; the others are not sent. Without it, data are fresh while all
+        boards of the daemon run.
     stale_after_s : float
         Silence, or age of the newest status, that is reported as `Stale`.
     control : str, optional
