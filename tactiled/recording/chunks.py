@@ -2,9 +2,8 @@
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
 that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. A damaged
-chunk costs itself: reading resumes where its length points. Where the opcode or the length of a chunk is
-damaged, which is one byte in 2300 of a recording of the emulated board that is synced each second, nothing
-behind it is read. Damage in an index behind a chunk costs nothing. A finished file repeats its schemas and
+chunk costs itself: reading resumes where its length points, or, where opcode or length is damaged, at the next
+head of a chunk. Damage in an index behind a chunk costs nothing. A finished file repeats its schemas and
 channels after the data, so they survive the loss of the chunk in which they first appeared.
 """
 
@@ -34,9 +33,13 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
 # One index for each channel of a chunk (opcode, length, channel, bytes of the entries), one entry a message
 _INDEX_HEAD_BYTES, _INDEX_ENTRY_BYTES = _HEAD.size + 6, 16
+_CHECKSUM_BYTES = 4  # all that the end of the data has
+# Before the data of a chunk: opcode, length, two times, size, checksum, and the name of the compression.
+_COMPRESSION_AT, _COMPRESSION = _HEAD.size + 28, struct.pack("<I4s", 4, b"zstd")
+_SEARCHED_BYTES = 1 << 20  # at once, for the next head
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
-# Records that tactiled writes outside chunks; at any other opcode, the length before it was damaged.
-_RECORDS = (Opcode.HEADER, Opcode.METADATA, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END)
+# Records that may follow the indexes of a chunk.
+_BEHIND_INDEXES = (Opcode.METADATA, Opcode.CHUNK, Opcode.DATA_END)
 # A tactiled chunk is closed at 256 KiB and holds at most one message more; recovered ones are no larger, and
 # other tools that rewrite a recording close theirs at 4 MiB. What claims more is passed over as damage,
 # before anything is decompressed or allocated.
@@ -114,7 +117,7 @@ class Extent:
         if not self.is_complete:
             rest = self.size_bytes - self.good_bytes
             words.append(
-                "the file was not finished or was truncated, or a length in it is damaged; "
+                "the file was not finished or was truncated, or its last length is damaged; "
                 f"{rest} bytes at its end cannot be read"
             )
         return "; ".join(words)
@@ -137,22 +140,29 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     _entries(summary, schemas, channels)
     n_damaged = 0  # bytes of a stretch that is not reported yet
     last_ns = newest_ns = 0  # of the chunk before, and of all: the wall clock may be set back
+    doubted_at = -1  # newest chunk that could not be read, whose length may be wrong
     stream.seek(0)
     at = len(MCAP0_MAGIC) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else size
     while at + _HEAD.size <= size and not extent.is_complete:
         stream.seek(at)
         opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
         end = at + _HEAD.size + length
-        if end > size or opcode not in _RECORDS:
-            break
+        if end > size or not _is_record(stream, at, opcode, length):
+            next_at = _next_chunk(stream, (at if doubted_at < 0 else doubted_at) + 1, size)
+            if next_at < 0:
+                break
+            n_damaged += next_at - at
+            at = doubted_at = next_at
+            continue
         extent.is_complete = opcode == Opcode.DATA_END
         entries: list[ChannelMessage] = []
         if opcode in (Opcode.CHUNK, Opcode.METADATA):
+            stream.seek(at + _HEAD.size)
             records = _records(opcode, stream.read(length)) if length <= _MOST_RECORD_BYTES else []
             yield from (record for record in records if isinstance(record, Metadata))
             entries = _entries(records, schemas, channels)
             extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
-            n_damaged += 0 if records else end - at
+            n_damaged, doubted_at = (n_damaged, -1) if records else (n_damaged + end - at, at)
         at = end + _indexes_bytes(stream, end, size, records) if entries else end
         if entries:
             instants_ns = [entry.message.log_time for entry in entries]
@@ -187,6 +197,35 @@ def _entries(
     return entries
 
 
+def _is_record(stream: BinaryIO, at: int, opcode: int, length: int) -> bool:
+    """Return False where a head is damaged; chunks and metadata are judged by their content."""
+    if opcode == Opcode.HEADER:
+        return at == len(MCAP0_MAGIC)
+    if opcode == Opcode.DATA_END:
+        return length == _CHECKSUM_BYTES
+    if opcode == Opcode.MESSAGE_INDEX:
+        entries = stream.read(_INDEX_HEAD_BYTES - _HEAD.size)[2:]
+        return int.from_bytes(entries, "little") == length - (_INDEX_HEAD_BYTES - _HEAD.size)
+    return opcode in (Opcode.CHUNK, Opcode.METADATA)
+
+
+def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:
+    """Return where the next head of a chunk is, by the compression that it names; -1 for none."""
+    while at < size:
+        stream.seek(at)
+        part = stream.read(_SEARCHED_BYTES)
+        found = part.find(_COMPRESSION, _COMPRESSION_AT)
+        if found < 0:
+            at += max(len(part) - _COMPRESSION_AT - len(_COMPRESSION) + 1, 1)
+            continue
+        head = found - _COMPRESSION_AT
+        opcode, length = _HEAD.unpack_from(part, head)
+        if opcode == Opcode.CHUNK and length <= min(_MOST_RECORD_BYTES, size - at - head - _HEAD.size):
+            return at + head
+        at += head + 1
+    return -1
+
+
 def _indexes_bytes(stream: BinaryIO, at: int, size: int, records: Sequence[McapRecord]) -> int:
     """Length of the indexes behind a chunk, from its messages; 0 where none are there.
 
@@ -194,15 +233,14 @@ def _indexes_bytes(stream: BinaryIO, at: int, size: int, records: Sequence[McapR
     """
     channels = [record.channel_id for record in records if isinstance(record, Message)]
     n_bytes = len(set(channels)) * _INDEX_HEAD_BYTES + len(channels) * _INDEX_ENTRY_BYTES
-    others = set(_RECORDS) - {Opcode.MESSAGE_INDEX}
     stream.seek(at)
     here = stream.read(1)
     stream.seek(at + n_bytes)
     behind = stream.read(_HEAD.size)
-    if len(behind) < _HEAD.size or here[0] in others:  # cut here, or written without indexes
+    if len(behind) < _HEAD.size or here[0] in _BEHIND_INDEXES:  # cut here, or written without indexes
         return 0
     opcode, length = _HEAD.unpack(behind)
-    return n_bytes if opcode in others and at + n_bytes + _HEAD.size + length <= size else 0
+    return n_bytes if opcode in _BEHIND_INDEXES and at + n_bytes + _HEAD.size + length <= size else 0
 
 
 def _damage(extent: Extent, n_bytes: int, first_ns: int, last_ns: int) -> Damage:
@@ -216,10 +254,13 @@ def _records(opcode: int, body: bytes) -> list[McapRecord]:
     try:
         if opcode == Opcode.METADATA:
             return [Metadata.read(ReadDataStream(BytesIO(body)))]
-        chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+        stream = BytesIO(body)
+        chunk = Chunk.read(ReadDataStream(stream))
+        if stream.tell() != len(body):
+            raise McapError("a chunk that is shorter than its record")
         _check_size(chunk)
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-        return _parsed(stream.read(size))
+        data, size = get_chunk_data_stream(chunk, validate_crc=True)
+        return _parsed(data.read(size))
     except FAULTS:
         return []
 

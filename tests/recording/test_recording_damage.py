@@ -51,13 +51,14 @@ def damaged(path: Path, data: bytes, at: int, mask: int) -> Path:
 def check(small: tuple[Path, bytes, list[Item], list[int]], at: int, mask: int) -> None:
     """All other chunks are read in order, and missing data is marked and reported.
 
-    A length, opcode or magic that is damaged ends the file.
+    What is damaged before the first chunk of reads, or at or behind the last, may end the file.
     """
     path, data, whole, ends = small
     flipped = damaged(path, data, at, mask)
     extent = Extent()
     found = list(read_items(flipped, extent))
     if not extent.is_complete:
+        assert at < ends[0] or at >= ends[-2]
         assert found == whole[: len(found)]
         assert extent.words()
         return
@@ -79,13 +80,22 @@ def check(small: tuple[Path, bytes, list[Item], list[int]], at: int, mask: int) 
     assert bool(extent.words()) != extent.is_whole
 
 
-def test_behind_a_damaged_length_nothing_is_read(small: tuple[Path, bytes, list[Item], list[int]]) -> None:
+@pytest.mark.parametrize("byte", range(9))
+@pytest.mark.parametrize("mask", [0x01, 0x07, 0x09, 0x0A, 0x80, 0xFF])
+def test_a_damaged_head_costs_one_chunk(
+    small: tuple[Path, bytes, list[Item], list[int]], byte: int, mask: int
+) -> None:
+    """Opcode or length of the second chunk of reads is damaged: the next head is looked for.
+
+    With the first four masks the opcode is that of an index, a header, the end of the data, and metadata.
+    """
     path, data, whole, ends = small
     assert data[ends[1]] == Opcode.CHUNK
-    flipped = damaged(path, data, ends[1] + 3, 0xFF)
     extent = Extent()
-    assert list(read_items(flipped, extent)) == whole[:READS]
-    assert "a length in it is damaged" in extent.words()
+    found = list(read_items(damaged(path, data, ends[1] + byte, mask), extent))
+    assert [item for item in found if isinstance(item, Read)] == whole[:READS] + whole[2 * READS :]
+    (damage,) = extent.damages
+    assert 0 < damage.n_bytes <= ends[2] - ends[1]
 
 
 @pytest.mark.parametrize("at", range(15))
