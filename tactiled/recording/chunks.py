@@ -2,7 +2,7 @@
 
 MCAP is a magic, then records (one byte of opcode, eight of length, the body), most of them chunks. A file
 that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. A damaged
-chunk costs itself: reading resumes where its length points, or, where opcode or length is damaged, at the next
+chunk costs itself: reading resumes where its length points, or, where its head is damaged, at the next
 head of a chunk. Damage in an index behind a chunk costs nothing. A finished file repeats its schemas and
 channels after the data, so they survive the loss of the chunk in which they first appeared.
 """
