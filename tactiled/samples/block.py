@@ -168,7 +168,8 @@ class ScanRun:
     def rows(self) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
         """Return the readings of each scan, and which of them are valid."""
         of_all, are_valid = self._readings
-        of_all = np.where(np.isfinite(of_all), of_all, 0.0)  # messages have numbers only
+        if self.conversion.in_range is not None:  # counts are numbers, and messages have numbers only
+            of_all = np.where(np.isfinite(of_all), of_all, 0.0)
         pairs = zip(of_all.tolist(), are_valid.tolist(), strict=True)
         return [(tuple(volts), tuple(valid)) for volts, valid in pairs]
 
