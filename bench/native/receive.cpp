@@ -27,15 +27,16 @@ extern "C" void* __wrap_malloc(std::size_t size)  // of the linker's option --wr
     return __real_malloc(size);
 }
 
-void* operator new(std::size_t size)
+// Not inlined: gcc then takes malloc and delete, or new and free, for a pair that does not match.
+[[gnu::noinline]] void* operator new(std::size_t size)
 {
     ++n_new;
     if (void* memory = __real_malloc(size))
         return memory;
     throw std::bad_alloc();
 }
-void operator delete(void* memory) noexcept { std::free(memory); }
-void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void* memory) noexcept { std::free(memory); }
+[[gnu::noinline]] void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 
 static long long now_ns()
 {

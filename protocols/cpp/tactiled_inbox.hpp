@@ -217,11 +217,8 @@ private:
             if (!heard_.count(board))
                 heard_.clear();
         }
-        const auto known = heard_.find(board);
-        if (known != heard_.end())
-            known->second = std::move(heard);
-        else if (heard_.size() < MOST_BOARDS)
-            heard_.emplace(board, std::move(heard));
+        if (heard_.count(board) || heard_.size() < MOST_BOARDS)
+            heard_[board] = std::move(heard);
     }
 
     // Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
