@@ -113,7 +113,7 @@ _HERE_SD, _PLAUSIBLE_SDS = 0.15, 2.0
 _LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
 # prior: part of the looks whose ratio says nothing of friction; where the zero of shear is not known, part
 # of the others that say no more than the prior. In these worlds the ratio over friction and utilisation is
-# off by more than 0.45 in log in 0.1 to 6 % of looks, in 37 to 87 % where the zero is not known.
+# off by more than 0.45 in log in 0.1 to 6 % of looks, in 1 to 9 % where the zero is not known.
 _UNTOLD, _WITHOUT_ZERO = 0.03, 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
 # the next (chosen on other seeds of the worlds of `bench grip`)

@@ -35,6 +35,9 @@ _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 # prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
 # hold anew seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
 _SAME_LOADS = 0.5
+# prior: noise of a taxel's shear over its load where a log begins in contact, until the noise is measured:
+# that of the noisiest usual sensors. With less, any change of the shares would be that of a slide.
+_UNKNOWN_NOISE = 0.01
 # prior: standard deviation of the logarithm of friction by which the model errs although friction is known:
 # taxels are unequal, and pressure, speed and age count. Log friction widens by as much when the pad loses a
 # taxel, whose part of the load is not seen. Coverage in `bench grip` is the same from 0.05 to 0.3.
@@ -305,7 +308,9 @@ class GripDetector:
 
     def _take(self, readings: TaxelReadings, *, touches: bool) -> None:
         """Take the newest scan of a contact whose load is large enough to tell."""
-        zero, contact = self._zero, self._filter
+        zero, contact, noise = self._zero, self._filter, readings.shear_sd
+        if readings.floor.n == 0 and not zero.is_seen:
+            noise = max(noise, _UNKNOWN_NOISE * readings.load)
         if not zero.is_measured:
             newest = self._newest
             zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
@@ -316,7 +321,7 @@ class GripDetector:
             self._last_s,
             self._reading,
             self._zero_parts,
-            readings.shear_sd,
+            noise,
             self.acceleration_m_s2,
             zero.is_seen,
             self._ripple.take(self._reading),

@@ -5,10 +5,13 @@ measured from touch on, until the shear leaves it by more than it can vary, or `
 that grasp and lift begin to pull a tenth of a second after touch. A zero that shear left is measured anew
 where the load has doubled since and the shear is small: the first scans of a touch, at small loads, measure
 it badly. Each taxel's part is unknown by itself, so that the part of the whole array is small; a press at a
-slant, whose shear is larger, loads the contact. All shear of a contact that was not seen to begin is taken
-for the zero, and all of it may be load, until the load has doubled.
+slant, whose shear is larger, loads the contact.
 
-What is not known of it yet may be shear that the contact bears: the load that a controller needs counts it.
+The first shear of a contact that was not seen to begin is shear that it bears, as far as anybody can tell:
+the weight of an object in the hand is several times what gains and mounting make. Its zero is taken for 0,
+until the load has doubled within the time of a press.
+
+What is not known of the zero may be shear that the contact bears: the load that a controller needs counts it.
 """
 
 import math
@@ -40,7 +43,7 @@ class PressZero:
     least_load : float
         Of a taxel, on the mean: where a contact begins. Smaller loads say little of the zero.
     is_seen : bool
-        The contact was seen to begin. Otherwise shear may have come before.
+        The contact was seen to begin. Otherwise it may have borne shear before.
     in_counts : bool
         Load and shear of the array were not calibrated.
 
@@ -74,7 +77,7 @@ class PressZero:
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
         self._least_load = least_load
         self.is_seen = is_seen
-        self._largest = 0.0  # sum of the loads of which the zero is made; of the first ones where not seen
+        self._largest = 0.0  # sum of the loads of which the zero is made; of the first scan where not seen
         self._n = self._n_taken = 0  # scans, and those of which the zero is made
         self._crossed = np.zeros((2, n_taxels))  # sums of shear times load
         self._squares = np.zeros(n_taxels)  # and of load squared
@@ -91,6 +94,9 @@ class PressZero:
         is_small = math.hypot(*shear.sum(axis=1)) <= most * whole
         if has_doubled and (not self.is_seen or (self.pull_began and is_small)):
             self._forget()
+        if not self.is_seen:
+            self._largest = self._largest or whole
+            return
         if self.pull_began:
             return
         if self._n > 1:
@@ -98,8 +104,7 @@ class PressZero:
             self.pull_began = math.hypot(*left) > most
             if self.pull_began:
                 return
-        if self.is_seen or self._n == 1:
-            self._largest = max(self._largest, whole)
+        self._largest = max(self._largest, whole)
         self._n_taken += 1
         self._crossed += shear * load
         self._squares += load**2
@@ -108,12 +113,8 @@ class PressZero:
         parts = self._crossed / np.maximum(self._squares + silent, 1e-300)
         parts_of_whole = (parts * load / whole).sum(axis=1, keepdims=True)
         size = math.hypot(*parts_of_whole[:, 0])
-        if self.is_seen:
-            parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
-            unknown = 1.0 - self._n_taken / self._n_press
-            self.whole_sd = self._whole_sd * unknown
-        else:  # all of the zero may be load
-            self.whole_sd = math.hypot(self._whole_sd, size)
+        parts -= parts_of_whole * max(0.0, 1.0 - _SDS * self._whole_sd / max(size, 1e-12))
+        self.whole_sd = self._whole_sd * (1.0 - self._n_taken / self._n_press)
         self.parts = parts
 
     def _forget(self) -> None:

@@ -157,14 +157,46 @@ def test_a_contact_from_the_first_scan_on_is_uncertain_and_its_slips_are_told() 
     assert abs(told[0].direction_deg - DIRECTION_DEG) < 2.0
 
 
-def test_a_contact_whose_load_grows_after_the_first_scan_was_seen_to_begin() -> None:
+@pytest.mark.parametrize("shear_volts", [0.05, 0.2, 0.4])
+def test_a_steady_contact_from_the_first_scan_on_is_no_slip(shear_volts: float) -> None:
+    """Neither while nothing is known of the noise, nor later."""
+    for seed in range(5):
+        steady = touch(shear_volts + 0 * PRESSED, 1.2 + 0 * PRESSED, seed=seed)
+        assert slips(GripDetector(ARRAY).process(steady)) == []
+
+
+def test_a_contact_that_was_not_seen_to_begin_bears_what_the_same_one_bears_that_was() -> None:
+    """An object is filled while the hand tightens by less than a half: shear keeps what was there before."""
+    filled = ramp(5.0, 1.0)
+    block = touch(0.15 * ramp(2.0, 0.5) + 0.1 * filled, PRESSED * (1 + 0.4 * filled))
+    seen = {event.time_s: event for event in grips(GripDetector(ARRAY).process(block))}
+    unseen = grips(GripDetector(ARRAY).process(block[400:]))
+    assert {event.state for event in unseen if event.time_s < 5.0} == {"unknown"}
+    for event in unseen:
+        whole = seen[event.time_s]
+        assert (event.shear_x, event.shear_y) == pytest.approx((whole.shear_x, whole.shear_y), rel=0.03)
+        assert event.needed_load >= 0.95 * whole.needed_load
+
+
+def test_the_first_shear_of_a_contact_that_was_not_seen_to_begin_is_no_zero() -> None:
+    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
+    for k in range(60):
+        zero.take((1 + k / 100) * load, 0.5 * load * np.ones((2, 1)), 1e-3, 3e-3)
+        assert not zero.parts.any()
+        assert 0.03 < zero.whole_sd < 0.05
+        assert not zero.is_seen
+    assert zero.is_measured
+
+
+def test_a_contact_whose_load_doubles_after_the_first_scan_was_seen_to_begin() -> None:
     zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
     zero.take(load, 0.5 * load * np.ones((2, 1)), 1e-3, 3e-3)
-    assert zero.whole_sd > 0.5
+    crosstalk = 0.03 * np.stack([np.ones(9), np.zeros(9)])
     for _ in range(59):
-        zero.take(10 * load, np.zeros((2, 9)), 1e-3, 3e-3)
+        zero.take(10 * load, 10 * load * crosstalk, 1e-3, 3e-3)
+    assert zero.is_seen
     assert zero.whole_sd < 0.002
-    assert zero.parts == pytest.approx(np.zeros((2, 9)), abs=1e-9)
+    assert zero.parts == pytest.approx(crosstalk, abs=1e-3)
 
 
 def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> None:
