@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
 from tactiled.array import Array, FloatArray
+from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.detect.base import Detector
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
@@ -18,6 +19,8 @@ from tactiled.events.codec import to_map
 from tactiled.samples.block import regular_block
 
 MOST_N = 40.0  # of a gripper
+RESTART_S, DOWN_S = LIFTED_S + 0.1, 1.0
+"""Scene time at which the daemon ends, with the object hanging freely, and time until another one reads."""
 _BEFORE_S = 0.1
 _TIGHTER = 1.05
 
@@ -39,6 +42,10 @@ class Controller(Protocol):
         """Return the force to command (N)."""
         ...
 
+    def blind(self) -> float:
+        """Return the force to command (N) while data are stale."""
+        ...
+
 
 class TightenOnSlip:
     """Grip that each onset of slip multiplies."""
@@ -51,6 +58,10 @@ class TightenOnSlip:
         """Return the force to command (N)."""
         if message["state"] == "onset" and message["valid"]:
             self._force_n = min(self._force_n * self._times, MOST_N)
+        return self._force_n
+
+    def blind(self) -> float:
+        """Return the force to command (N) while data are stale: as before."""
         return self._force_n
 
 
@@ -123,15 +134,26 @@ class Episodes:
         ]
 
 
-def play(scenes: Sequence[Scene], array: Array, controllers: Sequence[Controller], topic: Topic) -> Episodes:
+def play(
+    scenes: Sequence[Scene],
+    array: Array,
+    controllers: Sequence[Controller],
+    topic: Topic,
+    *,
+    restarts: bool = False,
+) -> Episodes:
     """Play grasps with a controller for each, which gets the messages of a topic.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
     The gripper's own delay follows.
+
+    With `restarts`, the daemon is down from `RESTART_S` on for `DOWN_S`: there are no messages, the client
+    says so after `STALE_AFTER_S`, and new detectors find the objects in the hand.
     """
     batch = HeldBatch(scenes, array)
     scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
-    detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
+    down = range(round(RESTART_S * RATE_HZ), round((RESTART_S + DOWN_S) * RATE_HZ)) if restarts else range(0)
+    stale = down[round(STALE_AFTER_S * RATE_HZ) :]
     shape = (batch.n_scans, len(scenes))
     grip_n, place_mm, command_n = (np.zeros(shape) for _ in range(3))
     slides = np.zeros(shape, dtype=np.bool_)
@@ -139,10 +161,16 @@ def play(scenes: Sequence[Scene], array: Array, controllers: Sequence[Controller
     batch.command(command)
     sent = command.copy()
     for scan in range(batch.n_scans):
+        if scan in (0, down.stop):
+            detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)
         for e in np.flatnonzero(~batch.has_fallen).tolist():
+            if scan in stale:
+                command[e] = controllers[e].blind()
+            if scan in down:
+                continue
             for message in messages_of(detectors[e], topic, scan, volts[e : e + 1]):
                 command[e] = controllers[e].take(message, float(batch.grip_n[e]))
         batch.command(sent)

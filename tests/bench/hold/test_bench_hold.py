@@ -1,14 +1,17 @@
 """The hold bench against the emulator, and its numbers against what is known of them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import aims
-from bench.hold.play import Episodes, GraspResult, TightenOnSlip, least_n
+from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, TightenOnSlip, least_n, play
 from tactiled.array import load_array
+from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.families.holding import EVENTS, LIFTED_S, hold
 from tactiled.emulator.scene.motion import SceneMotion
@@ -69,6 +72,36 @@ def test_grip_over_the_least_is_of_grasps_that_hold() -> None:
     episodes = Episodes([hold(0), hold(1)], grip_n, grip_n / 2, grip_n, blank > 0, blank, dropped)
     assert [one.dropped for one in episodes.results()] == [False, True]
     np.testing.assert_equal([one.over_least for one in episodes.results()], [2.0, np.nan])
+
+
+class Listener:
+    """Controller that grips firmly; it notes what it gets, and how often it is blind."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[float, str]] = []
+        self.n_blind = 0
+
+    def take(self, message: Mapping[str, Any], _present_n: float) -> float:
+        self.heard.append((message["timestamp"], message["state"]))
+        return 20.0
+
+    def blind(self) -> float:
+        self.n_blind += 1
+        return 21.0
+
+
+def test_a_daemon_that_restarts_is_silent_and_then_does_not_know_the_contact() -> None:
+    listener = Listener()
+    episodes = play([hold(500)], ARRAY, [listener], "grip", restarts=True)
+    times_s = [at_s for at_s, _ in listener.heard]
+    silent = int(np.argmax(np.diff(times_s)))
+    assert times_s[silent] < RESTART_S <= times_s[silent] + 1 / RATE_HZ
+    assert times_s[silent + 1] - times_s[silent] == pytest.approx(DOWN_S + 1 / RATE_HZ)
+    assert listener.n_blind == round((DOWN_S - STALE_AFTER_S) * RATE_HZ)
+    assert listener.heard[silent][1] != "unknown"
+    assert listener.heard[silent + 1][1] == "unknown"
+    scan = round((RESTART_S + DOWN_S) * RATE_HZ) - 1
+    assert episodes.command_n[scan, 0] == 21.0
 
 
 def test_slip_events_tighten() -> None:

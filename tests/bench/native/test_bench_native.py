@@ -47,22 +47,30 @@ class ControllerOfCpp:
         stack.callback(self.process.kill)
 
     def take(self, message: Mapping[str, Any], present_n: float) -> float:
-        assert self.process.stdin is not None  # as asked for
-        assert self.process.stdout is not None
         names = "timestamp", "load", "shear_x", "shear_y", "friction_low", "friction"
         numbers = " ".join(repr(float(message[name])) for name in names)
         flags = f"{message['state']} {int(message['valid'])} {int(message['late'])}"
-        self.process.stdin.write(f"{flags} {numbers} {present_n!r}\n")
+        return self._answer(f"{flags} {numbers} {present_n!r}")
+
+    def blind(self) -> float:
+        return self._answer("blind")
+
+    def _answer(self, line: str) -> float:
+        assert self.process.stdin is not None  # as asked for
+        assert self.process.stdout is not None
+        self.process.stdin.write(f"{line}\n")
         self.process.stdin.flush()
         return float(self.process.stdout.readline())
 
 
-def test_the_controller_of_cpp_holds_as_that_of_python(tmp_path: Path) -> None:
+@pytest.mark.parametrize("restarts", [False, True])
+def test_the_controller_of_cpp_holds_as_that_of_python(tmp_path: Path, restarts: bool) -> None:
     need_native()
     program = compile_program(tmp_path, Path(__file__).with_name("hold.cpp"), "-std=c++17", f"-I{HEADERS}")
     scenes, array = [hold(seed) for seed in range(500, 502)], load_array("wang2019-3x3")
     with ExitStack() as stack:
-        of_cpp = play(scenes, array, [ControllerOfCpp(program, stack) for _ in scenes], "grip")
-    of_python = play(scenes, array, [GripController() for _ in scenes], "grip")
+        controllers = [ControllerOfCpp(program, stack) for _ in scenes]
+        of_cpp = play(scenes, array, controllers, "grip", restarts=restarts)
+    of_python = play(scenes, array, [GripController() for _ in scenes], "grip", restarts=restarts)
     np.testing.assert_array_equal(of_cpp.command_n, of_python.command_n)
     assert not of_cpp.dropped.any()
