@@ -61,42 +61,29 @@ public:
         touched_s_ = std::min(touched_s_, grip.timestamp);
         if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load <= 0)
             return command_n_;
-        if (grip.state == Grip::STATE_UNKNOWN && unseen_load_ == 0) {
-            unseen_load_ = grip.load;
-            past_.clear();  // its shear has another zero
-        } else if (grip.state != Grip::STATE_UNKNOWN && unseen_load_ > 0 && grip.load > SEEN * unseen_load_) {
-            unseen_load_ = 0;
-            past_.clear();
-        }
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
         const double ratio = slip_ratio(grip, now);
         bound_friction(grip, now, ratio, step_s);
-        // Shear that falls or follows the grip may be that of the zero.
-        const bool slides = unseen_load_ > 0 ? grip.state == Grip::STATE_GROSS : dropped || ratio > 0;
+        const bool slides = dropped || ratio > 0;
         const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
         double wanted_n = wanted(grip.friction, now, ahead);
-        if (unseen_load_ > 0) {  // a part of this shear is of the zero
-            const double blind_n = BLIND * wanted_n_;
-            wanted_n = std::min(std::max(wanted_n, blind_n), GRASP_MOST * blind_n);
-        }
         if (slides) {
             double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_);
             if (grip.state != Grip::STATE_GROSS)  // an object that sways and sticks is not gripped ever harder
                 again_n = std::min(again_n, newtons_ * now.shear / (DENIED * grip.friction_low));
             wanted_n = std::max(wanted_n, again_n);
-        } else if (unseen_load_ == 0) {
+        } else {
             held_n_ = command_n_;
         }
-        if (unseen_load_ > 0 || past_.empty())
+        if (past_.empty())
             calm_from_s_ = now.at_s + CALM_AFTER_STALE_S;
         else if (slides)
             calm_from_s_ = std::max(now.at_s + CALM_AFTER_SLIP_S, calm_from_s_);
         else if (wanted_n > command_n_ || ahead > (1 + GROWS) * now.shear || now.shear < LEAST * now.load)
             calm_from_s_ = std::max(now.at_s + CALM_S, calm_from_s_);
-        if (unseen_load_ == 0)
-            wanted_n_ = wanted_n;
+        wanted_n_ = wanted_n;
         if (wanted_n > command_n_)
             command_n_ = wanted_n;
         else if (now.at_s > calm_from_s_)
@@ -124,7 +111,7 @@ private:
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
     static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7, DENIED = 0.4;
     static constexpr double CALM_S = 0.1, CALM_AFTER_SLIP_S = 0.3, CALM_AFTER_STALE_S = 1.0, EASE_PER_S = 4.0;
-    static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2, SEEN = 2.0;
+    static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2;
 
     struct Seen {
         double at_s, shear, load, force_n;
@@ -162,7 +149,7 @@ private:
         slides_ = false;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
-        calm_from_s_ = unseen_load_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
+        calm_from_s_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
         held_n_ = command_n_;
     }
 
@@ -256,11 +243,9 @@ private:
     double target_, least_n_, most_n_, command_n_;
     double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
     bool slides_;
-    // Load when a contact was met whose beginning nobody saw, until it has doubled; 0 for others.
-    double unseen_load_;
     std::deque<Seen> past_;
     double touched_s_, contact_s_, calm_from_s_, dropped_s_;
-    double wanted_n_ = 0;  // by the newest message of a contact that was seen to begin
+    double wanted_n_ = 0;  // by the newest message of a contact
     double held_n_, level_n_, newtons_, steady_from_s_;
 };
 

@@ -41,15 +41,12 @@ _DENIED = 0.4  # of the friction bound of a message: less is not believed of a s
 _RECOVER_PER_S = 0.05  # rate at which the ratio of the last slip is forgotten
 GRASP_AGAIN, _GRASP_MOST = 1.4, 1.7  # times the present force while all slides; times that before the slip
 _CALM_S, _CALM_AFTER_SLIP_S = 0.1, 0.3  # without growth of shear or slip, before the grip is eased
-_CALM_AFTER_STALE_S = 1.0  # from the first message on, after stale data, and after an unseen beginning
+_CALM_AFTER_STALE_S = 1.0  # from the first message on, after stale data
 _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 SAME_S = 2.0  # longest pause of contacts after which the object may still be the same: gaps end contacts
-# Times the grip that was wanted last, while tactile data are stale, or in a contact whose beginning nobody
-# saw: its shear does not show, and a grip that tightens makes shear of its zero.
-BLIND = 1.3
-_SEEN = 2.0  # times the load then: the filter measures the zero of its shear anew
+BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 
 
 class _Seen(NamedTuple):
@@ -98,7 +95,7 @@ class GripController:
     ) -> None:
         self._target, self._least_n, self._most_n = target, least_n, most_n
         self.command_n = self._limited(start_n)
-        self._wanted_n = 0.0  # by the newest message of a contact that was seen to begin
+        self._wanted_n = 0.0  # by the newest message of a contact
         self._forget()
 
     def _forget(self) -> None:
@@ -106,8 +103,6 @@ class GripController:
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
         self._slides = False
-        # Load when a contact was met whose beginning nobody saw, until it has doubled; 0.0 for others.
-        self._unseen_load = 0.0
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
@@ -135,39 +130,27 @@ class GripController:
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
-        state = grip["state"]
-        if state == "unknown" and not self._unseen_load:
-            self._unseen_load = grip["load"]
-            self._past.clear()  # its shear has another zero
-        elif state != "unknown" and grip["load"] > _SEEN * self._unseen_load > 0:
-            self._unseen_load = 0.0
-            self._past.clear()
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
         self._bound_friction(grip, now, ratio, step_s)
-        # Shear that falls or follows the grip may be that of the zero.
-        slides = state == "gross" if self._unseen_load else dropped or ratio > 0
+        slides = dropped or ratio > 0
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
         wanted_n = self._wanted(grip["friction"], now, ahead)
-        if self._unseen_load:  # a part of this shear is of the zero
-            blind_n = BLIND * self._wanted_n
-            wanted_n = min(max(wanted_n, blind_n), _GRASP_MOST * blind_n)
         if slides:
             again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
-            if state != "gross":  # an object that sways and sticks is not gripped ever harder
+            if grip["state"] != "gross":  # an object that sways and sticks is not gripped ever harder
                 again_n = min(again_n, self._newtons * now.shear / (_DENIED * grip["friction_low"]))
             wanted_n = max(wanted_n, again_n)
-        elif not self._unseen_load:
+        else:
             self._held_n = self.command_n
-        if self._unseen_load or not self._past:
+        if not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
         elif slides:
             self._calm_from_s = max(now.at_s + _CALM_AFTER_SLIP_S, self._calm_from_s)
         elif wanted_n > self.command_n or ahead > (1 + _GROWS) * now.shear or now.shear < _LEAST * now.load:
             self._calm_from_s = max(now.at_s + _CALM_S, self._calm_from_s)
-        if not self._unseen_load:
-            self._wanted_n = wanted_n
+        self._wanted_n = wanted_n
         if wanted_n > self.command_n:
             self.command_n = wanted_n
         elif now.at_s > self._calm_from_s:
