@@ -359,15 +359,20 @@ private:
                 Items& out)
     {
         bytes = detail::behind_head(bytes);
+        std::vector<std::string_view> packed;
         for (std::uint32_t n = 0; n < messages.size; ++n) {
-            const msgpack::object& path = messages.ptr[n].key;
+            detail::take_value(bytes);
+            packed.push_back(detail::take_value(bytes));
+        }
+        std::vector<detail::KeyEntries> keys;
+        detail::find_keys(messages, keys);
+        for (const auto& [first, last] : keys) {
+            const msgpack::object& path = messages.ptr[first].key;
             std::string_view topic = detail::is_text(path) ? detail::text_of(path) : std::string_view();
             topic = topic.substr(topic.rfind('/') + 1);  // npos + 1 is 0: all of it
             Message message;
-            detail::take_value(bytes);
-            const std::string_view packed = detail::take_value(bytes);
-            if (topic == "scan" || topic == "status" ||
-                !read(topic, messages.ptr[n].val, packed, now_s, unix_s, message) || !has_room(message))
+            const bool is_read = read(topic, messages.ptr[last].val, packed[last], now_s, unix_s, message);
+            if (topic == "scan" || topic == "status" || !is_read || !has_room(message))
                 continue;
             const Board* board = find_board(message.board);
             const bool is_known = (board && board->has_status) || find_line(message.board, topic);

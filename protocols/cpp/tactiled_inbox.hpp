@@ -157,11 +157,12 @@ private:
         const msgpack::object* sent = detail::find(map_, "sent");
         if (!sent || sent->type != msgpack::type::MAP)
             return;
-        for (std::uint32_t n = 0; n < sent->via.map.size; ++n) {
-            const auto& entry = sent->via.map.ptr[n];
-            if (detail::is_text(entry.key) && detail::is_count(&entry.val) &&
-                wanted_.has_topic(detail::text_of(entry.key)))
-                catch_up_.expect(message_.board, detail::text_of(entry.key), entry.val.via.u64, now_s, out);
+        detail::find_keys(sent->via.map, keys_);
+        for (const auto& [first, last] : keys_) {
+            const msgpack::object& topic = sent->via.map.ptr[first].key;
+            const msgpack::object& count = sent->via.map.ptr[last].val;
+            if (detail::is_text(topic) && detail::is_count(&count) && wanted_.has_topic(detail::text_of(topic)))
+                catch_up_.expect(message_.board, detail::text_of(topic), count.via.u64, now_s, out);
         }
     }
 
@@ -275,6 +276,7 @@ private:
     detail::Head head_;
     msgpack::zone zone_;
     msgpack::object map_;  // of a status
+    std::vector<detail::KeyEntries> keys_;  // of its `sent`
     Message message_;
     bool is_message_ = false;
     std::string reason_;

@@ -10,6 +10,7 @@
 #define MSGPACK_NO_BOOST
 #endif
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <exception>
@@ -18,6 +19,7 @@
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 #include "tactiled_events.hpp"
@@ -184,6 +186,36 @@ inline const msgpack::object* find(const msgpack::object& map, std::string_view 
     return entry ? &entry->val : nullptr;
 }
 
+// Entries of a map with one key: number of the first, which has the place, and of the last, which has the
+// value.
+using KeyEntries = std::pair<std::uint32_t, std::uint32_t>;
+
+// Entries of each key of a checked map, in the order of a dict of Python.
+inline void find_keys(const msgpack::object_map& map, std::vector<KeyEntries>& out)
+{
+    const auto key = [&map](const KeyEntries& entries) {
+        const msgpack::object& found = map.ptr[entries.first].key;
+        if (found.type == msgpack::type::BIN)  // no other type than this and text passes the check
+            return std::pair(true, std::string_view(found.via.bin.ptr, found.via.bin.size));
+        return std::pair(false, text_of(found));
+    };
+    out.clear();
+    for (std::uint32_t n = 0; n < map.size; ++n)
+        out.emplace_back(n, n);
+    std::sort(out.begin(), out.end(), [&key](const KeyEntries& one, const KeyEntries& other) {
+        return std::pair(key(one), one.first) < std::pair(key(other), other.first);
+    });
+    std::size_t count = 0;
+    for (const KeyEntries& entries : out) {
+        if (count > 0 && key(out[count - 1]) == key(entries))
+            out[count - 1].second = entries.second;
+        else
+            out[count++] = entries;
+    }
+    out.resize(count);
+    std::sort(out.begin(), out.end());
+}
+
 // Take the first of the values that begin here, as bytes. msgpack-cxx cannot pack again what it has unpacked:
 // it makes integers of floats like 1.0.
 inline std::string_view take_value(std::string_view& values)
@@ -253,22 +285,16 @@ public:
         template <class T> void get_to(T& out) const { fill(object, out); }
     };
 
-    explicit MapView(const msgpack::object& object)
+    explicit MapView(const msgpack::object& object) : map_(object)
     {
         if (object.type != msgpack::type::MAP)
             throw msgpack::type_error();
-        map_ = object.via.map;
     }
 
-    // The search begins behind the field before: a daemon of the same version sends them in this order.
     Value at(std::string_view key) const
     {
-        for (std::uint32_t n = 0; n < map_.size; ++n) {
-            const auto& entry = map_.ptr[next_];
-            next_ = next_ + 1 == map_.size ? 0 : next_ + 1;
-            if (is_text(entry.key) && text_of(entry.key) == key)
-                return Value{entry.val};
-        }
+        if (const msgpack::object* value = find(map_, key))
+            return Value{*value};
         throw std::out_of_range(std::string(key));
     }
 
@@ -294,8 +320,7 @@ private:
         }
     }
 
-    msgpack::object_map map_{};
-    mutable std::uint32_t next_ = 0;
+    msgpack::object map_;
 };
 
 }  // namespace detail

@@ -224,6 +224,45 @@ def test_both_take_the_same_replies(native_inbox: Path, odd: dict[str, Any]) -> 
     assert_same(native_inbox, recorded)
 
 
+def packed_pairs(pairs: Sequence[tuple[Any, bytes]]) -> bytes:
+    """Pack a map, whose keys may be repeated, of values that are packed already."""
+    return msgpack.Packer().pack_map_header(len(pairs)) + b"".join(
+        msgpack.packb(key) + value for key, value in pairs
+    )
+
+
+def test_of_a_repeated_key_the_last_value_counts_in_the_place_of_the_first(native_inbox: Path) -> None:
+    recorded = RecordedInbox()
+    recorded.tick()
+    seqs = [("slip", 9), ("grip", 5), (b"slip", 4), ("slip", 3), ("grip", "x"), ("scan", 2), ("grip", 7)]
+    status = GOOD | {"board": "b", "valid": True, "timestamp": recorded.now_s + recorded.unix_offset_s}
+    for first in (0, 2):  # the topics begin with the first status; the second shows that messages are missing
+        sent = packed_pairs([(key, msgpack.packb(n + first if n != "x" else n)) for key, n in seqs])
+        fields = [(key, msgpack.packb(value)) for key, value in (status | {"seq": first // 2}).items()]
+        repeated = [("valid", msgpack.packb(False)), ("seq", msgpack.packb(70)), ("sent", b"\x80"), *fields]
+        recorded.receive([b"tactile/b/status", packed_pairs([*repeated, ("sent", sent)])])
+    lost = [row for outcome in recorded.outcomes for row in outcome["items"] if row[0] == "Lost"]
+    assert lost == [["Lost", "slip", "b", 2], ["Lost", "grip", "b", 2], ["Lost", "scan", "b", 2]]
+    assert ["Fresh"] in recorded.outcomes[-2]["items"]
+    assert_same(native_inbox, recorded)
+
+
+def test_of_a_repeated_topic_in_a_reply_the_last_message_counts(native_inbox: Path) -> None:
+    recorded = RecordedInbox()
+    recorded.tick()
+    recorded.receive([b"tactile/b/status", msgpack.packb(GOOD | {"board": "b", "valid": True})])
+    messages = [
+        (topic, msgpack.packb(GOOD | {"board": "b", "seq": seq, "texts": text}))
+        for topic, seq, text in (("t/slip", 1, "a"), ("", 1, "b"), ("t/grip", 4, "c"), ("", 2, "d"))
+    ]
+    messages += [("t/slip", msgpack.packb(5)), ("t/grip", msgpack.packb(GOOD | {"board": "b", "seq": 3}))]
+    reply = [(key, msgpack.packb(value)) for key, value in (("v", 1), ("id", "x"), ("do", "state"))]
+    recorded.answer(packed_pairs([*reply, ("messages", b"\x80"), ("messages", packed_pairs(messages))]))
+    found = [row[1:5:3] for row in recorded.outcomes[-1]["items"] if row[0] == "Recovered"]
+    assert found == [["", 2], ["grip", 3]]
+    assert_same(native_inbox, recorded)
+
+
 @pytest.mark.parametrize(
     "endpoint",
     [
@@ -263,7 +302,7 @@ int main()
     const auto scan = read<tactiled::Scan>("scan");
     std::cout << slip.state << slip.valid << slip.taxels.at(0) << slip.board << slip.direction_deg << " "
               << status.sent.slip << status.loss_known << " " << texture.candidates.at(1).period_mm << " "
-              << scan.volts.at(1) << scan.valid.at(0) << scan.valid.at(1);
+              << scan.volts.at(1) << scan.valid.at(0) << scan.valid.at(1) << scan.index;
     tactiled::Message message;
     message.topic = "scan";
     tactiled::Scan out;
@@ -293,6 +332,8 @@ def test_messages_are_read_into_structures(tmp_path: Path) -> None:
                  "index": 3, **head},
     }  # fmt: skip
     for topic, message in messages.items():
-        (tmp_path / topic).write_bytes(msgpack.packb(message))
+        repeated = ("index", msgpack.packb(8))  # the first value does not count
+        pairs = [(key, msgpack.packb(value)) for key, value in message.items()]
+        (tmp_path / topic).write_bytes(packed_pairs([repeated, *pairs]))
     done = subprocess.run([program], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
-    assert done.stdout == "onset14b30 01 2.5 2.510000"
+    assert done.stdout == "onset14b30 01 2.5 2.5103000"
