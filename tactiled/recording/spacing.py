@@ -163,7 +163,7 @@ def to_blocks(
     if not _LEAST_AGREED < scan_hz * spacing.period_s < 1 / _LEAST_AGREED:
         raise DataError(
             f"a rate of {rate_hz:g} Hz, but rows are {spacing.period_s / spacing.rows:g} s apart: "
-            "omit the rate, or correct time_s"
+            "omit the rate, or correct the times"
         )
     is_scan = scans_among(volts, spacing.rows)
     if not is_scan.all():

@@ -3,7 +3,9 @@
 import csv
 import fnmatch
 import io
+import logging
 import math
+import re
 import tokenize
 import zipfile
 import zlib
@@ -11,7 +13,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal, TextIO
+from typing import IO, Literal, NamedTuple, TextIO
 
 import numpy as np
 
@@ -19,6 +21,8 @@ from tactiled.array import FloatArray
 from tactiled.errors import ConfigError, DataError
 from tactiled.pipeline import RATES_HZ
 from tactiled.recording.spacing import spacing_of
+
+logger = logging.getLogger(__name__)
 
 TABLES = (".csv", ".npz")
 TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -36,7 +40,15 @@ _READ_VALUES = 1 << 16  # of an npz at once: zlib holds twice what it is asked f
 # A log slower than this more likely gives its times in milliseconds (10 kHz then reads as 10 Hz) or as row
 # numbers than that it was recorded so slowly.
 _SLOWEST_LIKELY_HZ = 10.0
-_TIME_NAMES = "time", "t", "timestamp", "stamp"
+_TIME_NAMES = "time", "timestamp", "stamp"
+# How names spell the units of times.
+_UNIT_WORDS: dict[str, TimeUnit] = {
+    **dict.fromkeys(("s", "sec", "secs", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "micros", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
+}
+_SPLIT_STAMPS = {"sec": "nanosec", "secs": "nsecs"}  # stamps of ROS 2 and ROS 1: whole seconds, and the rest
 _TIME_ADVICE = (
     "times named time, t, timestamp or stamp need a unit, as in stamp_ms or by --time-unit, and a log "
     "without times needs --rate"
@@ -55,13 +67,34 @@ class TableOptions:
     time_unit: TimeUnit | None = None
 
 
+class _Times(NamedTuple):
+    """Columns or arrays with the times of a log: none where a rate stands for them, two of a split stamp."""
+
+    used: tuple[str, ...]
+    units: tuple[TimeUnit, ...]  # of the used ones
+    unused: tuple[str, ...]  # that have times, too
+
+    @property
+    def name(self) -> str:
+        """Name for errors."""
+        return " and ".join(self.used) or "--rate"
+
+    def seconds(self, stamps: Sequence[FloatArray]) -> FloatArray:
+        """Return the times of the used columns, one at least, (n,) each."""
+        time_s = np.zeros(len(stamps[0]))
+        for unit, stamp in zip(self.units, stamps, strict=True):
+            time_s += SECONDS[unit] * stamp
+        return time_s
+
+
 def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatArray, FloatArray]:
     """Read the times (n,) in seconds and the readings (n, channels) of a log, NaN where missing.
 
-    ``.csv``: a header, a column ``time_s`` (or ``stamp_ms`` and the like), then one column per channel in
-    channel order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and
-    a row without any reading a missing scan, which is left out. Without a column of times, the rate spaces
-    the rows.
+    ``.csv``: a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the like, or ``sec`` and
+    ``nanosec``), then one column per channel in channel order, with commas, semicolons or tabs between; an
+    empty cell or ``nan`` is a missing reading, and a row without any reading a missing scan, which is left
+    out. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
+    warning, unless `columns` names the channels.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -71,17 +104,25 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         The file is not a valid log (the message names the line or the array), or too large to be held.
     """
     options = options or TableOptions()
-    stamps, unit, readings = (_read_npz if path.suffix == ".npz" else _read_csv)(path, options)
-    if stamps is None:
+    times, time_s, readings = (_read_npz if path.suffix == ".npz" else _read_csv)(path, options)
+    if times.unused and not options.columns:
+        logger.warning(
+            "%s: times are those of %s; left out: %s (--columns keeps it as a channel)",
+            path,
+            times.name,
+            ", ".join(times.unused),
+        )
+    if time_s is None:
         assert options.rate_hz is not None  # which stands for the times
         time_s = np.arange(len(readings)) / options.rate_hz
-    else:
-        time_s = stamps * SECONDS[unit]
     if not (is_number := np.isfinite(time_s)).all():
-        raise DataError(f"{path}: time_s is not a number in row {int(np.argmin(is_number)) + 1}")
+        raise DataError(f"{path}: {times.name} is not a number in row {int(np.argmin(is_number)) + 1}")
     if (backwards := np.flatnonzero(np.diff(time_s) <= 0)).size:
         at = int(backwards[0])
-        raise DataError(f"{path}: time_s does not grow at row {at + 2} ({time_s[at]} to {time_s[at + 1]})")
+        raise DataError(
+            f"{path}: {times.name} does not grow at row {at + 2} ({time_s[at]} s to {time_s[at + 1]} s); if "
+            "rows are evenly spaced, leave out the times and give --rate"
+        )
     is_reading = np.isfinite(readings)
     readings[~is_reading] = np.nan
     if not (is_scan := is_reading.any(axis=1)).all():
@@ -90,16 +131,17 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         raise DataError(
             f"{path}: {len(time_s)} scans (rows with a reading); at least two are needed to compute the rate"
         )
-    if fault := _rate_fault(spacing_of(time_s).period_s, unit, options):
+    if fault := _rate_fault(spacing_of(time_s).period_s, times, options):
         raise DataError(f"{path}: {fault}")
     return time_s, readings
 
 
-def _rate_fault(spacing_s: float, given: TimeUnit, options: TableOptions) -> str:
+def _rate_fault(spacing_s: float, times: _Times, options: TableOptions) -> str:
     """Describe an implausible time spacing and its remedy; empty where the times are probably seconds."""
     slowest, fastest = RATES_HZ
     rate_hz = 1 / spacing_s
-    rows = f"rows are {spacing_s:g} s apart by time_s, {rate_hz:g} Hz"
+    given = times.units[0] if times.units else "s"
+    rows = f"rows are {spacing_s:g} s apart by {times.name}, {rate_hz:g} Hz"
     if rate_hz > fastest:
         return f"{rows}, and no board is faster than {fastest:g} Hz; give it in seconds or say --time-unit"
     is_known = options.rate_hz is not None or options.time_unit is not None or given != "s"
@@ -119,26 +161,66 @@ def _check_size(path: Path, n_bytes: int) -> None:
         raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
 
 
-def _time_name(names: Sequence[str], options: TableOptions) -> tuple[str, TimeUnit] | None:
-    """Return the name of the times among some, and their unit; None without times.
+def _find_times(path: Path, names: Sequence[str], options: TableOptions) -> _Times | None:
+    """Find the times among the names of columns or arrays; None without times or a rate.
 
-    Without a unit in the options, a name that has its unit is that of times, unless a rate is given: such a
-    log need not have any.
+    A name without a unit has that of the options. `time_s` comes first, then a stamp that is split into
+    seconds and nanoseconds, then the first name with a unit.
+
+    Raises
+    ------
+    DataError
+        All times have another unit than that of the options.
     """
     given = options.time_unit
-    known = [("time_s", given or "s")]
-    if given:
-        known += [(f"time_{given}", given), *((name, given) for name in _TIME_NAMES)]
-        known += [(f"{name}_{given}", given) for name in _TIME_NAMES]
-    elif options.rate_hz is None:
-        known += [(f"{name}_{unit}", unit) for name in _TIME_NAMES for unit in SECONDS]
-    return next((one for one in known if one[0] in names), None)
+    found = {name: unit for name in names if (unit := _unit_of(name)) is not None}
+
+    def times(used: Sequence[str], units: Sequence[TimeUnit]) -> _Times:
+        return _Times(tuple(used), tuple(units), tuple(name for name in found if name not in used))
+
+    if "time_s" in found:
+        return times(["time_s"], [given or "s"])
+    if given is None and (pair := _split_stamp(list(found))):
+        return times(pair, ["s", "ns"])
+    for name, unit in found.items():
+        if unit and given in (None, unit):
+            return times([name], [unit])
+        if given is not None and not unit:
+            return times([name], [given])
+    if given is not None and found:
+        raise DataError(f"{path}: --time-unit {given}, but the times are in {', '.join(found)}: which is it?")
+    return None if options.rate_hz is None else times([], [])
+
+
+def _unit_of(name: str) -> TimeUnit | Literal[""] | None:
+    """Return the unit of the times that a column or array has by its name, "" unknown; None for no times."""
+    *stem, last = _words(name) or [""]
+    if name == "t" or last in _TIME_NAMES:
+        return ""
+    # s alone may be anything, sec is a unit.
+    is_time = len(last) > len("ms") if not stem else stem[-1] in _TIME_NAMES or stem == ["t"]
+    return _UNIT_WORDS.get(last) if is_time else None
+
+
+def _words(name: str) -> list[str]:
+    """Return the words of a name: time, ms of ``Time [ms]``; header, stamp, sec of ``header.stamp.sec``."""
+    return re.findall("[a-z0-9]+", re.sub("[\u00b5\u03bc]", "u", name.lower()))
+
+
+def _split_stamp(names: Sequence[str]) -> tuple[str, str] | None:
+    """Return the names of a stamp's seconds and nanoseconds; None for no such stamp."""
+    by_words = {tuple(_words(name)): name for name in names}
+    for words, name in by_words.items():
+        rest = by_words.get((*words[:-1], _SPLIT_STAMPS.get(words[-1], "")))
+        if rest is not None:
+            return name, rest
+    return None
 
 
 # ---- CSV -----------------------------------------------------------------------------------------
 
 
-def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
+def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | None, FloatArray]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             first_line = stream.readline(_MOST_LINE)
@@ -150,8 +232,14 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, Tim
                     f"{path}: the first line has numbers only; write a line of names above it, or in its "
                     "place where it is the header"
                 )
-            time_column, unit = _time_column(path, header, options)
-            needed = _chosen(path, header, options.columns, time_column)
+            times = _times_of_header(path, header, options)
+            stamps = [header.index(name) for name in times.used]
+            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
+            needed = (
+                _chosen(path, header, options.columns, stamps)
+                if options.columns
+                else [k for k in range(len(header)) if k not in left_out]
+            )
             numbers = array("d")  # it grows in place
             for cells in reader:
                 if not cells:
@@ -161,16 +249,13 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[FloatArray | None, Tim
                     raise DataError(
                         f"{path}: line {line} has {len(cells)} cells, the header has {len(header)}"
                     )
-                if time_column is not None:
-                    numbers.append(_number(cells[time_column], path, line))
-                numbers.extend([_number(cells[column], path, line) for column in needed])
+                numbers.extend([_number(cells[column], path, line) for column in (*stamps, *needed)])
                 _check_size(path, numbers.itemsize * len(numbers))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
-    if time_column is None:
-        return None, unit, np.frombuffer(numbers).reshape(-1, max(len(needed), 1))
-    table = np.frombuffer(numbers).reshape(-1, 1 + len(needed))
-    return table[:, 0], unit, table[:, 1:]
+    table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
+    time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else None
+    return times, time_s, table[:, len(stamps) :]
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -181,24 +266,20 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _time_column(path: Path, header: list[str], options: TableOptions) -> tuple[int | None, TimeUnit]:
-    """Return the number of the column of times, and their unit; None where the rate stands for it."""
-    if named := _time_name(header, options):
-        return header.index(named[0]), named[1]
-    if options.rate_hz is not None:
-        return None, "s"
+def _times_of_header(path: Path, header: list[str], options: TableOptions) -> _Times:
+    """Return the columns of times; `DataError` without any and without a rate."""
+    if (times := _find_times(path, header, options)) is not None:
+        return times
     found = ", ".join(header[:6]) or "nothing"
     raise DataError(f"{path}: the header lacks the column time_s (found: {found}); {_TIME_ADVICE}")
 
 
-def _chosen(path: Path, header: list[str], columns: Sequence[str], time_column: int | None) -> list[int]:
-    """Return the numbers of the columns of the channels, in channel order."""
-    if not columns:
-        return [number for number in range(len(header)) if number != time_column]
+def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Sequence[int]) -> list[int]:
+    """Return the numbers of the columns that are named as channels, in channel order; none of `stamps`."""
     chosen: list[int] = []
     for pattern in columns:
         matching = [
-            k for k, name in enumerate(header) if fnmatch.fnmatchcase(name, pattern) and k != time_column
+            k for k, name in enumerate(header) if fnmatch.fnmatchcase(name, pattern) and k not in stamps
         ]
         if not matching:
             raise DataError(f"{path}: no column {pattern!r} of --columns; the header has {', '.join(header)}")
@@ -232,7 +313,7 @@ def _is_number(cell: str) -> bool:
 # ---- npz -----------------------------------------------------------------------------------------
 
 
-def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
+def _read_npz(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | None, FloatArray]:
     if options.columns:
         raise ConfigError("command line", ["--columns is for CSV; an npz file has the array volts"])
     try:
@@ -258,31 +339,31 @@ def _read_npz(path: Path, options: TableOptions) -> tuple[FloatArray | None, Tim
 
 def _from_archive(
     path: Path, archive: zipfile.ZipFile, options: TableOptions
-) -> tuple[FloatArray | None, TimeUnit, FloatArray]:
+) -> tuple[_Times, FloatArray | None, FloatArray]:
     names = [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
-    time_name, unit = _time_name(names, options) or (None, "s")
-    others = [name for name in names if name not in (*_TIME_NAMES, "time_s", time_name, "valid")]
+    times = _find_times(path, names, options)
+    others = [name for name in names if _unit_of(name) is None and name != "valid"]
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
-    lacks_time = time_name is None and options.rate_hz is None
-    if lacks_time or name is None:
-        missing = [*(["time_s"] if lacks_time else []), *(["volts"] if name is None else [])]
+    if times is None or name is None:
+        missing = [*(["time_s"] if times is None else []), *(["volts"] if name is None else [])]
         raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {names}; {_TIME_ADVICE}")
     readings = _read_array(path, archive, name)
     n_channels = math.prod(readings.shape[1:])
     if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number
         raise DataError(f"{path}: {name} has {n_channels} channels; 1 to {MOST_CHANNELS} are read")
-    time = None if time_name is None else _read_array(path, archive, time_name)
-    if readings.ndim < 2 or (time is not None and time.shape != readings.shape[:1]):
+    stamps = [_read_array(path, archive, used) for used in times.used]
+    if readings.ndim < 2 or any(stamp.shape != readings.shape[:1] for stamp in stamps):
+        shapes = " and ".join(f"{used} {stamp.shape}" for used, stamp in zip(times.used, stamps, strict=True))
         raise DataError(
-            f"{path}: {time_name} {'' if time is None else time.shape} and {name} {readings.shape} should be "
-            "(n,) and (n, channels)"
+            f"{path}: {shapes}{' and ' if shapes else ''}{name} {readings.shape} should be (n,) "
+            "and (n, channels)"
         )
     if "valid" in names:  # written by `calibrate --guide`: invalid readings become NaN
         valid = _read_array(path, archive, "valid")
         if valid.shape != readings.shape:
             raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
         readings[valid == 0] = np.nan
-    return time, unit, readings.reshape(-1, n_channels)
+    return times, times.seconds(stamps) if stamps else None, readings.reshape(-1, n_channels)
 
 
 def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:

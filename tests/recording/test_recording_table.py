@@ -144,13 +144,73 @@ def test_a_name_may_say_the_unit_of_the_times(name: str, tmp_path: Path) -> None
     time_s, readings = read_table(path)
     assert time_s == pytest.approx([1.0, 1.01])
     assert readings.tolist() == [[1.0, 2.0], [4.0, 5.0]]
-    with pytest.raises(DataError, match="lacks the column time_s"):  # two units: which is it?
+    with pytest.raises(DataError, match=f"--time-unit s, but the times are in {name}: which is it?"):
         read_table(path, TableOptions(time_unit="s"))
-    _, readings = read_table(path, TableOptions(rate_hz=50.0))  # a log without times
-    assert readings.shape == (2, 3)
+    assert read_table(path, TableOptions(rate_hz=50.0))[0] == pytest.approx([1.0, 1.01])
     arrays: dict[str, Any] = {name: [1000, 1010], "pad": np.ones((2, 4))}
     np.savez(tmp_path / "t.npz", **arrays)
     assert read_table(tmp_path / "t.npz")[0] == pytest.approx([1.0, 1.01])
+
+
+@pytest.mark.parametrize(
+    ("header", "used", "unused"),
+    [
+        ("time,stamp_ms,a", "stamp_ms", "time"),
+        ("Time [ms],field.header.stamp,a", "Time [ms]", "field.header.stamp"),
+        ("time_\u00b5s,millis,a", "time_\u00b5s", "millis"),
+        ("wall.timestamp,time_s,a", "time_s", "wall.timestamp"),
+    ],
+)
+def test_a_second_column_of_times_is_no_channel(
+    header: str, used: str, unused: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "t.csv"
+    at = header.split(",").index(used)
+    rows = [[900.0 + 7 * k, 900.0 + 7 * k, 5.0 + k] for k in range(3)]
+    for k, row in enumerate(rows):
+        row[at] = {"time_s": 0.01, "time_\u00b5s": 10_000.0}.get(used, 10.0) * k
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows)]), encoding="utf-8")
+    time_s, readings = read_table(path)
+    assert time_s == pytest.approx([0.0, 0.01, 0.02])
+    assert readings.tolist() == [[5.0], [6.0], [7.0]]
+    assert f"times are those of {used}; left out: {unused} (" in caplog.text
+    caplog.clear()
+    assert read_table(path, TableOptions(columns=[unused, "a"]))[1].shape == (3, 2)
+    assert not caplog.text
+
+
+@pytest.mark.parametrize("names", ["sec,nanosec", "header.stamp.secs,header.stamp.nsecs"])
+def test_seconds_and_nanoseconds_are_one_time(names: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f"{names},a\n1700000000,990000000,1\n1700000001,0,2\n1700000001,10000000,3\n")
+    time_s, readings = read_table(path)
+    assert np.diff(time_s) == pytest.approx([0.01, 0.01], abs=1e-6)
+    assert readings.tolist() == [[1.0], [2.0], [3.0]]
+    np.savez(tmp_path / "t.npz", sec=[1, 2, 2], nanosec=[99e7, 0, 1e7], pad=np.ones((3, 2)))
+    assert read_table(tmp_path / "t.npz")[0] == pytest.approx([1.99, 2.0, 2.01])
+
+
+def test_channels_that_are_named_like_times_stay(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("time_s,T,s,ms,left.t,f_s\n0,1,2,3,4,5\n0.01,1,2,3,4,5\n")
+    assert read_table(path)[1].shape == (2, 5)
+    assert not caplog.text
+
+
+@pytest.mark.parametrize(
+    ("stamps", "says"),
+    [
+        ((0, 0), "stamp_ms does not grow at row 2 .*leave out the times and give --rate"),
+        ((0, ""), "stamp_ms is not a number in row 2"),
+        ((0, 1e6), "1000 s apart by stamp_ms, 0.001 Hz; times are taken in ms"),
+    ],
+)
+def test_errors_name_the_times_of_the_file(tmp_path: Path, stamps: tuple[object, object], says: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(f"stamp_ms,a\n{stamps[0]},1\n{stamps[1]},2\n")
+    with pytest.raises(DataError, match=says) as caught:
+        read_table(path)
+    assert "time_s" not in str(caught.value)
 
 
 def test_a_name_without_a_unit_comes_before_one_with_another(tmp_path: Path) -> None:
@@ -158,7 +218,7 @@ def test_a_name_without_a_unit_comes_before_one_with_another(tmp_path: Path) -> 
     path.write_text("time_us,t,a\n5,0,1\n6,10,4\n")
     time_s, readings = read_table(path, TableOptions(time_unit="ms"))
     assert time_s == pytest.approx([0.0, 0.01])
-    assert readings.shape == (2, 2)
+    assert readings.tolist() == [[1.0], [4.0]]
 
 
 def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> None:
