@@ -86,10 +86,14 @@ def test_poses_that_do_not_belong_together_are_refused() -> None:
         fitted(chip(), readings, values)
 
 
-def test_the_command_takes_tables_without_times(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("are_numbered", [False, True], ids=["without times", "numbers of the poses"])
+def test_the_command_takes_tables_of_poses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], are_numbered: bool
+) -> None:
     readings, values = poses()
     rows = np.arange(len(values))[:, np.newaxis]
-    np.savetxt(tmp_path / "log.csv", readings, delimiter=",", header="X,Y,Z", comments="")
+    log, header = (np.hstack([rows, readings]), "time_s,X,Y,Z") if are_numbered else (readings, "X,Y,Z")
+    np.savetxt(tmp_path / "log.csv", log, delimiter=",", header=header, comments="")
     table = np.hstack([rows, values[:, :3]])
     np.savetxt(tmp_path / "ft.csv", table, delimiter=",", header="time_s,fx_n,fy_n,fz_n", comments="")
     lines = [f"{key} = {json.dumps(value)}" for key, value in CHIP.items() if key != "taxel_channels"]
@@ -99,6 +103,6 @@ def test_the_command_takes_tables_without_times(tmp_path: Path, capsys: pytest.C
     ]
     (tmp_path / "chip.toml").write_text("\n".join([*lines, *kinds]))
     command = ["calibrate", str(tmp_path / "log.csv"), "--reference", str(tmp_path / "ft.csv"), "--poses"]
-    command += ["--rate", "1", "--array", str(tmp_path / "chip.toml"), "-o", str(tmp_path / "mine.toml")]
+    command += ["--array", str(tmp_path / "chip.toml"), "-o", str(tmp_path / "mine.toml")]
     assert call(*command) == 0, capsys.readouterr().err
     assert (tmp_path / "mine.toml").exists()

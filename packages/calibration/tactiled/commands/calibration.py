@@ -105,5 +105,6 @@ def calibrate(
     from tactiled.calibrate.run import calibrate_files
     from tactiled.recording.table import TableOptions
 
-    table = TableOptions(rate_hz, columns, time_unit)
+    # Numbers of poses are no times, and a table without them has a pose in each row.
+    table = TableOptions(rate_hz or (1.0 if about["are_poses"] else None), columns, time_unit)
     calibrate_files(log, reference, out, array, topic, table, plot=plot, **about)
