@@ -28,8 +28,7 @@ static double number() {
 }
 
 int main() {
-    double target = 0, start_n = 0, least_n = 0, most_n = 0;
-    std::cin >> target >> start_n >> least_n >> most_n;
+    const double target = number(), start_n = number(), least_n = number(), most_n = number();
     tactiled::GripController controller(target, start_n, least_n, most_n);
     std::cout << std::setprecision(17) << controller.command_n() << "\\n";
     tactiled::Grip grip;
@@ -129,3 +128,24 @@ def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> N
     found = [float(line) for line in done.stdout.splitlines()]
     assert found == pytest.approx(expected, rel=1e-9)
     assert len(set(expected)) > 5
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [
+        (math.nan, 6.0, 1.0, 40.0),
+        (0.0, 6.0, 1.0, 40.0),
+        (0.9, math.nan, 1.0, 40.0),
+        (0.9, 6.0, math.nan, 40.0),
+        (0.9, 6.0, 50.0, 40.0),
+        (0.9, 6.0, 1.0, math.nan),
+        (0.9, 6.0, 1.0, math.inf),
+    ],
+)
+def test_both_refuse_limits_that_mean_nothing(program: Path, limits: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="0 <= least_n <= most_n"):
+        GripController(*limits)
+    words = " ".join(map(str, limits))
+    done = subprocess.run([program], input=words, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode != 0
+    assert "0 <= least_n <= most_n" in done.stderr

@@ -78,6 +78,11 @@ class GripController:
     start_n, least_n, most_n : float
         Grip before the object's weight is felt, and the limits of the grip.
 
+    Raises
+    ------
+    ValueError
+        A number is not finite, or the limits are not in order.
+
     Attributes
     ----------
     command_n : float
@@ -93,6 +98,11 @@ class GripController:
     def __init__(
         self, target: float = TARGET, start_n: float = 6.0, least_n: float = 1.0, most_n: float = 40.0
     ) -> None:
+        if not (0 < target <= 1 and 0 <= least_n <= most_n < math.inf and math.isfinite(start_n)):
+            raise ValueError(
+                f"target {target}, start_n {start_n}, least_n {least_n}, most_n {most_n}: "
+                "wanted are 0 < target <= 1 and finite forces with 0 <= least_n <= most_n"
+            )
         self._target, self._least_n, self._most_n = target, least_n, most_n
         self.command_n = self._limited(start_n)
         self._wanted_n = 0.0  # by the newest message of a contact
