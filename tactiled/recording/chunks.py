@@ -34,8 +34,10 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, two times; then the data
 # One index for each channel of a chunk (opcode, length, channel, bytes of the entries), one entry a message
 _INDEX_HEAD_BYTES, _INDEX_ENTRY_BYTES = _HEAD.size + 6, 16
 _CHECKSUM_BYTES = 4  # all that the end of the data has
-# Before the data of a chunk: opcode, length, two times, size, checksum, and the name of the compression.
-_COMPRESSION_AT, _COMPRESSION = _HEAD.size + 28, struct.pack("<I4s", 4, b"zstd")
+# A chunk has two times, a size and a checksum, the name of its compression, and the length of its data.
+_NAME_AT, _COMPRESSION = 28, struct.pack("<I4s", 4, b"zstd")
+_COMPRESSION_AT, _CHUNK_HEAD_BYTES = _HEAD.size + _NAME_AT, _NAME_AT + len(_COMPRESSION) + 8
+_MOST_METADATA_BYTES = 1 << 20  # texts of array, layout and calibration
 _SEARCHED_BYTES = 1 << 20  # at once, for the next head
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
 # Records that may follow the indexes of a chunk.
@@ -140,7 +142,7 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     _entries(summary, schemas, channels)
     n_damaged = 0  # bytes of a stretch that is not reported yet
     last_ns = newest_ns = 0  # of the chunk before, and of all: the wall clock may be set back
-    doubted_at = -1  # newest chunk that could not be read, whose length may be wrong
+    search_at = -1  # where to look for the next head if nothing is where the newest record points
     stream.seek(0)
     at = len(MCAP0_MAGIC) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else size
     while at + _HEAD.size <= size and not extent.is_complete:
@@ -148,21 +150,26 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
         opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
         end = at + _HEAD.size + length
         if end > size or not _is_record(stream, at, opcode, length):
-            next_at = _next_chunk(stream, (at if doubted_at < 0 else doubted_at) + 1, size)
+            next_at = _next_chunk(stream, at + 1 if search_at < 0 else search_at, size)
             if next_at < 0:
                 break
             n_damaged += next_at - at
-            at = doubted_at = next_at
+            at, search_at = next_at, -1
             continue
         extent.is_complete = opcode == Opcode.DATA_END
         entries: list[ChannelMessage] = []
         if opcode in (Opcode.CHUNK, Opcode.METADATA):
             stream.seek(at + _HEAD.size)
-            records = _records(opcode, stream.read(length)) if length <= _MOST_RECORD_BYTES else []
+            begin = stream.read(min(length, _CHUNK_HEAD_BYTES))
+            # A chunk has its length twice. Where both agree, what is wrong is in its data.
+            is_trusted = opcode == Opcode.CHUNK and _lengths_agree(begin, length)
+            is_readable = is_trusted or (opcode == Opcode.METADATA and length <= _MOST_METADATA_BYTES)
+            records = _records(opcode, begin + stream.read(length - len(begin))) if is_readable else []
             yield from (record for record in records if isinstance(record, Metadata))
             entries = _entries(records, schemas, channels)
             extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
-            n_damaged, doubted_at = (n_damaged, -1) if records else (n_damaged + end - at, at)
+            search_at = -1 if records else end if is_trusted else at + 1
+            n_damaged += 0 if records else end - at
         at = end + _indexes_bytes(stream, end, size, records) if entries else end
         if entries:
             instants_ns = [entry.message.log_time for entry in entries]
@@ -211,19 +218,30 @@ def _is_record(stream: BinaryIO, at: int, opcode: int, length: int) -> bool:
 
 def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:
     """Return where the next head of a chunk is, by the compression that it names; -1 for none."""
-    while at < size:
+    while True:
         stream.seek(at)
         part = stream.read(_SEARCHED_BYTES)
         found = part.find(_COMPRESSION, _COMPRESSION_AT)
-        if found < 0:
-            at += max(len(part) - _COMPRESSION_AT - len(_COMPRESSION) + 1, 1)
-            continue
-        head = found - _COMPRESSION_AT
-        opcode, length = _HEAD.unpack_from(part, head)
-        if opcode == Opcode.CHUNK and length <= min(_MOST_RECORD_BYTES, size - at - head - _HEAD.size):
-            return at + head
-        at += head + 1
-    return -1
+        while found >= 0:
+            head = found - _COMPRESSION_AT
+            opcode, length = _HEAD.unpack_from(part, head)
+            is_whole = at + head + _HEAD.size + length <= size
+            if opcode == Opcode.CHUNK and is_whole and _lengths_agree(part[head + _HEAD.size :], length):
+                return at + head
+            found = part.find(_COMPRESSION, found + 1)
+        if len(part) < _SEARCHED_BYTES:
+            return -1
+        at += len(part) - _HEAD.size - _CHUNK_HEAD_BYTES
+
+
+def _lengths_agree(chunk: bytes, length: int) -> bool:
+    """Return True where the length of a record is that of the chunk in it, by its first bytes."""
+    if len(chunk) < _CHUNK_HEAD_BYTES or length > _MOST_RECORD_BYTES:
+        return False
+    n_name = int.from_bytes(chunk[_NAME_AT : _NAME_AT + 4], "little")
+    data_at = _NAME_AT + 4 + n_name
+    n_data = int.from_bytes(chunk[data_at : data_at + 8], "little")
+    return data_at + 8 + n_data == length
 
 
 def _indexes_bytes(stream: BinaryIO, at: int, size: int, records: Sequence[McapRecord]) -> int:
@@ -252,12 +270,13 @@ def _damage(extent: Extent, n_bytes: int, first_ns: int, last_ns: int) -> Damage
 def _records(opcode: int, body: bytes) -> list[McapRecord]:
     """Read a chunk or metadata; nothing where it is damaged."""
     try:
-        if opcode == Opcode.METADATA:
-            return [Metadata.read(ReadDataStream(BytesIO(body)))]
         stream = BytesIO(body)
-        chunk = Chunk.read(ReadDataStream(stream))
+        record = (Metadata if opcode == Opcode.METADATA else Chunk).read(ReadDataStream(stream))
         if stream.tell() != len(body):
-            raise McapError("a chunk that is shorter than its record")
+            raise McapError("a record that is shorter than its length")
+        if isinstance(record, Metadata):
+            return [record]
+        chunk = record
         _check_size(chunk)
         data, size = get_chunk_data_stream(chunk, validate_crc=True)
         return _parsed(data.read(size))
