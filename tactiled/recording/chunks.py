@@ -38,7 +38,7 @@ _CHECKSUM_BYTES = 4  # all that the end of the data has
 _NAME_AT, _COMPRESSION = 28, struct.pack("<I4s", 4, b"zstd")
 _COMPRESSION_AT, _CHUNK_HEAD_BYTES = _HEAD.size + _NAME_AT, _NAME_AT + len(_COMPRESSION) + 8
 _MOST_METADATA_BYTES = 1 << 20  # texts of array, layout and calibration
-_SEARCHED_BYTES = 1 << 20  # at once, for the next head
+_SEARCHED_BYTES, _MOST_SEARCHED_BYTES = 1 << 12, 1 << 20  # at once, for the next head: it is near, or far
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
 # Records that may follow the indexes of a chunk.
 _BEHIND_INDEXES = (Opcode.METADATA, Opcode.CHUNK, Opcode.DATA_END)
@@ -142,34 +142,33 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
     _entries(summary, schemas, channels)
     n_damaged = 0  # bytes of a stretch that is not reported yet
     last_ns = newest_ns = 0  # of the chunk before, and of all: the wall clock may be set back
-    search_at = -1  # where to look for the next head if nothing is where the newest record points
     stream.seek(0)
     at = len(MCAP0_MAGIC) if stream.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else size
     while at + _HEAD.size <= size and not extent.is_complete:
         stream.seek(at)
         opcode, length = _HEAD.unpack(stream.read(_HEAD.size))
         end = at + _HEAD.size + length
-        if end > size or not _is_record(stream, at, opcode, length):
-            next_at = _next_chunk(stream, at + 1 if search_at < 0 else search_at, size)
-            if next_at < 0:
-                break
-            n_damaged += next_at - at
-            at, search_at = next_at, -1
-            continue
-        extent.is_complete = opcode == Opcode.DATA_END
+        is_damaged = end > size or not _is_record(stream, at, opcode, length)
         entries: list[ChannelMessage] = []
-        if opcode in (Opcode.CHUNK, Opcode.METADATA):
+        if not is_damaged and opcode in (Opcode.CHUNK, Opcode.METADATA):
             stream.seek(at + _HEAD.size)
             begin = stream.read(min(length, _CHUNK_HEAD_BYTES))
             # A chunk has its length twice. Where both agree, what is wrong is in its data.
             is_trusted = opcode == Opcode.CHUNK and _lengths_agree(begin, length)
             is_readable = is_trusted or (opcode == Opcode.METADATA and length <= _MOST_METADATA_BYTES)
             records = _records(opcode, begin + stream.read(length - len(begin))) if is_readable else []
+            is_damaged = not (records or is_trusted)
             yield from (record for record in records if isinstance(record, Metadata))
             entries = _entries(records, schemas, channels)
             extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
-            search_at = -1 if records else end if is_trusted else at + 1
-            n_damaged += 0 if records else end - at
+            n_damaged += 0 if records or is_damaged else end - at
+        if is_damaged:
+            next_at = _next_chunk(stream, at + 1, size)
+            if next_at < 0:
+                break
+            n_damaged, at = n_damaged + next_at - at, next_at
+            continue
+        extent.is_complete = opcode == Opcode.DATA_END
         at = end + _indexes_bytes(stream, end, size, records) if entries else end
         if entries:
             instants_ns = [entry.message.log_time for entry in entries]
@@ -218,9 +217,10 @@ def _is_record(stream: BinaryIO, at: int, opcode: int, length: int) -> bool:
 
 def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:
     """Return where the next head of a chunk is, by the compression that it names; -1 for none."""
+    n_bytes = _SEARCHED_BYTES
     while True:
         stream.seek(at)
-        part = stream.read(_SEARCHED_BYTES)
+        part = stream.read(n_bytes)
         found = part.find(_COMPRESSION, _COMPRESSION_AT)
         while found >= 0:
             head = found - _COMPRESSION_AT
@@ -229,9 +229,10 @@ def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:
             if opcode == Opcode.CHUNK and is_whole and _lengths_agree(part[head + _HEAD.size :], length):
                 return at + head
             found = part.find(_COMPRESSION, found + 1)
-        if len(part) < _SEARCHED_BYTES:
+        if len(part) < n_bytes:
             return -1
         at += len(part) - _HEAD.size - _CHUNK_HEAD_BYTES
+        n_bytes = min(4 * n_bytes, _MOST_SEARCHED_BYTES)
 
 
 def _lengths_agree(chunk: bytes, length: int) -> bool:

@@ -2,18 +2,21 @@
 
 import json
 import logging
+import struct
 from datetime import UTC, datetime
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
+from mcap.writer import MCAP0_MAGIC
 from recordings import HEADER, UNIX_OFFSET_S, items, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.offline import detect_file
-from tactiled.recording.chunks import Extent
+from tactiled.recording.chunks import Extent, chunks
 from tactiled.recording.contents import Input, Item, Read
 from tactiled.recording.directory import new_name
 from tactiled.recording.export import export_csv
@@ -96,6 +99,51 @@ def test_a_damaged_head_costs_one_chunk(
     assert [item for item in found if isinstance(item, Read)] == whole[:READS] + whole[2 * READS :]
     (damage,) = extent.damages
     assert 0 < damage.n_bytes <= ends[2] - ends[1]
+
+
+@pytest.mark.parametrize("opcode", [Opcode.CHUNK, Opcode.METADATA])
+def test_a_length_that_leads_to_a_later_record_costs_one_record(
+    small: tuple[Path, bytes, list[Item], list[int]], opcode: Opcode
+) -> None:
+    """The wrong length ends exactly at the third chunk of reads, which must not hide those before it."""
+    path, data, whole, ends = small
+    head = len(MCAP0_MAGIC)
+    at = ends[1] if opcode == Opcode.CHUNK else head + 9 + int.from_bytes(data[head + 1 : head + 9], "little")
+    assert data[at] == opcode
+    wrong = data[: at + 1] + struct.pack("<Q", ends[2] - at - 9) + data[at + 9 :]
+    out = path.with_name("wrong.mcap")
+    out.write_bytes(wrong)
+    extent = Extent()
+    with out.open("rb") as stream:
+        n_found = [len(part) for part in chunks(stream, extent) if isinstance(part, list)]
+    n_lost = READS if opcode == Opcode.CHUNK else 0
+    assert sum(n_found) >= len(whole) - n_lost
+    assert len(extent.damages) == 1
+
+
+class CountingStream(BytesIO):
+    """Stream that counts the bytes that are read."""
+
+    n_read = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        part = super().read(size)
+        self.n_read += len(part)
+        return part
+
+
+@pytest.mark.parametrize("n_heads", [100, 1000, 10_000])
+@pytest.mark.parametrize("is_nested", [False, True], ids=["a byte between", "each reaches to the end"])
+def test_fake_heads_are_read_in_proportion_to_the_file(n_heads: int, is_nested: bool) -> None:
+    """Heads whose two lengths agree cannot make a reader read each byte again and again."""
+    size, heads = 57, b""
+    for k in range(n_heads):
+        n_data = (n_heads - k - 1) * size if is_nested else size - 54
+        heads += struct.pack("<BQQQQII4sQ", Opcode.CHUNK, n_data + 44, 1, 1, 100, 0, 4, b"zstd", n_data)
+        heads += b"\0" * (size - 53)
+    stream = CountingStream(MCAP0_MAGIC + heads + b"garbage")
+    assert list(chunks(stream, Extent())) == []
+    assert stream.n_read < 300 * len(heads)
 
 
 @pytest.mark.parametrize("at", range(15))
