@@ -66,6 +66,8 @@ public:
         touched_s_ = std::min(touched_s_, grip.timestamp);
         if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load <= 0)
             return command_n_;
+        if (grip.state == Grip::STATE_UNKNOWN && most_unseen_n_ == INF)
+            most_unseen_n_ = GRASP_MOST * command_n_;
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
@@ -82,6 +84,7 @@ public:
         } else {
             held_n_ = command_n_;
         }
+        wanted_n = std::min(wanted_n, most_unseen_n_);
         if (past_.empty())
             calm_from_s_ = now.at_s + CALM_AFTER_STALE_S;
         else if (slides)
@@ -150,7 +153,7 @@ private:
     void forget()
     {
         friction_ = 0.0;
-        slid_ = touched_s_ = INF;
+        slid_ = touched_s_ = most_unseen_n_ = INF;
         slides_ = false;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
@@ -248,6 +251,8 @@ private:
     double target_, least_n_, most_n_, command_n_;
     double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
     bool slides_;
+    // Most force in a contact whose beginning nobody saw: what pressing makes of its shear grows with the grip.
+    double most_unseen_n_;
     std::deque<Seen> past_;
     double touched_s_, contact_s_, calm_from_s_, dropped_s_;
     double wanted_n_ = 0;  // by the newest message of a contact

@@ -203,3 +203,12 @@ def test_the_example_is_short_and_imports_the_client_alone() -> None:
     imported = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
     assert imported - set(sys.stdlib_module_names) == {"tactiled.client"}
     assert len(lines) <= 60
+
+
+def test_shear_that_grows_with_the_grip_does_not_tighten_it_without_end() -> None:
+    """A contact that nobody saw begin, in which pressing makes shear of a quarter of the load."""
+    controller, present_n = GripController(start_n=6.0), 6.0
+    for k in range(1000):
+        message = grip(k / 100, load=present_n, shear=0.25 * present_n, friction_low=0.2, state="unknown")
+        present_n += 0.5 * (controller.take(message, present_n) - present_n)
+    assert 6.0 < present_n < 1.75 * 6.0

@@ -37,7 +37,7 @@ _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 _SAME_LOADS = 0.5
 # prior: noise of a taxel's shear over its load where a log begins in contact, until the noise is measured:
 # that of the noisiest usual sensors. With less, any change of the shares would be that of a slide.
-_UNKNOWN_NOISE = 0.01
+_UNKNOWN_NOISE = 0.03
 # prior: standard deviation of the logarithm of friction by which the model errs although friction is known:
 # taxels are unequal, and pressure, speed and age count. Log friction widens by as much when the pad loses a
 # taxel, whose part of the load is not seen. Coverage in `bench grip` is the same from 0.05 to 0.3.

@@ -113,6 +113,8 @@ class GripController:
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
         self._slid = math.inf  # shear over load at the last slip
         self._slides = False
+        # Most force in a contact whose beginning nobody saw: shear that pressing makes grows with the grip.
+        self._most_unseen_n = math.inf
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
@@ -140,6 +142,8 @@ class GripController:
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
             return self.command_n
+        if grip["state"] == "unknown" and self._most_unseen_n == math.inf:
+            self._most_unseen_n = _GRASP_MOST * self.command_n
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
@@ -154,6 +158,7 @@ class GripController:
             wanted_n = max(wanted_n, again_n)
         else:
             self._held_n = self.command_n
+        wanted_n = min(wanted_n, self._most_unseen_n)
         if not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
         elif slides:
