@@ -61,7 +61,7 @@ class BackgroundWorker:
     Parameters
     ----------
     prepare : callable, optional
-        Called first in the thread: loads what the jobs need.
+        Called first in the thread: loads what the jobs need. What it raises, the first `submit` raises.
     """
 
     def __init__(self, prepare: Callable[[], None] = lambda: None) -> None:
@@ -72,6 +72,7 @@ class BackgroundWorker:
         self._jobs: deque[_ThreadJob[object]] = deque()
         self._running: _ThreadJob[object] | None = None
         self._is_open = True
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="groove fits", daemon=True)
         self._thread.start()
         return self
@@ -86,6 +87,8 @@ class BackgroundWorker:
 
     def submit(self, work: Callable[[], T]) -> Job[T]:
         """Hand over a computation."""
+        if self._failure is not None:
+            raise self._failure
         job = _ThreadJob(work)
         with self._changed:
             # Without those that were given up meanwhile: a host that is too slow keeps no list of them.
@@ -98,7 +101,11 @@ class BackgroundWorker:
         with contextlib.suppress(OSError):  # a container may forbid it; the pauses matter more
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
         self._next_pause_s = 0.0
-        self._prepare()
+        try:
+            self._prepare()
+        except Exception as error:  # raised in the thread that needs a job
+            self._failure = error
+            return
         set_pause(self._pause)
         while True:
             with self._changed:

@@ -170,3 +170,13 @@ def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
     assert health.scans == sum(isinstance(e, ScanEvent) for e in live) > 1500
     assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in live)
     assert events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads, late) == live
+
+
+def test_what_cannot_be_loaded_is_raised_where_a_job_is_handed_over() -> None:
+    def prepare() -> None:
+        raise ImportError("no such library")
+
+    with BackgroundWorker(prepare) as background:
+        until(lambda: not background._thread.is_alive(), "the thread ends")  # noqa: SLF001  its only sign
+        with pytest.raises(ImportError, match="no such library"):
+            background.submit(lambda: 1)
