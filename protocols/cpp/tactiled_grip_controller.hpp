@@ -36,10 +36,10 @@ public:
                             double most_n = 40.0)
         : target_(target), least_n_(least_n), most_n_(most_n), command_n_(limited(start_n))
     {
-        if (!(0 < target && target <= 1 && 0 <= least_n && least_n <= most_n && std::isfinite(most_n) &&
+        if (!(0 < target && std::isfinite(target) && 0 <= least_n && least_n <= most_n && std::isfinite(most_n) &&
               std::isfinite(start_n)))
             throw std::invalid_argument(
-                "GripController: wanted are 0 < target <= 1 and finite forces with 0 <= least_n <= most_n");
+                "GripController: wanted are finite numbers with target > 0 and 0 <= least_n <= most_n");
         forget();
     }
 

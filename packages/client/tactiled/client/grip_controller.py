@@ -98,10 +98,10 @@ class GripController:
     def __init__(
         self, target: float = TARGET, start_n: float = 6.0, least_n: float = 1.0, most_n: float = 40.0
     ) -> None:
-        if not (0 < target <= 1 and 0 <= least_n <= most_n < math.inf and math.isfinite(start_n)):
+        if not (0 < target < math.inf and 0 <= least_n <= most_n < math.inf and math.isfinite(start_n)):
             raise ValueError(
                 f"target {target}, start_n {start_n}, least_n {least_n}, most_n {most_n}: "
-                "wanted are 0 < target <= 1 and finite forces with 0 <= least_n <= most_n"
+                "wanted are finite numbers with target > 0 and 0 <= least_n <= most_n"
             )
         self._target, self._least_n, self._most_n = target, least_n, most_n
         self.command_n = self._limited(start_n)
