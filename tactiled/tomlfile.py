@@ -31,7 +31,7 @@ class Params(BaseModel):
         extra="forbid",
         allow_inf_nan=False,
         strict=False,
-        defer_build=True,  # most commands need few of the tables: a tenth of a start
+        defer_build=True,  # most commands need few of the tables, and building all is slow
     )
 
 

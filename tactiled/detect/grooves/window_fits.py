@@ -1,7 +1,7 @@
 """The fits of a window that a worker computes; their modules are loaded with the first of them, or by `load`.
 
-They need scipy.special, which takes as long to load as all of the other detectors. A file without slides
-never needs it, and the daemon loads it in the thread of its fits, beside the start of the board.
+They need scipy.special, which is slow to load. A file without slides never needs it, and the daemon loads it
+in the thread of its fits, beside the start of the board.
 """
 
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome
