@@ -22,7 +22,7 @@ def test_every_hex_dump_was_printed_by_the_c_program() -> None:
     printed = {line.split(" => ")[1] for line in golden.splitlines()}
     own_frames = PROSE.split("\n## Other firmware\n", 1)[0]
     dumps = ["".join(dump.split()) for dump in re.findall(r"```hex\n(.*?)```", own_frames, re.DOTALL)]
-    assert len(dumps) == 4
+    assert len(dumps) == 3
     assert set(dumps) <= printed
 
 
@@ -51,13 +51,12 @@ def test_results_and_flags_are_in_the_prose() -> None:
 
 def test_the_timing_budget_adds_up() -> None:
     bits = 10 * LAYOUT.wire_bytes("scan")
-    for baud, largest in re.findall(r"^\| (\d+) \| ([\d.]+) Hz", PROSE, re.MULTILINE):
-        assert float(largest) == round(0.95 * int(baud) / bits, 1)
+    assert f"{0.95 * 115200 / bits:.1f} Hz at 115200 baud" in PROSE
     assert f"115 200 bit/s = {100 * 100 * bits / 115200:.1f} %" in PROSE
 
 
 def test_legacy_scan_by_hand() -> None:
-    """The frame as the table at the end of board.md describes it, put together without our codec."""
+    """The frame as board.md describes it, put together without our codec."""
     body = struct.pack(">B9HHB", 0x53, *range(1000, 1009), 65535, 255)
     guarded = body + struct.pack(">H", binascii.crc_hqx(body, 0xFFFF))
     assert b"\0" not in guarded
