@@ -3,7 +3,8 @@
 A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` writes. Pages name it in two ways:
 
 - ``<!-- figure: NAME -->`` and ``<!-- end -->``: texts and tables of the figure, which this command writes,
-  stand between them.
+  stand between them. ``<!-- figure: NAME: PART / PART; PART -->`` has a part of them: the texts and the rows
+  (with the headings of the table) in which all parts of a term occur, and the text before each such table.
 - ``<!-- from NAME: PART / PART; PART -->``: the numbers before it are those of the figure, back to the
   comment before, or else to the beginning of the paragraph, list item or table row. Each term between
   semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
@@ -28,10 +29,14 @@ from tools.site.pages import ROOT, pages
 CHANGED = " The measured code has changed since."
 UNKNOWN = " The measured code may have changed since."  # where the history has no such commit
 # Pages that explain comments have them in backticks.
-_BLOCK = re.compile(r"(?<!`)(<!-- figure: (\S+) -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL)
+_BLOCK = re.compile(
+    r"(?<!`)(<!-- figure: ([^\s:]+)(?:: ([^>]+))? -->\n)(?:(?!<!-- figure: ).)*?(<!-- end -->)", re.DOTALL
+)
 _EDGE = re.compile(r"(?<!`)<!-- (?:figure: .*?|end) -->")
 _MARK = re.compile(r"(?<!`)<!-- from (\S+): ([^>]+) -->")
-_OTHER = re.compile(r"(?<!`)<!--(?! figure: \S+ -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)")
+_OTHER = re.compile(
+    r"(?<!`)<!--(?! figure: [^\s:]+(?:: [^>]+)? -->| end -->| from elsewhere -->| from \S+: [^>]+ -->)"
+)
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
@@ -49,15 +54,27 @@ class Figure:
     code: list[str]  # paths of what was measured
     sections: list[str | list[dict[str, str]]]  # texts; tables as rows, which map headings to cells
 
-    def block(self) -> str:
+    def block(self, terms: list[str]) -> str:
         """Return what a page shows."""
-        sections = [one if isinstance(one, str) else _table(one) for one in self.sections]
-        return "\n\n".join([f"> {self._head()}", *sections])
+        return "\n\n".join([f"> {self._head()}", *self.shown(terms)])
+
+    def shown(self, terms: list[str]) -> list[str]:
+        """Return the texts and tables, or what terms select of them."""
+        text, shown = "", list[str]()
+        for section in self.sections:
+            if isinstance(section, str):
+                text = section
+                if not terms or _matches(text, terms):
+                    shown.append(text)
+                continue
+            rows = [row for row in section if not terms or _matches(" ".join([*row, *row.values()]), terms)]
+            if rows or not terms:
+                shown += [_table(rows)] if text in ["", *shown] else [text, _table(rows)]
+        return shown
 
     def select(self, term: str) -> list[str]:
         """Return the texts and cells at a term, each cell with its heading and the first of its row."""
-        parts = term.split(" / ")
-        return [words for place, words in self._places() if all(_has_word(place, part) for part in parts)]
+        return [words for place, words in self._places() if _matches(place, [term])]
 
     def _places(self) -> Iterator[tuple[str, str]]:
         """Yield what terms are looked for in, and the words that have the numbers, of each text and cell."""
@@ -93,8 +110,15 @@ class Figure:
         return UNKNOWN if found.returncode else CHANGED if found.stdout else ""
 
 
-def _has_word(place: str, part: str) -> bool:
-    return re.search(rf"(?<!\w){re.escape(part)}", place) is not None
+def _matches(place: str, terms: list[str]) -> bool:
+    """Say whether all parts of one of the terms occur, each from the beginning of a word on."""
+    return any(
+        all(re.search(rf"(?<!\w){re.escape(part)}", place) for part in term.split(" / ")) for term in terms
+    )
+
+
+def _terms(text: str) -> list[str]:
+    return " ".join(text.split()).split("; ")
 
 
 def load_figures(folder: Path = ROOT / "docs" / "figures") -> dict[str, Figure]:
@@ -112,8 +136,10 @@ def with_figures(text: str, figures: Mapping[str, Figure]) -> str:
     """Return a page with the tables of the figures that it names."""
 
     def block(found: re.Match[str]) -> str:
-        head, name, end = found.groups()
-        return f"{head}\n{figures[name].block()}\n\n{end}" if name in figures else found[0]
+        head, name, terms, end = found.groups()
+        if name not in figures:
+            return found[0]
+        return f"{head}\n{figures[name].block(_terms(terms) if terms else [])}\n\n{end}"
 
     return _BLOCK.sub(block, text)
 
@@ -133,7 +159,7 @@ def claims(text: str) -> list[Claim]:
         Claim(
             _line(text, mark),
             mark[1],
-            " ".join(mark[2].split()).split("; "),
+            _terms(mark[2]),
             numbers(_BEGINNING.split(text[: mark.start()])[-1]),
         )
         for mark in _MARK.finditer(text)
@@ -144,7 +170,7 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
     """Yield where a page differs from the figures: the line, and what is wrong."""
     for other in _OTHER.finditer(text):
         yield f"{_line(text, other)}: this comment is none of those that tools/figures.py explains"
-    paired = {place for block in _BLOCK.finditer(text) for place in (block.start(), block.start(3))}
+    paired = {place for block in _BLOCK.finditer(text) for place in (block.start(), block.start(4))}
     for edge in _EDGE.finditer(text):
         if edge.start() not in paired:
             yield f"{_line(text, edge)}: `{edge[0]}` has no other end, or is not alone on its line"
@@ -152,7 +178,11 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
         line, file = _line(text, block), f"docs/figures/{block[2]}.json"
         if block[2] not in figures:
             yield f"{line}: there is no {file}"
-        elif _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
+            continue
+        for term in _terms(block[3]) if block[3] else []:
+            if not figures[block[2]].shown([term]):
+                yield f"{line}: {file} has nothing at `{term}`"
+        if _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
             yield f"{line}: differs from {file}; run `python -m tools.figures`"
     for line, name, terms, said in claims(text):
         file, known = f"docs/figures/{name}.json", set[float]()

@@ -59,6 +59,28 @@ def test_a_page_as_written_has_no_problem() -> None:
 
 
 @pytest.mark.parametrize(
+    ("terms", "kept"),
+    [
+        ("gross", "Worlds of laws: 48 cases.\n\nHEADS\nGROSS"),
+        ("quiet / onsets", "Worlds of laws: 48 cases.\n\nHEADS\nONSETS"),
+        ("laws", "Worlds of laws: 48 cases."),
+        ("laws; onsets; gross", "Worlds of laws: 48 cases.\n\nHEADS\nGROSS\nONSETS"),
+    ],
+)
+def test_a_page_may_have_a_part_of_a_figure(terms: str, kept: str) -> None:
+    heads = "| question | fast | quiet |\n| --- | --- | --- |"
+    rows = {
+        "GROSS": "| gross in 300 ms | 12 of 13 | 10 of 13 |",
+        "ONSETS": "| onsets an hour | 1,282 | 127 |",
+    }
+    for name, row in {"HEADS": heads, **rows}.items():
+        kept = kept.replace(name, row)
+    text = with_figures(f"<!-- figure: slip: {terms} -->\n<!-- end -->", KNOWN)
+    assert text.partition(UNKNOWN)[2] == f"\n\n{kept}\n\n<!-- end -->"
+    assert list(problems(text, KNOWN)) == []
+
+
+@pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [
         ("10 are", "12 are", "3: 12 is not in docs/figures/slip.json at `gross / quiet`"),
@@ -70,6 +92,8 @@ def test_a_page_as_written_has_no_problem() -> None:
         ("| 1,282 |", "| 1,283 |", "9: differs from docs/figures/slip.json; run `python -m tools.figures`"),
         ("<!-- from slip: quiet", "<!-- form slip: quiet", "7: this comment is none of those"),
         ("from slip: gross", "from slip: ross", "3: docs/figures/slip.json has nothing at `ross / quiet`"),
+        ("figure: slip -->", "figure: slip: gross -->", "9: differs from docs/figures/slip.json"),
+        ("figure: slip -->", "figure: slip: loud -->", "9: docs/figures/slip.json has nothing at `loud`"),
         ("figure: slip -->", "figure: slip --> ", "9: `<!-- figure: slip -->` has no other end"),
         ("<!-- figure: slip -->\n", "", "19: `<!-- end -->` has no other end"),
     ],
@@ -125,7 +149,7 @@ def test_what_a_bench_writes_is_a_figure(tmp_path: Path) -> None:
     )
     figure = load_figures(tmp_path)["clock"]
     assert figure.sections == ["a", [{"n": "1"}]]
-    assert "processors, load average" in figure.block()
+    assert "processors, load average" in figure.block([])
 
 
 @pytest.mark.parametrize("content", ["{", "{}", json.dumps({"bench": "clock"})])
