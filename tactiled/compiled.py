@@ -15,6 +15,9 @@ from types import ModuleType
 
 MODULES = (
     "tactiled.wire.good_scans",
+    "tactiled.samples.bucket",
+    "tactiled.samples.envelope",
+    "tactiled.samples.unwrap",
     "tactiled.detect.signal.front_end",
     "tactiled.detect.signal.pressure",
     "tactiled.detect.contact.filter",

@@ -2,8 +2,6 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -16,21 +14,32 @@ from tactiled.wire.frames import Acknowledge, Hello
 Output = Event | Hello | Acknowledge
 
 
-@dataclass(frozen=True, eq=False)
 class Received:
-    """Scans, gaps, hellos and answers of one read, in the order of the stream; a gap precedes its run."""
+    """Scans, gaps, hellos and answers of one read, in the order of the stream; a gap precedes its run.
 
-    items: list[Hello | Acknowledge | Gap | ScanRun]
-    now_s: float  # time at which the bytes were handed over, host monotonic seconds
+    Parameters
+    ----------
+    now_s : float
+        Time at which the bytes were handed over, host monotonic seconds.
+    """
+
+    def __init__(self, items: list[Hello | Acknowledge | Gap | ScanRun], now_s: float) -> None:
+        self.items, self.now_s = items, now_s
+        self._scan_events: list[ScanEvent] | None = None
 
     @property
     def boards(self) -> set[str]:
         """Serial numbers of the boards that sent the scans."""
         return {item.conversion.hello.board_serial for item in self.items if isinstance(item, ScanRun)}
 
-    @cached_property
+    @property
     def scan_events(self) -> list[ScanEvent]:
         """Events of all scans."""
+        if self._scan_events is None:
+            self._scan_events = self._made()
+        return self._scan_events
+
+    def _made(self) -> list[ScanEvent]:
         return [
             new_event(
                 ScanEvent,

@@ -11,7 +11,7 @@ from pydantic import Field
 from tactiled.errors import ContractError
 from tactiled.samples.block import Conversion, Gap, GapCause, ScanRun, TimedScan
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
-from tactiled.samples.unwrap import ScanCounter
+from tactiled.samples.fast import ScanCounter
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import Layout

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Literal, NamedTuple, Self
 
 import numpy as np
@@ -17,7 +16,9 @@ LOSSES: tuple[GapCause, ...] = ("corrupt", "missing")
 """Causes of gaps during which the board kept scanning."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(
+    slots=True, eq=False
+)  # not frozen: each read makes one, and one that is frozen takes longer to make
 class ScanBlock:
     """One or more consecutive scans; never straddles a gap."""
 
@@ -37,11 +38,12 @@ class ScanBlock:
     late: NDArray[np.bool_]
 
     def __post_init__(self) -> None:
-        n = len(self.volts)
-        lengths = {len(self.time_s), len(self.time_sd_s), len(self.index), len(self.valid), len(self.late)}
-        if n < 1 or lengths != {n} or self.volts.shape != self.valid.shape:
-            raise ContractError(f"a ScanBlock's parts differ in length: {n} scans, {sorted(lengths)}")
-        channels = self.volts.shape[1:]
+        shape, n = self.volts.shape, len(self.volts)
+        is_even = 0 < n == len(self.time_s) == len(self.time_sd_s) == len(self.index) == len(self.late)
+        if not is_even or self.valid.shape != shape:
+            parts = self.time_s, self.time_sd_s, self.index, self.valid, self.late
+            raise ContractError(f"a ScanBlock's parts differ in length: {n} scans, {[*map(len, parts)]}")
+        channels = shape[1:]
         if len(channels) != 1 or self.channel_offset_s.shape != channels or self.valid.dtype != np.bool_:
             raise ContractError(
                 f"a ScanBlock has {channels} channels and {self.channel_offset_s.shape} offsets"
@@ -153,30 +155,35 @@ class Conversion:
         return np.asarray(counts * self.per_count, dtype=np.float64), valid
 
 
-@dataclass(frozen=True, eq=False)
 class ScanRun:
     """One or more consecutive scans of one board, before they are a block; never straddles a gap."""
 
-    scans: list[TimedScan]
-    conversion: Conversion
+    def __init__(self, scans: list[TimedScan], conversion: Conversion) -> None:
+        self.scans, self.conversion = scans, conversion
+        self._readings: tuple[FloatArray, NDArray[np.bool_]] | None = None
 
     @classmethod
     def of(cls, runs: Sequence[Self]) -> Self:
         """Return consecutive runs of one board as one."""
         return runs[0] if len(runs) == 1 else cls([s for run in runs for s in run.scans], runs[0].conversion)
 
+    def readings(self) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return the readings (scans, channels), and which of them are valid."""
+        if self._readings is None:
+            self._readings = self.conversion.readings([scan.frame for scan in self.scans])
+        return self._readings
+
     def rows(self) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
         """Return the readings of each scan, and which of them are valid."""
-        of_all, are_valid = self._readings
+        of_all, are_valid = self.readings()
         if self.conversion.in_range is not None:  # counts are numbers, and messages have numbers only
             of_all = np.where(np.isfinite(of_all), of_all, 0.0)
-        pairs = zip(of_all.tolist(), are_valid.tolist(), strict=True)
-        return [(tuple(volts), tuple(valid)) for volts, valid in pairs]
+        return list(zip(map(tuple, of_all.tolist()), map(tuple, are_valid.tolist()), strict=True))
 
     def block(self) -> ScanBlock:
         """Return the scans as a block."""
         scans = self.scans
-        volts, valid = self._readings
+        volts, valid = self.readings()
         return ScanBlock(
             volts=volts,
             time_s=np.array([scan.time_s for scan in scans]),
@@ -187,7 +194,3 @@ class ScanRun:
             channel_offset_s=self.conversion.channel_offset_s,
             late=np.array([scan.late for scan in scans], dtype=np.bool_),
         )
-
-    @cached_property
-    def _readings(self) -> tuple[FloatArray, NDArray[np.bool_]]:
-        return self.conversion.readings([scan.frame for scan in self.scans])

@@ -56,7 +56,8 @@ class Bucket:
         self._n_at_band = 0
         self.newest_s = 0.0
         """Host time of the newest arrival, seconds since the origin."""
-        self._earliest = (math.inf, 0.0)  # delay_s, board_s
+        self._earliest_s = math.inf  # least delay
+        self._earliest_at_s = 0.0  # board time of it
         self._answer: tuple[float, float] | None = None  # largest lower bound from a ping, board_s
         self._band: Band | None = None
         self.doubt_s = 0.0
@@ -70,31 +71,33 @@ class Bucket:
         """Return True where an answer to a ping bounds the delay as closely as the wait between two reads."""
         if self._answer is None:
             return False
-        return self._earliest[0] - self._answer[0] <= self.usual_wait_s(min(wait_before_s, UNKNOWN_WAIT_S))
+        return self._earliest_s - self._answer[0] <= self.usual_wait_s(min(wait_before_s, UNKNOWN_WAIT_S))
 
     @property
     def has_answer(self) -> bool:
         """True where a ping was answered in this bucket."""
         return self._answer is not None
 
-    def add(self, arrival: FrameArrival, latest_delay_s: float) -> None:
-        """Add an arrival; `latest_delay_s` is an upper bound of its delay, at most `arrival.delay_s`."""
+    def add(
+        self, board_s: float, delay_s: float, waited_s: float, is_whole: bool, latest_delay_s: float
+    ) -> None:
+        """Add an arrival, as in `FrameArrival`; `latest_delay_s` is an upper bound of its delay."""
         self._n += 1
-        self.newest_s = arrival.board_s + arrival.delay_s
-        if latest_delay_s < self._earliest[0]:
-            self._earliest = (latest_delay_s, arrival.board_s)
-        slot = int((arrival.board_s / self._width_s - self.number) * SLOTS)
+        self.newest_s = board_s + delay_s
+        if latest_delay_s < self._earliest_s:
+            self._earliest_s, self._earliest_at_s = latest_delay_s, board_s
+        slot = int((board_s / self._width_s - self.number) * SLOTS)
         if slot != self._slot or not self._kept:
             self._slot = slot
             if len(self._kept) < SLOTS:  # also where board time goes back and forth
-                self._kept.append(arrival)
+                self._kept.append(FrameArrival(board_s, delay_s, waited_s, is_whole))
 
     def answer(self, board_s: float, low_s: float, high_s: float) -> None:
         """Add the bounds of the delay at `board_s` that an answered ping gives."""
         if self._answer is None or low_s > self._answer[0]:
             self._answer = (low_s, board_s)
-        if high_s < self._earliest[0]:
-            self._earliest = (high_s, board_s)
+        if high_s < self._earliest_s:
+            self._earliest_s, self._earliest_at_s = high_s, board_s
         self._band = None
 
     def usual_wait_s(self, before_s: float) -> float:
@@ -120,8 +123,8 @@ class Bucket:
             self.doubt_s = self._trend_s()
             if handover_s is None and len(self._kept) < LEAST_ARRIVALS:
                 self.doubt_s += min(self.usual_wait_s(wait_before_s), UNKNOWN_WAIT_S)
-        elif self._earliest[0] < self._band.high:
-            high, high_x = self._earliest
+        elif self._earliest_s < self._band.high:
+            high, high_x = self._earliest_s, self._earliest_at_s
             self._band = self._band._replace(low=min(self._band.low, high), high_x=high_x, high=high)
         return self._band
 
@@ -138,7 +141,7 @@ class Bucket:
             The board answers pings fast: they alone bound the delay from below. A read that a busy host does
             late makes its hand-over look later than it was, and the bound too high.
         """
-        least_s, board_s = self._earliest
+        least_s, board_s = self._earliest_s, self._earliest_at_s
         lows = [] if handover_s == 0 or is_pinged else self._handovers(handover_s, wait_before_s)
         tightest = max(lows) if lows else (-math.inf, board_s)
         answer = self._answer
@@ -155,7 +158,7 @@ class Bucket:
 
     def _handovers(self, handover_s: float | None, wait_before_s: float) -> list[tuple[float, float]]:
         """Lower bounds of the delay, with board times: a frame was incomplete at the hand-over before."""
-        least_s = self._earliest[0]
+        least_s = self._earliest_s
         longest_s = STALLED_WAITS * self.usual_wait_s(wait_before_s)
         lows = []
         for arrival in self._kept:
@@ -171,7 +174,7 @@ class Bucket:
         """Return True where reads end with frames and most delays are close to the smallest."""
         if sum(arrival.is_whole for arrival in self._kept) < WHOLE_PART * len(self._kept):
             return False
-        late = median(arrival.delay_s for arrival in self._kept) - self._earliest[0]
+        late = median(arrival.delay_s for arrival in self._kept) - self._earliest_s
         return late <= UNBUNCHED_PART * median(arrival.waited_s for arrival in self._kept)
 
     def _trend_s(self) -> float:
@@ -181,5 +184,5 @@ class Bucket:
         """
         part = max(LEAST_ARRIVALS // 2, len(self._kept) // 4)
         first = min(arrival.delay_s for arrival in self._kept[:part])
-        last = min(arrival.delay_s for arrival in self._kept[-part:])
+        last = min(arrival.delay_s for arrival in self._kept[max(len(self._kept) - part, 0) :])
         return abs(last - first) / 0.75

@@ -32,8 +32,9 @@ from collections import deque
 
 from pydantic import Field
 
-from tactiled.samples.bucket import UNKNOWN_WAIT_S, Bucket, FrameArrival
-from tactiled.samples.envelope import Band, Lines, lines_through
+from tactiled.samples.bucket import UNKNOWN_WAIT_S
+from tactiled.samples.envelope import Band
+from tactiled.samples.fast import Bucket, Lines, lines_through
 from tactiled.tomlfile import Params
 
 # A UART receiver fails at a baud rate error of 5 % (half a bit in ten). Frames arrive, and the UART usually
@@ -167,7 +168,7 @@ class ClockFit:
             if len(self._bucket):
                 self._close_bucket()
             self._bucket = Bucket(self._params.bucket_s, number)
-        self._bucket.add(FrameArrival(x, delay, waited_s, whole), whole_delay)
+        self._bucket.add(x, delay, waited_s, whole, whole_delay)
         if self._lines is None:
             self._running = self._bucket.running_band(self.handover_s, self._wait_s, self._is_pinged)
 

@@ -7,35 +7,37 @@ a half-plane; what is left of the plane is a convex polygon, and its centroid an
 mean and the covariance of a uniform posterior.
 """
 
-import itertools
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from math import inf, sqrt
 from typing import NamedTuple
 
 Point = tuple[float, float]
 
 
-@dataclass(frozen=True)
 class Line:
-    """A line with the covariance of its two ends."""
+    """A line with the covariance of its two ends.
 
-    # x0, x1: ends; `x1 > x0`
-    x0: float
-    x1: float
-    # y0, y1: mean heights there
-    y0: float
-    y1: float
-    # var00, var01, var11: covariance of the heights
-    var00: float
-    var01: float
-    var11: float
+    Parameters
+    ----------
+    x0, x1 : float
+        Ends; ``x1 > x0``.
+    y0, y1 : float
+        Mean heights there.
+    var00, var01, var11 : float
+        Covariance of the heights.
 
-    @cached_property
-    def slope(self) -> float:
-        """Mean slope of the line."""
-        return (self.y1 - self.y0) / (self.x1 - self.x0)
+    Attributes
+    ----------
+    slope : float
+        Mean slope.
+    """
+
+    def __init__(
+        self, x0: float, x1: float, y0: float, y1: float, var00: float, var01: float, var11: float
+    ) -> None:
+        self.x0, self.x1, self.y0, self.y1 = x0, x1, y0, y1
+        self.var00, self.var01, self.var11 = var00, var01, var11
+        self.slope = (y1 - y0) / (x1 - x0)
 
     def at(self, x: float) -> float:
         """Mean height at `x`."""
@@ -44,7 +46,7 @@ class Line:
     def variance_at(self, x: float) -> float:
         """Variance of the height at `x`; grows outside the ends."""
         u = (x - self.x0) / (self.x1 - self.x0)
-        return max((1 - u) ** 2 * self.var00 + 2 * u * (1 - u) * self.var01 + u * u * self.var11, 0.0)
+        return max((1 - u) * (1 - u) * self.var00 + 2 * u * (1 - u) * self.var01 + u * u * self.var11, 0.0)
 
 
 class Band(NamedTuple):
@@ -58,18 +60,27 @@ class Band(NamedTuple):
     is_answered: bool = False  # `low` is of a ping: no host, however busy, makes it too high
 
 
-class Lines(NamedTuple):
-    """Estimate from a set of bands, with and without the limit on the slope."""
+class Lines:
+    """Estimate from a set of bands, with and without the limit on the slope.
 
-    line: Line  # the estimate
-    # Mean of the lines with no limit but `steepest`. Where it differs from `line`, the limit decides and not
-    # the data; `sd_at` adds the distance
-    free: Line
-    is_steep: bool  # the bands contradict the limit on the slope; `line` is then equal to `free`
+    Parameters
+    ----------
+    line : Line
+        The estimate.
+    free : Line
+        Mean of the lines with no limit but `steepest`. Where it differs from `line`, the limit decides, not
+        the data; `sd_at` adds the distance.
+    is_steep : bool
+        The bands contradict the limit on the slope; `line` is then equal to `free`.
+    """
+
+    def __init__(self, line: Line, free: Line, is_steep: bool) -> None:
+        self.line, self.free, self.is_steep = line, free, is_steep
 
     def sd_at(self, x: float) -> float:
         """Standard deviation of the height at `x`."""
-        return math.hypot(math.sqrt(self.line.variance_at(x)), self.free.at(x) - self.line.at(x))
+        difference = self.free.at(x) - self.line.at(x)
+        return sqrt(self.line.variance_at(x) + difference * difference)
 
 
 OPEN_S = 1.0  # assumed width where no band has a lower bound; timers of adapters are shorter
@@ -92,7 +103,7 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     steepest : float
         Largest possible slope; at least `max_slope`.
     """
-    x0, x1 = bands[0].high_x, bands[-1].high_x
+    x0, x1 = bands[0].high_x, bands[len(bands) - 1].high_x
     free, n_free = _feasible(bands, steepest)
     span = x1 - x0
     limited = _clip(_clip(free, -1.0, 1.0, max_slope * span), 1.0, -1.0, max_slope * span)
@@ -108,9 +119,9 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
 
 def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int]:
     """Polygon of the lines through the bands, and the number of newest bands without a contradiction."""
-    x0, x1 = bands[0].high_x, bands[-1].high_x
+    x0, x1 = bands[0].high_x, bands[len(bands) - 1].high_x
     span = x1 - x0
-    least = min((band.low for band in bands if band.low > -math.inf), default=bands[-1].high - OPEN_S)
+    least = min((band.low for band in bands if band.low > -inf), default=bands[len(bands) - 1].high - OPEN_S)
     floor = least - max_slope * span
     top = max(band.high for band in bands) + max_slope * span
     polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
@@ -122,7 +133,7 @@ def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int
         under = _clip(polygon, 1 - u, u, band.high)
         polygon = under or polygon
         u = (band.low_x - x0) / span
-        over = _clip(polygon, u - 1, -u, -band.low) if band.low > -math.inf else polygon
+        over = _clip(polygon, u - 1, -u, -band.low) if band.low > -inf else polygon
         polygon = over or polygon
         contradicted = contradicted or not (under and over)
         held += not contradicted
@@ -134,7 +145,7 @@ def _clip(polygon: list[Point], a: float, b: float, limit: float) -> list[Point]
     kept: list[Point] = []
     if not polygon:
         return kept
-    p1, q1 = polygon[-1]
+    p1, q1 = polygon[len(polygon) - 1]
     over1 = a * p1 + b * q1 - limit
     for p2, q2 in polygon:
         over2 = a * p2 + b * q2 - limit
@@ -154,7 +165,9 @@ def _moments(polygon: list[Point]) -> tuple[float, float, float, float, float]:
     """
     p0, q0 = polygon[0]
     area = mp = mq = mpp = mpq = mqq = 0.0
-    for (pa, qa), (pb, qb) in itertools.pairwise(polygon[1:]):
+    for k in range(1, len(polygon) - 1):
+        pa, qa = polygon[k]
+        pb, qb = polygon[k + 1]
         ap, aq, bp, bq = pa - p0, qa - q0, pb - p0, qb - q0
         weight = ap * bq - aq * bp
         sp, sq = ap + bp, aq + bq

@@ -1,6 +1,6 @@
 """Unwrapping of sequence numbers and ticks, and detection of boards that restarted."""
 
-import math
+from math import floor
 from typing import Literal, NamedTuple
 
 
@@ -11,6 +11,9 @@ class CounterStep(NamedTuple):
     # same run of the board
     kind: Literal["next", "duplicate", "restart"]
     n_scans: int  # number of scans since the one before, 1 when none is missing; 0 unless `kind` is "next"
+
+
+_FOLLOWS = CounterStep("next", 1)  # nearly every scan: made once
 
 
 class ScanCounter:
@@ -86,7 +89,7 @@ class ScanCounter:
         """Take the next scan, and return how it follows; duplicates and restarts do not change the state."""
         if self._sequence is None:
             self._keep(sequence, ticks, arrival_s, 0.0)
-            return CounterStep("next", 1)
+            return _FOLLOWS
         advance = (sequence - self._sequence) % self._modulus
         host_s = elapsed_s = arrival_s - self._arrival_s
         if ticks is not None and self._ticks is not None:
@@ -98,7 +101,7 @@ class ScanCounter:
             if ticks is not None and not self.runs_on(ticks, arrival_s):
                 return CounterStep("restart", 0)
             self._keep(sequence, ticks, arrival_s, max(elapsed_s, 0.0))
-            return CounterStep("next", 1)
+            return _FOLLOWS
         expected = elapsed_s * rate_hz
         n_scans = _nearest(advance, expected, self._modulus)
         if abs(n_scans - expected) > slack:
@@ -110,7 +113,7 @@ class ScanCounter:
         if n_scans > self.STRAGGLERS and host_s - elapsed_s > self.SLACK_S + self.SLACK_PART * host_s:
             return CounterStep("restart", 0)  # silent for longer than its ticks say: it was switched off
         self._keep(sequence, ticks, arrival_s, elapsed_s if ticks is not None else n_scans / rate_hz)
-        return CounterStep("next", n_scans)
+        return _FOLLOWS if n_scans == 1 else CounterStep("next", n_scans)
 
     def follow(self, arrival_s: float, rate_hz: float) -> CounterStep:
         """Take the next scan of a board that does not count its scans: it is taken to follow the one before.
@@ -118,7 +121,7 @@ class ScanCounter:
         A scan that was lost makes later ones seem older than they are, never fresher.
         """
         self._keep(0, None, arrival_s, 0.0 if self._sequence is None else 1 / rate_hz)
-        return CounterStep("next", 1)
+        return _FOLLOWS
 
     def _keep(self, sequence: int, ticks: int | None, arrival_s: float, elapsed_s: float) -> None:
         self._sequence, self._ticks, self._arrival_s = sequence, ticks, arrival_s
@@ -128,4 +131,4 @@ class ScanCounter:
 
 def _nearest(residue: int, value: float, modulus: int) -> int:
     """Nearest integer to `value` that is congruent to `residue`."""
-    return residue + modulus * math.floor((value - residue) / modulus + 0.5)
+    return residue + modulus * int(floor((value - residue) / modulus + 0.5))  # noqa: RUF046  # a float in C

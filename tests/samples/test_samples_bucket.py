@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tactiled.samples.bucket import Bucket, FrameArrival
+from tactiled.samples.bucket import Bucket
 
 JITTER_S, SLACK_S = 1e-4, 1e-6
 
@@ -13,7 +13,7 @@ def bucket(*delays_s: float, waited_s: float = 0.01, is_whole: bool = True) -> B
     """Bucket with one arrival every 10 ms of board time."""
     made = Bucket(1.0)
     for number, delay_s in enumerate(delays_s):
-        made.add(FrameArrival(0.01 * number, delay_s, waited_s, is_whole), delay_s)
+        made.add(0.01 * number, delay_s, waited_s, is_whole, delay_s)
     return made
 
 
@@ -70,7 +70,7 @@ def test_nothing_is_known_below_where_no_wait_is_known() -> None:
 @pytest.mark.parametrize(("wait_s", "counts"), [(0.0119, True), (0.0121, False)])
 def test_a_wait_of_three_usual_ones_is_a_stall_and_no_bound(wait_s: float, *, counts: bool) -> None:
     made = bucket(*[0.001] * 8, waited_s=0.004, is_whole=False)
-    made.add(FrameArrival(0.5, 0.0125, wait_s, False), 0.0125)
+    made.add(0.5, 0.0125, wait_s, False, 0.0125)
     tightest = 0.0125 - wait_s if counts else 0.001 - 0.004
     assert made.band(None, 1.0, is_pinged=False).low == pytest.approx(tightest - JITTER_S - SLACK_S)
 
@@ -85,6 +85,6 @@ def test_a_trend_is_doubt(delays_ms: tuple[int, int]) -> None:
 def test_an_earlier_arrival_shows_in_the_running_band_at_once() -> None:
     made = bucket(*[0.005] * 100)
     before = made.running_band(None, 1.0, is_pinged=False)
-    made.add(FrameArrival(1.5, 0.004, 0.01, True), 0.004)
+    made.add(1.5, 0.004, 0.01, True, 0.004)
     band = made.running_band(None, 1.0, is_pinged=False)
     assert (before.high, band.high, band.high_x) == (0.005, 0.004, 1.5)

@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from tactiled.samples.bucket import SLOTS
+from tactiled.samples import clock, envelope
+from tactiled.samples.bucket import SLOTS, Bucket
 from tactiled.samples.clock import ClockFit, ClockParams
 
 RATES_HZ = (1.0, 10.0, 100.0, 1000.0, 5000.0, 20_000.0)
@@ -40,6 +41,13 @@ OPERATIONS = (
 )  # fmt: skip
 for _name in OPERATIONS:
     setattr(Counted, f"__{_name}__", _counting(f"__{_name}__"))
+
+
+@pytest.fixture(autouse=True)
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the plain modules: what is compiled takes floats as numbers of C, which nobody counts."""
+    monkeypatch.setattr(clock, "Bucket", Bucket)
+    monkeypatch.setattr(clock, "lines_through", envelope.lines_through)
 
 
 def costs(rate_hz: float, bunch_s: float) -> tuple[list[int], int]:

@@ -10,7 +10,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
 from tactiled.detect.contact.fast import ContactFilter, Signs
 from tactiled.detect.contact.filter import SETTINGS, scans_of_look
-from tactiled.detect.contact.learnt import Learnt, learnt_from, shipped_trees
+from tactiled.detect.contact.learnt import Learnt, shipped_learnt
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.slips import PosteriorSlips
@@ -117,7 +117,7 @@ class GripDetector:
         self._array = array
         self._params = params or GripParams()
         self.can_tell = array.measures_ratio
-        self._learnt = (learnt or learnt_from(shipped_trees())) if self.can_tell else None
+        self._learnt = (learnt or shipped_learnt()) if self.can_tell else None
         x, y = array.x_mm - array.x_mm.mean(), array.y_mm - array.y_mm.mean()
         # A pad that turns about its centre bears mu P times the mean distance of its loads.
         self._radius_mm = float(np.sqrt(x**2 + y**2).mean()) or 1.0
