@@ -681,8 +681,9 @@ struct Status {
     static constexpr const char* PATH_COMPILED = "compiled";
     static constexpr const char* PATH_PYTHON = "python";
     std::string path;
-    // Load of a taxel, in the unit of the array, up to which it is told as no contact: of pads without
-    // shear, 15 % of the largest load of late. 0 where no load hides another.
+    // Load of a taxel, in the unit of the array, that a new contact must exceed: 15 % of the largest load of
+    // its pad of late, of pads without shear and skins in uT. A contact ends below 0.6 of it. 0 where no
+    // load hides another.
     double hidden_below = 0.0;
     // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     // some.
