@@ -10,15 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bench.hold.play import (
-    DOWN_S,
-    RESTART_S,
-    Controller,
-    GraspResult,
-    TightenOnSlip,
-    Topic,
-    play,
-)
+from bench.hold.play import DOWN_S, RESTART_S, Controller, GraspResult, TightenOnSlip, Topic, play
 from bench.report import (
     BENCH_WORKERS,
     NONE,

@@ -7,13 +7,7 @@ from pathlib import Path
 
 import click
 
-from tactiled.cli.options import (
-    FILE,
-    KEYS,
-    need_extra,
-    need_named,
-    need_readable,
-)
+from tactiled.cli.options import FILE, KEYS, need_extra, need_named, need_readable
 from tactiled.client.transports import over_zenoh
 from tactiled.errors import DataError
 from tactiled.events.endpoints import ZENOH_SCHEME

@@ -33,10 +33,7 @@ URGENT: frozenset[Topic] = frozenset({"contact", "slip", "command"})
 _FLOATS = 1
 """MessagePack extension type of the readings of a scan: little-endian 32-bit floats."""
 _PACKER = msgpack.Packer()  # kept: to make one for each message takes as long as to pack it
-_UNSEEN = {
-    "scan": ("time_sd_s", "age_s"),
-    "force": ("taxel_fx_n", "taxel_fy_n", "taxel_fz_n"),
-}
+_UNSEEN = {"scan": ("time_sd_s", "age_s"), "force": ("taxel_fx_n", "taxel_fy_n", "taxel_fz_n")}
 """Fields of messages of each scan that no page shows."""
 _NEWEST = ("geometry", "info", "settings", "status", "recording", "contact")
 """Topics whose newest message a new browser needs."""
