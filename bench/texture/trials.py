@@ -22,7 +22,8 @@ from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
 from tactiled.detect.grooves.params import JointParams, WaveParams
 from tactiled.detect.grooves.window import FitWindow
-from tactiled.events.types import SlipEvent, TextureEvent
+from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
+from tactiled.events.types import TextureEvent
 from tactiled.samples.block import regular_block
 
 Quantity = Literal["period", "angle"]
@@ -185,35 +186,15 @@ def track_trials(snr_db: float, memory: float, seed: int) -> list[Trial]:
     return trials
 
 
-def slip_at(time_s: float, direction_deg: float, direction_sd_deg: float = 0.0) -> SlipEvent:
-    """Onset of a gross slip, detected when it happened."""
-    return SlipEvent(
-        time_s=time_s,
-        state="onset",
-        kind="gross",
-        onset_s=time_s,
-        onset_sd_s=0.0,
-        direction_deg=direction_deg,
-        direction_sd_deg=direction_sd_deg,
-        confidence=1.0,
-        taxels=(),
-        detector="truth",
-        statistic=0.0,
-        threshold=0.0,
-        valid=True,
-        detected_s=time_s,
-    )
-
-
 def online_answers(
     params: JointParams, volts: FloatArray, offset_s: FloatArray, wave: Wave, *, is_speed_known: bool
 ) -> Iterator[TextureEvent]:
     """Events of the online estimator, in blocks of ten scans as they would come live, the slip given."""
-    estimator = JointTexture(ARRAY, params)
+    estimator, slips = JointTexture(ARRAY, params), KnownSlips(KnownSliding())
     if is_speed_known:
         estimator.set_speed(wave.speed_mm_s, 0)
     block = regular_block(volts, RATE_HZ, channel_offset_s=offset_s)
     for first in range(0, len(block), 10):
-        slips = [] if first else [slip_at(0.0, wave.direction_deg)]
-        events = estimator.process(block[first : first + 10], slips)
+        part = block[first : first + 10]
+        events = estimator.process(part, slips.process(part))
         yield from (event for event in events if isinstance(event, TextureEvent))

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
+from slips import slip_at
 
-from bench.texture.trials import slip_at
 from tactiled.array import load_array
 from tactiled.events.types import Candidate, TextureEvent
 from tactiled.plots.grooves import answer_in_words, draw_answers, draw_map

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from gratings import Grating, Slide, grid
 from hypothesis import given, settings
+from slips import slip_at
 from touches import Touch, pieces, splits, textures
 
-from bench.texture.trials import slip_at
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome

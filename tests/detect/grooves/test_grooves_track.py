@@ -20,9 +20,9 @@ from gratings import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from slips import slip_at
 from touches import textures
 
-from bench.texture.trials import slip_at
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.estimator import JointTexture
 from tactiled.detect.grooves.fit import fit_wave
