@@ -25,9 +25,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from bench.worlds.arrays import places_mm, square_array
 from bench.worlds.hands import log_uniform, smooth
+from bench.worlds.sensors import channels
 from bench.worlds.world import World, onsets, tenths_s
 from tactiled.array import FloatArray
 from tactiled.samples.block import regular_block
@@ -292,18 +294,8 @@ def _measured(
     relative = rng.lognormal(0, 0.2)
     shear = relative * shear * rng.lognormal(0, spread, (2, n_taxels)) + own_load[:, np.newaxis] * stray
     volts_per_n = rng.uniform(0.7, 1.8) / (v["load_n"] / n_taxels)
-    kind = str(rng.choice(["xyz", "side"]))
-    if kind == "xyz":
-        volts = np.stack([-shear[:, 0], -shear[:, 1], load], axis=2).reshape(len(load), -1)
-    else:
-        sides = [
-            load - shear[:, 0] / 2,
-            load - shear[:, 1] / 2,
-            load + shear[:, 0] / 2,
-            load + shear[:, 1] / 2,
-        ]
-        volts = np.maximum(np.stack(sides, axis=2), 0.0).reshape(len(load), -1)
-    volts = volts * volts_per_n
+    kind = rng.choice(["xyz", "sides"])
+    volts = channels(kind, load, shear) * volts_per_n
     bend = rng.uniform(0.0, 0.15)
     volts = volts / (1 + bend * np.abs(volts))
     creep = rng.uniform(0, 0.04)
@@ -319,8 +311,7 @@ def _measured(
     white = rng.normal(size=volts.shape)
     colour = rng.uniform(0, 0.9)
     red = np.zeros_like(white)
-    for k in range(1, len(red)):
-        red[k] = 0.98 * red[k - 1] + 0.2 * rng.normal(size=volts.shape[1])
+    red[1:] = lfilter([0.2], [1.0, -0.98], rng.normal(size=(len(red) - 1, volts.shape[1])), axis=0)
     volts = volts + 1e-3 * noise_mv * (white + 0.5 * colour * red)
     lsb = float(rng.choice([0.0001, 0.0008, 0.0024]))
     volts = np.round(volts / lsb) * lsb
@@ -334,7 +325,7 @@ def _measured(
         law=v["law"],
         hand=v["hand"],
         rate_hz=rate_hz,
-        array=square_array("xyz" if kind == "xyz" else "sides", _SIDE, 3.7),
+        array=square_array(kind, _SIDE, 3.7),
         block=regular_block(volts, rate_hz),
         utilisation=utilisation[picks],
         gross=gross[picks],

@@ -94,7 +94,7 @@ def measure(drawn: Drawn, forces: Forces) -> World:
         "pillars": rng.lognormal(0, 0.1),
         "sides": array.high * rng.uniform(0.04, 0.12) / taxel,
     }[kind]
-    felt = _channels(kind, *_felt(rng, forces, drawn, ratio))
+    felt = channels(kind, *_felt(rng, forces, drawn, ratio))
     largest = max(float(np.abs(felt).max()), 1e-12)
     gain = min(gain, _MOST * array.high / largest)
     readings = gain * felt
@@ -187,7 +187,7 @@ def mixed(forces: NDArray[np.floating[Any]], mix: FloatArray) -> FloatArray:
     return np.stack([(forces * row).sum(axis=-1) for row in mix], axis=-1)
 
 
-def _channels(kind: str, load: FloatArray, shear: FloatArray) -> FloatArray:
+def channels(kind: str, load: FloatArray, shear: FloatArray) -> FloatArray:
     """Channels (n, channels) before their gain."""
     if kind != "sides":
         return np.stack([-shear[:, 0], -shear[:, 1], load], axis=2).reshape(len(load), -1)
