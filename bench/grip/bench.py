@@ -34,7 +34,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
 
     Quick: 24 worlds of each to learn from, which teach little.
     """
-    from bench.train.fit import first_forest, fit, left_out  # scikit-learn takes seconds to load
+    from bench.train.fit import first_forests, fit, left_out  # scikit-learn takes seconds to load
 
     lots, reported = (QUICK, _REPORTED_QUICK) if options.quick else (FULL, _REPORTED)
     nothing: frozenset[str] = frozenset()
@@ -45,8 +45,7 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
-        grown = counted(pool.map(partial(first_forest, worlds), sets), progress, "trees of the signs")
-        forests = dict(zip(sets, grown, strict=True))
+        forests = first_forests(pool, worlds, sets, progress)
         fits = pool.map(partial(fit, worlds, forests), kept_out)
         whole, *others = counted(fits, progress, "trees of the state")
         for name, without in zip(GENERATORS, others, strict=True):

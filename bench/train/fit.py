@@ -1,12 +1,15 @@
 """Fit of the three forests of the contact filter, and their form as flat arrays."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingClassifier
 
+from bench.report import counted
 from bench.train.rows import Looks
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory
@@ -20,6 +23,7 @@ from tactiled.detect.contact.filter import (
     kept_load,
 )
 from tactiled.detect.contact.signs import NAMES
+from tactiled.progress import ProgressBar
 
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]
 
@@ -78,6 +82,18 @@ def first_forest(
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
     signs, thin = np.concatenate([w.signs for w in some]), _thin(some)
     return grown(shapes.signs, signs[thin], slides[thin], weight[thin], _MONOTONE)
+
+
+def first_forests(
+    pool: Executor,
+    worlds: Sequence[Looks],
+    sets: Sequence[Generators],
+    progress: ProgressBar,
+    shapes: Shapes = SHIPPED,
+) -> dict[Generators, HistGradientBoostingClassifier]:
+    """Grow a first forest without each of some sets of generators."""
+    grow = pool.map(partial(first_forest, worlds, shapes=shapes), sets)
+    return dict(zip(sets, counted(grow, progress, "trees of the signs"), strict=True))
 
 
 def fit(

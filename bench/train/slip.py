@@ -3,7 +3,6 @@
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import sklearn
 
 from bench.report import BENCH_WORKERS, commit
 from bench.train import rows
-from bench.train.fit import QUICK, SHIPPED, Shapes, first_forest, fit, left_out
+from bench.train.fit import QUICK, SHIPPED, Shapes, first_forests, fit, left_out
 from bench.train.rows import Looks, Lot, all_looks, lots_in_words, n_batches
 from bench.worlds.generators import GENERATORS
 from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
@@ -35,11 +34,7 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
-        forests = {}
-        grow = partial(first_forest, worlds, shapes=shapes)
-        for without, forest in zip(sets, pool.map(grow, sets), strict=True):
-            forests[without] = forest
-            progress.advance("trees of the signs")
+        forests = first_forests(pool, worlds, sets, progress, shapes)
     table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
     about = _about(lots, shapes, looks, table)  # before a file that git knows is written over
