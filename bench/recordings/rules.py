@@ -129,17 +129,12 @@ def _start(log: Log) -> FloatArray:
 def by_trees(logs: Sequence[Log]) -> list[bool]:
     """Decide for each log whether its label holds, by boosted trees that learnt from the other groups."""
     from sklearn.ensemble import HistGradientBoostingClassifier  # takes seconds to load
+    from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 
-    features = np.array([_features(log) for log in logs])
-    label = np.array([log.label for log in logs])
-    groups = np.array([log.group for log in logs])
-    said = np.zeros(len(logs), dtype=np.bool_)
-    for group in np.unique(groups):
-        own = groups == group
-        trees = HistGradientBoostingClassifier(
-            max_iter=100, min_samples_leaf=5, class_weight="balanced", random_state=0
-        )
-        said[own] = trees.fit(features[~own], label[~own]).predict(features[own])
+    trees = HistGradientBoostingClassifier(min_samples_leaf=5, class_weight="balanced", random_state=0)
+    features, label = [_features(log) for log in logs], [log.label for log in logs]
+    groups = [log.group for log in logs]
+    said = cross_val_predict(trees, features, label, groups=groups, cv=LeaveOneGroupOut())
     return [bool(one) for one in said]
 
 
