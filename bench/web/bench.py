@@ -13,9 +13,10 @@ import shutil
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -112,10 +113,12 @@ def watch_scene(browser: Browser, scene: str, seconds: float, bytes_s: float) ->
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-web-")))
         endpoint = f"ipc://{folder}/events.ipc"
         config = daemon_config(folder / "tactiled.toml", folder / "board", endpoint)
-        stack.enter_context(_board(folder / "board", scene))
+        stack.enter_context(_beside(partial(_play, folder / "board", scene)))
+        wait_for_path(folder / "board")
         stack.enter_context(running(*TACTILED, "run", "--config", config))
         server = stack.enter_context(running(*TACTILED, "web", "--port", "0", "--events", endpoint))
-        heard = stack.enter_context(_hear(endpoint))
+        heard: dict[str, float] = {}
+        stack.enter_context(_beside(partial(_hear, endpoint, heard)))
         way = stack.enter_context(link(json.loads(next_line(server))["url"], bytes_s))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.add_init_script(_WATCH)
@@ -156,48 +159,36 @@ def _cpu(browser: Browser, server: int) -> dict[str, float]:
 
 
 @contextmanager
-def _board(link_path: Path, scene: str) -> Iterator[None]:
-    """Play a scene again and again, with pauses without a board."""
+def _beside(work: Callable[[threading.Event], None]) -> Iterator[None]:
+    """Run a function in a thread; at the end of the block its event is set."""
     ended = threading.Event()
-
-    def play() -> None:
-        while not ended.is_set():
-            link_path.unlink(missing_ok=True)
-            with running(*TACTILED, "emulate", "--scene", scene, "--link", link_path):
-                with contextlib.suppress(OperatorError):  # the next one may do better
-                    wait_for_path(link_path)
-                ended.wait(load_scene(scene).duration_s)
-            ended.wait(_REST_S)
-
-    thread = threading.Thread(target=play)
+    thread = threading.Thread(target=work, args=(ended,))
     thread.start()
     try:
-        wait_for_path(link_path)
         yield
     finally:
         ended.set()
         thread.join()
 
 
-@contextmanager
-def _hear(endpoint: str) -> Iterator[dict[str, float]]:
+def _play(link_path: Path, scene: str, ended: threading.Event) -> None:
+    """Play a scene again and again, with pauses without a board."""
+    while not ended.is_set():
+        link_path.unlink(missing_ok=True)
+        with running(*TACTILED, "emulate", "--scene", scene, "--link", link_path):
+            with contextlib.suppress(OperatorError):  # the next one may do better
+                wait_for_path(link_path)
+            ended.wait(load_scene(scene).duration_s)
+        ended.wait(_REST_S)
+
+
+def _hear(endpoint: str, heard: dict[str, float], ended: threading.Event) -> None:
     """Note when the messages of contacts and slips arrive, epoch seconds by topic and number."""
-    ended, heard = threading.Event(), dict[str, float]()
-
-    def listen() -> None:
-        with Subscription(endpoint, topics=("contact", "slip")) as subscription:
-            while not ended.is_set():
-                item = subscription.next_item(time.monotonic() + 0.2)
-                if isinstance(item, Message):
-                    heard[f"{item.topic}/{item.data['seq']}"] = time.time()
-
-    thread = threading.Thread(target=listen)
-    thread.start()
-    try:
-        yield heard
-    finally:
-        ended.set()
-        thread.join()
+    with Subscription(endpoint, topics=("contact", "slip")) as subscription:
+        while not ended.is_set():
+            item = subscription.next_item(time.monotonic() + 0.2)
+            if isinstance(item, Message):
+                heard[f"{item.topic}/{item.data['seq']}"] = time.time()
 
 
 def cost_table(costs: Mapping[str, PageCost]) -> str:
