@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from tactiled.detect.contact.filter import SETTINGS
+from tactiled.plain_table import table
 from tactiled.progress import ProgressBar, tell
 from tactiled.tune.study import N_STAGES, Recording, ReportCount, Study, rate_interval, study
 
@@ -80,15 +81,14 @@ def _recordings(found: Study) -> str:
 
 
 def _settings(found: Study) -> str:
-    rows = [["setting", "incipient p", "gross p", "slips in hold", "in motion", "per hour, 95 %"]]
+    rows = []
     for name, reports in found.settings.items():
         at = SETTINGS[name]
         between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))
         counts = [_reports(reports.quiet), _reports(reports.motion)]
         rows.append([name, f"{at.incipient:g}", f"{at.gross:g}", *counts, between])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    table = ["  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
-    return "\n".join(table) + (
+    head = ["setting", "incipient p", "gross p", "slips in hold", "in motion", "per hour, 95 %"]
+    return table(head, rows) + (
         "\nNothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
         "since a tenth of the contact area may slip in an object that stays in the hand."
     )
