@@ -37,11 +37,8 @@ def shown(text: str) -> str:
 def name_of(text: str) -> str:
     """Return a name that may stand in paths, units and rules.
 
-    Raises
-    ------
-    DataError
-        It has other characters than letters, digits, ``-``, ``_`` and ``.``, begins with none of the first
-        two, or is too long.
+    `DataError` where it has other characters than letters, digits, ``-``, ``_`` and ``.``, begins with none
+    of the first two, or is too long.
     """
     if not _NAME.fullmatch(text):
         words = f"at most {NAME_CHARACTERS} letters, digits, '-', '_' and '.', as in left-hand"
@@ -53,12 +50,8 @@ def rule_value(text: str) -> str:
     """Return a text of a USB device as it may stand in a udev rule, and as udev itself sees it.
 
     udev cuts blanks at both ends and makes one ``_`` of those between; it drops or rewrites most of what is
-    refused here, so that a rule with the text as it is would match nothing, or another device.
-
-    Raises
-    ------
-    DataError
-        It is empty, too long, or has other characters than letters, digits and ``-_.:``.
+    refused here, so that a rule with the text as it is would match nothing, or another device. `DataError`
+    where it is empty, too long, or has other characters than letters, digits and ``-_.:``.
     """
     value = re.sub(" +", "_", text.strip(" "))
     if not _IN_A_RULE.fullmatch(value):
@@ -70,12 +63,8 @@ def rule_value(text: str) -> str:
 def read_text(path: Path, limit_bytes: int = TEXT_LIMIT_BYTES) -> str:
     """Read a text file that somebody else may have made.
 
-    Raises
-    ------
-    DataError
-        Not a regular file, larger than the limit, or not UTF-8.
-    OSError
-        The file cannot be opened.
+    `DataError` where it is not a regular file, larger than the limit, or not UTF-8; `OSError` where it cannot
+    be opened.
     """
     need_regular(path)
     with path.open("rb") as file:
@@ -97,10 +86,7 @@ def need_regular(path: Path) -> None:
 def json_of(text: str) -> object:
     """Return the value of a JSON text, of any kind.
 
-    Raises
-    ------
-    DataError
-        It is no JSON, is nested too deeply, or has a number that no program reads.
+    `DataError` where it is no JSON, is nested too deeply, or has a number that no program reads.
     """
     try:
         return json.loads(text)
@@ -113,14 +99,8 @@ def read_secret(path: Path, what: str = "secret key", environ: Mapping[str, str]
     """Read a text file with a key or a token (`what`), which only its owner may be able to read.
 
     A credential of systemd, in ``CREDENTIALS_DIRECTORY`` of the environment, is accepted with any mode: its
-    access list shows as group permissions.
-
-    Raises
-    ------
-    ConfigError
-        Others can read the file.
-    DataError, OSError
-        As for `read_text`.
+    access list shows as group permissions. `ConfigError` where others can read the file; other errors as for
+    `read_text`.
     """
     mode = path.stat().st_mode
     credentials = environ.get("CREDENTIALS_DIRECTORY")

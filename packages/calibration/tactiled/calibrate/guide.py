@@ -143,19 +143,10 @@ def record_guided(
 ) -> GuidedLog:
     """Record until every sensitivity can be known, or for `most_s`, and write the scans.
 
-    `DataError` or `ConfigError` where there is no daemon, no board or no scan, or the array is not known
-    here.
-
-    Parameters
-    ----------
-    log : Path
-        npz file to write, for `tactiled calibrate LOG --reference ...`; times are epoch seconds.
-    array : str, optional
-        TOML file of the board's array, if it is not a shipped one.
-    report : callable
-        Called with a line for the person who presses.
-    board : str
-        Serial number of the board; empty for the first of the daemon.
+    The npz file `log` is for `tactiled calibrate LOG --reference ...`; its times are epoch seconds. `array`
+    is the file of one that is not shipped. `report` gets lines for the person who presses. Without `board`,
+    the first one of the daemon is taken. `DataError` or `ConfigError` where there is no daemon, no board or
+    no scan, or the array is not known here.
     """
     if log.suffix != ".npz" or not log.parent.is_dir():
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])

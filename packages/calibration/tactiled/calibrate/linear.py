@@ -46,22 +46,11 @@ class LinearFit:
 
 
 class Regression:
-    """Regression of a reference on features.
+    """Regression of a reference on features (n, features), each of a taxel at `x_mm`, `y_mm` (features,).
 
-    Parameters
-    ----------
-    features : (n, features) float64
-    outputs : (n, 6) float64
-        fx, fy, fz, tx, ty, tz; 0 where missing.
-    used : list of int
-        Outputs that are known.
-    x_mm, y_mm : (features,) float64
-        Place of the taxel that a feature belongs to.
-    priors : list of Prior
-        For fx, fy, fz.
-    offset : (6,) float64, optional
-        Outputs of the reference without a load, where they are known. A fitted offset would be a force that
-        the running model, which reads 0 at rest, does not have.
+    `outputs` (n, 6) are fx, fy, fz, tx, ty, tz, of which those `used` are known; `priors` are for fx, fy, fz.
+    `offset` (6,) are the outputs of the reference without a load, where they are known: a fitted offset would
+    be a force that the running model, which reads 0 at rest, does not have.
     """
 
     def __init__(

@@ -82,19 +82,10 @@ def calibrate(
 ) -> CalibrationStudy:
     """Fit a calibration.
 
-    `DataError` where the data cannot give a calibration; the message says what to do.
-
-    Parameters
-    ----------
-    time_s : (n,) float64
-    readings : (n, channels) float64
-        As the sensor gave them, NaN where missing.
-    reached : callable
-        Called with a few words after each of `N_STAGES` stages.
-    is_same_clock : bool
-        The times of log and reference are of one clock: no offset is searched.
-    are_poses : bool
-        Readings and reference are static poses in any order; `time_s` is the number of the pose in both.
+    `readings` (n, channels) are as the sensor gave them, NaN where missing. `reached` is called with a few
+    words after each of `N_STAGES` stages. With `is_same_clock`, no offset between the times of log and
+    reference is searched. With `are_poses`, both have static poses in any order, and `time_s` is the number
+    of the pose. `DataError` where the data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
     between_s = 0.0

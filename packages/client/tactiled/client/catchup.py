@@ -48,15 +48,11 @@ class _Line:
 class CatchUp:
     """Put messages in order and fill holes.
 
-    Parameters
-    ----------
-    can_ask : bool
-        There is a daemon to send requests to.
-    is_patient : bool
-        For connections on which topics overtake each other and requests find no way for a time. Request holes
-        also before the daemon has answered anything, and request again what was not answered in a time in
-        which nothing was received, instead of counting it as lost: data are stale then anyway. While messages
-        are received, repeat a request twice.
+    `can_ask`: there is a daemon to send requests to. `is_patient`: for connections on which topics overtake
+    each other and requests find no way for a time. Then holes are requested also before the daemon has
+    answered anything, and what was not answered in a time in which nothing was received is requested again,
+    instead of counting it as lost: data are stale then anyway. While messages are received, a request is
+    repeated twice.
     """
 
     def __init__(self, can_ask: bool, now_s: float, *, is_patient: bool = False) -> None:

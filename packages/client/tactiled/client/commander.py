@@ -149,10 +149,7 @@ class Commander(_Connected):
     def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply.
 
-        Raises
-        ------
-        OperatorError
-            No reply came in time. The command may have been carried out all the same.
+        `OperatorError` where none came in time. The command may have been carried out all the same.
         """
         request = self._request(do, arguments, timeout_s)
         poller = zmq.Poller()
@@ -239,10 +236,7 @@ def _numbers(values: float | Iterable[float]) -> list[float]:
 def fields_of(do: str, words: Sequence[str]) -> dict[str, Any]:
     """Parse arguments of a request from words like ``speed_mm_s=5``; values are JSON, or else text.
 
-    Raises
-    ------
-    OperatorError
-        A word has no ``=``.
+    `OperatorError` where a word has no ``=``.
     """
     fields: dict[str, Any] = {}
     for word in words:

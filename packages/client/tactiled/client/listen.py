@@ -37,13 +37,8 @@ def listen(
 ) -> int:
     """Print messages until there were `count` lines, `timeout_s` has passed, or Ctrl-C.
 
-    Messages go to `out`, as JSON lines or for people (`EventLines`); all else goes to `err`.
-
-    Returns
-    -------
-    int
-        0 when `count` was reached, or without `count` after any message or Ctrl-C; 1 when `timeout_s` passed
-        before that.
+    Messages go to `out`, as JSON lines or for people (`EventLines`); all else goes to `err`. Return 0 when
+    `count` was reached, or without `count` after any message or Ctrl-C; 1 when `timeout_s` passed before.
     """
     out = sys.stdout if out is None else out
     err = sys.stderr if err is None else err

@@ -47,10 +47,7 @@ def _answering(folder: Path) -> list[tuple[Path, Path]]:
 def control(environ: Mapping[str, str] = os.environ, of_units: Path = _OF_UNITS) -> str:
     """Return the endpoint for requests of the one daemon on this host, run by this user or as a unit.
 
-    Raises
-    ------
-    OperatorError
-        There is none, or more than one, or this user may not connect; the message says what to do.
+    `OperatorError` where there is none, or more than one, or this user may not connect.
     """
     session = environ.get("XDG_RUNTIME_DIR")
     own = Path(session) / "tactiled" if session else Path(f"/tmp/tactiled-{os.getuid()}")

@@ -216,13 +216,7 @@ def _endings(topics: AbstractSet[str]) -> tuple[bytes, ...]:
 
 
 def first_info(subscription: Subscription, endpoint: str) -> Message:
-    """Wait for the daemon's description of its board, the first of several.
-
-    Raises
-    ------
-    DataError
-        None came; the message says what to check.
-    """
+    """Wait for the daemon's description of its board, the first of several; `DataError` where none comes."""
     until_s = time.monotonic() + _INFO_S
     while (item := subscription.next_item(until_s)) is not None:
         if isinstance(item, Message) and item.topic == "info":

@@ -80,13 +80,7 @@ def open_requests(control: str, keys: Path | None) -> Transport:
 
 
 def over_zenoh() -> Any:
-    """Import what serves ``zenoh://`` endpoints; this distribution does not depend on it.
-
-    Raises
-    ------
-    OperatorError
-        It is not installed.
-    """
+    """Import what serves ``zenoh://`` endpoints; `OperatorError` where that distribution is not installed."""
     try:
         return importlib.import_module("tactiled.zenoh.transport")
     except ModuleNotFoundError as error:

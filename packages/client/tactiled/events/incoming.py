@@ -27,11 +27,8 @@ def checked_map(topic: str, data: Mapping[str, Any]) -> dict[str, Any]:
     Fields that are not declared are left out; declared fields with a default, which an earlier version does
     not send, get that default.
 
-    Raises
-    ------
-    ContractError
-        No such topic, or a field is missing, of another type, or too large; lists that belong together differ
-        in length.
+    `ContractError` where there is no such topic, a field is missing, of another type, or too large, or lists
+    that belong together differ in length.
     """
     fields = _FIELDS.get(topic)
     if fields is None:

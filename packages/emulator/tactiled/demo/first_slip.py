@@ -17,12 +17,7 @@ _ARROW, _WORDS, _TOP = 0.12, 1.22, 1.35  # heights, parts of the friction limit:
 def draw_first_slip(path: Path, events: Sequence[Event], truth: KnownTruth) -> str:
     """Draw the part of the friction limit in use around the first true slip; return the title.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, or another format that matplotlib derives from the suffix.
-    events : sequence of Event
-        Events on the clock of `truth`, which has one slip at least.
+    The events are on the clock of `truth`, which has one slip at least.
     """
     begin_s, gross_s = truth.spans_s[0]
     onsets = [e for e in events if isinstance(e, SlipEvent) and e.state == "onset"]

@@ -42,18 +42,11 @@ _MOST_INPUTS = 64  # reads of the host that wait for a late board; the rest wait
 class Emulator:
     """A board in real time; `run` until `stop`, or `run_until_signal`.
 
-    Parameters
-    ----------
-    report : callable
-        Gets maps with ``what``: ``"ready"`` (address of the port), ``"scene"`` (truth, instants on
-        CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (with `with_scans`), ``"behind"`` (the
-        host is too slow for the scene), ``"preparing"`` (tables are solved), ``"end"`` (counts).
-    with_scans : bool
-        Report the truth of each scan.
-    control : HostLink, optional
-        Where a controller can move the grip.
-
-    The constructor raises `ConfigError` where scene, layout and board do not fit.
+    `report` gets maps with ``what``: ``"ready"`` (address of the port), ``"scene"`` (truth, instants on
+    CLOCK_MONOTONIC), ``"unplugged"``, ``"plugged"``, ``"scan"`` (its truth, `with_scans`), ``"behind"`` (the
+    host is too slow for the scene), ``"preparing"`` (tables are solved), ``"end"`` (counts). At `control` a
+    controller can move the grip. The constructor raises `ConfigError` where scene, layout and board do not
+    fit.
     """
 
     def __init__(

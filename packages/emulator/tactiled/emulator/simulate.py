@@ -23,14 +23,8 @@ class Simulation:
     """Iterator over ``(arrival_s, bytes)`` in order, which has the truth afterwards.
 
     It acts as host, too: it starts the board whenever bytes come and it does not run (also after a reset),
-    and stops it at the end.
-
-    Parameters
-    ----------
-    seed : int
-        Of the faults; the scene has its own.
-    duration_s : float or None
-        Scene time to play; None is the scene's own duration.
+    and stops it at the end. `seed` is of the faults; the scene has its own. `duration_s` of the scene are
+    played, by default all of it.
     """
 
     def __init__(

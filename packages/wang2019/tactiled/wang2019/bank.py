@@ -16,18 +16,13 @@ def kink_response(level: int) -> FloatArray:
 
 
 class SwtBank:
-    """One level of the transform, causal, over all channels.
-
-    Attributes
-    ----------
-    steps : (scans + border, channels) float64
-        Held readings, in grid steps, behind the outputs of the last `filter`.
-    """
+    """One level of the transform, causal, over all channels."""
 
     def __init__(self, array: Array, level: int) -> None:
         self._border = border_scans(level)
         volts_per_step = Quantiser(array).volts_per_step  # a power of two: products with it do not round
         self._bank = Bank(array.n_channels, [taps(level) * volts_per_step])
+        # (scans + border, channels): held readings, in grid steps, behind the outputs of the last `filter`
         self.steps = np.zeros((0, array.n_channels))
         self._n_scans = 0
         # Before the start stand copies of the first scan, which are not readings.

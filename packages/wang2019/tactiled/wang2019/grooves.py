@@ -115,16 +115,8 @@ def estimate(
 ) -> GrooveEstimate:
     """Estimate period and inclination from one window, as the flow chart does.
 
-    Parameters
-    ----------
-    volts : (n, taxels) float64
-        Three taxels of one column, in ascending y.
-    volts_per_step : float
-        Resolution of the readings.
-    places_mm : (taxels,) float64
-        Positions y of the taxels.
-    offsets_s : (taxels,) float64
-        Delay from the beginning of a scan to the sampling of each.
+    `volts` (n, taxels), of a resolution `volts_per_step`, are those of three taxels of one column, at y of
+    `places_mm` in ascending order, which are sampled `offsets_s` after the beginning of a scan.
 
     Examples
     --------
@@ -198,12 +190,8 @@ def _leads_scans(seen: Spectrum, n: int) -> FloatArray:
     """Number of scans by which each taxel sees a ridge before its neighbour.
 
     The band-pass leaves one bin, a pure sine of a whole number of periods, so the correlation of two of them
-    is circular. Within half a period it has one maximum and one minimum, half a period apart.
-
-    Returns
-    -------
-    (2, taxels - 1) float64
-        From the maximum, from the minimum.
+    is circular. Within half a period it has one maximum and one minimum, half a period apart. Both are told,
+    (2, taxels - 1).
     """
     half_period = n / seen.peak / 2
     lags = np.arange(-int(half_period), int(half_period) + 1)

@@ -44,14 +44,8 @@ class Spectrum:
 def spectrum(volts: FloatArray, rate_hz: float, volts_per_step: float, low_pass_hz: float) -> Spectrum:
     """Spectrum of a window and its peak: the bin with the largest power, summed over the taxels.
 
-    Parameters
-    ----------
-    volts : (n, taxels) float64
-        One signal per taxel; finite.
-    volts_per_step : float
-        Resolution of the readings: the noise floor of a noiseless signal.
-    low_pass_hz : float
-        Upper end of the band. A largest ripple above it is "aliased".
+    `volts` (n, taxels) are finite. Their resolution `volts_per_step` is the noise floor of a noiseless
+    signal. A largest ripple above `low_pass_hz`, the end of the band, is "aliased".
     """
     n, n_taxels = volts.shape
     time = np.arange(n) - (n - 1) / 2

@@ -38,16 +38,9 @@ _MIN_WINDOW_SCANS = 8  # derived: a spectrum of fewer has no peaks
 class PaperTexture:
     """Report texture events by the published procedure.
 
-    Parameters
-    ----------
-    speed_mm_s, speed_sd_mm_s : float
-        Sliding speed until another is set, 0 where it is not known, and its standard deviation.
-    direction_deg : float, optional
-        Direction of the skin's motion; by default that of the slip event.
-    is_given : bool
-        Sliding is known from outside: there is no onset that a window must not contain.
-    limits : GrooveLimits, optional
-        Limits of the flow chart and its window; by default those of the paper.
+    The speed, 0 where it is not known, holds until another is set. The direction of the skin's motion is by
+    default that of the slip event. With `is_given`, sliding is known from outside: there is no onset that a
+    window must not contain.
 
     Examples
     --------

@@ -72,13 +72,7 @@ class DaemonCommands:
 
 
 def check_request(body: bytes, n_sources: int) -> tuple[int, str, dict[str, Any]]:
-    """Return source, command and fields of a request of the page.
-
-    Raises
-    ------
-    ValueError
-        It is none; the message says what is wrong.
-    """
+    """Return source, command and fields of a request of the page; `ValueError` says why it is none."""
     try:
         document: object = json.loads(body)
         json.dumps(document, ensure_ascii=False).encode()  # lone surrogates are JSON, but no text

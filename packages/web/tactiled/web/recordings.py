@@ -68,10 +68,7 @@ class RecordingFolder:
     async def open(self, name: str) -> ReplayFile:
         """Read a recording into memory, in a thread.
 
-        Raises
-        ------
-        DataError
-            There is none of that name, it is too large, or it is no recording.
+        `DataError` where there is none of that name, it is too large, or it is no recording.
         """
         async with self._one_at_a_time:
             if name not in (files := self.files()):
@@ -106,10 +103,7 @@ class RecordingRoutes:
     async def chosen(self, request: web.Request) -> ReplayFile | None:
         """Return the recording of ``?recording=NAME``, or that of the start; None for live boards.
 
-        Raises
-        ------
-        DataError
-            It cannot be opened.
+        `DataError` where it cannot be opened.
         """
         name = request.query.get("recording")
         if name is None or self._started_with is not None:

@@ -19,19 +19,10 @@ _THIN_S = 0.1  # interval of scans, grip and force messages in a thinned stretch
 
 
 class ReplayFile:
-    """Events of one recording, sorted by instant.
+    """Events of one recording, whose parts are given in any order, sorted by instant.
 
-    Parameters
-    ----------
-    paths : sequence of Path
-        Parts of one recording, in any order.
-    arrays : sequence of Array
-        Arrays that do not ship with tactiled.
-
-    Raises
-    ------
-    DataError
-        A file is no recording, has no events, or has more than fit into memory.
+    `arrays` are those that do not ship with tactiled. `DataError` where a file is no recording, has no
+    events, or has more than fit into memory.
     """
 
     def __init__(

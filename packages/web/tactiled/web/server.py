@@ -149,10 +149,7 @@ class PageServer:
     async def run(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
         """Serve until `stop` is set; `ready` is called with the address of the page.
 
-        Raises
-        ------
-        UnavailableError
-            The port is in use, or the address is none of this host.
+        `UnavailableError` where the port is in use, or the address is none of this host.
         """
         with limit_rate_of(_LOGGERS, self._log):
             await self._serve(ready, stop)

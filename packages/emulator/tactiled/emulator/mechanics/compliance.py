@@ -60,11 +60,6 @@ class Compliance(TaxelModel):
 
     Indentation counts from the plane of the ridges. Friction depends on the path and not on time. It takes a
     second of processor for a second of nine sliding taxels and more: scenes play tables of it (`periodic`).
-
-    Attributes
-    ----------
-    unsolved : int
-        Substeps since `reset` that did not converge; their forces are the last ones, scaled to the load.
     """
 
     step_s = 0.01  # a scan: shorter steps only cost more
@@ -86,6 +81,7 @@ class Compliance(TaxelModel):
         self.reset()
 
     def reset(self) -> None:
+        # Substeps that did not converge: their forces are the last ones, scaled to the load.
         self.unsolved = 0
         self._taxels = [TaxelState(self._skin, self._surface.friction) for _ in range(self._n_taxels)]
 

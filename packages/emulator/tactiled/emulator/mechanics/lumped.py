@@ -77,11 +77,6 @@ class Lumped(TaxelModel):
 
     `run` is `press`, `slide` and `felt` in turn. Where the motion follows from the forces (`scene.held`), the
     loads of some steps are pressed at once, and slid one by one.
-
-    Attributes
-    ----------
-    friction_part : float or (t,) float64
-        Friction over that of the surface; may be changed between steps.
     """
 
     step_s = 2.5e-3  # four steps a scan, interpolated between them
@@ -95,6 +90,7 @@ class Lumped(TaxelModel):
             raise ConfigError("scene", [fault])
         self._surface = surface
         self._is_uneven, self._falls = np.any(surface.unevenness), np.any(surface.static_ratio != 1.0)
+        # Of all taxels, or of each (t,): friction over that of the surface; may be changed between steps.
         self.friction_part: float | FloatArray = 1.0
         self._n_taxels = n_taxels
         self._edges = np.stack(

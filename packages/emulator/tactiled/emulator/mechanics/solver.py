@@ -71,19 +71,11 @@ class ContactSolver:
         self._factor: _Factorisation | None = None
 
     def solve(self, frame: FloatArray, free: FloatArray, force_n: FloatArray, load_n: float) -> Solution:
-        """Solve one step.
+        """Solve one step for a total force `load_n` into the body, above 0, from a first guess (3, n).
 
-        Parameters
-        ----------
-        frame : (3, 3, n) float64
-            ``frame[i, :, k]``: contact direction i (normal into the body, two tangents) of node k in body
-            components. Its first component is also the `lift`.
-        free : (3, n) float64
-            Gap, and slip of this step, that the nodes would have without forces and further approach, mm.
-        force_n : (3, n) float64
-            First guess.
-        load_n : float
-            Total force into the body, above 0.
+        ``frame[i, :, k]`` is the contact direction i (normal into the body, two tangents) of node k in body
+        components, whose first is also the `lift`. `free` (3, n) are the gap, and the slip of this step, that
+        the nodes would have without forces and further approach, mm.
         """
         lift, force, approach = frame[:, 0], force_n.copy(), 0.0
         scale = max(load_n, _SMALL_N)

@@ -36,16 +36,12 @@ def play(
     rng: np.random.Generator,
     rate_hz: float = 100.0,
 ) -> Loads:
-    """Draw a motion.
+    """Draw a motion over taxels of some stiffness (taxels,).
 
-    Parameters
-    ----------
-    motion : {"press", "walk", "hold", "flat", "tip"}
-        "press": presses of 2 to 4 s at places near the centre, with shear. "walk": the same while the place
-        wanders over the whole array, so that taxels do not share the load in proportion. "hold": contacts of
-        10 to 20 s with sway, taps and slow pulls. "flat": presses with a flat plate, without shear.
-        "tip": presses with a finger tip on one taxel after the other.
-    stiffness : (taxels,) float64
+    "press": presses of 2 to 4 s at places near the centre, with shear. "walk": the same while the place
+    wanders over the whole array, so that taxels do not share the load in proportion. "hold": contacts of
+    10 to 20 s with sway, taps and slow pulls. "flat": presses with a flat plate, without shear. "tip":
+    presses with a finger tip on one taxel after the other.
     """
     n = round(seconds * rate_hz)
     time_s = np.arange(n) / rate_hz
