@@ -34,7 +34,6 @@ class HeldBatch:
     """
 
     def __init__(self, scenes: Sequence[Scene], array: Array) -> None:
-        self.scenes = scenes
         self._array = array
         held = [scene.held_object for scene in scenes]
         plates = [scene.surface for scene in scenes]

@@ -86,10 +86,10 @@ def silent() -> Learnt:
     return Learnt(one(1), one(9), one(4), 0.0)
 
 
-def looks_of(world: World, *, as_trained: bool = True) -> Looks:
-    """Run the front end over a world and keep each look; as trained, announce and cut at random."""
+def looks_of(world: World) -> Looks:
+    """Run the front end over a world and keep each look; announce and cut at random."""
     rng = np.random.default_rng([25, world.seed])
-    announces, cuts = rng.random(2) < (_ANNOUNCES, _CUT) if as_trained else (False,) * 2
+    announces, cuts = rng.random(2) < (_ANNOUNCES, _CUT)
     block, first = world.block, 0
     if cuts and world.touching.any():
         touching = np.flatnonzero(world.touching)

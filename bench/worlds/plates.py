@@ -6,7 +6,6 @@ swings: the emulator's mechanics, with motion instead of a gripper as in `grasps
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from bench.worlds.world import World
 from tactiled.array import load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
+    Document,
     any_direction_deg,
     begin,
     disturb,
@@ -25,8 +25,6 @@ from tactiled.emulator.scene.families.parts import (
     slide_phase,
     turned,
 )
-
-Document = dict[str, Any]
 
 _NOISE_V = (0.1e-3, 10e-3)
 _FORCE_N = (2.0, 25.0)

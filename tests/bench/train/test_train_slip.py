@@ -42,8 +42,8 @@ def worlds() -> list[Looks]:
 
 
 def test_looks_are_those_of_the_detector_with_the_truth_of_their_scans() -> None:
-    (world,) = draw("strokes", range(7000, 7001), 0.1)
-    looks = looks_of(world, as_trained=False)
+    (world,) = draw("strokes", range(7000, 7001), 0.1)  # a seed without announcement and cut
+    looks = looks_of(world)
     assert looks.signs.shape == (len(looks.time_s), len(NAMES))
     scans = np.round(looks.time_s * world.rate_hz).astype(int)
     np.testing.assert_array_equal(looks.slides, world.gross[scans])
