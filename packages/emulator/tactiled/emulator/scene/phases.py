@@ -48,12 +48,6 @@ class GroovedPlate(Plate):
     depth_mm: float = Field(
         default=0.1, gt=0, le=5, description="height of ridges, for physical contact models"
     )
-    offset_mm: float = Field(
-        default=0.0,
-        ge=-1000,
-        le=1000,
-        description="place of a ridge, along the groove normal from the array's origin, at the start",
-    )
     # Wang 2019, figure of the angle study: total force on one unit ripples by 0.08 N (peak to trough) at
     # 0 degrees under 15 N / 9 a unit, that is +-2.4 %; divided by the aperture's 0.58 at 1.2 mm.
     ripple: float = Field(

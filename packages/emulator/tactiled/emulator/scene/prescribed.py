@@ -109,7 +109,7 @@ def _pairs(vectors: ComplexArray) -> FloatArray:
 def _ripple(grooves: GroovedPlate, place_mm: ComplexArray) -> FloatArray:
     """Relative change of the normal force at places in the frame of the surface; see `SignalContact`."""
     angle = np.deg2rad(grooves.angle_deg)
-    along_mm = place_mm.real * np.cos(angle) + place_mm.imag * np.sin(angle) - grooves.offset_mm
+    along_mm = place_mm.real * np.cos(angle) + place_mm.imag * np.sin(angle)
     phase = 2 * np.pi * along_mm / grooves.period_mm
     aperture = np.exp(-2 * (np.pi * _APERTURE_SD_MM / grooves.period_mm) ** 2)
     amplitude = grooves.ripple * np.cos(np.deg2rad(grooves.angle_deg)) * aperture

@@ -80,12 +80,7 @@ def model_surface(plate: FlatPlate | GroovedPlate) -> Surface:
 
 
 def offset_mm(plate: FlatPlate | GroovedPlate, seed: int) -> FloatArray:
-    """Offset (2,) of the plate's pattern; contact models have a ridge at their origin.
-
-    Each scene touches an uneven plate at another place, by its seed.
-    """
-    if isinstance(plate, FlatPlate):
-        place_mm = np.random.default_rng([seed, 4]).uniform(-_PLATE_MM, _PLATE_MM, 2)
-        return place_mm if plate.unevenness else np.zeros(2)
-    angle = np.deg2rad(plate.angle_deg)
-    return plate.offset_mm * np.array([np.cos(angle), np.sin(angle)])
+    """Offset (2,) of the plate: each scene touches an uneven one at another place, by its seed."""
+    if isinstance(plate, FlatPlate) and plate.unevenness:
+        return np.random.default_rng([seed, 4]).uniform(-_PLATE_MM, _PLATE_MM, 2)
+    return np.zeros(2)
