@@ -1,16 +1,14 @@
 """``tactiled demo --web``: emulated board, daemon and live page as processes, until Ctrl-C."""
 
 import contextlib
-import tempfile
 import time
 import webbrowser
 from contextlib import ExitStack
-from pathlib import Path
 from queue import Queue
 
 import click
 
-from tactiled.demo.play import CONFIG, SCENE, SPEED_MM_S, DemoError, Lines, await_line, process, take_lines
+from tactiled.demo.play import SCENE, DemoError, Lines, await_line, demo_folder, process, take_lines
 from tactiled.emulator.scene.description import load_scene
 
 _REST_S = 8.0  # between two plays: the board is pulled out and plugged in again, as the lamp shows
@@ -25,9 +23,7 @@ def run_page_demo(port: int, *, opens: bool) -> None:
     play_s = load_scene(SCENE).duration_s + _REST_S
     lines: Lines = Queue()
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-")))
-        link, endpoint, config = folder / "board", f"ipc://{folder}/events.ipc", folder / "tactiled.toml"
-        config.write_text(CONFIG.format(link=link, endpoint=endpoint, speed=SPEED_MM_S))
+        folder, link, endpoint, config = stack.enter_context(demo_folder())
         stack.enter_context(process("daemon", ("run", "--config", str(config)), lines, folder))
         page = ("web", "--events", endpoint, "--port", str(port), "--allow-commands")
         stack.enter_context(process("page", page, lines, folder))

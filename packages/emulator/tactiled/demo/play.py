@@ -37,7 +37,7 @@ SCENE = "demo"
 RELEASE = "slip without motion: the remaining shear is released"
 START_WITHIN_S = 60.0  # of each process; Python and its libraries take 6 s to start on a small loaded machine
 GRACE_S = 5.0  # for scans that are late at the end; a longer backlog means that the host is too slow
-CONFIG = """\
+_CONFIG = """\
 [port]
 url = "{link}"
 [board]
@@ -78,12 +78,7 @@ def run_demo(picture: Path) -> bool:
     seen, cut_short = DemoRecord(), ""
     unix_offset_s = time.time() - time.monotonic()
     with ExitStack() as stack:
-        # The name of a socket has at most 107 bytes, and TMPDIR may be longer.
-        place = "/tmp" if len(tempfile.gettempdir()) > 60 else None  # the name is random
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="tactiled-demo-", dir=place)))
-        link, endpoint = folder / "board", f"ipc://{folder}/events.ipc"
-        config = folder / "tactiled.toml"
-        config.write_text(CONFIG.format(link=link, endpoint=endpoint, speed=SPEED_MM_S))
+        folder, link, endpoint, config = stack.enter_context(demo_folder())
         lines: Lines = Queue()
 
         def start(name: str, *arguments: str) -> None:
@@ -206,6 +201,17 @@ def _draw(
     time_s, volts = np.array(seen.time_s), np.array(seen.volts)
     draw_log(whole, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
     return title
+
+
+@contextlib.contextmanager
+def demo_folder() -> Iterator[tuple[Path, Path, str, Path]]:
+    """Make a folder for the block; yield it, the board's port, the daemon's endpoint and configuration."""
+    # The name of a socket has at most 107 bytes, and TMPDIR may be longer.
+    place = "/tmp" if len(tempfile.gettempdir()) > 60 else None  # the name is random
+    with tempfile.TemporaryDirectory(prefix="tactiled-demo-", dir=place) as name:
+        link, endpoint, config = Path(name, "board"), f"ipc://{name}/events.ipc", Path(name, "tactiled.toml")
+        config.write_text(_CONFIG.format(link=link, endpoint=endpoint, speed=SPEED_MM_S))
+        yield Path(name), link, endpoint, config
 
 
 @contextlib.contextmanager
