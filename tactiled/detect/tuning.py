@@ -126,6 +126,7 @@ class TunedSuite:
         force: ForceSource | None = None,
     ) -> None:
         self._array = array
+        self._zero_of_array = array.zero if array.zero.any() else None
         self._configured = params
         self._build = build
         self._force = force
@@ -204,8 +205,8 @@ class TunedSuite:
         """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
         zero = self.baseline_volts
         if zero is None:
-            zero = self._start.zero if self._array.zero_first_s else self._array.zero
-        if isinstance(item, Gap) or zero is None or not zero.any():
+            zero = self._start.zero if self._array.zero_first_s else self._zero_of_array
+        if isinstance(item, Gap) or zero is None:
             return item
         return replace(item, volts=item.volts - zero, valid=item.valid & np.isfinite(zero))
 
