@@ -131,6 +131,7 @@ def test_pressure(seed: int, is_field: bool, data: st.DataObject) -> None:
             0.5,
             levels,
             rest,
+            one.RestSwing(taxels, 7, 9),
             is_field,
             0.15,
             0.01,
@@ -153,7 +154,7 @@ def test_pressure(seed: int, is_field: bool, data: st.DataObject) -> None:
                 np.array(of.touched)[: 3 * some],
             ]
             answers += [(of.step(scan), len(of.state), len(of.previous)) for scan in range(some)]
-            answers += [np.array(of.set), np.array(rest.noise)]
+            answers += [np.array(of.set), np.array(rest.noise), np.array(of.swing.power)]
         found.append(answers)
     assert all(map(is_same, *found))
 

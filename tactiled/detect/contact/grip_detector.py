@@ -272,18 +272,18 @@ class GripDetector:
             touches = tracker.state != "none"
             is_begun = self._is_cut or (self._is_held and self._filter.is_begun)
             readings.take(scan, is_begun, self._is_held and self._is_pressed)
-            self._step(readings, step_s, touches=touches)
+            self._step(readings, step_s, tracker.swing_of_mean, touches=touches)
             yield self._told(readings.is_read and not is_late, is_late, touches=touches)
 
-    def _step(self, readings: TaxelReadings, step_s: float, *, touches: bool) -> None:
-        """Take the newest scan, `step_s` after the one before; `touches` by the contact gate."""
+    def _step(self, readings: TaxelReadings, step_s: float, swing: float, *, touches: bool) -> None:
+        """Take the newest scan, `step_s` after the one before; `swing` and `touches` by the contact gate."""
         self.acceleration_m_s2 = self.motion.at(self._last_s)
         contact, load = self._filter, readings.load
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
             contact.friction_memory.widen(_MODEL_SD)
             contact.gate.settle()
-        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load)
+        least = max(_CONTACT_NOISES * readings.load_sd, self._least_load, swing)
         if self._is_cut:
             self._is_cut = False
             contact.friction_memory.walk(min(max(step_s, 0.0), _LONGEST_GAP_S))

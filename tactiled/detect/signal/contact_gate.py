@@ -2,9 +2,11 @@
 
 A taxel is in contact when its pressure response (mean of its side channels, or of its normal channels; of
 magnetic fields the size of that) exceeds a level: that of the parameters, else that of the array file, else
-one above the noise of its own channels, a small part of their range and, where shear is not measured, 15 %
-of the pad's largest load of the last minutes, beyond the set that a soft skin may have kept. A reading of
-one side channel alone is a fault and no contact: a press loads all four, and shear relieves two at most.
+one above the noise of its own channels and what they swing by at rest, a small part of their range and,
+where shear is not measured, 15 % of the pad's largest load of the last minutes, beyond the set that a soft
+skin may have kept. A reading of one side channel alone is a fault and no contact: a press loads all four, and
+shear relieves two at most.
+
 Loading and holding are distinguished by the slope of the array's pressure response, a least-squares line over
 a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
@@ -18,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.signal.fast import Levels, Pressure, RestNoise
+from tactiled.detect.signal.fast import Levels, Pressure, RestNoise, RestSwing
 from tactiled.detect.signal.pressure import CONTACT_SDS
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser, flat
 from tactiled.events.types import ContactEvent, ContactState
@@ -39,6 +41,7 @@ _MEAN_S = 0.16
 _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # prior: of the noise before it is known, that wandering is at most: 1/128 of the range
 _WANDER_OF_EARLY = 0.5
+_SWING_S = 1.0  # choice: in which a swing at rest is looked for: one of 2 Hz shows both sides twice
 # tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
 # that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
 # silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
@@ -120,6 +123,7 @@ class ContactTracker(Pressure):
                 n_mean,
                 _WANDER_OF_EARLY * early / grid.volts_per_step,
             ),
+            RestSwing(array.n_taxels, max(3, round(_SWING_S * rate_hz)), round(array.zero_first_s * rate_hz)),
             array.is_field,
             0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
             -math.expm1(-1.0 / (_SET_S * rate_hz)),
@@ -137,8 +141,14 @@ class ContactTracker(Pressure):
         0 where that is no more than the level of contact, below which nothing is told in any case.
         """
         hidden = self.of_largest * max(self.largest)
-        level = min(map(self.levels.contact_at, self.taxel_noise))
+        swings = map(self.swing.level, range(self.n_taxels))
+        level = min(map(self.levels.contact_at, self.taxel_noise, swings))
         return hidden if hidden > level else 0.0
+
+    @property
+    def swing_of_mean(self) -> float:
+        """What a swing of the mean pressure of the taxels at rest does not reach."""
+        return self.swing.level(self.n_taxels)
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""

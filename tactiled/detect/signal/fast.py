@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 from tactiled.compiled import compiled_module
 from tactiled.detect.signal.front_end import Bank, Jumps, NoiseFloor, Readings, RelievedSides, StuckChannels
-from tactiled.detect.signal.pressure import Hold, Levels, Pressure, RestNoise
+from tactiled.detect.signal.pressure import Hold, Levels, Pressure, RestNoise, RestSwing
 
 __all__ = [
     "Bank",
@@ -16,6 +16,7 @@ __all__ = [
     "Readings",
     "RelievedSides",
     "RestNoise",
+    "RestSwing",
     "StuckChannels",
 ]
 
@@ -24,4 +25,5 @@ if not TYPE_CHECKING:
         Bank, Jumps, NoiseFloor = _found.Bank, _found.Jumps, _found.NoiseFloor
         Readings, RelievedSides, StuckChannels = _found.Readings, _found.RelievedSides, _found.StuckChannels
     if (_found := compiled_module("tactiled.detect.signal.pressure")) is not None:
-        Hold, Levels, Pressure, RestNoise = _found.Hold, _found.Levels, _found.Pressure, _found.RestNoise
+        Hold, Levels, Pressure = _found.Hold, _found.Levels, _found.Pressure
+        RestNoise, RestSwing = _found.RestNoise, _found.RestSwing

@@ -5,8 +5,8 @@ cdef extern from "math.h" nogil:
     cpdef double sqrt(double x)
 
 cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
-cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS
-cdef long LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED, _MEANS
+cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST
+cdef long LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
 
 
 cdef class Hold:
@@ -43,13 +43,29 @@ cdef _insert(double[::1] values, long n, double value)
 cdef double _median_of_rounded(double[::1] values, long n, double half)
 
 
+cdef class RestSwing:
+    cdef public long n_taxels, n_window, n_declared, n_scans
+    cdef public double early
+    cdef public bint is_seen
+    cdef public double[::1] value, last, older, sum, square, bend, highest, lowest, power
+    cdef public long long[::1] side, turns, n_rests
+
+    cpdef interrupt(self)
+
+    cpdef double level(self, long k)
+
+    cpdef take(self, const double[::1] levels)
+
+    cdef _take_one(self, long k, double value, double level)
+
+
 cdef class Levels:
     cdef public double contact, release, loading, least_contact
     cdef public bint all_given
 
-    cpdef double contact_at(self, double noise)
+    cpdef double contact_at(self, double noise, double swing)
 
-    cpdef double release_at(self, double noise)
+    cpdef double release_at(self, double noise, double swing)
 
     cpdef double loading_at(self, double load, double slope_sd)
 
@@ -62,9 +78,10 @@ cdef class Pressure:
     cdef public Hold hold
     cdef public Levels levels
     cdef public RestNoise rest
+    cdef public RestSwing swing
     cdef public long long[::1] own, counts, pads
-    cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise, steps, slope, loading
-    cdef public unsigned char[::1] ok, touches, released, may_be_old, touched
+    cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise, of_noise, steps, slope, loading
+    cdef public unsigned char[::1] ok, touches, released, may_be_old, touched, swings
 
     cpdef make_room(self, long n)
 

@@ -42,6 +42,15 @@ _MEANS = 8  # choice: whose second differences tell how far readings wander at r
 # choice: levels where neither the parameters nor the array file give any. Noise at rest is stated up to two
 # times too small (`RestNoise`): this leaves 6 standard deviations.
 CONTACT_SDS = 12.0
+# derived: standard deviations of a swing of the readings that are no contact: as many as are left of noise
+_SWING_SDS = CONTACT_SDS / _STATED_SMALL
+# prior: a swing is of several hertz: within a second it passes this part of the level of contact above zero,
+# below and above again, or the other way round. No press does, nor does noise below zero.
+_TURN, _LEAST_TURNS = 0.75, 2
+# prior: a swing leaves its mean to both sides, to either by this part of the other at least, and its peak has
+# at most so many standard deviations: short taps have more.
+_BOTH_SIDES, _CREST = 0.5, 3.0
+_MOST_RESTS = 8  # choice: seconds at rest of which the swing is the mean
 _RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
 # physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
 # the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
@@ -289,6 +298,114 @@ def _median_of_rounded(values: Reals, n: int, half: float) -> float:
     return low + (middle + half - low) * (0.5 * n - n_below) / n_same
 
 
+class RestSwing:
+    """Swing of the pressures of taxels at rest, as standard deviation about the mean of a second.
+
+    Some skins swing at several hertz while nothing touches them, by several times what differs from scan to
+    scan: their noise at rest has a spectrum. No press makes a pressure pass a level above zero and one below
+    zero several times in a second. The second in which a taxel does that is one of rest, and the spread of
+    its readings is what the taxel swings by. A spread that the differences from scan to scan explain is
+    noise, and no swing. Once a taxel is known to swing, seconds in which it stays below its level of contact
+    count, too.
+
+    The mean of the taxels is another unit, the last one.
+
+    Parameters
+    ----------
+    n_taxels : int
+    n_window : int
+        Scans of a second.
+    n_declared : int
+        Scans at the beginning that are of rest by the array file: in these, a swing passes its levels once.
+
+    Attributes
+    ----------
+    value : (taxels + 1,) array of float
+        Pressures of the scan that `take` takes.
+    power : (taxels + 1,) array of float
+        Variance of the swing, mean over seconds at rest.
+    is_seen : bool
+        Some taxel swings.
+    n_rests : (taxels + 1,) array of int
+        Number of these, `_MOST_RESTS` at most; 0 for a taxel that was never seen to swing.
+    """
+
+    def __init__(self, n_taxels: int, n_window: int, n_declared: int) -> None:
+        zeros = bytes(8 * (n_taxels + 1))
+        self.n_taxels, self.n_window, self.n_declared, self.n_scans = n_taxels, n_window, n_declared, 0
+        self.early, self.is_seen = 0.0, False
+        self.value, self.last, self.older = array("d", zeros), array("d", zeros), array("d", zeros)
+        self.sum, self.square, self.bend = array("d", zeros), array("d", zeros), array("d", zeros)
+        self.highest, self.lowest, self.power = array("d", zeros), array("d", zeros), array("d", zeros)
+        self.side, self.turns, self.n_rests = array("q", zeros), array("q", zeros), array("q", zeros)
+
+    def interrupt(self) -> None:
+        """Begin a second anew after missing scans."""
+        self.n_scans = 0
+
+    def level(self, k: int) -> float:
+        """Return what a swing at rest does not reach: of a taxel, or of the mean of all.
+
+        The fewer seconds it is known from, the more is left for those in which it swings more. Before a taxel
+        has one, it is taken to swing as the one that does most.
+        """
+        if self.n_rests[k] == 0:
+            return _SWING_SDS * _STATED_SMALL * sqrt(self.early)
+        return _SWING_SDS * (1.0 + 1.0 / self.n_rests[k]) * sqrt(self.power[k])
+
+    def take(self, levels: Reals) -> None:
+        """Take a scan, whose pressures (taxels,) are in `value`, beside levels of contact by noise alone."""
+        n, total, total_level = self.n_taxels, 0.0, 0.0
+        for t in range(n):
+            total += self.value[t]
+            total_level += levels[t]
+        self.value[n] = total / n
+        self.n_scans += 1
+        self.n_declared = max(0, self.n_declared - 1)
+        for k in range(n + 1):
+            # The noise of the mean is that of a taxel over the root of their number.
+            level = levels[k] if k < n else total_level / n / sqrt(1.0 * n)
+            self._take_one(k, self.value[k], level)
+        self.early, self.is_seen = 0.0, False
+        for t in range(n):
+            self.is_seen = self.is_seen or self.power[t] > 0.0
+            self.early = max(self.early, self.power[t] if self.n_rests[t] == 0 else 0.0)
+        if self.n_scans == self.n_window:
+            self.n_scans = 0
+
+    def _take_one(self, k: int, value: float, level: float) -> None:
+        if self.n_scans == 1:
+            self.sum[k], self.square[k], self.bend[k] = 0.0, 0.0, 0.0
+            self.highest[k], self.lowest[k], self.side[k], self.turns[k] = value, value, 0, 0
+        self.sum[k] += value
+        self.square[k] += value * value
+        self.highest[k], self.lowest[k] = max(self.highest[k], value), min(self.lowest[k], value)
+        if self.n_scans > 2:
+            bend = (value - self.last[k]) - (self.last[k] - self.older[k])
+            self.bend[k] += bend * bend
+        self.older[k], self.last[k] = self.last[k], value
+        side = 1 if value > _TURN * level else -1 if value < -_TURN * level else 0
+        if side != 0:
+            self.turns[k] += 1 if side * self.side[k] < 0 else 0
+            self.side[k] = side
+        is_whole, is_known = self.n_scans == self.n_window, self.n_rests[k] > 0
+        has_turned = self.turns[k] >= (1 if self.n_declared > 0 else _LEAST_TURNS)
+        if self.n_scans > 2 and (is_whole or (has_turned and not is_known)):
+            mean = self.sum[k] / self.n_scans
+            variance = max(self.square[k] / self.n_scans - mean * mean, 0.0)
+            white = self.bend[k] / (self.n_scans - 2) / _SECOND_DIFFERENCE
+            above, below = self.highest[k] - mean, mean - self.lowest[k]
+            is_even = above <= _CREST * sqrt(variance) and above <= below / _BOTH_SIDES
+            is_spread = variance > _STATED_SMALL * _STATED_SMALL * white
+            if is_spread and ((has_turned and is_even) or (is_known and self.highest[k] <= level)):
+                self.n_rests[k] = min(self.n_rests[k] + 1, _MOST_RESTS) if is_whole else 0
+                self.power[k] += (variance - self.power[k]) / max(1, self.n_rests[k])
+            elif is_known and self.highest[k] <= level:
+                self.power[k] -= self.power[k] / _MOST_RESTS
+            elif not is_known:  # what the first scans of a second showed was no swing
+                self.power[k] = 0.0
+
+
 class Levels:
     """Levels of contact, release and loading, given or derived, in the unit of the array.
 
@@ -305,13 +422,14 @@ class Levels:
         self.least_contact = least_contact
         self.all_given = contact > 0.0 and release > 0.0 and loading > 0.0
 
-    def contact_at(self, noise: float) -> float:
-        """Return the level of contact of a taxel for the noise of its channels."""
-        return self.contact if self.contact > 0.0 else max(self.least_contact, CONTACT_SDS * noise)
+    def contact_at(self, noise: float, swing: float) -> float:
+        """Return the level of contact of a taxel for the noise of its channels, and what a swing reaches."""
+        derived = max(max(self.least_contact, CONTACT_SDS * noise), swing)
+        return self.contact if self.contact > 0.0 else derived
 
-    def release_at(self, noise: float) -> float:
+    def release_at(self, noise: float, swing: float) -> float:
         """Return the level of release of a taxel."""
-        return self.release if self.release > 0.0 else _RELEASE_OF_CONTACT * self.contact_at(noise)
+        return self.release if self.release > 0.0 else _RELEASE_OF_CONTACT * self.contact_at(noise, swing)
 
     def loading_at(self, load: float, slope_sd: float) -> float:
         """Return the slope above which the load rises, for the load of a taxel and the noise of slopes."""
@@ -345,8 +463,8 @@ class Pressure:
     line : (n,) float64
         Whole weights of a least-squares slope.
     levels : Levels
-    rest : RestNoise
-        Noise that levels are derived from; asked only where some are.
+    rest, swing : RestNoise, RestSwing
+        Noise that levels are derived from, and swing at rest; asked only where some are.
     is_field : bool
         The readings are those of a magnetic field, which a press may raise or lower.
     set_of_load, set_per_scan : float
@@ -374,6 +492,8 @@ class Pressure:
         without a press: a contact that is seen from this scan on may have begun before.
     touched : (scans * taxels,) array of int
         Taxels that touch.
+    swings : (scans,) array of int
+        A taxel is known to swing at rest.
     state, previous : str
         State of the contact, and the one before the newest change.
     """
@@ -390,6 +510,7 @@ class Pressure:
         slope_scale: float,
         levels: Levels,
         rest: RestNoise,
+        swing: RestSwing,
         is_field: bool,
         set_of_load: float,
         set_per_scan: float,
@@ -404,7 +525,7 @@ class Pressure:
         self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
         self.total_weights, self.line = array("d", total_weights), array("d", line)
         self.volts_per_step, self.slope_scale = volts_per_step, slope_scale
-        self.levels, self.rest = levels, rest
+        self.levels, self.rest, self.swing = levels, rest, swing
         squares = sum(weight * weight for weight in line.tolist())
         self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
         self.totals = array("d", bytes(8 * (len(line) - 1)))
@@ -412,6 +533,7 @@ class Pressure:
         self.of_largest, self.forget_per_scan, self.rise_per_scan = of_largest, forget_per_scan, rise_per_scan
         zeros = bytes(8 * len(counts))
         self.set, self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros), array("d", zeros)
+        self.of_noise = array("d", zeros)  # levels of contact by noise alone
         self.pads, self.n_pads = array("q", pads), max(pads) + 1
         self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
         self.is_begun, self.n_hidden, self.n_unread = False, 0, 0
@@ -426,6 +548,7 @@ class Pressure:
         self.slope, self.loading = array("d", bytes(8 * n)), array("d", bytes(8 * n))
         self.touches, self.released = array("B", bytes(n)), array("B", bytes(n))
         self.may_be_old, self.touched = array("B", bytes(n)), array("B", bytes(n * self.n_taxels))
+        self.swings = array("B", bytes(n))
 
     def forget_contact(self) -> None:
         """Begin without a contact; one that the next scan shows was not seen to begin."""
@@ -437,6 +560,7 @@ class Pressure:
         """Pass over missing scans, after which parts of the set and of the largest load are left."""
         self.is_begun, self.n_unread = False, 0
         self.rest.interrupt()
+        self.swing.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= set_kept
         for p in range(self.n_pads):
@@ -478,6 +602,7 @@ class Pressure:
                 taxel_noise = max(taxel_noise, noise[c])
             array_total += abs(held_total) if self.is_field else held_total
             is_read = is_read or n_read > 0
+            self.swing.value[t] = total * self.volts_per_step / max(n_read, 1)
             if self.is_field and total < 0.0:
                 total, largest = -total, -smallest
             rest_total = total - largest
@@ -485,25 +610,29 @@ class Pressure:
                 total = rest_total + min(largest, _ONE_SIDE / (n_read - 1) * rest_total)
             self.pressure[t] = total * self.volts_per_step / max(n_read, 1)
             self.taxel_noise[t] = taxel_noise * self.volts_per_step
+            self.of_noise[t] = levels.contact_at(self.taxel_noise[t], 0.0)
             loads += max(self.pressure[t], 0.0)
             if is_ok:
                 self.heaviest[self.pads[t]] = max(self.heaviest[self.pads[t]], self.pressure[t])
         for p in range(self.n_pads):
             self.largest[p] -= self.forget_per_scan * self.largest[p]
             self.largest[p] += self.rise_per_scan * max(self.heaviest[p] - self.largest[p], 0.0)
+        if not levels.all_given:
+            self.swing.take(self.of_noise)
         shared = loads / taxels if self.is_field else 0.0
         for t in range(taxels):
             pressed = max(max(self.pressure[t], shared), 0.0)
             self.set[t] += self.set_per_scan * (self.set_of_load * pressed - self.set[t])
             pressure, taxel_noise = self.pressure[t] - self.set[t], self.taxel_noise[t]
+            swing = 0.0 if levels.all_given else self.swing.level(t)
             least = self.of_largest * self.largest[self.pads[t]]
-            is_above = pressure > levels.contact_at(taxel_noise)
+            is_above = pressure > levels.contact_at(taxel_noise, swing)
             touches, is_hidden = is_above and self.pressure[t] > least, is_hidden or is_above
             self.touched[i * taxels + t] = 1 if touches else 0
             if touches:
                 n_touching += 1
                 load += pressure
-            is_released = pressure < levels.release_at(taxel_noise)
+            is_released = pressure < levels.release_at(taxel_noise, swing)
             n_released += 1 if is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least else 0
         if not self.is_begun:
             self.is_begun = True
@@ -514,6 +643,7 @@ class Pressure:
             risen += self.totals[k] * self.line[k]
             self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
         self.touches[i] = 1 if n_touching > 0 else 0
+        self.swings[i] = 1 if self.swing.is_seen else 0
         # No reading is no release, for as long as the slope looks back.
         self.n_unread = 0 if is_read else self.n_unread + 1
         is_told = is_read or self.n_unread > n_line

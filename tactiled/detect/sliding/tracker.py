@@ -218,8 +218,18 @@ class SlidingTracker:
         self._n_stopped = 0
         self.slides = False
 
-    def process(self, held: HeldReadings, touches: NDArray[np.bool_]) -> list[Change]:
-        """Return the changes that the scans complete; `touches` (n,) says which are in contact."""
+    def process(
+        self, held: HeldReadings, touches: NDArray[np.bool_], swings: NDArray[np.bool_]
+    ) -> list[Change]:
+        """Return the changes that the scans complete.
+
+        Parameters
+        ----------
+        touches : (n,)
+            Which are in contact.
+        swings : (n,)
+            Which are in none, while taxels are known to swing at rest: what they show is rest.
+        """
         changes: list[Change] = []
         for row, steps in enumerate(held.steps):
             touching = bool(touches[row])
@@ -230,11 +240,11 @@ class SlidingTracker:
             self._sum = self._sum + steps
             self._is_read = self._is_read & held.ok[row]
             self._n_summed += 1
-            if self._n_summed == self._mean_of and (change := self._add(row)):
+            if self._n_summed == self._mean_of and (change := self._add(row, bool(swings[row]))):
                 changes.append(change)
         return changes
 
-    def _add(self, row: int) -> Change | None:
+    def _add(self, row: int, swings: bool) -> Change | None:
         place = self._n % self._size
         self._window[place] = self._sum / self._mean_of
         self._is_good[place] = self._is_read
@@ -243,9 +253,9 @@ class SlidingTracker:
         self._n += 1
         if self._n < self._size or self._n % self._hop:
             return None
-        return self._look(row)
+        return self._look(row, swings)
 
-    def _look(self, row: int) -> Change | None:
+    def _look(self, row: int, swings: bool) -> Change | None:
         """Look at the window, which is full and ends at a scan."""
         order = np.arange(self._n, self._n + self._size) % self._size
         readings, good = self._window[order], self._is_good[order]
@@ -264,7 +274,7 @@ class SlidingTracker:
         found = _spectra(readings, rounding)
         rest = self._rest
         noise = rest.noise(used, found.noise)
-        gained = self._gained(found, noise)
+        gained = _NO_RIPPLE if swings else self._gained(found, noise)
         self._odds = float(np.clip(self._odds + gained, 0.0, _BOUND))
         if self._odds == 0.0:
             self._since_hop = self._n

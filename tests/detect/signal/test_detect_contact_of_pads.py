@@ -252,3 +252,44 @@ def test_no_load_is_called_hidden_that_would_not_be_told_in_any_case() -> None:
     suite = build_suite(COUNTS, DetectParams())
     suite.process(regular_block(np.rint(noise), RATE_HZ))
     assert suite.hidden_below == 0.0
+
+
+def swinging(array: Array, seed: int, *, is_even: bool) -> tuple[FloatArray, FloatArray]:
+    """Readings (n, channels) that swing at 6 Hz, each on its own, by ten times their noise; a touch (n,)."""
+    rng, n, warm = np.random.default_rng(seed), round(20 * RATE_HZ), 500
+    turn, fades = 2 * np.pi * 6 / RATE_HZ, np.exp(-5 / RATE_HZ)
+    if is_even:
+        swing = np.sqrt(2) * np.sin(turn * np.arange(n)[:, np.newaxis] + rng.uniform(0, 7, array.n_channels))
+    else:  # a resonance that noise excites
+        swing = rng.normal(size=(n + warm, array.n_channels))
+        for k in range(2, len(swing)):
+            swing[k] += 2 * fades * np.cos(turn) * swing[k - 1] - fades**2 * swing[k - 2]
+        swing = swing[warm:] / swing.std(axis=0)
+    since_s = np.arange(n) / RATE_HZ - 12.0
+    touch = np.clip(since_s / 0.2, 0, 1) * (since_s < 3.0)
+    of_channel = np.where(np.array(array.channel_kind) == "normal", 1.0, 0.1)
+    noise = NOISE * rng.normal(size=(n, array.n_channels))
+    return 10 * NOISE * swing + noise + LOAD / 4 * touch[:, np.newaxis] * of_channel, touch
+
+
+@pytest.mark.parametrize("is_even", [True, False])
+@pytest.mark.parametrize("array", [COUNTS, FIELD, pad("count", "shear_x", "shear_y", "normal")])
+def test_readings_that_swing_at_rest_are_no_contact_and_a_touch_in_them_is_one(
+    array: Array, *, is_even: bool
+) -> None:
+    declared = replace(array, zero=np.zeros(array.n_channels), zero_first_s=0.3)
+    at_rest, found = [], []
+    for seed in range(3):
+        values, touch = swinging(declared, seed, is_even=is_even)
+        suite = build_suite(declared, DetectParams(), topics=("slip", "contact"))
+        block = regular_block(values, RATE_HZ)
+        events = suite.process(block)
+        slips = [event for event in events if event.topic == "slip" and event.state == "onset"]
+        assert not [slip for slip in slips if slip.kind == "gross" and not 12 < slip.detected_s < 18]
+        changes = [event for event in events if isinstance(event, ContactEvent)]
+        is_on = np.array([False, *(event.state != "none" for event in changes)])
+        in_contact = is_on[np.searchsorted([e.time_s for e in changes], block.time_s, side="right")]
+        at_rest.append(in_contact[touch == 0].mean())
+        found.append(in_contact[touch > 0.2].mean())
+    assert float(np.mean(at_rest)) < 0.04
+    assert min(found) > 0.99
