@@ -204,21 +204,21 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
 
 
 def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
-    """Yield a line for each pad whose shear opposes that of the first one."""
+    """Yield a line for each pad whose shear opposes that of the first one, along one axis or both."""
     weights = array.shear_weights()
     shear = []
     for pad in sorted(set(array.pad.tolist())):
         along = weights[:, array.pad == pad].sum(axis=1)
-        felt = np.nan_to_num((readings - np.nanmedian(readings, axis=0)) @ along.T)
-        shear.append(felt[:, 0] + 1j * felt[:, 1])
+        shear.append(np.nan_to_num((readings - np.nanmedian(readings, axis=0)) @ along.T))
     for number, of_pad in enumerate(shear[1:], start=1):
-        size = float(np.sqrt(np.vdot(of_pad, of_pad).real * np.vdot(shear[0], shear[0]).real))
-        agreement = np.vdot(of_pad, shear[0]) / size if size > 0 else 0.0
-        if abs(agreement) > _OPPOSED and agreement.real < 0:
+        products = (of_pad * shear[0]).sum(axis=0)
+        size = float(np.sqrt((of_pad**2).sum() * (shear[0] ** 2).sum()))
+        axes = [name for name, product in zip("xy", products, strict=True) if product < -_OPPOSED * size / 2]
+        if axes and float(np.abs(products).sum()) > _OPPOSED * size:
             yield (
-                f"shear of pad {number} opposes that of pad 0, and the two cancel: if these are fingers that "
-                f"face each other, turn its axes by about {np.degrees(np.angle(agreement)) % 360:.0f} deg "
-                "(`axes_deg` in its grid)"
+                f"shear of pad {number} opposes that of pad 0 along {' and '.join(axes)}, and both cancel: "
+                "fingers that face each other are mirror images. List the channels of that pad in "
+                "[[channels]], with the other `sign` for this shear, or give each finger an array of its own"
             )
 
 

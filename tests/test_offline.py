@@ -471,24 +471,25 @@ def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
         detect_file(tmp_path / "log.csv", str(tmp_path / "pad.toml"), choices=choices)
 
 
-@pytest.mark.parametrize("turned_deg", [0, 180])
-def test_pads_whose_shear_cancels_are_named(turned_deg: int) -> None:
-    """One object between two fingers pulls the pads in opposite directions of their own axes."""
-    pull = np.sin(np.arange(100) / 5)
-    readings = np.outer(pull, [1.0, -1.0]) + np.random.default_rng(0).normal(0, 0.1, (100, 2))
+@pytest.mark.parametrize(
+    ("signs", "axes"), [((-1, 1), "x"), ((1, -1), "y"), ((-1, -1), "x and y"), ((1, 1), "")]
+)
+def test_pads_whose_shear_cancels_are_named(signs: tuple[int, int], axes: str) -> None:
+    """One object between two fingers pulls both: pads that face each other have one axis the other way."""
+    rng, pull = np.random.default_rng(0), np.sin(np.arange(100) / 5)
+    pulls = np.column_stack([pull, np.roll(pull, 20)])
+    readings = np.hstack([pulls, pulls * signs]) + rng.normal(0, 0.1, (100, 4))
     table = {
         "name": "fingers",
-        "grids": [{"x_mm": [0.0], "y_mm": [0.0]}, {"x_mm": [0.0], "y_mm": [0.0], "axes_deg": turned_deg}],
-        "taxel_channels": [{"name": "x", "kind": "shear_x"}],
+        "grids": [{"x_mm": [0.0], "y_mm": [0.0]}] * 2,
+        "taxel_channels": [{"name": "x", "kind": "shear_x"}, {"name": "y", "kind": "shear_y"}],
     }
     array = build(parse(table, ArrayFile, "fingers"))
-    time_s = np.arange(100) / 50
     tally = log_summary.LogTally(array, "log")
-    tally.add_scans(time_s, readings)
+    tally.add_scans(np.arange(100) / 50, readings)
     said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
-    opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0")]
-    assert len(opposed) == (turned_deg == 0)
-    assert all("by about 180 deg" in line for line in opposed)
+    opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0 along ")]
+    assert [line.split(" along ")[1].split(",")[0] for line in opposed] == ([axes] if axes else [])
 
 
 def said_of_a_pad(readings: FloatArray) -> list[str]:

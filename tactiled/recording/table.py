@@ -48,7 +48,8 @@ _UNIT_WORDS: dict[str, TimeUnit] = {
     **dict.fromkeys(("us", "usec", "micros", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
 }
-_SPLIT_STAMPS = {"sec": "nanosec", "secs": "nsecs"}  # stamps of ROS 2 and ROS 1: whole seconds, and the rest
+# Stamps of ROS 2 and ROS 1, and of C: whole seconds, and the rest.
+_SPLIT_STAMPS = {"sec": ("nanosec", "nsec"), "secs": ("nsecs", "nsec")}
 _TIME_ADVICE = (
     "times named time, t, timestamp or stamp need a unit, as in stamp_ms or by --time-unit, and a log "
     "without times needs --rate"
@@ -93,8 +94,8 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     ``.csv``: a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the like, or ``sec`` and
     ``nanosec``), then one column per channel in channel order, with commas, semicolons or tabs between; an
     empty cell or ``nan`` is a missing reading, and a row without any reading a missing scan, which is left
-    out. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
-    warning, unless `columns` names the channels.
+    out. Without a column of times, the rate spaces the rows. Further columns of times, which never fall, are
+    left out with a warning, unless `columns` names the channels.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -211,9 +212,9 @@ def _split_stamp(names: Sequence[str]) -> tuple[str, str] | None:
     """Return the names of a stamp's seconds and nanoseconds; None for no such stamp."""
     by_words = {tuple(_words(name)): name for name in names}
     for words, name in by_words.items():
-        rest = by_words.get((*words[:-1], _SPLIT_STAMPS.get(words[-1], "")))
-        if rest is not None:
-            return name, rest
+        for last in _SPLIT_STAMPS.get(words[-1], ()):
+            if (rest := by_words.get((*words[:-1], last))) is not None:
+                return name, rest
     return None
 
 
@@ -232,14 +233,16 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | N
                     f"{path}: the first line has numbers only; write a line of names above it, or in its "
                     "place where it is the header"
                 )
+            if twins := sorted({name for name in header if name and header.count(name) > 1}):
+                raise DataError(f"{path}: two columns have the same name: {', '.join(twins)}; rename one")
             times = _times_of_header(path, header, options)
             stamps = [header.index(name) for name in times.used]
-            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
             needed = (
                 _chosen(path, header, options.columns, stamps)
                 if options.columns
-                else [k for k in range(len(header)) if k not in left_out]
+                else [k for k in range(len(header)) if k not in stamps]
             )
+            spare = set() if options.columns else {header.index(name) for name in times.unused}
             numbers = array("d")  # it grows in place
             for cells in reader:
                 if not cells:
@@ -249,13 +252,30 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | N
                     raise DataError(
                         f"{path}: line {line} has {len(cells)} cells, the header has {len(header)}"
                     )
-                numbers.extend([_number(cells[column], path, line) for column in (*stamps, *needed)])
+                numbers.extend(
+                    [
+                        _number_or_nan(cells[column])
+                        if column in spare
+                        else _number(cells[column], path, line)
+                        for column in (*stamps, *needed)
+                    ]
+                )
                 _check_size(path, numbers.itemsize * len(numbers))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
     table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
     time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else None
-    return times, time_s, table[:, len(stamps) :]
+    readings = table[:, len(stamps) :]
+    if spare:  # a channel may have the name of a time, as response_time
+        clocks = {column for k, column in enumerate(needed) if column in spare and _is_clock(readings[:, k])}
+        times = times._replace(unused=tuple(name for name in times.unused if header.index(name) in clocks))
+        readings = readings[:, [column not in clocks for column in needed]]
+    return times, time_s, readings
+
+
+def _is_clock(values: FloatArray) -> bool:
+    """Return whether a column goes on as a clock does, or has no numbers."""
+    return bool((np.diff(values[np.isfinite(values)]) >= 0).all())
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -295,6 +315,13 @@ def _number(cell: str, path: Path, line: int) -> float:
     except ValueError:
         comma = "; write decimals with a point" if "," in cell else ""
         raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
+
+
+def _number_or_nan(cell: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        return float("nan")
 
 
 def _counts(header: Sequence[str]) -> bool:
