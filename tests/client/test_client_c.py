@@ -2,7 +2,9 @@
 
 import ctypes
 import math
+import os
 import re
+import shutil
 import subprocess
 import sys
 import time
@@ -168,30 +170,52 @@ def test_keys_that_are_not_there_are_refused(library: Library, tmp_path: Path) -
     assert "none.toml" in library.error
 
 
-@pytest.fixture(scope="module", params=["listen.c", "listen.rs"])
-def example(built: Path, request: pytest.FixtureRequest) -> Path:
-    """Program of an example."""
+@pytest.fixture(scope="module", params=["listen.c", "listen.rs", "listen_node.c"])
+def example(built: Path, request: pytest.FixtureRequest) -> list[str | Path]:
+    """Command of an example."""
     source, runs_with = ROOT / "examples" / request.param, f"-Wl,-rpath,{built}"
     program = built / str(request.param).replace(".", "-")
-    if source.suffix == ".c":
-        command = ["cc", *C_WARNINGS, source, f"-I{HEADERS}", f"-L{built}", runs_with, "-ltactiled"]
-    else:
+    linked = f"-I{HEADERS}", f"-L{built}", runs_with, "-ltactiled"
+    command: list[str | Path] = [program]
+    if source.suffix == ".rs":
         need_native("rustc")
-        command = ["rustc", "--edition=2021", "-Dwarnings", source, f"-L{built}", f"-Clink-arg={runs_with}"]
-    subprocess.run([*command, "-o", program], check=True)
-    return program
+        compile_it = [
+            "rustc",
+            "--edition=2021",
+            "-Dwarnings",
+            source,
+            f"-L{built}",
+            f"-Clink-arg={runs_with}",
+        ]
+    elif source.stem == "listen_node":
+        need_native("node")
+        need_node_headers()
+        program = built / "listen.node"
+        command = ["node", shutil.copy(ROOT / "examples" / "listen.js", built)]
+        dialect = "-std=gnu99", *C_WARNINGS[1:]  # as Node's headers ask for
+        compile_it = ["cc", *dialect, "-shared", "-fPIC", source, "-isystem/usr/include/node", *linked]
+    else:
+        compile_it = ["cc", *C_WARNINGS, source, *linked]
+    subprocess.run([*compile_it, "-o", program], check=True)
+    return command
 
 
-def test_the_example_tells_slips(example: Path, endpoint: str) -> None:
-    listening = Program(example, endpoint)
+def need_node_headers() -> None:
+    """Skip where Node's headers are missing; never in CI."""
+    if not Path("/usr/include/node/node_api.h").exists() and "TACTILED_CI" not in os.environ:
+        pytest.skip("needs libnode-dev")
+
+
+def test_the_example_tells_slips(example: list[str | Path], endpoint: str) -> None:
+    listening = Program(*example, endpoint)
     try:
         listening.until(lambda lines: ["onset", "of", "a", "slip,", "gross"] in lines, "a gross slip")
     finally:
         listening.kill()
 
 
-def test_the_example_says_what_is_wrong(example: Path) -> None:
-    done = subprocess.run([example, "nowhere"], capture_output=True, text=True, check=False)
+def test_the_example_says_what_is_wrong(example: list[str | Path]) -> None:
+    done = subprocess.run([*example, "nowhere"], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "nowhere: Invalid argument" in done.stderr
 
