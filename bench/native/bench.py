@@ -7,16 +7,16 @@ time; the other program has its bytes. Latency is from before the send to that i
 
 import subprocess
 import tempfile
-import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import msgpack
 import numpy as np
 import zmq
 
+from bench.native.node import node_sections
+from bench.native.publish import BOARD, RUN, Publisher, latencies_us, publish_in_turn
 from bench.processes import compile_program
 from bench.report import (
     Aim,
@@ -31,29 +31,18 @@ from bench.report import (
 from tactiled.array import FloatArray
 from tactiled.errors import OperatorError
 from tactiled.events.codec import encode
-from tactiled.events.endpoints import control_endpoint
-from tactiled.events.types import Event, ScanEvent, Sent, StatusEvent
+from tactiled.events.types import ScanEvent
 from tactiled.progress import ProgressBar
 
 PROGRAMS = "client", "bare"
 _REPEATS, _SCANS = 5, 2000
 _QUICK_REPEATS, _QUICK_SCANS = 1, 500
-_PERIOD_S = 0.01  # scans at 100 Hz
-_STATUS_EVERY = 10  # scans
-_SETTLE = 100  # scans that are left out at the beginning: caches, the first answer to the client
 _COST_SCANS = 100_000
-_BOARD, _RUN = "TS0001", 7
 _HERE = Path(__file__).parent
 _HEADERS = _HERE.parents[1] / "protocols" / "cpp"
 _SCAN = ScanEvent(
     time_s=0.0, index=1, volts=tuple(1.0 + 0.01 * k for k in range(36)), valid=(True,) * 36, time_sd_s=2e-5,
     age_s=0.004, late=False,
-)  # fmt: skip
-_STATUS = StatusEvent(
-    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.004, clock_sd_s=2e-5,
-    clock_rate_ppm=21.4, rate_hz=100.0, scans=123456, frames_corrupt=3, scans_missing=2, scans_duplicate=0,
-    restarts=1, bytes_in=9876543, bytes_framed=9876000, bytes_discarded=500, bytes_pending=43, connects=1,
-    contact="holding", slipping=False, uptime_s=1234.5,
 )  # fmt: skip
 
 
@@ -93,6 +82,7 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
             folder.mkdir()
             runs.append(run_once(folder, receive, n_scans))
         cost = measure_cost(Path(name), receive)
+        of_node = node_sections(Path(name), receive, repeats, n_scans)
     text = (
         f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
         "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). A ratio compares "
@@ -103,7 +93,7 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "time a scan, through the inbox and into its structure. "
         f"{cost.allocations:.2f} allocations, {cost.of_msgpack:.2f} of them in msgpack's parser."
     )
-    return [text, _latency_table(runs), cost_text, aims_table(aims(runs, cost))]
+    return [text, _latency_table(runs), cost_text, aims_table(aims(runs, cost)), *of_node]
 
 
 def compile_receiver(folder: Path) -> Path:
@@ -122,7 +112,7 @@ def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
     endpoints = {name: f"ipc://{folder}/{name}-events" for name in PROGRAMS}
     with ExitStack() as stack:
         context = stack.enter_context(zmq.Context())
-        publishers = [_Publisher(context, endpoint) for endpoint in endpoints.values()]
+        publishers = [Publisher(context, endpoint, lambda _: _SCAN) for endpoint in endpoints.values()]
         programs = []
         for name, endpoint in endpoints.items():
             command = [str(receive), name, endpoint, str(n_scans)]
@@ -130,75 +120,21 @@ def run_once(folder: Path, receive: Path, n_scans: int) -> NativeRun:
             stack.callback(programs[-1].kill)
         for publisher in publishers:
             stack.callback(publisher.close)
-        _publish(publishers, programs)
+        publish_in_turn(publishers, programs)
         printed = [program.communicate()[0] for program in programs]
     latency_us, processor_us = {}, {}
     for name, publisher, text in zip(PROGRAMS, publishers, printed, strict=True):
         _, *lines, used_us = text.splitlines()  # the first line says "ready"
-        rows = [line.split() for line in lines]
-        latency_us[name] = np.array([int(at_ns) - publisher.sent_ns[int(seq)] for seq, at_ns in rows]) / 1e3
-        latency_us[name] = latency_us[name][_SETTLE:]
-        processor_us[name] = float(used_us) / len(rows)
+        latency_us[name] = latencies_us(lines, publisher.sent_ns)
+        processor_us[name] = float(used_us) / len(lines)
     return NativeRun(latency_us, processor_us)
-
-
-class _Publisher:
-    """Publisher for one program, which answers its questions about what it missed: nothing."""
-
-    def __init__(self, context: zmq.Context[zmq.Socket[bytes]], endpoint: str) -> None:
-        self._events, self._control = context.socket(zmq.PUB), context.socket(zmq.ROUTER)
-        self._events.bind(endpoint)
-        self._control.bind(control_endpoint(endpoint))
-        self.sent_ns: list[int] = []
-        """Time before the send of each scan, by sequence number."""
-        self._statuses = 0
-
-    def send_scan(self) -> None:
-        """Send a scan."""
-        frames = self._frames(_SCAN, len(self.sent_ns))
-        self.sent_ns.append(time.monotonic_ns())
-        self._events.send_multipart(frames)
-
-    def send_status(self) -> None:
-        """Send a status, and answer what was asked."""
-        status = replace(_STATUS, uptime_s=time.monotonic(), sent=Sent(scan=len(self.sent_ns)))
-        self._events.send_multipart(self._frames(status, self._statuses))
-        self._statuses += 1
-        while self._control.poll(0):
-            who, payload = self._control.recv_multipart()
-            asked = msgpack.unpackb(payload)
-            reply = {"v": 1, "id": asked["id"], "do": asked["do"], "ok": True, "run": _RUN, "messages": {}}
-            self._control.send_multipart([who, msgpack.packb(reply)])
-
-    @staticmethod
-    def _frames(event: Event, seq: int) -> tuple[bytes, bytes]:
-        event = replace(event, time_s=time.monotonic())
-        return encode(event, seq=seq, board=_BOARD, unix_offset_s=time.time() - time.monotonic(), run=_RUN)
-
-    def close(self) -> None:
-        """Close the sockets."""
-        self._events.close(0)
-        self._control.close(0)
-
-
-def _publish(publishers: Sequence[_Publisher], programs: Sequence["subprocess.Popen[str]"]) -> None:
-    """Send scans to both in turn until the programs have printed what they received."""
-    next_s, turn = time.monotonic(), 0
-    while any(program.poll() is None for program in programs):
-        next_s += _PERIOD_S / len(publishers)
-        time.sleep(max(0.0, next_s - time.monotonic()))
-        publisher = publishers[turn % len(publishers)]
-        publisher.send_scan()
-        turn += 1
-        if turn // len(publishers) % _STATUS_EVERY == 0:
-            publisher.send_status()
 
 
 def measure_cost(folder: Path, receive: Path) -> NativeCost:
     """Play scans through the inbox in a loop."""
     with (folder / "scans").open("wb") as out:
         for seq in range(_COST_SCANS):
-            _, payload = encode(_SCAN, seq=seq, board=_BOARD, unix_offset_s=1.7e9, run=_RUN)
+            _, payload = encode(_SCAN, seq=seq, board=BOARD, unix_offset_s=1.7e9, run=RUN)
             out.write(b"%d\n" % len(payload) + payload)
     done = subprocess.run([receive, "cost", folder / "scans"], capture_output=True, text=True, check=True)
     scan_us, with_new, with_malloc, of_msgpack = map(float, done.stdout.split())

@@ -2,16 +2,16 @@
 //
 //     receive client ENDPOINT COUNT     with tactiled.hpp, each scan read into its structure
 //     receive bare ENDPOINT COUNT       with zmq_recv alone, nothing parsed
+//     receive force ENDPOINT COUNT      the same for forces
 //     receive cost FILE                 plays the scans of a file through the inbox, without sockets
 //
-// The first two print "ready", then the sequence number and the time of each scan in ns of CLOCK_MONOTONIC,
-// then the processor time of the process in us. The last prints us of processor time of a scan, and
-// allocations of a scan: with new, with malloc.
+// The first three print "ready", then the sequence number and the time of each message in ns of
+// CLOCK_MONOTONIC, then the processor time of the process in us. The last prints us of processor time of a
+// scan, and allocations of a scan: with new, with malloc.
 #include <sys/resource.h>
 
 #include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <fstream>
 #include <iterator>
 #include <new>
@@ -57,7 +57,7 @@ struct Receipt {
     long long seq, at_ns;
 };
 
-// Take note of a scan, and tell the first one.
+// Take note of a message, and tell the first one.
 static void note(std::vector<Receipt>& received, long long seq)
 {
     received.push_back({seq, now_ns()});
@@ -79,8 +79,9 @@ static std::vector<Receipt> with_client(const char* endpoint, std::size_t count)
     return received;
 }
 
-static std::vector<Receipt> with_zmq_recv(const char* endpoint, std::size_t count)
+template <class Event> static std::vector<Receipt> with_zmq_recv(const char* endpoint, std::size_t count)
 {
+    const std::string name = Event::TOPIC, end = "/" + name;
     std::vector<Receipt> received;
     std::vector<std::string> payloads;  // parsed at the end
     received.reserve(count);
@@ -93,7 +94,8 @@ static std::vector<Receipt> with_zmq_recv(const char* endpoint, std::size_t coun
     while (received.size() < count) {
         const int topic_size = zmq_recv(socket, topic, sizeof topic, 0);
         const int size = zmq_recv(socket, payload, sizeof payload, 0);
-        if (topic_size < 5 || std::memcmp(topic + topic_size - 5, "/scan", 5) != 0)
+        const std::string_view path(topic, static_cast<std::size_t>(topic_size));
+        if (path.size() < end.size() || path.substr(path.size() - end.size()) != end)
             continue;
         note(received, 0);
         payloads.emplace_back(payload, static_cast<std::size_t>(size));
@@ -101,11 +103,11 @@ static std::vector<Receipt> with_zmq_recv(const char* endpoint, std::size_t coun
     zmq_close(socket);
     zmq_ctx_term(context);
     tactiled::Message message;
-    message.topic = "scan";
+    message.topic = name;
     for (std::size_t n = 0; n < count; ++n) {
-        tactiled::Scan scan;
+        Event event;
         message.payload = payloads[n];
-        received[n].seq = message.read(scan) ? scan.seq : -1;
+        received[n].seq = message.read(event) ? event.seq : -1;
     }
     return received;
 }
@@ -161,8 +163,10 @@ int main(int argc, char** argv)
     if (argc != 4)
         return 2;
     const std::size_t count = std::strtoul(argv[3], nullptr, 10);
-    const std::vector<Receipt> received =
-        mode == "client" ? with_client(argv[2], count) : with_zmq_recv(argv[2], count);
+    const auto receive = mode == "client" ? with_client
+                         : mode == "force" ? with_zmq_recv<tactiled::Force>
+                                           : with_zmq_recv<tactiled::Scan>;
+    const std::vector<Receipt> received = receive(argv[2], count);
     const double used_us = processor_us();
     for (const Receipt& receipt : received)
         std::printf("%lld %lld\n", receipt.seq, receipt.at_ns);

@@ -11,7 +11,7 @@ import pytest
 from cpp import HEADERS, need_native
 
 from bench.hold.play import play
-from bench.native import bench
+from bench.native import bench, node
 from bench.processes import compile_program
 from tactiled.array import load_array
 from tactiled.client.grip_controller import GripController
@@ -36,6 +36,37 @@ def test_both_programs_receive_scans(tmp_path: Path) -> None:
         assert np.all(run.latency_us[name] > 0)
     cost = bench.measure_cost(tmp_path, receive)
     assert cost.allocations == cost.of_msgpack
+
+
+def test_the_node_is_judged_beside_zmq_recv_and_rclcpp() -> None:
+    latency_us = {
+        name: np.full(100, us) for name, us in (("zmq_recv", 200.0), ("node", 540.0), ("rclcpp", 310.0))
+    }
+    run = node.NodeRun(latency_us)
+    assert [aim.verdict for aim in node.node_aims([run])] == ["MISSED"]
+    assert "0.030" in node.node_words([run])
+    assert [row["latency p50 (ms)"][:5] for row in node.node_table([run]).rows] == ["0.200", "0.540", "0.310"]
+
+
+def test_the_node_is_found_where_a_workspace_is_sourced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    assert node.find_driver() is None
+    assert "not measured" in node.node_sections(tmp_path, tmp_path, 1, 1)[0]
+    program = tmp_path / "lib" / "tactiled_driver" / "driver"
+    program.parent.mkdir(parents=True)
+    program.touch()
+    assert node.find_driver() == program
+
+
+@pytest.mark.skipif(node.find_driver() is None, reason="needs a sourced workspace with tactiled_driver")
+def test_wrenches_come_through_the_node(tmp_path: Path) -> None:
+    receive, wrenches = bench.compile_receiver(tmp_path), node.build_wrenches(tmp_path)
+    driver = node.find_driver()
+    assert driver is not None
+    run = node.run_node(tmp_path, receive, wrenches, driver, count=150)
+    assert all(run.latency_us[name].size == 50 and run.latency_us[name].min() > 0 for name in node.PROGRAMS)
 
 
 class ControllerOfCpp:
