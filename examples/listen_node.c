@@ -1,7 +1,8 @@
-/* libtactiled in Node: an addon whose `listen(endpoint, callback)` calls back on Node's event loop for each slip
- * as (state, kind), and for what ends the trust in the sense of touch as ("stale", reason).
+/* libtactiled in Node: an addon whose `listen(endpoint, callback)` calls back from the event loop of Node, with
+ * (state, kind) for each slip, and with ("stale", reason) when touch must not be trusted.
  *
- *     cc -shared -fPIC listen_node.c -I/usr/include/node $(pkg-config --cflags --libs libtactiled) -o listen.node
+ *     cc -shared -fPIC listen_node.c -I/usr/include/node $(pkg-config --cflags --libs libtactiled) \
+ *         -o listen.node
  */
 #include <math.h>
 #include <node_api.h>
@@ -35,7 +36,7 @@ static void take_items(uv_poll_t *poll, int status, int events)
     int kind;
     (void)status, (void)events;
     napi_open_handle_scope(listener->env, &scope);
-    while ((kind = tactiled_next(client, 0.0)) > TACTILED_NONE) { /* the descriptor is readable again after that */
+    while ((kind = tactiled_next(client, 0.0)) > TACTILED_NONE) { /* until then, the descriptor stays silent */
         double is_valid = 0.0;
         if (kind == TACTILED_STALE)
             call_back(listener, "stale", tactiled_reason(client));
@@ -57,8 +58,8 @@ static napi_value open_listener(napi_env env, napi_callback_info info)
     struct listener *listener = calloc(1, sizeof *listener); /* until the program ends */
     uv_loop_t *loop;
     napi_get_cb_info(env, info, &count, arguments, NULL, NULL);
-    if (!listener || napi_get_value_string_utf8(env, arguments[0], endpoint, sizeof endpoint, NULL) != napi_ok ||
-        !(listener->events = tactiled_open(endpoint, "slip", NULL, NULL))) {
+    napi_get_value_string_utf8(env, arguments[0], endpoint, sizeof endpoint, NULL);
+    if (!listener || !*endpoint || !(listener->events = tactiled_open(endpoint, "slip", NULL, NULL))) {
         napi_throw_error(env, NULL, *endpoint ? tactiled_error() : "an endpoint is wanted");
         free(listener);
         return NULL;

@@ -37,16 +37,26 @@ using Result = LifecycleNode::CallbackReturn;
 constexpr double WAIT_S = 0.05;        // the thread ends within this time
 constexpr std::size_t N_EVENTS = 100;  // queue of a reliable topic, as that of the bridge
 
+// True where a message that is published now has a receiver. Without one, converting and writing it would keep the
+// processor from the receivers of others.
+template <class Publisher> bool has_receiver(const Publisher& publisher)
+{
+    return publisher.get_subscription_count() + publisher.get_intra_process_subscription_count() > 0;
+}
+
 // Topic of tactiled_msgs.
 template <class Own, class Ros> struct Topic {
     static constexpr const char* NAME = Own::TOPIC;
 
     typename rclcpp_lifecycle::LifecyclePublisher<Ros>::SharedPtr publisher;
-    Own own;  // newest message; kept, as `ros` is, because their memory is used again
+    bool is_kept = false;  // for late subscribers
+    Own own;               // newest message; kept, as `ros` is, because their memory is used again
     Ros ros;
 
     void publish(const std::string& frame_id)
     {
+        if (!is_kept && !has_receiver(*publisher))
+            return;
         convert(own, ros, frame_id);
         publisher->publish(ros);
     }
@@ -150,6 +160,7 @@ private:
     template <class Own, class Ros> void open(Topic<Own, Ros>& topic, const rclcpp::QoS& scans)
     {
         const std::string_view name = topic.NAME;
+        const bool is_kept = name == "contact" || name == "info";
         rclcpp::QoS qos(N_EVENTS);
         if (name == "scan" || name == "force" || name == "grip")
             qos = scans;
@@ -157,7 +168,7 @@ private:
             qos = rclcpp::QoS(1).transient_local();
         else if (name == "info")
             qos = rclcpp::QoS(1).transient_local().lifespan(std::chrono::seconds(3));
-        topic = {create_publisher<Ros>(topic.NAME, qos), Own(), Ros()};
+        topic = {create_publisher<Ros>(topic.NAME, qos), is_kept, Own(), Ros()};
     }
 
     static rclcpp::QoS qos_of_scans(const std::string& name)
@@ -247,7 +258,7 @@ private:
     void publish_wrench(const tactiled::Force& force)
     {
         state_.calibration = force.calibration;
-        if (!is_in_newtons(force, calibrated_only_))
+        if (!is_in_newtons(force, calibrated_only_) || !has_receiver(*wrenches_))
             return;
         convert(force, wrench_, frame_id_);
         wrenches_->publish(wrench_);
