@@ -1,12 +1,15 @@
 """Cases of `bench machine`: what happens to the guest, and the measurements of each."""
 
 import re
+import subprocess
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from bench.machine.guest import Board, Guest
 from bench.machine.records import Recorded, first_after, read_recording
+from bench.processes import TACTILED
 from tactiled.errors import OperatorError
 
 UNIT = "tactiled@TS0001.service"
@@ -25,6 +28,10 @@ _TREE = (
 _STAYS = re.compile(r" /var/lib/tactiled| /etc/(passwd|group|g?shadow)")
 _MISSING = 'tactiled_scans_total{result="missing"}'
 _HOUR_S = 3600.0
+_NOW = """awk '/^now at/ { printf "%.3f", $3 / 1e9; exit }' /proc/timer_list"""
+_SLEW_S = 30.0
+_USUAL_TICK, _SLEWED_TICKS = 10_000, (10_100, 9_900)  # microseconds that each 10 ms add: 1 % each way
+_SUSPENDED_S = 20.0
 _MOST_FAILED = 5  # more than that is no matter of a busy host
 
 
@@ -39,6 +46,7 @@ class Found:
     timer_ms: int = 0  # latency timer of the adapter
     setups_failed: int = 0
     missing_files: list[str] = field(default_factory=list)  # which setup should have written
+    first_missing: int = 0  # scans, in the first 10 s
     left_by_remove: list[str] = field(default_factory=list)
     left_by_purge: list[str] = field(default_factory=list)
     plugs: Recorded = field(default_factory=Recorded)
@@ -47,12 +55,20 @@ class Found:
     swapped: list[bool] = field(default_factory=list)  # whether a daemon has the other's board
     clock: Recorded = field(default_factory=Recorded)
     stepped_s: list[float] = field(default_factory=list)  # clock stepped to messages with its new time
+    slewed: Recorded = field(default_factory=Recorded)
+    slewed_offset_error_s: float = 0.0  # wall clock of the messages beside that of the guest
+    suspended: Recorded = field(default_factory=Recorded)
+    suspended_offset_error_s: float = 0.0
+    resumed_s: float = 0.0  # resume to the first scan taken after it
+    resumed_age_s: list[float] = field(default_factory=list)  # of the scans after it, when they arrived
     full_disk_missing: int = 0
     recording_again_s: float = 0.0
     low_memory_missing: int = 0
     low_memory_restarts: int = 0
-    lost_by_cut_s: list[float] = field(default_factory=list)
-    verified: list[bool] = field(default_factory=list)
+    verified: list[bool] = field(default_factory=list)  # recordings after cuts that were followed by a boot
+    copied_unix_s: list[float] = field(default_factory=list)  # instants of copies, by the clock of the guest
+    copies_verified: list[bool] = field(default_factory=list)  # recordings on copies of the disk
+    lost_by_cut_s: list[float] = field(default_factory=list)  # end of that recording to the copy
 
 
 def tree(guest: Guest) -> set[str]:
@@ -101,9 +117,17 @@ def recorded(guest: Guest, board: Board, during: Callable[[], None]) -> Recorded
     return read_recording(guest.share / "newest.mcap")
 
 
-def uptime_s(guest: Guest) -> float:
-    """Clock of the guest that is never set."""
-    return float(guest.run("cut -d ' ' -f 1 /proc/uptime"))
+def monotonic_s(guest: Guest) -> float:
+    """CLOCK_MONOTONIC of the guest, which is never set and stands still while the guest is suspended."""
+    return float(guest.run(_NOW))
+
+
+def offset_error_s(guest: Guest, found: Recorded) -> float:
+    """Wall clock less CLOCK_MONOTONIC, as recorded last, minus the guest's own (largest of 99 readings)."""
+    both = guest.run(
+        "python3 -c 'import time; print(max(time.time() - time.monotonic() for _ in range(99)))'"
+    )
+    return found.last_offset_s - float(both)
 
 
 # ---- cases, in the order of their run -------------------------------------------------------------------
@@ -112,10 +136,10 @@ def uptime_s(guest: Guest) -> float:
 def install(guest: Guest, board: Board, found: Found) -> None:
     """Install the package, set the board up, undo that, and set it up again to record."""
     found.system = guest.run("echo Debian $(cat /etc/debian_version), Linux $(uname -r)")
-    began_s = uptime_s(guest)
+    began_s = monotonic_s(guest)
     guest.mount_share()
     guest.run("dpkg --install /mnt/*.deb; umount /mnt")
-    found.install_s = uptime_s(guest) - began_s
+    found.install_s = monotonic_s(guest) - began_s
     guest.plug(board)
     guest.until("test -e /dev/tactiled-TS0001")
     found.timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))
@@ -138,6 +162,14 @@ def install(guest: Guest, board: Board, found: Found) -> None:
         f"sed -i 's/^# directory/directory/' {_CONFIG}; "
         f"printf '\\n[metrics]\\nport = {_METRICS_PORT}\\n' >>{_CONFIG}; sync"
     )
+
+
+def first_scans(guest: Guest, found: Found) -> None:
+    """Count the scans missing in the first ten seconds of a daemon that setup has started."""
+    guest.run(f"systemctl restart {UNIT}")
+    wait_until_fresh(guest)
+    time.sleep(10.0)
+    found.first_missing = int(metrics(guest)[_MISSING])
 
 
 def replug(guest: Guest, board: Board, times: int, found: Found) -> None:
@@ -188,13 +220,57 @@ def step_clock(guest: Guest, board: Board, found: Found) -> None:
     def step() -> None:
         for hours in ("+1", "-1"):
             time.sleep(5.0)
-            at_s.append(uptime_s(guest))
+            at_s.append(monotonic_s(guest))
             guest.run(f"date -s '{hours} hour'")
         time.sleep(5.0)
 
     found.clock = recorded(guest, board, step)
     steps_s = [s for s, step_s in found.clock.steps_s if abs(abs(step_s) - _HOUR_S) < 1.0]
     found.stepped_s = [first_after(steps_s, s) for s in at_s]
+
+
+def slew_clock(guest: Guest, board: Board, found: Found) -> None:
+    """Let the clock run 1 % fast, then 1 % slow, as a time service does to correct it without a step."""
+
+    def slew() -> None:
+        for tick in (*_SLEWED_TICKS, _USUAL_TICK):
+            # struct timex begins with `modes` (0x4000 is ADJ_TICK); `tick` is its twelfth number.
+            guest.run(
+                "python3 -c 'import ctypes, sys; numbers = (ctypes.c_long * 26)(0x4000); "
+                f"numbers[11] = {tick}; sys.exit(ctypes.CDLL(None).adjtimex(numbers) < 0)'"
+            )
+            time.sleep(_SLEW_S)
+
+    found.slewed = recorded(guest, board, slew)
+    found.slewed_offset_error_s = offset_error_s(guest, found.slewed)
+
+
+def suspend(guest: Guest, board: Board, found: Found) -> None:
+    """Suspend the guest to memory while the board goes on, and resume it.
+
+    The adapter is away meanwhile: qemu would keep what the board sends, which a real adapter drops.
+    """
+    resumed_s = []
+
+    def sleep() -> None:
+        time.sleep(5.0)
+        guest.run(
+            f"rm -f /run/resumed; ( sleep 2; echo mem >/sys/power/state; {_NOW} >/run/resumed ) >/dev/null &"
+        )
+        guest.until_suspended()
+        guest.unplug(board)
+        time.sleep(_SUSPENDED_S)
+        guest.plug(board)
+        guest.qmp("system_wakeup")
+        guest.until("test -s /run/resumed")
+        resumed_s.append(float(guest.run("cat /run/resumed")))
+        time.sleep(15.0)
+
+    found.suspended = recorded(guest, board, sleep)
+    found.suspended_offset_error_s = offset_error_s(guest, found.suspended)
+    found.resumed_s = first_after(found.suspended.scan_s, resumed_s[0])
+    pairs = zip(found.suspended.scan_s, found.suspended.age_s, strict=True)
+    found.resumed_age_s = [age_s for scan_s, age_s in pairs if scan_s > resumed_s[0]]
 
 
 def fill_disk(guest: Guest, found: Found) -> None:
@@ -207,9 +283,9 @@ def fill_disk(guest: Guest, found: Found) -> None:
     during = metrics(guest)
     found.full_disk_missing = int(during[_MISSING] - before[_MISSING])
     guest.run("rm /fill")
-    began_s = uptime_s(guest)
+    began_s = monotonic_s(guest)
     guest.until(f"( {_SCRAPE} ) | grep -q 'tactiled_recording{{.*}} 1'")
-    found.recording_again_s = uptime_s(guest) - began_s
+    found.recording_again_s = monotonic_s(guest) - began_s
 
 
 def fill_memory(guest: Guest, found: Found) -> None:
@@ -227,37 +303,59 @@ def fill_memory(guest: Guest, found: Found) -> None:
 
 
 def cut_power(guest: Guest, board: Board, times: int, found: Found) -> None:
-    """Cut the power while the daemon records, after different times; then verify all recordings."""
-    cut_unix_s = []
+    """Cut the power while the daemon records, and boot again; then verify all recordings."""
     guest.unplug(board)
     guest.run(f"systemctl stop {UNIT}; rm {_PLACE}/*; systemctl start {UNIT}")
     guest.plug(board)
-    for number in range(times + 1):
+    wait_until_fresh(guest)
+    for number in range(times):
+        time.sleep(5.0 + 0.73 * (number % 8))
+        guest.cut_power()
+        board.restart()
+        guest.boot(board)
         wait_until_fresh(guest)
-        if number < times:
-            time.sleep(5.0 + 0.73 * (number % 8))
-            asked_s = time.time()
-            ahead_s = float(guest.run("date +%s.%N")) - (asked_s + time.time()) / 2
-            guest.cut_power()
-            board.restart()
-            cut_unix_s.append(time.time() + ahead_s)
-            guest.boot(board)
-            wait_until_fresh(guest)
-            found.fresh_s += since_boot_s(guest, f"-u {UNIT} | grep -m 1 'TS0001 running'")
+        found.fresh_s += since_boot_s(guest, f"-u {UNIT} | grep -m 1 'TS0001 running'")
     guest.until(f"test $(ls {_PLACE}/*.active | wc -l) -le 1")
     guest.run(f"systemctl stop {UNIT}")
-    names = guest.run(f"cd {_PLACE}; ls *.mcap").split()
-    for name in names:
+    for name in guest.run(f"cd {_PLACE}; ls *.mcap").split():
         found.verified.append(
             "good" in guest.run(f"tactiled replay --verify {_PLACE}/{name} && echo good || true")
         )
-    guest.mount_share()
-    guest.run(f"cp {_PLACE}/* /mnt; umount /mnt")
-    ends_s = sorted(read_recording(guest.share / name).last_unix_s for name in names)
-    # The newest end before each cut is that of the recording which the cut ended.
-    found.lost_by_cut_s = [
-        cut_s - max((s for s in ends_s if s <= cut_s), default=0.0) for cut_s in cut_unix_s
-    ]
+
+
+def copy_disk(guest: Guest, times: int, folder: Path, found: Found) -> None:
+    """Copy the disk at different times while the daemon records; recover and verify the recording of each."""
+    wait_until_fresh(guest)
+    for number in range(times):
+        time.sleep(2.0 + 0.37 * (number % 11))
+        asked_s = time.time()
+        ahead_s = float(guest.run("date +%s.%N")) - (asked_s + time.time()) / 2
+        time.sleep(0.29 * (number % 7))  # what the guest was asked has no part in the copy
+        found.copied_unix_s.append(guest.copy_disk(folder / f"{number}.qcow2") + ahead_s)
+    for number, cut_s in enumerate(found.copied_unix_s):
+        copied = folder / f"{number}.qcow2"
+        newest = max(_recovered(copied, folder / f"{number}"), key=lambda path: path.stat().st_mtime)
+        verified = subprocess.run([*TACTILED, "replay", "--verify", newest], capture_output=True, check=False)
+        found.copies_verified.append(verified.returncode == 0)
+        found.lost_by_cut_s.append(cut_s - read_recording(newest).last_unix_s)
+
+
+def _recovered(copied: Path, folder: Path) -> list[Path]:
+    """Recordings on a copy of the disk, after the journal of its file system and `tactiled recover`."""
+    raw = copied.with_suffix(".raw")
+    folder.mkdir()
+    for command in (
+        ["qemu-img", "convert", "-O", "raw", str(copied), str(raw)],
+        ["e2fsck", "-E", "journal_only", "-p", str(raw)],
+        ["debugfs", "-R", f"rdump {_PLACE} {folder}", str(raw)],
+        [*TACTILED, "recover", str(folder / Path(_PLACE).name)],
+    ):
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode not in ((0, 1) if command[0] == "e2fsck" else (0,)):  # 1: it has mended something
+            raise OperatorError(f"{' '.join(command)}: {done.stderr}")
+    raw.unlink()
+    copied.unlink()
+    return list((folder / Path(_PLACE).name).glob("*.mcap"))
 
 
 def boot_without(guest: Guest, board: Board, found: Found) -> None:

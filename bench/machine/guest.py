@@ -2,6 +2,8 @@
 
 import json
 import re
+import shutil
+import signal
 import socket
 import subprocess
 import time
@@ -62,7 +64,7 @@ class Guest:
         self._image, self._folder, self._layer = image, folder, image.disk
         self._layers = 0
         self.share = folder / "share"
-        self.share.mkdir()
+        self.share.mkdir(parents=True)
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
@@ -104,6 +106,20 @@ class Guest:
         for board in boards:
             self.plug(board)
         self.run("true")
+
+    def copy_disk(self, copy: Path) -> float:
+        """Copy the disk as a power cut would leave it now, and return the time of this host at the copy.
+
+        qemu is stopped meanwhile, so that the copy has what its file has after a kill.
+        """
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+        at_s = time.time()
+        try:
+            shutil.copy(self._layer, copy)
+        finally:
+            self._process.send_signal(signal.SIGCONT)
+        return at_s
 
     def cut_power(self) -> None:
         """Kill the machine, if it runs."""
@@ -172,6 +188,14 @@ class Guest:
                 return
             time.sleep(0.02)
         raise OperatorError(f"qemu does not let the adapter of {board.serial} go")
+
+    def until_suspended(self) -> None:
+        """Wait until the guest has suspended itself to memory."""
+        until_s = time.monotonic() + PATIENCE_S
+        while self.qmp("query-status")["status"] != "suspended":
+            if time.monotonic() > until_s:
+                raise OperatorError("the guest does not suspend itself")
+            time.sleep(0.1)
 
     def mount_share(self) -> None:
         """Mount the shared folder of this host at /mnt in the guest."""

@@ -1,4 +1,4 @@
-"""Disk of the virtual machine: Debian 12 as a small robot host has it, made once."""
+"""Disks of the virtual machine: Debian 12 and 13 as a small robot host has them, made once."""
 
 import hashlib
 import os
@@ -10,7 +10,8 @@ from pathlib import Path
 
 from tactiled.errors import OperatorError
 
-SUITE = "bookworm"
+SUITES = {"bookworm": "3.11", "trixie": "3.13"}
+"""Names of Debian 12 and 13 with the version of their python3."""
 # The system, and what the Debian package of tactiled depends on: the guest has no network.
 PACKAGES = "linux-image-amd64,initramfs-tools,systemd-sysv,udev,kmod,dbus,procps,python3,libstdc++6"
 CONTROL = "control"
@@ -47,8 +48,8 @@ class Image:
     initrd: Path
 
 
-def make_image() -> Image:
-    """Return the image in the cache of this user; make it where there is none of this description.
+def make_image(suite: str) -> Image:
+    """Return the image of a Debian in the cache of this user; make it where there is none like it.
 
     Raises
     ------
@@ -59,7 +60,7 @@ def make_image() -> Image:
         raise OperatorError(f"bench machine needs more programs: sudo apt install {' '.join(missing)}")
     digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:12]
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "tactiled-machine"
-    folder = cache / f"{SUITE}-{digest}"
+    folder = cache / f"{suite}-{digest}"
     image = Image(folder / "disk.raw", folder / "vmlinuz", folder / "initrd.img")
     if folder.exists():
         return image
@@ -69,7 +70,7 @@ def make_image() -> Image:
     with tempfile.TemporaryDirectory(dir=cache) as scratch:
         root, made = Path(scratch, "root"), Path(scratch, "made")
         made.mkdir()
-        command = ["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", SUITE, str(root)]
+        command = ["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", suite, str(root)]
         subprocess.run(command, check=True)
         for name, text in _FILES.items():
             (root / name).write_text(text)

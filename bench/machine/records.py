@@ -21,7 +21,10 @@ class Recorded:
     # Arrival of the first read after a step of the wall clock, and the step
     steps_s: list[tuple[float, float]] = field(default_factory=list)
     last_unix_s: float = 0.0  # wall clock at the last read
+    last_offset_s: float = 0.0  # wall clock less CLOCK_MONOTONIC, as the daemon had it at the last read
     scan_s: list[float] = field(default_factory=list)  # instants of the scans that were published
+    # Age of each of them when its bytes arrived
+    age_s: list[float] = field(default_factory=list)
     # Scans missing between two that were published, without a loss of the port between these
     lost_with_board: int = 0
     # Scans that the board took from the first that arrived after it had introduced itself to the last, less
@@ -34,12 +37,14 @@ def read_recording(path: Path) -> Recorded:
     found, decoder = Recorded(), Decoder(load_layout("board-v1"))
     taken = missing = 0
     last_sequence = last_index = offset_s = None
+    arrival_s = 0.0
     is_known = was_lost = False
     for item in read_items(path):
         if isinstance(item, Read):
             if offset_s is not None and abs(item.unix_offset_s - offset_s) > 1.0:
                 found.steps_s.append((item.arrival_s, item.unix_offset_s - offset_s))
-            offset_s = item.unix_offset_s
+            offset_s = found.last_offset_s = item.unix_offset_s
+            arrival_s = item.arrival_s
             found.last_unix_s = item.arrival_s + item.unix_offset_s
             for frame in decoder.feed(item.data):
                 if isinstance(frame, Hello):
@@ -56,6 +61,7 @@ def read_recording(path: Path) -> Recorded:
                     found.lost_with_board += item.event.index - last_index - 1
                 last_index, was_lost = item.event.index, False
                 found.scan_s.append(item.event.time_s)
+                found.age_s.append(arrival_s - item.event.time_s)
             elif isinstance(item.event, StatusEvent):
                 missing = item.event.scans_missing
     found.unaccounted = taken - len(found.scan_s) - missing
