@@ -9,7 +9,7 @@ from pathlib import Path
 
 from bench.machine.guest import Board, Guest
 from bench.machine.records import Recorded, first_after, read_recording
-from bench.processes import TACTILED
+from bench.processes import PYTHON
 from tactiled.errors import OperatorError
 
 UNIT = "tactiled@TS0001.service"
@@ -32,6 +32,7 @@ _NOW = """awk '/^now at/ { printf "%.3f", $3 / 1e9; exit }' /proc/timer_list"""
 _SLEW_S = 30.0
 _USUAL_TICK, _SLEWED_TICKS = 10_000, (10_100, 9_900)  # microseconds that each 10 ms add: 1 % each way
 _SUSPENDED_S = 20.0
+_PROGRAM = (*PYTHON, "tactiled")
 _MOST_FAILED = 5  # more than that is no matter of a busy host
 
 
@@ -335,7 +336,9 @@ def copy_disk(guest: Guest, times: int, folder: Path, found: Found) -> None:
     for number, cut_s in enumerate(found.copied_unix_s):
         copied = folder / f"{number}.qcow2"
         newest = max(_recovered(copied, folder / f"{number}"), key=lambda path: path.stat().st_mtime)
-        verified = subprocess.run([*TACTILED, "replay", "--verify", newest], capture_output=True, check=False)
+        verified = subprocess.run(
+            [*_PROGRAM, "replay", "--verify", str(newest)], capture_output=True, check=False
+        )
         found.copies_verified.append(verified.returncode == 0)
         found.lost_by_cut_s.append(cut_s - read_recording(newest).last_unix_s)
 
@@ -348,7 +351,7 @@ def _recovered(copied: Path, folder: Path) -> list[Path]:
         ["qemu-img", "convert", "-O", "raw", str(copied), str(raw)],
         ["e2fsck", "-E", "journal_only", "-p", str(raw)],
         ["debugfs", "-R", f"rdump {_PLACE} {folder}", str(raw)],
-        [*TACTILED, "recover", str(folder / Path(_PLACE).name)],
+        [*_PROGRAM, "recover", str(folder / Path(_PLACE).name)],
     ):
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode not in ((0, 1) if command[0] == "e2fsck" else (0,)):  # 1: it has mended something
