@@ -47,7 +47,8 @@ BENCHES = {
 @click.option("--quick", is_flag=True, help="Fewer seeds and cases: about a minute, coarser numbers.")
 @click.option("--json", "numbers", type=FILE, help="Also write a figure: commit, date, machine and tables.")
 @click.option("--data", type=FILES, help="recordings: folder of the checkouts.")
-def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> None:
+@click.option("--only", "parts", multiple=True, metavar="PART", help="machine: only this part.")
+def bench(name: str, quick: bool, numbers: Path | None, data: Path | None, parts: tuple[str, ...]) -> None:
     """Measure, and print tables of what was measured.
 
     clock: errors of the instants of scans. latency: from a scan's last byte to a subscriber, processor
@@ -60,20 +61,24 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None) -> No
     slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong
     answers. recordings: public recordings of other groups, beside simple rules and trees. web: bytes,
     layout shifts, processor and delay of the live page in Chromium. machine: the Debian package in a
-    virtual machine with USB adapters: setup, boot, replugs, clock, disk, memory, power cuts.
+    virtual machine with USB adapters, in the parts setup, usb, clock, shortage, power, boot, newer.
 
     Example: ./run bench slip --quick --json docs/figures/slip.json
     """
     if data is not None and name != "recordings":
         raise click.UsageError("--data is for `bench recordings`")
+    if parts and name != "machine":
+        raise click.UsageError("--only is for `bench machine`")
     if numbers is not None and not numbers.parent.is_dir():
         raise click.UsageError(f"--json: there is no folder {numbers.parent}")
     measure = getattr(import_module(BENCHES[name].module), f"bench_{name}")
     with ProgressBar(f"bench {name}", None) as progress:
-        sections: Sequence[str] = measure(progress, BenchOptions(quick, data))
+        sections: Sequence[str] = measure(progress, BenchOptions(quick, data, parts))
     click.echo("\n\n".join(sections))
     if numbers is not None:
-        command = f"./run bench {name}{' --data DIR' * (data is not None)}{' --quick' * quick}"
+        only = [f"--only {part}" for part in parts]
+        words = ["./run bench", name, *["--data DIR"] * (data is not None), *only, *["--quick"] * quick]
+        command = " ".join(words)
         numbers.write_text(as_json(command, BENCHES[name].code, sections), "utf-8")
 
 

@@ -43,6 +43,7 @@ class BenchOptions:
 
     quick: bool = False  # fewer seeds and cases
     data: Path | None = None  # folder with data of others
+    parts: tuple[str, ...] = ()  # names of the parts to do; empty for all
 
 
 def as_json(command: str, code: Sequence[str], sections: Sequence[str]) -> str:

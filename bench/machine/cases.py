@@ -1,18 +1,24 @@
-"""Cases of `bench machine`: what happens to the guest, and the measurements of each."""
+"""Cases of `bench machine`: what happens to the guest, and the aims that are judged by it.
+
+Times are seconds of the guest's clock, apart from those that a docstring names.
+"""
 
 import re
 import subprocess
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
+
+import numpy as np
 
 from bench.machine.guest import Board, Guest
 from bench.machine.records import Recorded, first_after, read_recording
 from bench.processes import PYTHON
+from bench.report import Aim, aim, at_most, median_aim, never, over_runs, ratio
 from tactiled.errors import OperatorError
 
 UNIT = "tactiled@TS0001.service"
+_ALL_UNIT = "tactiled.service"
 _CONFIG = "/etc/tactiled/TS0001.toml"
 _PLACE = "/var/lib/tactiled/TS0001"
 _METRICS_PORT = 9874
@@ -32,44 +38,14 @@ _NOW = """awk '/^now at/ { printf "%.3f", $3 / 1e9; exit }' /proc/timer_list"""
 _SLEW_S = 30.0
 _USUAL_TICK, _SLEWED_TICKS = 10_000, (10_100, 9_900)  # microseconds that each 10 ms add: 1 % each way
 _SUSPENDED_S = 20.0
+_BUSY_PROGRAMS, _BUSY_S = 4, 60.0
 _PROGRAM = (*PYTHON, "tactiled")
 _MOST_FAILED = 5  # more than that is no matter of a busy host
-
-
-@dataclass
-class Found:
-    """All that was measured; times in seconds of the guest's clock."""
-
-    system: str = ""
-    own_boot_s: float = 0.0  # to multi-user.target, without tactiled
-    fresh_s: list[float] = field(default_factory=list)  # start of the kernel to the first fresh scan
-    install_s: float = 0.0
-    timer_ms: int = 0  # latency timer of the adapter
-    setups_failed: int = 0
-    missing_files: list[str] = field(default_factory=list)  # which setup should have written
-    first_missing: int = 0  # scans, in the first 10 s
-    left_by_remove: list[str] = field(default_factory=list)
-    left_by_purge: list[str] = field(default_factory=list)
-    plugs: Recorded = field(default_factory=Recorded)
-    replugged_s: list[float] = field(default_factory=list)  # device node to the first scan
-    other_socket_s: float = 0.0
-    swapped: list[bool] = field(default_factory=list)  # whether a daemon has the other's board
-    clock: Recorded = field(default_factory=Recorded)
-    stepped_s: list[float] = field(default_factory=list)  # clock stepped to messages with its new time
-    slewed: Recorded = field(default_factory=Recorded)
-    slewed_offset_error_s: float = 0.0  # wall clock of the messages beside that of the guest
-    suspended: Recorded = field(default_factory=Recorded)
-    suspended_offset_error_s: float = 0.0
-    resumed_s: float = 0.0  # resume to the first scan taken after it
-    resumed_age_s: list[float] = field(default_factory=list)  # of the scans after it, when they arrived
-    full_disk_missing: int = 0
-    recording_again_s: float = 0.0
-    low_memory_missing: int = 0
-    low_memory_restarts: int = 0
-    verified: list[bool] = field(default_factory=list)  # recordings after cuts that were followed by a boot
-    copied_unix_s: list[float] = field(default_factory=list)  # instants of copies, by the clock of the guest
-    copies_verified: list[bool] = field(default_factory=list)  # recordings on copies of the disk
-    lost_by_cut_s: list[float] = field(default_factory=list)  # end of that recording to the copy
+_AGE_S = 0.2  # the end of a scan, its time on the wire, and what a slow processor takes to read it
+_OFFSET_MS = 5.0  # a step of less than 1 ms is not followed; reading two clocks takes the guest a millisecond
+_RESUME_S = 5.0
+_FIRST_S = 1.0  # a port is tried at least each 0.5 s (`daemon.serial.port`)
+_LOST_S = 2.0  # a recording is synced each second
 
 
 def tree(guest: Guest) -> set[str]:
@@ -96,25 +72,30 @@ def since_boot_s(guest: Guest, command: str) -> list[float]:
     return [float(line.split("]")[0].strip(" [")) for line in lines]
 
 
-def set_up(guest: Guest, found: Found, options: str = "") -> None:
-    """Let `tactiled setup` find a board; on a busy host, scans may stall while it looks."""
-    while guest.run(f"tactiled setup {options} && echo made || true").rpartition("\n")[2] != "made":
-        found.setups_failed += 1
-        if found.setups_failed > _MOST_FAILED:
-            raise OperatorError(guest.run(f"tactiled setup {options}"))
+def succeeds(guest: Guest, command: str) -> bool:
+    """Return True where a command of the shell succeeds in the guest."""
+    return guest.run(f"{{ {command}\n}} >/dev/null && echo yes || true").endswith("yes")
 
 
-def recorded(guest: Guest, board: Board, during: Callable[[], None]) -> Recorded:
+def set_up(guest: Guest, options: str = "") -> int:
+    """Let `tactiled setup` find a board, and return how often it found none: on a busy host, scans stall."""
+    for failed in range(_MOST_FAILED):
+        if guest.run(f"tactiled setup {options} && echo made || true").rpartition("\n")[2] == "made":
+            return failed
+    raise OperatorError(guest.run(f"tactiled setup {options}"))
+
+
+def recorded(guest: Guest, board: Board, during: Callable[[], None], unit: str = UNIT) -> Recorded:
     """Return what the daemon records from a new start to a stop, while something happens."""
     guest.unplug(board)  # qemu would keep what the board sends until the daemon has started
-    guest.run(f"systemctl restart {UNIT}")
+    guest.run(f"systemctl restart {unit}")
     guest.plug(board)
-    wait_until_fresh(guest)
+    wait_until_fresh(guest, unit)
     during()
-    guest.run(f"systemctl stop {UNIT}")
+    guest.run(f"systemctl stop {unit}")
     newest = guest.run(f"ls -t {_PLACE}/*.mcap | head -n 1")
     guest.mount_share()
-    guest.run(f"cp {newest} /mnt/newest.mcap; umount /mnt; systemctl start {UNIT}")
+    guest.run(f"cp {newest} /mnt/newest.mcap; umount /mnt; systemctl start {unit}")
     return read_recording(guest.share / "newest.mcap")
 
 
@@ -123,57 +104,103 @@ def monotonic_s(guest: Guest) -> float:
     return float(guest.run(_NOW))
 
 
-def offset_error_s(guest: Guest, found: Recorded) -> float:
-    """Wall clock less CLOCK_MONOTONIC, as recorded last, minus the guest's own (largest of 99 readings)."""
+def _unix_ahead_s(guest: Guest) -> float:
+    """Wall clock of the guest less that of this host."""
+    asked_s = time.time()
+    return float(guest.run("date +%s.%N")) - (asked_s + time.time()) / 2
+
+
+def _offset_error_ms(guest: Guest, found: Recorded) -> float:
+    """Wall clock less CLOCK_MONOTONIC, as recorded last, against the guest's own (largest of 99 readings)."""
     both = guest.run(
         "python3 -c 'import time; print(max(time.time() - time.monotonic() for _ in range(99)))'"
     )
-    return found.last_offset_s - float(both)
+    return 1e3 * abs(found.last_offset_s - float(both))
 
 
-# ---- cases, in the order of their run -------------------------------------------------------------------
+def _worst(age_s: list[float]) -> float:
+    """Largest age; infinite without scans, below zero if an instant is ahead of its arrival by more."""
+    return max((abs(s) for s in age_s), default=float("inf"))
 
 
-def install(guest: Guest, board: Board, found: Found) -> None:
+# ---- cases ----------------------------------------------------------------------------------------------
+
+
+def install(guest: Guest, board: Board) -> list[Aim]:
     """Install the package, set the board up, undo that, and set it up again to record."""
-    found.system = guest.run("echo Debian $(cat /etc/debian_version), Linux $(uname -r)")
-    began_s = monotonic_s(guest)
     guest.mount_share()
     guest.run("dpkg --install /mnt/*.deb; umount /mnt")
-    found.install_s = monotonic_s(guest) - began_s
     guest.plug(board)
     guest.until("test -e /dev/tactiled-TS0001")
-    found.timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))
+    timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))
     before = tree(guest)
-    set_up(guest, found)
+    failed = set_up(guest)
     wanted = (_CONFIG, "/dev/tactiled-TS0001", f"/etc/systemd/system/multi-user.target.wants/{UNIT}")
     checks = {path: f"test -e {path}" for path in wanted} | {
         "user": "id tactiled",
         "unit": f"systemctl is-active {UNIT}",
     }
-    found.missing_files = [
-        name
-        for name, check in checks.items()
-        if guest.run(f"{check} >/dev/null && echo there || true") != "there"
-    ]
+    missing = [name for name, check in checks.items() if not succeeds(guest, check)]
     guest.run("tactiled setup TS0001 --remove")
-    found.left_by_remove = sorted(before ^ tree(guest))
-    set_up(guest, found)
+    left = before ^ tree(guest)
+    failed += set_up(guest)
     guest.run(
         f"sed -i 's/^# directory/directory/' {_CONFIG}; "
         f"printf '\\n[metrics]\\nport = {_METRICS_PORT}\\n' >>{_CONFIG}; sync"
     )
+    return [
+        never("setup: configuration, unit, user, name of the port: missing", len(missing)),
+        never("setup: no board found though one is there", failed),
+        at_most("latency timer of the adapter, set by the rule", 1, timer_ms, "d", " ms"),
+        never("setup and --remove: files that differ", len(left)),
+    ]
 
 
-def first_scans(guest: Guest, found: Found) -> None:
+def first_scans(guest: Guest) -> list[Aim]:
     """Count the scans missing in the first ten seconds of a daemon that setup has started."""
     guest.run(f"systemctl restart {UNIT}")
     wait_until_fresh(guest)
     time.sleep(10.0)
-    found.first_missing = int(metrics(guest)[_MISSING])
+    missing = int(metrics(guest)[_MISSING])
+    guest.run(f"systemctl stop {UNIT}")
+    verified = succeeds(guest, f"tactiled replay --verify {_PLACE}/*.mcap")
+    return [
+        never("scans missing in the first 10 s", missing),
+        aim("its recording, verified there", "good", "good" if verified else "differs", verified),
+    ]
 
 
-def replug(guest: Guest, board: Board, times: int, found: Found) -> None:
+def without_rights(guest: Guest) -> list[Aim]:
+    """Let a user without rights, and one of group tactiled, try what they may and may not do."""
+    nobody = "setpriv --reuid=nobody --regid=nogroup --clear-groups env HOME=/tmp"
+    member = "setpriv --reuid=nobody --regid=nogroup --groups=tactiled env HOME=/tmp"
+    wait_until_fresh(guest)
+    may = [
+        f"{nobody} tactiled listen --topic status --count 1 --timeout 60",
+        f"{member} tactiled command state",
+    ]
+    may_not = [
+        f"{nobody} tactiled command state --endpoint ipc:///run/tactiled/TS0001/events.ipc",
+        f"{nobody} tactiled setup",
+        f"{nobody} ls {_PLACE}",
+        f"{nobody} head -c 1 /dev/tactiled-TS0001",
+    ]
+    refused = [not succeeds(guest, command) for command in may]
+    allowed = [succeeds(guest, command) for command in may_not]
+    return [
+        never("user without rights (subscribe on loopback), member of the group (command): refused", refused),
+        never("user without rights: command, setup, recordings, port: allowed", allowed),
+    ]
+
+
+def purge(guest: Guest, before: set[str]) -> tuple[list[Aim], list[str]]:
+    """Remove package and configuration; recordings and the user stay, as the page says."""
+    guest.run("dpkg --purge tactiled")
+    left = sorted(line for line in before ^ tree(guest) if not _STAYS.search(line))
+    return [never("installed and purged: files that differ, without recordings", len(left))], left
+
+
+def replug(guest: Guest, board: Board, times: int) -> list[Aim]:
     """Pull the adapter out and plug it in again, each time after another time; then use the other socket."""
     sockets = [1] * times + [2]
 
@@ -186,18 +213,36 @@ def replug(guest: Guest, board: Board, times: int, found: Found) -> None:
             guest.until("test -e /dev/tactiled-TS0001")
             time.sleep(5.0)
 
-    found.plugs = recorded(guest, board, plug_all)
+    found = recorded(guest, board, plug_all)
     attached_s = since_boot_s(guest, "-k | grep 'now attached to ttyUSB'")[-len(sockets) :]
-    *found.replugged_s, found.other_socket_s = [first_after(found.plugs.scan_s, s) for s in attached_s]
+    *again_s, other_socket_s = [first_after(found.scan_s, s) for s in attached_s]
+    return [
+        never(f"{times} replugs: scans unaccounted for", abs(found.unaccounted)),
+        never("replugs: scans lost with the adapter plugged in", found.lost_with_board),
+        median_aim("replugs: device node to first scan (s)", _FIRST_S, again_s, ".2f"),
+        at_most("adapter in another socket: the same", _FIRST_S, other_socket_s, ".2f", " s"),
+    ]
 
 
-def swap(guest: Guest, board: Board, other: Board, times: int, found: Found) -> None:
+def journal(guest: Guest) -> list[Aim]:
+    """Look for tracebacks and a flood of lines in what the daemon has logged since the boot."""
+    lines = guest.run(f"journalctl -b -o cat -u {UNIT}").splitlines()
+    tracebacks = sum("Traceback" in line for line in lines)
+    longest = max(len(line) for line in lines)
+    return [
+        never("journal: tracebacks", tracebacks),
+        at_most("journal: longest line, without time and unit", 300, longest, "d", " characters"),
+    ]
+
+
+def swap(guest: Guest, board: Board, other: Board, times: int) -> list[Aim]:
     """Set a second board up, and let both adapters change their sockets and their order."""
     guest.plug(other, 2)
     guest.until("test -e /dev/tactiled-TS0002")
     by_id = guest.run("ls -d /dev/serial/by-id/*TS0002*")
-    set_up(guest, found, f"--port {by_id} --tcp-port 9882")
+    set_up(guest, f"--port {by_id} --tcp-port 9882")
     units = {board.serial: UNIT, other.serial: f"tactiled@{other.serial}.service"}
+    swapped = []
     for number in range(times):
         for one in (board, other):
             guest.unplug(one)
@@ -209,12 +254,13 @@ def swap(guest: Guest, board: Board, other: Board, times: int, found: Found) -> 
         for one in pair:
             wait_until_fresh(guest, units[one.serial])
             state = guest.run(f"systemctl show -P StatusText {units[one.serial]}")
-            found.swapped.append(f"board {one.serial} " not in state)
+            swapped.append(f"board {one.serial} " not in state)
     guest.run(f"systemctl disable --now {units[other.serial]}")
     guest.unplug(other)
+    return [never("two adapters swapped: daemons with the wrong board", swapped)]
 
 
-def step_clock(guest: Guest, board: Board, found: Found) -> None:
+def step_clock(guest: Guest, board: Board) -> list[Aim]:
     """Set the wall clock an hour forward, then back."""
     at_s = []
 
@@ -225,12 +271,17 @@ def step_clock(guest: Guest, board: Board, found: Found) -> None:
             guest.run(f"date -s '{hours} hour'")
         time.sleep(5.0)
 
-    found.clock = recorded(guest, board, step)
-    steps_s = [s for s, step_s in found.clock.steps_s if abs(abs(step_s) - _HOUR_S) < 1.0]
-    found.stepped_s = [first_after(steps_s, s) for s in at_s]
+    found = recorded(guest, board, step)
+    steps_s = [s for s, step_s in found.steps_s if abs(abs(step_s) - _HOUR_S) < 1.0]
+    followed_s = max(first_after(steps_s, s) for s in at_s)
+    lost = found.lost_with_board + abs(found.unaccounted)
+    return [
+        never("clock stepped by an hour each way: scans lost or unaccounted for", lost),
+        at_most("the same: until messages follow", 2, followed_s, ".2f", " s"),
+    ]
 
 
-def slew_clock(guest: Guest, board: Board, found: Found) -> None:
+def slew_clock(guest: Guest, board: Board) -> list[Aim]:
     """Let the clock run 1 % fast, then 1 % slow, as a time service does to correct it without a step."""
 
     def slew() -> None:
@@ -242,11 +293,17 @@ def slew_clock(guest: Guest, board: Board, found: Found) -> None:
             )
             time.sleep(_SLEW_S)
 
-    found.slewed = recorded(guest, board, slew)
-    found.slewed_offset_error_s = offset_error_s(guest, found.slewed)
+    found = recorded(guest, board, slew)
+    error_ms = _offset_error_ms(guest, found)
+    lost = found.lost_with_board + abs(found.unaccounted)
+    return [
+        never("clock slewed by 1 % each way: scans lost or unaccounted for", lost),
+        at_most("the same: age of a scan when it arrives", _AGE_S, _worst(found.age_s), ".3f", " s"),
+        at_most("the same: error of the wall clock of messages", _OFFSET_MS, error_ms, ".1f", " ms"),
+    ]
 
 
-def suspend(guest: Guest, board: Board, found: Found) -> None:
+def suspend(guest: Guest, board: Board) -> list[Aim]:
     """Suspend the guest to memory while the board goes on, and resume it.
 
     The adapter is away meanwhile: qemu would keep what the board sends, which a real adapter drops.
@@ -267,14 +324,20 @@ def suspend(guest: Guest, board: Board, found: Found) -> None:
         resumed_s.append(float(guest.run("cat /run/resumed")))
         time.sleep(15.0)
 
-    found.suspended = recorded(guest, board, sleep)
-    found.suspended_offset_error_s = offset_error_s(guest, found.suspended)
-    found.resumed_s = first_after(found.suspended.scan_s, resumed_s[0])
-    pairs = zip(found.suspended.scan_s, found.suspended.age_s, strict=True)
-    found.resumed_age_s = [age_s for scan_s, age_s in pairs if scan_s > resumed_s[0]]
+    found = recorded(guest, board, sleep)
+    error_ms = _offset_error_ms(guest, found)
+    pairs = zip(found.scan_s, found.age_s, strict=True)
+    age_s = [age_s for scan_s, age_s in pairs if scan_s > resumed_s[0]]
+    first_s = first_after(found.scan_s, resumed_s[0])
+    return [
+        never("suspended to memory for 20 s: scans unaccounted for", abs(found.unaccounted)),
+        at_most("resumed: until the first scan", _RESUME_S, first_s, ".2f", " s"),
+        at_most("resumed: age of a scan when it arrives", _AGE_S, _worst(age_s), ".3f", " s"),
+        at_most("resumed: error of the wall clock of messages", _OFFSET_MS, error_ms, ".1f", " ms"),
+    ]
 
 
-def fill_disk(guest: Guest, found: Found) -> None:
+def fill_disk(guest: Guest) -> list[Aim]:
     """Fill the disk while the daemon records, then make room."""
     wait_until_fresh(guest)
     before = metrics(guest)
@@ -282,16 +345,20 @@ def fill_disk(guest: Guest, found: Found) -> None:
     guest.until(f"( {_SCRAPE} ) | grep -q 'tactiled_recording{{.*}} 0'")
     time.sleep(10.0)
     during = metrics(guest)
-    found.full_disk_missing = int(during[_MISSING] - before[_MISSING])
     guest.run("rm /fill")
     began_s = monotonic_s(guest)
     guest.until(f"( {_SCRAPE} ) | grep -q 'tactiled_recording{{.*}} 1'")
-    found.recording_again_s = monotonic_s(guest) - began_s
+    again_s = monotonic_s(guest) - began_s
+    return [
+        never("disk full for 10 s: scans lost", int(during[_MISSING] - before[_MISSING])),
+        at_most("disk has room again: until recorded", 15, again_s, ".1f", " s"),
+    ]
 
 
-def fill_memory(guest: Guest, found: Found) -> None:
+def fill_memory(guest: Guest) -> list[Aim]:
     """Leave 64 MB of memory for half a minute."""
-    before = metrics(guest)
+    wait_until_fresh(guest)
+    before, restarts = metrics(guest), int(guest.run(f"systemctl show -P NRestarts {UNIT}"))
     guest.run(
         "mount -o remount,size=100% /dev/shm; "
         "fallocate -l $(awk '/MemAvailable/ { print 1024 * $2 - 64000000 }' /proc/meminfo) /dev/shm/fill"
@@ -299,48 +366,102 @@ def fill_memory(guest: Guest, found: Found) -> None:
     time.sleep(30.0)
     after = metrics(guest)
     guest.run("rm /dev/shm/fill")
-    found.low_memory_missing = int(after[_MISSING] - before[_MISSING])
-    found.low_memory_restarts = int(guest.run(f"systemctl show -P NRestarts {UNIT}"))
+    restarts = int(guest.run(f"systemctl show -P NRestarts {UNIT}")) - restarts
+    return [
+        never("64 MB of memory left for 30 s: scans lost", int(after[_MISSING] - before[_MISSING])),
+        never("64 MB of memory left for 30 s: restarts", restarts),
+    ]
 
 
-def cut_power(guest: Guest, board: Board, times: int, found: Found) -> None:
-    """Cut the power while the daemon records, and boot again; then verify all recordings."""
+def load_processor(guest: Guest, board: Board, other: Board) -> list[Aim]:
+    """Let programs compete for the processor with one daemon for a board, then with one for two boards."""
+    busy = [f"busy-{number}" for number in range(_BUSY_PROGRAMS)]
+
+    def compete() -> None:
+        for unit in busy:
+            guest.run(f"systemd-run --quiet --unit {unit} sh -c 'while :; do :; done'")
+        time.sleep(_BUSY_S)
+        guest.run(f"systemctl stop {' '.join(busy)}")
+
+    found = [recorded(guest, board, compete)]
+    other_config = _CONFIG.replace(board.serial, other.serial)
+    guest.run(
+        f"sed s/{board.serial}/{other.serial}/ {_CONFIG} >{other_config}; "
+        f"install -d -o tactiled -g tactiled {_PLACE.replace(board.serial, other.serial)}; "
+        f"systemctl disable --now {UNIT}; systemctl enable {_ALL_UNIT}"
+    )
+    guest.plug(other, 2)
+    found.append(recorded(guest, board, compete, _ALL_UNIT))
+    restarts = sum(int(guest.run(f"systemctl show -P NRestarts {unit}")) for unit in (UNIT, _ALL_UNIT))
+    guest.run(f"systemctl disable --now {_ALL_UNIT}; systemctl enable --now {UNIT}; rm {other_config}")
+    guest.unplug(other)
+    aims = [never(f"{_BUSY_PROGRAMS} busy programs for {_BUSY_S:g} s, both units: restarts", restarts)]
+    for unit, one in zip(("tactiled@", "tactiled.service with two boards"), found, strict=True):
+        lost, late_s = one.lost_with_board + abs(one.unaccounted), float(np.percentile(one.age_s, 99))
+        aims += [
+            never(f"the same, {unit}: scans lost or unaccounted for", lost),
+            at_most(f"the same, {unit}: age of 99 % of the scans when read", _AGE_S, late_s, ".3f", " s"),
+        ]
+    return aims
+
+
+def cut_power(guest: Guest, board: Board, times: int) -> list[Aim]:
+    """Cut the power while the daemon records, and boot again; then verify all recordings in the guest."""
     guest.unplug(board)
-    guest.run(f"systemctl stop {UNIT}; rm {_PLACE}/*; systemctl start {UNIT}")
+    guest.run(f"systemctl stop {UNIT}; rm -f {_PLACE}/*; systemctl start {UNIT}")
     guest.plug(board)
     wait_until_fresh(guest)
+    cut_unix_s = []
     for number in range(times):
         time.sleep(5.0 + 0.73 * (number % 8))
+        ahead_s = _unix_ahead_s(guest)
+        time.sleep(0.31 * (number % 4))
+        cut_unix_s.append(time.time() + ahead_s)
         guest.cut_power()
         board.restart()
         guest.boot(board)
         wait_until_fresh(guest)
-        found.fresh_s += since_boot_s(guest, f"-u {UNIT} | grep -m 1 'TS0001 running'")
     guest.until(f"test $(ls {_PLACE}/*.active | wc -l) -le 1")
     guest.run(f"systemctl stop {UNIT}")
-    for name in guest.run(f"cd {_PLACE}; ls *.mcap").split():
-        found.verified.append(
-            "good" in guest.run(f"tactiled replay --verify {_PLACE}/{name} && echo good || true")
-        )
+    guest.mount_share()
+    guest.run(f"cp {_PLACE}/*.mcap /mnt; umount /mnt")
+    names = guest.run(f"cd {_PLACE}; ls *.mcap").split()  # in the order of their beginnings
+    verified = [succeeds(guest, f"tactiled replay --verify {_PLACE}/{name}") for name in names]
+    ends_s = [read_recording(guest.share / name).last_unix_s for name in names[: len(cut_unix_s)]]
+    lost_s = [cut_s - end_s for cut_s, end_s in zip(cut_unix_s, ends_s, strict=True)]
+    guest.run(f"systemctl start {UNIT}")
+    return [
+        aim("power cuts and boots: recordings that verify", "all", ratio(verified), all(verified)),
+        _at_most_lost(lost_s),
+    ]
 
 
-def copy_disk(guest: Guest, times: int, folder: Path, found: Found) -> None:
+def copy_disk(guest: Guest, times: int, folder: Path) -> list[Aim]:
     """Copy the disk at different times while the daemon records; recover and verify the recording of each."""
     wait_until_fresh(guest)
+    cut_unix_s, lost_s, verified = [], [], []
     for number in range(times):
         time.sleep(2.0 + 0.37 * (number % 11))
-        asked_s = time.time()
-        ahead_s = float(guest.run("date +%s.%N")) - (asked_s + time.time()) / 2
+        ahead_s = _unix_ahead_s(guest)
         time.sleep(0.29 * (number % 7))  # what the guest was asked has no part in the copy
-        found.copied_unix_s.append(guest.copy_disk(folder / f"{number}.qcow2") + ahead_s)
-    for number, cut_s in enumerate(found.copied_unix_s):
+        cut_unix_s.append(guest.copy_disk(folder / f"{number}.qcow2") + ahead_s)
+    for number, cut_s in enumerate(cut_unix_s):
         copied = folder / f"{number}.qcow2"
         newest = max(_recovered(copied, folder / f"{number}"), key=lambda path: path.stat().st_mtime)
-        verified = subprocess.run(
+        done = subprocess.run(
             [*_PROGRAM, "replay", "--verify", str(newest)], capture_output=True, check=False
         )
-        found.copies_verified.append(verified.returncode == 0)
-        found.lost_by_cut_s.append(cut_s - read_recording(newest).last_unix_s)
+        verified.append(done.returncode == 0)
+        lost_s.append(cut_s - read_recording(newest).last_unix_s)
+    return [
+        aim("disk as a power cut leaves it: recordings that verify", "all", ratio(verified), all(verified)),
+        _at_most_lost(lost_s),
+    ]
+
+
+def _at_most_lost(lost_s: list[float]) -> Aim:
+    is_met = max(lost_s) <= _LOST_S
+    return aim("the same: lost before the cut (s)", f"at most {_LOST_S:g}", over_runs(lost_s, ".2f"), is_met)
 
 
 def _recovered(copied: Path, folder: Path) -> list[Path]:
@@ -361,17 +482,34 @@ def _recovered(copied: Path, folder: Path) -> list[Path]:
     return list((folder / Path(_PLACE).name).glob("*.mcap"))
 
 
-def boot_without(guest: Guest, board: Board, found: Found) -> None:
-    """Boot as after the power cuts, but without the daemon."""
-    guest.run("sync")
-    guest.cut_power()
-    guest.boot(board, masked_unit=UNIT)
-    guest.until("systemctl is-active multi-user.target")
-    reached = guest.run("systemctl show -P ActiveEnterTimestampMonotonic multi-user.target")
-    found.own_boot_s = int(reached) * 1e-6
-
-
-def purge(guest: Guest, before: set[str], found: Found) -> None:
-    """Remove package and configuration; recordings and the user stay, as the page says."""
-    guest.run("dpkg --purge tactiled")
-    found.left_by_purge = sorted(line for line in before ^ tree(guest) if not _STAYS.search(line))
+def boot(guest: Guest, board: Board, times: int) -> list[Aim]:
+    """Boot after power cuts with and without the daemon, in turn."""
+    fresh_s: list[float] = []
+    target_s: list[float] = []
+    alone_s: list[float] = []
+    for masked in ("", UNIT) * times:
+        guest.run("sync")
+        guest.cut_power()
+        board.restart()
+        guest.boot(board, masked_unit=masked)
+        guest.until("systemctl is-active multi-user.target")
+        if not masked:
+            wait_until_fresh(guest)
+            fresh_s += since_boot_s(guest, f"-u {UNIT} | grep -m 1 'TS0001 running'")
+        reached = guest.run("systemctl show -P ActiveEnterTimestampMonotonic multi-user.target")
+        (alone_s if masked else target_s).append(int(reached) * 1e-6)
+    alone, target = float(np.median(alone_s)), float(np.median(target_s))
+    return [
+        median_aim(
+            f"first fresh scan over multi-user.target without the daemon ({alone:.1f} s)",
+            1.1,
+            [s / alone for s in fresh_s],
+            ".2f",
+        ),
+        median_aim(
+            f"first fresh scan over multi-user.target of the same boot ({target:.1f} s)",
+            1.1,
+            [s / own_s for s, own_s in zip(fresh_s, target_s, strict=True)],
+            ".2f",
+        ),
+    ]
