@@ -13,6 +13,7 @@ Readings are in the array's own ``unit`` and within its ``range``; its ``zero`` 
 import functools
 import itertools
 import os
+import platform
 import re
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
@@ -20,7 +21,7 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from threadpoolctl import threadpool_limits
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from tactiled import tomlfile, tomltext
 from tactiled.tomlfile import Params
@@ -34,6 +35,19 @@ threadpool_limits(limits=1, user_api="blas")
 os.environ.update(OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1")
 
 FloatArray = NDArray[np.float64]
+
+
+def numerics_words() -> str:
+    """Return the libraries here and the kind of processor that BLAS found, on which last bits depend."""
+    blas = [
+        f"{found['internal_api']} {found['version']} for {found.get('architecture', 'any processor')}"
+        for found in threadpool_info()
+        if found["user_api"] == "blas"
+    ]
+    words = [f"Python {platform.python_version()}", f"numpy {np.__version__}", *blas[:1]]
+    return ", ".join([*words, os.confstr("CS_GNU_LIBC_VERSION") or "no glibc", platform.machine()])
+
+
 Kind = Literal["side", "normal", "shear_x", "shear_y"]
 Unit = Literal["V", "count", "N", "uT", "kPa"]
 _DEFAULT_RANGE = (-8.0, 8.0)  # volts: beyond the reference of every common converter

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from tactiled import resources, tomlfile
-from tactiled.array import Array, ArrayFile, build
+from tactiled.array import Array, ArrayFile, build, numerics_words
 from tactiled.daemon.runner import ServiceParams
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.detect.suite import DetectParams
@@ -81,7 +81,8 @@ class Setup:
     def recording_header(self) -> Header:
         """Header of recordings made with this configuration."""
         board = self.config.board
-        return Header(source=load_board(board.protocol, board.array), pipeline=self.pipeline)
+        source = load_board(board.protocol, board.array)
+        return Header(source=source, pipeline=self.pipeline, computed_with=numerics_words())
 
 
 def load_config(path: Path, port_url: str | None = None) -> Setup:

@@ -1,7 +1,8 @@
-"""The number of cores makes no difference to any event."""
+"""The number of cores makes no difference to any event, and the kind of processor none to forces."""
 
 import json
 import os
+import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -43,6 +44,31 @@ def test_every_blas_has_one_thread_even_where_numpy_was_there_before(before: str
 
 def test_the_client_leaves_the_threads_of_its_program_alone() -> None:
     assert set(threads_of_blas("import numpy", "import tactiled.client")) == {2}
+
+
+FORCES = """
+import numpy as np
+from tactiled.array import load_array
+from tactiled.force.calibration import load_calibration
+from tactiled.force.estimator import ForceEstimator
+from tactiled.samples.block import regular_block
+readings = np.random.default_rng(0).normal(0.1, 0.03, (200, 36))
+estimator = ForceEstimator(load_array("wang2019-3x3"), load_calibration("wang2019-3x3"))
+print(estimator.process(regular_block(readings, 100.0)))
+"""
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="names of kinds of x86_64")
+def test_forces_are_the_same_bit_by_bit_on_processors_for_which_blas_has_other_code() -> None:
+    found = [
+        subprocess.run(
+            [sys.executable, "-c", FORCES],
+            env=os.environ | {"OPENBLAS_CORETYPE": kind}, capture_output=True, check=True, timeout=120,
+        ).stdout
+        for kind in ("Nehalem", "Haswell")
+    ]  # fmt: skip
+    assert b"fz_n" in found[0]
+    assert found[0] == found[1]
 
 
 DETECT = """

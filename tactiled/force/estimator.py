@@ -306,7 +306,7 @@ class ForceEstimator:
                 + self._walk2[axis] * estimate.touched_s
                 + estimate.missing2[axis]
             )
-            sd.append(math.sqrt(variance + (float(errors @ errors) if rank else 0.0)))
+            sd.append(math.sqrt(variance + float((errors * errors).sum())))
         return sd
 
     def _at_limit(self, readings: FloatArray, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -2,7 +2,8 @@
 
 Both models are linear in their weights, so that the standard deviation of a force follows from the covariance
 of the weights. Scans are taken one by one with arrays of fixed shapes: results do not depend on how scans
-were chunked. A product of a matrix with several scans would be rounded otherwise than with one.
+were chunked. A product of a matrix with several scans would be rounded otherwise than with one, and BLAS
+rounds otherwise on another kind of processor.
 """
 
 import itertools
@@ -28,11 +29,16 @@ _STRETCH = 20.0  # time constants that are summed at once: exp(20) of the oldest
 _RELEASED = 0.02  # of the largest load since touch, below which a contact has ended
 
 
+def times(matrix: FloatArray, scan: FloatArray) -> FloatArray:
+    """Product (rows,) of a matrix (rows, columns) with a scan (columns,), summed in one order everywhere."""
+    return np.asarray((matrix * scan).sum(axis=1))
+
+
 def times_each(matrix: FloatArray, scans: FloatArray) -> FloatArray:
     """Product (n, rows) of a matrix (rows, columns) with each of n scans (n, columns) by itself."""
     out = np.empty((len(scans), len(matrix)))
     for scan, row in zip(scans, out, strict=True):
-        np.matmul(matrix, scan, out=row)
+        row[:] = times(matrix, scan)
     return out
 
 
@@ -133,15 +139,15 @@ class PairsModel:
 
     def _unload(self, load: FloatArray) -> None:
         """Correct the loads (channels,) of a scan for the largest ones since the touch began."""
-        own = self._mean @ load
+        own = times(self._mean, load)
         np.maximum(self._peak, own, out=self._peak)
         self._peak[own < _RELEASED * self._peak] = 0.0
         load /= 1.0 + self._unloading * (1.0 - own / np.maximum(self._peak, 1e-9))
 
     def _creep(self, load: FloatArray, mean: FloatArray, step_s: float) -> None:
         """Correct the loads (channels,) of a scan for creep, and set the means of their taxels."""
-        load /= 1.0 + self._gain @ self._relaxed
-        np.matmul(self._mean, load, out=mean)
+        load /= 1.0 + (self._gain[:, np.newaxis] * self._relaxed).sum(axis=0)
+        mean[:] = times(self._mean, load)
         self._relaxed -= np.expm1(-step_s / self._time_s) * (mean - self._relaxed)
 
 

@@ -79,6 +79,7 @@ class Header:
     # None where none was known
     hello: Hello | None = None
     sync_s: float = 0.0  # interval of syncs to disk: the longest loss in a power cut
+    computed_with: str = ""  # libraries and processor of the live run (`numerics_words`)
 
     def to_metadata(self) -> dict[str, str]:
         """MCAP metadata with a checksum, because MCAP has none for metadata."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 
+from tactiled.array import numerics_words
 from tactiled.events.codec import to_map
 from tactiled.recording import contents
 from tactiled.recording.chunks import Extent
@@ -21,6 +22,7 @@ class ReplayComparison:
 
     # The pipeline was new where the recording begins; otherwise the live detectors had earlier data
     fresh: bool
+    computed_with: str = ""  # libraries and processor of the live run
     compared: int = 0  # number of events compared
     difference: str = ""  # description of the first difference; empty where there is none
     dropped_reads: int = 0  # reads that the recorder had to drop
@@ -66,6 +68,11 @@ class ReplayComparison:
             words = "no event is equal" if self.difference else "no events: nothing could be compared"
         if self.difference:
             words += f"; first difference {self.difference}"
+            if self.computed_with not in ("", here := numerics_words()):
+                words += (
+                    f"; the live run was computed with {self.computed_with}, this replay with {here}: "
+                    "these may differ in the last bits"
+                )
         if not self.fresh:
             words += "; the recording begins in the middle of a run: add the earlier parts, if there are any"
         if self.dropped_reads:
@@ -100,7 +107,7 @@ def replay(
     """
     seqs: dict[str, int] = {}
     steps = Replay(paths, reached)
-    comparison = ReplayComparison(steps.header.fresh)
+    comparison = ReplayComparison(steps.header.fresh, steps.header.computed_with)
     for step in steps:
         comparison.compare(step)
         for replayed in step.now:

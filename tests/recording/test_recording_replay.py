@@ -11,6 +11,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from recordings import HEADER, SOURCE, UNIX_OFFSET_S, items, record, simulated_reads, write_step
 
+from tactiled.array import numerics_words
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.errors import DataError
 from tactiled.events.codec import encode
@@ -261,10 +262,16 @@ def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: li
     assert len(half) > len(whole) // 4
 
 
-def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
+@pytest.mark.parametrize(
+    ("computed_with", "is_named"), [("", False), (numerics_words(), False), ("numpy 9 for Zen", True)]
+)
+def test_a_changed_bit_is_found(
+    tmp_path: Path, reads: list[Read], computed_with: str, *, is_named: bool
+) -> None:
     """Written anew with one event changed in the last place: the check is not blind."""
     pipeline = Pipeline(SOURCE.layout, SOURCE.array)
-    session = RecordingSession(RecordParams(min_free_mb=0), HEADER, tmp_path / "a.mcap", 0.0)
+    header = replace(HEADER, computed_with=computed_with)
+    session = RecordingSession(RecordParams(min_free_mb=0), header, tmp_path / "a.mcap", 0.0)
     for k, read in enumerate(reads[:200]):
         outputs = pipeline.receive_data(read.data, read.arrival_s)
         if k == 150:
@@ -277,6 +284,7 @@ def test_a_changed_bit_is_found(tmp_path: Path, reads: list[Read]) -> None:
     assert not verdict.is_good
     assert verdict.compared < 200
     assert f"first difference at {reads[150].arrival_s:.6f} s: live" in verdict.words()
+    assert ("computed with numpy 9 for Zen, this replay with" in verdict.words()) == is_named
 
 
 def test_nothing_is_compared_after_dropped_reads(tmp_path: Path, reads: list[Read]) -> None:
