@@ -13,6 +13,7 @@ from tactiled.outside import json_of, name_of, read_text
 from tactiled.setup.plan import SetupPlan
 
 Say = Callable[[str], None]
+_LONGEST_S = 200.0  # of a command; systemd gives the start of the unit 180 s
 # Where a plan has files: nothing else is removed, whatever a list of written files says.
 _OURS = re.compile(r"/etc/(tactiled|sysusers\.d|systemd/system|udev/rules\.d)/[A-Za-z0-9][A-Za-z0-9_.@-]*")
 
@@ -89,7 +90,7 @@ def run_commands(commands: Sequence[tuple[str, ...]], say: Say) -> None:
     """Run commands of the system; one that fails is reported and does not stop the others."""
     for command in commands:
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+            done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST_S, check=False)
             words = "" if done.returncode == 0 else f": failed: {done.stderr.strip() or done.returncode}"
         except (OSError, subprocess.TimeoutExpired) as error:
             words = f": not run: {error}"
