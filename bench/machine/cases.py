@@ -126,10 +126,14 @@ def _worst(age_s: list[float]) -> float:
 # ---- cases ----------------------------------------------------------------------------------------------
 
 
-def install(guest: Guest, board: Board) -> list[Aim]:
-    """Install the package, set the board up, undo that, and set it up again to record."""
+def install(guest: Guest) -> None:
+    """Install the package of the shared folder."""
     guest.mount_share()
     guest.run("dpkg --install /mnt/*.deb; umount /mnt")
+
+
+def set_up_board(guest: Guest, board: Board) -> list[Aim]:
+    """Set the board up, undo that, and set it up again to record."""
     guest.plug(board)
     guest.until("test -e /dev/tactiled-TS0001")
     timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))

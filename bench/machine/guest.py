@@ -121,11 +121,6 @@ class Guest:
             self._process.send_signal(signal.SIGCONT)
         return at_s
 
-    def keep_disk(self, copy: Path) -> None:
-        """Keep the disk, which the guest has synced and which is switched off, as a raw file."""
-        command = ["qemu-img", "convert", "-O", "raw", str(self._layer), str(copy)]
-        subprocess.run(command, check=True)
-
     def cut_power(self) -> None:
         """Kill the machine, if it runs."""
         if self._process is not None:
