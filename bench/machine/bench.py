@@ -93,17 +93,17 @@ def _part_shortage(bench: _Bench) -> list[str]:
 
 
 def _part_power(bench: _Bench) -> list[str]:
-    """Power cuts while the daemon records."""
+    """Disks as power cuts leave them while the daemon records."""
     with _installed(bench, "power") as guest:
         aims = cases.copy_disk(guest, bench.times(20), bench.folder)
-        aims += cases.cut_power(guest, bench.board, bench.times(4))
         return [_words(guest), aims_table(aims)]
 
 
 def _part_boot(bench: _Bench) -> list[str]:
-    """Times from power on to the first fresh scan."""
+    """Power cuts, each with a boot, and the times from power on to the first fresh scan."""
     with _installed(bench, "boot") as guest:
-        aims = cases.boot(guest, bench.board, bench.times(3))
+        aims = cases.cut_power(guest, bench.board, bench.times(3))
+        aims += cases.boot(guest, bench.board, bench.times(3))
         return [_words(guest), aims_table(aims)]
 
 
