@@ -180,10 +180,10 @@ def _package(suite: str) -> Path:
     return package
 
 
-def _with_package(suite: str) -> Image:
-    """Disk of a Debian whose own dpkg has installed the package, on the processor of this host."""
+def _with_package(suite: str, *, is_set_up: bool = False) -> Image:
+    """Disk of a Debian whose own dpkg has installed the package on this host; with a board, where set up."""
     image = make_image(suite)
-    disk = _kept(image, "package", ".raw")
+    disk = _kept(image, "installed" if is_set_up else "package", ".raw")
     if not disk.exists():
         with tempfile.TemporaryDirectory(dir=disk.parent) as folder:
             copy, root = Path(folder, "disk"), Path(folder, "root")
@@ -195,6 +195,11 @@ def _with_package(suite: str) -> Image:
                 command = ["chroot", str(root), "dpkg", "--install", "/package.deb"]
                 subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
                 (root / "package.deb").unlink()
+                if is_set_up:
+                    (root / cases.CONFIG.lstrip("/")).write_text(cases.CONFIG_TEXT)
+                    wants = root / f"etc/systemd/system/multi-user.target.wants/{cases.UNIT}"
+                    wants.parent.mkdir(exist_ok=True)
+                    wants.symlink_to("/usr/lib/systemd/system/tactiled@.service")
             finally:
                 subprocess.run(["umount", str(root)], check=True)
             copy.rename(disk)
@@ -202,17 +207,7 @@ def _with_package(suite: str) -> Image:
 
 
 def _installed(bench: _Bench, name: str) -> Guest:
-    """Return a running guest of Debian 12 with the package, set up and with the board plugged in."""
-    image = _with_package("bookworm")
-    disk = _kept(image, "installed", ".raw")
-    if disk.exists():
-        guest = Guest(Image(disk, image.kernel, image.initrd), bench.folder / name)
-        guest.boot(bench.board)
-    else:
-        guest = Guest(image, bench.folder / name)
-        guest.boot()
-        cases.set_up_board(guest, bench.board)
-        guest.copy_disk(bench.folder / "installed.qcow2")
-        command = ["qemu-img", "convert", "-O", "raw", str(bench.folder / "installed.qcow2"), str(disk)]
-        subprocess.run(command, check=True)
+    """Return a running guest of Debian 12 with the package, and the board plugged in."""
+    guest = Guest(_with_package("bookworm", is_set_up=True), bench.folder / name)
+    guest.boot(bench.board)
     return guest

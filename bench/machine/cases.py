@@ -19,9 +19,22 @@ from tactiled.errors import OperatorError
 
 UNIT = "tactiled@TS0001.service"
 _ALL_UNIT = "tactiled.service"
-_CONFIG = "/etc/tactiled/TS0001.toml"
+CONFIG = "/etc/tactiled/TS0001.toml"
 _PLACE = "/var/lib/tactiled/TS0001"
 _METRICS_PORT = 9874
+CONFIG_TEXT = f"""\
+[port]
+url = "/dev/tactiled-TS0001"
+[board]
+protocol = "board-v1"
+array = "wang2019-3x3"
+[session]
+board_serial = "TS0001"
+[record]
+directory = "{_PLACE}"
+[metrics]
+port = {_METRICS_PORT}
+"""
 _SCRAPE = (
     f"exec 3<>/dev/tcp/127.0.0.1/{_METRICS_PORT}; printf 'GET /metrics HTTP/1.0\\r\\n\\r\\n' >&3; cat <&3"
 )
@@ -139,7 +152,7 @@ def set_up_board(guest: Guest, board: Board) -> list[Aim]:
     timer_ms = int(guest.run("cat /sys/bus/usb-serial/devices/ttyUSB0/latency_timer"))
     before = tree(guest)
     failed = set_up(guest)
-    wanted = (_CONFIG, "/dev/tactiled-TS0001", f"/etc/systemd/system/multi-user.target.wants/{UNIT}")
+    wanted = (CONFIG, "/dev/tactiled-TS0001", f"/etc/systemd/system/multi-user.target.wants/{UNIT}")
     checks = {path: f"test -e {path}" for path in wanted} | {
         "user": "id tactiled",
         "unit": f"systemctl is-active {UNIT}",
@@ -148,10 +161,7 @@ def set_up_board(guest: Guest, board: Board) -> list[Aim]:
     guest.run("tactiled setup TS0001 --remove")
     left = before ^ tree(guest)
     failed += set_up(guest)
-    guest.run(
-        f"sed -i 's/^# directory/directory/' {_CONFIG}; "
-        f"printf '\\n[metrics]\\nport = {_METRICS_PORT}\\n' >>{_CONFIG}; sync"
-    )
+    guest.run(f"printf '%s' '{CONFIG_TEXT}' >{CONFIG}; sync")
     return [
         never("setup: configuration, unit, user, name of the port: missing", len(missing)),
         never("setup: no board found though one is there", failed),
@@ -388,9 +398,9 @@ def load_processor(guest: Guest, board: Board, other: Board) -> list[Aim]:
         guest.run(f"systemctl stop {' '.join(busy)}")
 
     found = [recorded(guest, board, compete)]
-    other_config = _CONFIG.replace(board.serial, other.serial)
+    other_config = CONFIG.replace(board.serial, other.serial)
     guest.run(
-        f"sed s/{board.serial}/{other.serial}/ {_CONFIG} >{other_config}; "
+        f"sed s/{board.serial}/{other.serial}/ {CONFIG} >{other_config}; "
         f"install -d -o tactiled -g tactiled {_PLACE.replace(board.serial, other.serial)}; "
         f"systemctl disable --now {UNIT}; systemctl enable {_ALL_UNIT}"
     )
