@@ -95,8 +95,8 @@ def _part_shortage(bench: _Bench) -> list[str]:
 def _part_power(bench: _Bench) -> list[str]:
     """Disks as power cuts leave them while the daemon records."""
     with _installed(bench, "power") as guest:
-        aims = cases.copy_disk(guest, bench.times(20), bench.folder)
-        return [_words(guest), aims_table(aims)]
+        aims, difference = cases.copy_disk(guest, bench.times(20), bench.folder)
+        return [_words(guest), aims_table(aims), *filter(None, [difference])]
 
 
 def _part_boot(bench: _Bench) -> list[str]:

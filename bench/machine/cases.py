@@ -450,10 +450,13 @@ def cut_power(guest: Guest, board: Board, times: int) -> list[Aim]:
     ]
 
 
-def copy_disk(guest: Guest, times: int, folder: Path) -> list[Aim]:
-    """Copy the disk at different times while the daemon records; recover and verify the recording of each."""
+def copy_disk(guest: Guest, times: int, folder: Path) -> tuple[list[Aim], str]:
+    """Copy the disk at different times while the daemon records; recover and verify the recording of each.
+
+    Returns what the first recording that does not verify differs by, too.
+    """
     wait_until_fresh(guest)
-    cut_unix_s, lost_s, verified = [], [], []
+    cut_unix_s, lost_s, verified, difference = [], [], [], ""
     for number in range(times):
         time.sleep(2.0 + 0.37 * (number % 11))
         ahead_s = _unix_ahead_s(guest)
@@ -463,14 +466,16 @@ def copy_disk(guest: Guest, times: int, folder: Path) -> list[Aim]:
         copied = folder / f"{number}.qcow2"
         newest = max(_recovered(copied, folder / f"{number}"), key=lambda path: path.stat().st_mtime)
         done = subprocess.run(
-            [*_PROGRAM, "replay", "--verify", str(newest)], capture_output=True, check=False
+            [*_PROGRAM, "replay", "--verify", str(newest)], capture_output=True, text=True, check=False
         )
         verified.append(done.returncode == 0)
+        if done.returncode:
+            difference = difference or f"Does not verify: {(done.stdout + done.stderr).strip()[-500:]}"
         lost_s.append(cut_s - read_recording(newest).last_unix_s)
     return [
         aim("disk as a power cut leaves it: recordings that verify", "all", ratio(verified), all(verified)),
         _at_most_lost(lost_s),
-    ]
+    ], difference
 
 
 def _at_most_lost(lost_s: list[float]) -> Aim:

@@ -87,7 +87,7 @@ def _settings(found: Study) -> str:
         between = "{} to {}".format(*map(_rate, found.interval(reports.motion.total)))
         counts = [_reports(reports.quiet), _reports(reports.motion)]
         rows.append([name, f"{at.incipient:g}", f"{at.gross:g}", *counts, between])
-    head = ["setting", "incipient p", "gross p", "slips in hold", "in motion", "per hour, 95 %"]
+    head = ["setting", "incipient p", "gross p", "slips, hold", "in motion", "per hour, 95 %"]
     return table(head, rows) + (
         "\nNothing slipped as a whole: every report of gross slip is false. An incipient slip may be true, "
         "since a tenth of the contact area may slip in an object that stays in the hand."
