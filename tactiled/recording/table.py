@@ -94,8 +94,8 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     ``.csv``: a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the like, or ``sec`` and
     ``nanosec``), then one column per channel in channel order, with commas, semicolons or tabs between; an
     empty cell or ``nan`` is a missing reading, and a row without any reading a missing scan, which is left
-    out. Without a column of times, the rate spaces the rows. Further columns of times, which never fall, are
-    left out with a warning, unless `columns` names the channels.
+    out. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
+    warning, unless `columns` names the channels.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -233,16 +233,17 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | N
                     f"{path}: the first line has numbers only; write a line of names above it, or in its "
                     "place where it is the header"
                 )
-            if twins := sorted({name for name in header if name and header.count(name) > 1}):
-                raise DataError(f"{path}: two columns have the same name: {', '.join(twins)}; rename one")
             times = _times_of_header(path, header, options)
             stamps = [header.index(name) for name in times.used]
+            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
             needed = (
                 _chosen(path, header, options.columns, stamps)
                 if options.columns
-                else [k for k in range(len(header)) if k not in stamps]
+                else [k for k in range(len(header)) if k not in left_out]
             )
-            spare = set() if options.columns else {header.index(name) for name in times.unused}
+            used = {header[column] for column in (*stamps, *needed)}
+            if twins := sorted(name for name in used if name and header.count(name) > 1):
+                raise DataError(f"{path}: two columns have the same name: {', '.join(twins)}; rename one")
             numbers = array("d")  # it grows in place
             for cells in reader:
                 if not cells:
@@ -252,30 +253,13 @@ def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | N
                     raise DataError(
                         f"{path}: line {line} has {len(cells)} cells, the header has {len(header)}"
                     )
-                numbers.extend(
-                    [
-                        _number_or_nan(cells[column])
-                        if column in spare
-                        else _number(cells[column], path, line)
-                        for column in (*stamps, *needed)
-                    ]
-                )
+                numbers.extend([_number(cells[column], path, line) for column in (*stamps, *needed)])
                 _check_size(path, numbers.itemsize * len(numbers))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
     table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
     time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else None
-    readings = table[:, len(stamps) :]
-    if spare:  # a channel may have the name of a time, as response_time
-        clocks = {column for k, column in enumerate(needed) if column in spare and _is_clock(readings[:, k])}
-        times = times._replace(unused=tuple(name for name in times.unused if header.index(name) in clocks))
-        readings = readings[:, [column not in clocks for column in needed]]
-    return times, time_s, readings
-
-
-def _is_clock(values: FloatArray) -> bool:
-    """Return whether a column goes on as a clock does, or has no numbers."""
-    return bool((np.diff(values[np.isfinite(values)]) >= 0).all())
+    return times, time_s, table[:, len(stamps) :]
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -315,13 +299,6 @@ def _number(cell: str, path: Path, line: int) -> float:
     except ValueError:
         comma = "; write decimals with a point" if "," in cell else ""
         raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
-
-
-def _number_or_nan(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
 
 
 def _counts(header: Sequence[str]) -> bool:

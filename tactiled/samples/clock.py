@@ -164,7 +164,7 @@ class ClockFit:
             self._n_early = 0
             self._drop = min(self._drop, self._drop + above)
         number = math.floor(x / self._params.bucket_s)
-        if number != self._bucket.number:
+        if number > self._bucket.number:  # ticks that go back belong to the bucket that is open
             if len(self._bucket):
                 self._close_bucket()
             self._bucket = Bucket(self._params.bucket_s, number)
@@ -271,7 +271,9 @@ class ClockFit:
         self._n_unanswered = 0 if bucket.has_answer else self._n_unanswered + 1
         if self._n_unanswered >= self.UNANSWERED_BUCKETS:
             self._is_pinged = False
-        if self._is_backlog(band, bucket.newest_s):
+        # Ticks that went back may make a band no later than the one before: a line needs two instants.
+        is_later = not self._bands or band.high_x > self._bands[-1].high_x
+        if not is_later or self._is_backlog(band, bucket.newest_s):
             return
         self._bands.append(band)
         if len(self._bands) > 1:

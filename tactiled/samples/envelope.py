@@ -96,8 +96,8 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     Parameters
     ----------
     bands : sequence of Band
-        At least two, in increasing x. A bound that contradicts newer ones is ignored: the line has bent since
-        then (a clock was slewed), or the bound was wrong.
+        At least two, whose `high_x` increases. A bound that contradicts newer ones is ignored: the line has
+        bent since then (a clock was slewed), or the bound was wrong.
     max_slope : float
         Expected largest slope.
     steepest : float
@@ -125,8 +125,9 @@ def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int
     floor = least - max_slope * span
     top = max(band.high for band in bands) + max_slope * span
     polygon: list[Point] = [(floor, floor), (top, floor), (top, top), (floor, top)]
-    polygon = _clip(polygon, -1.0, 1.0, max_slope * span)
-    polygon = _clip(polygon, 1.0, -1.0, max_slope * span)
+    # Never empty, whatever the numbers: the compiled form reads corners without a check.
+    polygon = _clip(polygon, -1.0, 1.0, max_slope * span) or polygon
+    polygon = _clip(polygon, 1.0, -1.0, max_slope * span) or polygon
     held, contradicted = 0, False
     for band in reversed(bands):
         u = (band.high_x - x0) / span

@@ -179,20 +179,12 @@ def test_a_second_column_of_times_is_no_channel(
     assert not caplog.text
 
 
-def test_a_channel_with_the_name_of_a_time_is_kept_where_it_falls(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text("time_s,response_time,wall_time,a\n0,3,x,1\n0.01,2,y,2\n0.02,5,z,3\n")
-    assert read_table(path)[1].tolist() == [[3.0, 1.0], [2.0, 2.0], [5.0, 3.0]]
-    assert "left out: wall_time (" in caplog.text
-
-
 def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("time_s,a,b,a\n0,1,2,3\n0.01,1,2,3\n")
     with pytest.raises(DataError, match="two columns have the same name: a; rename one"):
         read_table(path)
+    assert read_table(path, TableOptions(columns=["b"]))[1].tolist() == [[2.0], [2.0]]
 
 
 @pytest.mark.parametrize("names", ["sec,nsec", "sec,nanosec", "header.stamp.secs,header.stamp.nsecs"])

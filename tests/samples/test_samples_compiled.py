@@ -70,18 +70,22 @@ def test_instants_of_a_line_with_delays_stalls_and_steps(seed: int, bunch_s: flo
     stalled = rng.random(len(at_s)) < 0.01
     arrivals_s = np.maximum.accumulate(arrivals_s + np.where(stalled, rng.exponential(0.3, len(at_s)), 0.0))
     arrivals_s[300:] += rng.choice([0.0, 0.0, -0.1])
+    # Ticks that go back or forth, for one scan or from one on.
+    glitches = rng.random(len(at_s)) < rng.choice([0.0, 0.02])
+    board_s = at_s + np.where(glitches, rng.normal(0.0, 0.3, len(at_s)), 0.0)
+    board_s[rng.integers(1, 5) :] += rng.choice([0.0, -0.05])
     if bunch_s:
         arrivals_s = np.ceil(arrivals_s / bunch_s) * bunch_s
     before_s = 0.0
-    for board_s, arrival_s in zip(at_s.tolist(), arrivals_s.tolist(), strict=True):
+    for tick_s, arrival_s in zip(board_s.tolist(), arrivals_s.tolist(), strict=True):
         found = []
         for fit, (bucket_type, through) in zip((plain, fast), parts, strict=True):
             with pytest.MonkeyPatch.context() as patch:
                 patch.setattr(clock, "Bucket", bucket_type)
                 patch.setattr(clock, "lines_through", through)
-                fit.add(board_s, arrival_s, arrival_s - before_s, whole=bunch_s == 0)
-                if pings and round(37 * board_s) % 20 == 0:
-                    fit.answered(board_s, arrival_s - 0.004, arrival_s - 0.001)
-                found.append((*fit.time_of(board_s), fit.drift_ppm))
+                fit.add(tick_s, arrival_s, arrival_s - before_s, whole=bunch_s == 0)
+                if pings and round(37 * tick_s) % 20 == 0:
+                    fit.answered(tick_s, arrival_s - 0.004, arrival_s - 0.001)
+                found.append((*fit.time_of(tick_s), fit.drift_ppm))
         assert found[0] == found[1]
         before_s = arrival_s

@@ -51,6 +51,7 @@ _TURN, _LEAST_TURNS = 0.75, 2
 # at most so many standard deviations: short taps have more.
 _BOTH_SIDES, _CREST = 0.5, 3.0
 _MOST_RESTS = 8  # choice: seconds at rest of which the swing is the mean
+_STOPPED = 0.25  # choice: of the variance of a swing: a second with less shows that it has stopped
 _RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
 # physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
 # the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
@@ -306,7 +307,8 @@ class RestSwing:
     zero several times in a second. The second in which a taxel does that is one of rest, and the spread of
     its readings is what the taxel swings by. A spread that the differences from scan to scan explain is
     noise, and no swing. Once a taxel is known to swing, seconds in which it stays below its level of contact
-    count, too.
+    count, too. A second with a much smaller spread, of a rest or of a hold, shows that the swing has stopped:
+    it is forgotten.
 
     The mean of the taxels is another unit, the last one.
 
@@ -397,7 +399,9 @@ class RestSwing:
             above, below = self.highest[k] - mean, mean - self.lowest[k]
             is_even = above <= _CREST * sqrt(variance) and above <= below / _BOTH_SIDES
             is_spread = variance > _STATED_SMALL * _STATED_SMALL * white
-            if is_spread and ((has_turned and is_even) or (is_known and self.highest[k] <= level)):
+            if is_known and variance < _STOPPED * self.power[k]:
+                self.n_rests[k], self.power[k] = 0, 0.0
+            elif is_spread and ((has_turned and is_even) or (is_known and self.highest[k] <= level)):
                 self.n_rests[k] = min(self.n_rests[k] + 1, _MOST_RESTS) if is_whole else 0
                 self.power[k] += (variance - self.power[k]) / max(1, self.n_rests[k])
             elif is_known and self.highest[k] <= level:

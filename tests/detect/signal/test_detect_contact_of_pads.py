@@ -293,3 +293,21 @@ def test_readings_that_swing_at_rest_are_no_contact_and_a_touch_in_them_is_one(
         found.append(in_contact[touch > 0.2].mean())
     assert float(np.mean(at_rest)) < 0.04
     assert min(found) > 0.99
+
+
+@pytest.mark.parametrize("array", [COUNTS, pad("count", "shear_x", "shear_y", "normal")])
+@pytest.mark.parametrize("rest_s", [0.0, 2.0])
+def test_a_hold_after_a_swing_is_in_contact_within_seconds(array: Array, rest_s: float) -> None:
+    """The swing has stopped, so that its level no longer counts: also while something is held."""
+    declared = replace(array, zero=np.zeros(array.n_channels), zero_first_s=0.3)
+    rng, time_s = np.random.default_rng(3), np.arange(round(30 * RATE_HZ)) / RATE_HZ
+    swing = np.where((time_s > 2) & (time_s < 5), np.sin(2 * np.pi * 6 * time_s), 0.0)
+    held_from_s = 5.0 + rest_s
+    of_channel = np.where(np.array(array.channel_kind) == "normal", 1.0, 0.1)
+    load = 20 * NOISE * swing + 100 * NOISE * (time_s > held_from_s)
+    values = load[:, np.newaxis] * of_channel + NOISE * rng.normal(size=(len(time_s), array.n_channels))
+    suite = build_suite(declared, DetectParams(), topics=("slip", "contact"))
+    changes = [one for one in suite.process(regular_block(values, RATE_HZ)) if isinstance(one, ContactEvent)]
+    is_on = np.array([False, *(event.state != "none" for event in changes)])
+    in_contact = is_on[np.searchsorted([e.time_s for e in changes], time_s, side="right")]
+    assert in_contact[time_s > held_from_s + 2.5].all()
