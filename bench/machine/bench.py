@@ -76,12 +76,17 @@ def _part_usb(bench: _Bench) -> list[str]:
 
 
 def _part_clock(bench: _Bench) -> list[str]:
-    """Clocks that are stepped and slewed, and suspend."""
+    """Clocks that are stepped and slewed."""
     with _installed(bench, "clock") as guest:
         aims = cases.step_clock(guest, bench.board)
         aims += cases.slew_clock(guest, bench.board)
-        aims += cases.suspend(guest, bench.board)
         return [_words(guest), aims_table(aims)]
+
+
+def _part_suspend(bench: _Bench) -> list[str]:
+    """Suspend to memory, and resume."""
+    with _installed(bench, "suspend") as guest:
+        return [_words(guest), aims_table(cases.suspend(guest, bench.board))]
 
 
 def _part_shortage(bench: _Bench) -> list[str]:
@@ -120,6 +125,7 @@ _PARTS: dict[str, Callable[[_Bench], list[str]]] = {
     "setup": _part_setup,
     "usb": _part_usb,
     "clock": _part_clock,
+    "suspend": _part_suspend,
     "shortage": _part_shortage,
     "power": _part_power,
     "boot": _part_boot,
