@@ -33,7 +33,7 @@ _INPUTS = ("tactiled", "packages", "config", "protocols", "systemd", "requiremen
 
 @dataclass
 class _Bench:
-    """What the parts share: boards, a folder, and how often each case is done."""
+    """Boards and folder of a part, and how often each of its cases is done."""
 
     folder: Path
     board: Board

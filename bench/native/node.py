@@ -49,7 +49,7 @@ class NodeRun:
 
     @property
     def of_node_ms(self) -> float:
-        """The same beyond what a bare publisher and subscriber take."""
+        """Median delay that the node adds to that of a bare publisher and subscriber of rclcpp."""
         return self.beyond_zmq_ms - self.median_ms("rclcpp")
 
 

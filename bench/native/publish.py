@@ -19,7 +19,7 @@ BOARD, RUN = "TS0001", 7
 _PERIOD_S = 0.01  # messages at 100 Hz
 _STATUS_EVERY = 10  # messages
 _SETTLE = 100  # messages that are left out at the beginning: caches, the first answer to the client
-_STATUS = StatusEvent(
+STATUS = StatusEvent(
     time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.004, clock_sd_s=2e-5,
     clock_rate_ppm=21.4, rate_hz=100.0, scans=123456, frames_corrupt=3, scans_missing=2, scans_duplicate=0,
     restarts=1, bytes_in=9876543, bytes_framed=9876000, bytes_discarded=500, bytes_pending=43, connects=1,
@@ -64,7 +64,7 @@ class Publisher:
     def send_status(self) -> None:
         """Send a status, and answer what was asked."""
         sent = Sent(**{self._topic: len(self.sent_ns)})
-        status = replace(_STATUS, uptime_s=time.monotonic(), sent=sent)
+        status = replace(STATUS, uptime_s=time.monotonic(), sent=sent)
         self._events.send_multipart(self._frames(status, self._statuses))
         self._statuses += 1
         while self._control.poll(0):

@@ -1,4 +1,4 @@
-"""What each scan runs through on its way to an instant, compiled where the installation has a compiler."""
+"""Counters, buckets and lines of the clock, compiled where the installation has a compiler."""
 
 from typing import TYPE_CHECKING
 

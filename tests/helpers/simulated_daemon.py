@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
+from bench.native.publish import STATUS
 from tactiled.daemon.zmq.network import Network
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
@@ -20,19 +21,12 @@ from tactiled.events.types import (
     RecordingEvent,
     ScanEvent,
     SlipEvent,
-    StatusEvent,
 )
 
 STATUS_S = 0.1
 INFO_S = 1.0
 N_CHANNELS = 36
 _TURN_S = 0.005
-_STATUS = StatusEvent(
-    time_s=0.0, state="running", valid=True, reason="", warning="", age_s=0.004, clock_sd_s=2e-5,
-    clock_rate_ppm=21.4, rate_hz=100.0, scans=123456, frames_corrupt=3, scans_missing=2, scans_duplicate=0,
-    restarts=1, bytes_in=9876543, bytes_framed=9876000, bytes_discarded=500, bytes_pending=43, connects=1,
-    contact="holding", slipping=False, uptime_s=1234.5,
-)  # fmt: skip
 _INFO = InfoEvent(
     time_s=0.0, board_serial="", firmware_version="1.4.2", protocol="tactiled-36", protocol_version=2,
     array_id="wang2019-3x3", channels=N_CHANNELS, taxels=9, x_mm=tuple(3.5 * (k % 3) for k in range(9)),
@@ -166,7 +160,7 @@ class SimulatedDaemon:
         if turn.count(1 / INFO_S):
             send(replace(_INFO, board_serial=board), _RECORDING)
         if turn.count(1 / STATUS_S):
-            send(replace(_STATUS, uptime_s=turn.now_s, sent=publisher.sent(board)))
+            send(replace(STATUS, uptime_s=turn.now_s, sent=publisher.sent(board)))
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ class ContactTracker(Pressure):
 
     @property
     def swing_of_mean(self) -> float:
-        """What a swing of the mean pressure of the taxels at rest does not reach."""
+        """Level that a swing at rest of the mean pressure of the taxels does not reach."""
         return self.swing.level(self.n_taxels)
 
     def interrupt(self, n_missing: int) -> None:

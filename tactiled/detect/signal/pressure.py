@@ -45,7 +45,8 @@ CONTACT_SDS = 12.0
 # derived: standard deviations of a swing of the readings that are no contact: as many as are left of noise
 _SWING_SDS = CONTACT_SDS / _STATED_SMALL
 # prior: a swing is of several hertz: within a second it passes this part of the level of contact above zero,
-# below and above again, or the other way round. No press does, nor does noise below zero.
+# below and above again, or the other way round. A press does so only on a zero that was taken under load;
+# noise below zero does not.
 _TURN, _LEAST_TURNS = 0.75, 2
 # prior: a swing leaves its mean to both sides, to either by this part of the other at least, and its peak has
 # at most so many standard deviations: short taps have more.
@@ -303,12 +304,12 @@ class RestSwing:
     """Swing of the pressures of taxels at rest, as standard deviation about the mean of a second.
 
     Some skins swing at several hertz while nothing touches them, by several times what differs from scan to
-    scan: their noise at rest has a spectrum. No press makes a pressure pass a level above zero and one below
-    zero several times in a second. The second in which a taxel does that is one of rest, and the spread of
-    its readings is what the taxel swings by. A spread that the differences from scan to scan explain is
-    noise, and no swing. Once a taxel is known to swing, seconds in which it stays below its level of contact
-    count, too. A second with a much smaller spread, of a rest or of a hold, shows that the swing has stopped:
-    it is forgotten.
+    scan: their noise at rest has a spectrum. On a right zero, no press makes a pressure pass a level above
+    zero and one below zero several times in a second. The second in which a taxel does that is one of rest,
+    and the spread of its readings is what the taxel swings by. A spread that the differences from scan to
+    scan explain is noise, and no swing. Once a taxel is known to swing, seconds in which it stays below its
+    level of contact count, too. A second with a much smaller spread, of a rest or of a hold, shows that the
+    swing has stopped: it is forgotten.
 
     The mean of the taxels is another unit, the last one.
 

@@ -1,9 +1,11 @@
 """Answers of the slip bench, from events made by hand."""
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 import pytest
+from slips import slip_at
 
 from bench.slip.cases import Case, Reported
 from bench.slip.score import (
@@ -39,22 +41,7 @@ def case(*, slips: bool = True) -> Case:
 def event(
     kind: Literal["incipient", "gross"], detected_s: float, state: Literal["onset", "end"] = "onset"
 ) -> SlipEvent:
-    return SlipEvent(
-        time_s=detected_s,
-        state=state,
-        kind=kind,
-        onset_s=detected_s,
-        onset_sd_s=0.0,
-        direction_deg=-175.0,
-        direction_sd_deg=10.0,
-        confidence=1.0,
-        taxels=(),
-        detector="",
-        statistic=1.0,
-        threshold=1.0,
-        valid=True,
-        detected_s=detected_s,
-    )
+    return replace(slip_at(detected_s, -175.0, 10.0), state=state, kind=kind)
 
 
 TRUE = [event("incipient", 2.5), event("gross", 4.01), event("gross", 6.05, "end")]
