@@ -16,6 +16,7 @@ import os
 import platform
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -39,12 +40,16 @@ FloatArray = NDArray[np.float64]
 
 def numerics_words() -> str:
     """Return the libraries here and the kind of processor that BLAS found, on which last bits depend."""
-    blas = [
-        f"{found['internal_api']} {found['version']} for {found.get('architecture', 'any processor')}"
-        for found in threadpool_info()
-        if found["user_api"] == "blas"
-    ]
-    words = [f"Python {platform.python_version()}", f"numpy {np.__version__}", *blas[:1]]
+    # scipy may have brought another BLAS, and libraries are listed by their random addresses.
+    blas = min(
+        (found for found in threadpool_info() if found["user_api"] == "blas"),
+        key=lambda found: "numpy" not in Path(found["filepath"]).parent.name,
+        default=None,
+    )
+    words = [f"Python {platform.python_version()}", f"numpy {np.__version__}"]
+    if blas:
+        processor = blas.get("architecture", "any processor")
+        words.append(f"{blas['internal_api']} {blas['version']} for {processor}")
     return ", ".join([*words, os.confstr("CS_GNU_LIBC_VERSION") or "no glibc", platform.machine()])
 
 

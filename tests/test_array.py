@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info
 
 from tactiled import resources, tomlfile
-from tactiled.array import Array, ArrayFile, build, load_array
+from tactiled.array import Array, ArrayFile, build, load_array, numerics_words
 from tactiled.errors import ConfigError
 
 SIDES = [
@@ -222,3 +223,14 @@ def test_an_array_is_loaded_from_a_path(tmp_path: Path) -> None:
     assert load_array(str(path)).n_taxels == 16
     with pytest.raises(ConfigError, match=r"lap\.toml: no such file; beside it there are: lab"):
         load_array(str(tmp_path / "lap.toml"))
+
+
+def test_the_libraries_named_do_not_depend_on_the_addresses_they_were_loaded_at(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    import scipy.linalg  # noqa: F401  # brings a BLAS of its own
+
+    blas = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+    for listed in (threadpool_info(), threadpool_info()[::-1]):
+        monkeypatch.setattr("tactiled.array.threadpool_info", lambda listed=listed: listed)
+        assert f"{blas['version']} for" in numerics_words()

@@ -263,7 +263,9 @@ def test_half_a_recording_gives_the_events_of_its_half(tmp_path: Path, reads: li
 
 
 @pytest.mark.parametrize(
-    ("computed_with", "is_named"), [("", False), (numerics_words(), False), ("numpy 9 for Zen", True)]
+    ("computed_with", "is_named"),
+    [("", False), (numerics_words(), False), ("numpy 9 for Zen", True)],
+    ids=["unknown", "here", "elsewhere"],
 )
 def test_a_changed_bit_is_found(
     tmp_path: Path, reads: list[Read], computed_with: str, *, is_named: bool
