@@ -13,16 +13,14 @@ from tactiled.errors import ConfigError
 
 
 @click.command()
-@click.option(
-    "--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture of the first slip."
-)
+@click.option("--out", type=FILE, default=Path("demo.png"), show_default=True, help="Picture of the slips.")
 @click.option("--web", "page", is_flag=True, help="Show the live page instead, until Ctrl-C.")
 @click.option("--port", default=8765, show_default=True, type=click.IntRange(0, 65535), help="Of the page.")
 @click.option("--no-browser", is_flag=True, help="With --web: only print the address.")
 def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
     """Run board emulator, daemon and subscriber for half a minute; print a table and write two pictures.
 
-    One shows the first slip; the other, with -log at the end of its name, all that was read and found. The
+    One shows the slips; the other, with -log at the end of its name, all that was read and found. The
     exit code is 1 if an estimate is wrong or missing, or if this host is too slow for the test.
 
     Example: tactiled demo --out /tmp/demo.png

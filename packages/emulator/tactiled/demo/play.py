@@ -20,7 +20,7 @@ import numpy as np
 from tactiled import child
 from tactiled.array import load_array
 from tactiled.demo.comparison import HEAD, Host, compare, finds_end_s, true_releases, true_slides
-from tactiled.demo.first_slip import draw_first_slip
+from tactiled.demo.slip_picture import draw_slips
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.truth import TruePhase, TrueSlip, Truth
@@ -136,7 +136,7 @@ def _judge(
     if seen.time_s:
         whole = picture.with_stem(f"{picture.stem}-log")
         title = _draw(picture, whole, seen, truth, slides, t0_s)
-        click.echo(f"\n{title}.\npictures: {picture} (the first slip), {whole} (all that was read and found)")
+        click.echo(f"\n{title}.\npictures: {picture} (the slips), {whole} (all that was read and found)")
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
@@ -196,7 +196,7 @@ def _draw(
         time_s=t0_s + instant_s[played],
         utilisation=truth.utilisation(instant_s[played]),
     )
-    title = draw_first_slip(picture, seen.events, shown)
+    title = draw_slips(picture, seen.events, shown)
     array = load_array("wang2019-3x3")
     time_s, volts = np.array(seen.time_s), np.array(seen.volts)
     draw_log(whole, array, time_s, volts, seen.events, "tactiled demo", truth=shown)
