@@ -65,7 +65,7 @@ def course_of(arguments: Mapping[str, Any]) -> tuple[FloatArray, FloatArray]:
     Raises
     ------
     DataError
-        It is none; recordings may be of others.
+        The lists are no course: a recording may come from another program.
     """
     try:
         time_s = np.array(arguments["time_s"], dtype=np.float64)

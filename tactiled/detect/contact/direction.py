@@ -57,10 +57,10 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     if size <= 1e-9 or turns:
         return Direction(0.0, UNKNOWN_SD_DEG)
     total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
-    slides = is_gross or contact.p_sliding > 0.5 * contact.p_incipient
+    slides = is_gross or contact.p_sliding_now > 0.5 * contact.p_incipient
     if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
         return _opposed_to(total, _spread(now, contact))
-    turn = _open_turn(along, total, contact.own_friction[1])
+    turn = _open_turn(along, total, contact.friction_now[1])
     bend = _bend(totals[start:] - before.sum(axis=1), along, size)
     angle = _TURNS * turn + (bend if slides else 0.0)
     sd = math.hypot(_spread(now - before, contact), _TURNS_SD * turn, (_BEND_LEFT if slides else 1.0) * bend)

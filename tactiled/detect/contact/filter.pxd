@@ -89,7 +89,7 @@ cdef class ContactFilter:
     cdef public Memory memory
     cdef public FrictionMemory friction_memory
     cdef public Posterior posterior
-    cdef public SlipHysteresis gate
+    cdef public SlipHysteresis hysteresis
     cdef public double[::1] sign_row, over_load, row, past
     cdef public long long[::1] columns
     cdef public long n_look, n_kept, n_past, newest

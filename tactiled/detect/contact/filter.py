@@ -82,7 +82,8 @@ _MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: les
 # tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
 # and 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
 _OFF, _OFF_S = 1.0 / 3.0, 0.15
-# prior: probability below which a slip closes at once: a slide that turns back is another one
+# prior: probability below which a slip closes at once, if its threshold is higher: a slide that turns back
+# is another one
 _SURELY_OVER = 0.02
 _GROWN = 1.1  # prior: of the least ratio since a slip closed, beyond which the next incipient one may open
 _SURELY = 3.0  # choice: standard deviations: what noise may make is no slip
@@ -97,7 +98,7 @@ INCIPIENT_USED = 1.0 - (1.0 - INCIPIENT_SHARE) ** 1.5
 EDGES = (0.0, INCIPIENT_USED, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0)  # choice
 N_STATES = len(EDGES)
 """Cells of utilisation, and sliding, which is the last one."""
-LEAST_GROSS_USED = 0.9  # choice
+LEAST_GROSS_USED = 0.9  # choice: the cell below sliding
 """Utilisation, at least, while a gross slip is open: what slides bears its limit, up to uneven friction."""
 # physical: probability of sliding where a ripple travels: hands that hold had one in 2 windows of 1.7 h
 RIPPLE_P = 0.99
@@ -122,7 +123,9 @@ _AVERAGE_S = 0.04
 # --- what is published
 NEEDED_UTILISATION = 0.7  # choice
 """Utilisation that `needed_load` would leave."""
-_SURELY_FALLS = 2.0  # choice: standard deviations by which the ratio falls where a contact is unloaded
+# choice: standard deviations by which the ratio falls where a contact is unloaded: less shear, or a firmer
+# grip
+_SURELY_FALLS = 2.0
 _UNKNOWN_USED = (0.0, 0.5, 1.0)  # derived: utilisation of a contact whose beginning nobody saw
 _LEAST_LOAD = 1e-9  # derived
 _HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
@@ -317,9 +320,8 @@ def kept_load(log_load_change: float) -> float:
 class FrictionMemory:
     """Friction of what is held, as a normal distribution of its logarithm; it outlives the contact.
 
-    What is told as a slide measures it, and what is borne without a slide is a lower bound. A rest of a
-    minute whose signs are doubtful teaches nothing. The next contact is most likely of the same hand and
-    object.
+    What is told as a slide measures it, and what is borne without a slide is a lower bound. The next contact
+    is most likely of the same hand and object.
 
     Parameters
     ----------
@@ -365,7 +367,8 @@ class FrictionMemory:
         Parameters
         ----------
         p_sliding : float
-            Of the look before, by the posterior. A slide that is no likelier than a rest teaches nothing.
+            Of the look before, by the posterior. A slide that is no likelier than a rest teaches nothing,
+            however long it seems to last.
         kept : float
             Part of the load that is left: `kept_load`.
         """
@@ -399,8 +402,8 @@ class SlipHysteresis:
 
     def begin(self, *, is_seen: bool = True) -> None:
         """Begin a contact: one that was seen to begin had no shear before."""
-        self.is_open = False
-        self.close()
+        self.is_open = self.is_gross = False
+        self.n_low = self.n_looks = 0
         self.least, self.ratio = 0.0 if is_seen else _INFINITE, _INFINITE
 
     @property
@@ -434,9 +437,9 @@ class SlipHysteresis:
             self.n_low = 0
         elif self.is_open:
             p = p_sliding if self.is_gross else p_incipient
-            is_low = p < _OFF * (self.gross_p if self.is_gross else self.incipient_p)
-            self.n_low = self.n_low + 1 if is_low else 0
-            if self.n_low >= self.n_off or p < _SURELY_OVER:
+            low = _OFF * (self.gross_p if self.is_gross else self.incipient_p)
+            self.n_low = self.n_low + 1 if p < low else 0
+            if self.n_low >= self.n_off or p < min(low, _SURELY_OVER):
                 self.is_open = self.is_gross = False
                 self.least = ratio
         elif p_incipient >= self.incipient_p and ratio >= _GROWN * self.least + _SURELY * ratio_sd:
@@ -504,7 +507,8 @@ class Posterior:
         soon_scores : (4,) float
             Of no gross slip within 300 ms, and of one within 300, 100 and 50 ms.
         signs_odds : float
-            Log odds of sliding by the trees of the signs.
+            Log odds of sliding by the trees of the signs, of this look and within limits; high where a ripple
+            travels.
         log_friction, variance : float
             Of the logarithm of friction, as a ratio, when the contact began.
         has_zero : bool
@@ -681,7 +685,7 @@ class ContactFilter:
 
     Attributes
     ----------
-    gate : SlipHysteresis
+    hysteresis : SlipHysteresis
         Slips at these two probabilities, which what is published follows.
     is_begun : bool
         The contact has a look: its load was large enough to tell.
@@ -729,7 +733,7 @@ class ContactFilter:
         self.memory = Memory(self.base_odds)
         self.friction_memory = FrictionMemory(friction / self.per_friction, log_sd)
         self.posterior = Posterior(self.look_s)
-        self.gate = SlipHysteresis(incipient_p, gross_p, self.look_s)
+        self.hysteresis = SlipHysteresis(incipient_p, gross_p, self.look_s)
         self.columns = array("q", [NAMES.index(name) for name in STATE_SIGNS])
         self.row = _zeros(len(STATE_SIGNS) + len(MEMORY_NAMES))
         # Each access to an array of a compiled class makes a view, which takes a microsecond.
@@ -744,7 +748,7 @@ class ContactFilter:
         self.memory.begin_contact()
         self.friction_memory.begin_contact()
         self.posterior.begin()
-        self.gate.begin(is_seen=is_seen)
+        self.hysteresis.begin(is_seen=is_seen)
         self.is_known = is_seen
         self.is_begun = self.is_look = False
         self.n_past = self.newest = 0
@@ -756,7 +760,8 @@ class ContactFilter:
         """Begin windows anew, after a gap in which the contact went on."""
         self.signs.restart()
         self.posterior.is_begun = False
-        self.gate.close()
+        self.hysteresis.close()
+        self.publish()
 
     def weigh(self, total_x: float, total_y: float, moment: float, load: float) -> None:
         """Take the sums of a scan whose load is too small to tell."""
@@ -799,8 +804,8 @@ class ContactFilter:
         if self.is_look:
             self.look(noise, acceleration, has_zero)
         if not may_slip:
-            self.gate.close()
-        if self.is_look:
+            self.hysteresis.close()
+        if self.is_look or not may_slip:
             self.publish()
         self.is_begun = True
         self.weigh(signs.total_x, signs.total_y, signs.moment, signs.total_load)
@@ -817,7 +822,7 @@ class ContactFilter:
         p = max(p, RIPPLE_P) if ripple_travels else p
         kept = kept_load(self.sign_row[LOAD_CHANGE])
         if has_zero:
-            friction.learn(self.p_sliding, self.ratio, kept, self.look_s)
+            friction.learn(self.p_sliding_now, self.ratio, kept, self.look_s)
         self.memory.take(p, self.ratio, self.look_s, kept)
         n = len(self.columns)
         for k in range(n):
@@ -836,22 +841,22 @@ class ContactFilter:
             has_zero,
             ripple_travels,
         )
-        self.gate.look(self.p_incipient, self.p_sliding, self.ratio, self.ratio_sd)
-        self.is_known = self.is_known or has_zero or self.gate.is_gross
-        self.slid_at = max(self.slid_at, self.ratio) if self.gate.is_gross else 0.0
+        self.hysteresis.look(self.p_incipient, self.p_sliding_now, self.ratio, self.ratio_sd)
+        self.is_known = self.is_known or has_zero or self.hysteresis.is_gross
+        self.slid_at = max(self.slid_at, self.ratio) if self.hysteresis.is_gross else 0.0
 
     def publish(self) -> None:
         """Fill in the posterior as it is published."""
-        posterior, gate, friction = self.posterior, self.gate, self.friction_memory
+        posterior, slips, friction = self.posterior, self.hysteresis, self.friction_memory
         posterior.publish(
-            gate.is_gross, _OFF * gate.gross_p, self.ratio, friction.log_mean, friction.variance
+            slips.is_gross, _OFF * slips.gross_p, self.ratio, friction.log_mean, friction.variance
         )
-        if gate.is_gross:
+        if slips.is_gross:
             slid_at = self.per_friction * max(self.slid_at, _LEAST_BORNE)
             self.friction = LEAST_GROSS_USED * slid_at, slid_at, slid_at / LEAST_GROSS_USED
             self.p_gross = 1.0, 1.0, 1.0
         else:
-            self.friction = self.own_friction
+            self.friction = self.friction_now
             self.p_gross = posterior.soon
 
     def _keep(self, time_s: float) -> None:
@@ -860,7 +865,7 @@ class ContactFilter:
         self.newest = self.newest + 1 if self.newest + 1 < self.n_kept else 0
         self.n_past = min(self.n_past + 1, self.n_kept)
         at = self.newest * width
-        self.past[at], self.past[at + 1] = time_s, self.p_sliding
+        self.past[at], self.past[at + 1] = time_s, self.p_sliding_now
         self.past[at + 2] = self.total_x / self.load
         self.past[at + 3] = self.total_y / self.load
         self.past[at + 4] = self.moment / self.load
@@ -889,11 +894,11 @@ class ContactFilter:
         state: GripState = "unknown"
         if not is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
             low, median, high = _UNKNOWN_USED
-            if self.gate.is_open:
+            if self.hysteresis.is_open:
                 state, low = "partial", INCIPIENT_USED
-        elif self.gate.is_gross:
+        elif self.hysteresis.is_gross:
             state = "gross"
-        elif self.gate.is_open:
+        elif self.hysteresis.is_open:
             state = "partial"
             median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
         elif self.signs.growth < -_SURELY_FALLS * (sqrt(2.0) * self.ratio_sd / self.growth_s):
@@ -928,8 +933,8 @@ class ContactFilter:
         )
 
     @property
-    def p_sliding(self) -> float:
-        """Probability that all of the contact slides, by the looks of late, whichever slip is open."""
+    def p_sliding_now(self) -> float:
+        """Probability that all of the contact slides, whichever slip is open."""
         return self.posterior.cells[N_STATES - 1]
 
     @property
@@ -938,7 +943,7 @@ class ContactFilter:
         return 1.0 - self.posterior.cells[0]
 
     @property
-    def own_friction(self) -> tuple[float, float, float]:
+    def friction_now(self) -> tuple[float, float, float]:
         """Quantiles of friction of 5, 50 and 95 %, in units of the readings, whichever slip is open."""
         low, median, high = self.posterior.friction
         return self.per_friction * low, self.per_friction * median, self.per_friction * high

@@ -229,7 +229,7 @@ class GripDetector:
             if self._changed:
                 assert self.tracker is not None
                 events.append(contact_event(item, row, self.tracker))
-            if self._readings is not None and self._slips.kind != self._filter.gate.kind:
+            if self._readings is not None and self._slips.kind != self._filter.hysteresis.kind:
                 events += self._follow_slip(item, row, self._readings)
             if message is not None:
                 events.append(message)
@@ -244,7 +244,7 @@ class GripDetector:
         if touches and (contact := self.contact) is not None:
             events += slips.step(contact, self._last_s, float(block.time_sd_s[row]), valid=is_valid)
         elif slips.open is not None:  # readings that are lost look like a contact that is lost
-            events.append(slips.end(self._last_s, valid=is_valid and readings.is_read))
+            events.append(slips.end(self._filter, self._last_s, valid=is_valid and readings.is_read))
         if touches:
             tracker.go(_CONTACT_OF_SLIP[slips.kind])
             events.append(contact_event(block, row, tracker))
@@ -282,7 +282,7 @@ class GripDetector:
         is_seen, self._is_after_gap = not self._is_after_gap, False
         if readings.is_lost:
             contact.friction_memory.widen(_MODEL_SD)
-            contact.gate.settle()
+            contact.hysteresis.settle()
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load, swing)
         if self._is_cut:
             self._is_cut = False
@@ -355,7 +355,7 @@ class GripDetector:
 
     def _end_contact(self, readings: TaxelReadings) -> None:
         self._is_held = False
-        self._filter.gate.close()
+        self._filter.hysteresis.close()
         readings.release()
         if self._is_friction_due:
             self._is_friction_due = False
@@ -407,7 +407,7 @@ class GripDetector:
         """Return the ends of slip, contact and grip events, not valid: nobody saw them."""
         events: list[Event] = []
         if self._readings is not None and self._slips.open is not None:
-            events.append(self._slips.end(self._last_s, valid=False))
+            events.append(self._slips.end(self._filter, self._last_s, valid=False))
         if self.tracker is not None and self.tracker.state != "none":
             events.append(lost_contact_event(self._last_s, self.tracker.state))
         if self._is_told:

@@ -54,5 +54,5 @@ def shipped_trees() -> Mapping[str, Any]:
 
 @functools.cache
 def shipped_learnt() -> Learnt:
-    """Return the trees that are shipped, made once: detectors read their scores before the next row."""
+    """Return the trees that are shipped, made once: each detector reads the scores right after `evaluate`."""
     return learnt_from(shipped_trees())

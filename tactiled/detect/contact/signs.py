@@ -26,7 +26,7 @@ MOVE_S = (0.08, 0.16, 0.3, 0.5)  # choice
 LEVELS = (1, 2, 3)  # choice
 GROWTH_S = 0.08  # choice
 _MEAN_S = 0.3  # choice: the longest horizon of a prediction
-_LONGEST_S = 1.0  # choice: memory of the signs; the longer one is `Memory`
+_LONGEST_S = 1.0  # choice: longest window of a sign; `largest` and `dropped_from` last as long as the contact
 _LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
 _TINY = 1e-12  # derived
 _EVEN = 0.03  # prior: of the mean load: where loads differ by less, they say nothing of the shears
@@ -38,6 +38,7 @@ _DROP_S = 0.1  # prior: so long a jerk takes
 _LONG_AGO_S = 1.0  # prior: times beyond are all the same: longer ones tell what the hand does, not the skin
 # choice: parts of the newest ratio; when it was last below each of them tells in which course it grew.
 _PARTS = (0.5, 0.9, 0.95, 0.98)
+_LAST_PART = 0.2  # derived: (0.98 - 0.9) / (0.9 - 0.5) of `_PARTS`: in an even growth
 _KEPT = 0.1  # prior: change of the ratio, in parts of it, up to which a course tells how it came about
 # choice: a ripple of 0.2 to 20 Hz between two leaky means, and the time over which its delays are averaged.
 _RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S = 0.03, 0.8, 1.5
@@ -390,7 +391,7 @@ class Signs:
             least_s = 0.5 * self.look_s
             self.grown_to = now
             self.log_growth_s = log(max(self.since[0] - self.since[2], least_s))
-            even_s = 0.2 * max(self.since[0] - self.since[1], least_s)
+            even_s = _LAST_PART * max(self.since[0] - self.since[1], least_s)
             self.growth_slows = log(max(self.since[1] - self.since[3], least_s) / even_s)
         elif abs(now - self.grown_to) > _KEPT * self.grown_to:
             self.log_growth_s = self.growth_slows = _UNKNOWN
@@ -513,7 +514,7 @@ def _neighbours(x: Sequence[float], y: Sequence[float]) -> list[int]:
     if len(places) < 2:
         return pairs
     nearest = [
-        min(((a - c) ** 2 + (b - d) ** 2, j) for j, (c, d) in enumerate(places) if j != i)[0]
+        min((a - c) ** 2 + (b - d) ** 2 for j, (c, d) in enumerate(places) if j != i)
         for i, (a, b) in enumerate(places)
     ]
     limit = 1.5 * sorted(nearest)[len(nearest) // 2]  # squared: next to, and not across

@@ -12,7 +12,7 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import AVERAGED, AVERAGED_S, direction, opposed
-from tactiled.detect.contact.filter import FIVE_PERCENT, INCIPIENT_USED, RIPPLE_P, ContactFilter
+from tactiled.detect.contact.filter import FIVE_PERCENT, INCIPIENT_USED, ContactFilter
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
@@ -66,23 +66,23 @@ class PosteriorSlips:
         self, contact: ContactFilter, time_s: float, time_sd_s: float, *, valid: bool
     ) -> list[SlipEvent]:
         """Take the newest scan of a contact and return the slip events that it completes."""
-        gate = contact.gate
+        now = contact.hysteresis
         events: list[SlipEvent] = []
-        if self.open is not None and not gate.is_open:
-            events.append(self.end(time_s, valid=valid))
-            contact.forget_past()
-        if gate.is_open and self.open is None:
+        if self.open is not None and not now.is_open:
+            events.append(self.end(contact, time_s, valid=valid))
+        if now.is_open and self.open is None:
             onset = self._slip(contact, time_s, time_sd_s, "incipient", valid=valid)
             events.append(onset)
             self.open = onset
-        if gate.is_gross and self.open is not None and self.open.kind == "incipient":
+        if now.is_gross and self.open is not None and self.open.kind == "incipient":
             self.open = self._slip(contact, time_s, time_sd_s, "gross", valid=valid)
             events.append(self.open)
         return events
 
-    def end(self, time_s: float, *, valid: bool) -> SlipEvent:
-        """End the slip that goes on, and return its end."""
+    def end(self, contact: ContactFilter, time_s: float, *, valid: bool) -> SlipEvent:
+        """End the slip that goes on, and return its end; the next one begins later."""
         assert self.open is not None
+        contact.forget_past()
         ended = dataclasses.replace(self.open, state="end", time_s=time_s, detected_s=time_s, valid=valid)
         self.open = None
         return ended
@@ -105,8 +105,7 @@ class PosteriorSlips:
             began_s, sd_s = self._began(limits, contact, past)
             towards = direction(contact, past.shear, self._n_averaged, is_gross=is_gross)
         if is_gross:
-            p, threshold = contact.p_sliding, contact.gate.gross_p
-            p = max(p, RIPPLE_P if contact.rippled_s else 0.0)
+            p, threshold = contact.p_sliding_now, contact.hysteresis.gross_p
             taxels = np.flatnonzero(past.shear[-1].any(axis=0)).tolist()  # not those that are out
             began_s = max(began_s, self.open.onset_s if self.open else began_s)
             if not contact.rippled_s:
@@ -116,7 +115,7 @@ class PosteriorSlips:
                 began_s = max(began_s, float(past.time_s[unlikely[-1]]) if len(unlikely) else 0.0)
                 sd_s = math.hypot(sd_s, (time_s - began_s) / math.sqrt(12))
         else:
-            p, threshold = contact.p_incipient, contact.gate.incipient_p
+            p, threshold = contact.p_incipient, contact.hysteresis.incipient_p
             taxels = _slipping_taxels(contact, past.shear[-1])
         return SlipEvent(
             time_s=began_s,
@@ -138,7 +137,7 @@ class PosteriorSlips:
     def _began(self, limit: FloatArray, contact: ContactFilter, past: Past) -> tuple[float, float]:
         """Return mean and sd of the instant at which the ratio last rose beyond limits (n,), all as likely.
 
-        Limits that the ratio has not met count as being met now.
+        Limits that the ratio does not meet now are left out; where it meets none, it meets all of them now.
         """
         time_s, size = past.time_s, past.size
         below = size[:, np.newaxis] < limit
@@ -159,7 +158,7 @@ class PosteriorSlips:
 
 def _friction(contact: ContactFilter) -> FloatArray:
     """Return values of friction that are equally likely."""
-    low, median, high = contact.own_friction
+    low, median, high = contact.friction_now
     return np.asarray(median * np.exp(_SDS * math.log(high / low) / (2 * FIVE_PERCENT)))
 
 
@@ -169,5 +168,5 @@ def _slipping_taxels(contact: ContactFilter, shear: FloatArray) -> list[int]:
     Where a tenth of the contact slips, so does the taxel that uses most, if no other.
     """
     load = np.maximum(np.array(contact.signs.scan_load) / contact.signs.total_load, _LEAST_PART)
-    used = np.where(load > _LEAST_PART, np.sqrt((shear**2).sum(axis=0)) / load / contact.own_friction[1], 0.0)
+    used = np.where(load > _LEAST_PART, np.sqrt((shear**2).sum(axis=0)) / load / contact.friction_now[1], 0.0)
     return np.flatnonzero(used >= min(INCIPIENT_USED, used.max())).tolist()

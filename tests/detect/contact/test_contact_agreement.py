@@ -14,6 +14,7 @@ from bench.worlds.world import World
 from tactiled.detect.contact.filter import INCIPIENT_USED, LEAST_GROSS_USED, SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
+from tactiled.samples.block import Gap
 
 HANDS = {
     "laws": ("pull", "ease"),
@@ -36,19 +37,34 @@ def worlds(request: pytest.FixtureRequest) -> list[World]:
 
 
 @functools.cache
-def told(world: World, setting: str) -> Sequence[Event]:
+def told(world: World, setting: str, has_gaps: bool) -> Sequence[Event]:
+    """Events of a world, as it is or with a gap of four scans in every half a second."""
     at = SETTINGS[setting]
-    params = GripParams(incipient_p=at.incipient, gross_p=at.gross)
-    return GripDetector(world.array, params).process(world.block)
+    detector = GripDetector(world.array, GripParams(incipient_p=at.incipient, gross_p=at.gross))
+    if not has_gaps:
+        return detector.process(world.block)
+    events: list[Event] = []
+    length = round(world.rate_hz / 2)
+    for start in range(0, len(world.block), length):
+        events += detector.process(world.block[start : start + length - 4])
+        events += detector.process(Gap(4, "missing", start + length))
+    return events
 
 
-@pytest.mark.parametrize("setting", sorted(SETTINGS))
-def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], setting: str) -> None:
+either_way = pytest.mark.parametrize(
+    ("setting", "has_gaps"), [*((name, False) for name in sorted(SETTINGS)), ("fast", True)]
+)
+
+
+@either_way
+def test_every_message_agrees_with_the_slip_that_is_open(
+    worlds: list[World], setting: str, has_gaps: bool
+) -> None:
     n_gross = 0
     for world in worlds:
         slip: SlipEvent | None = None
         contact = "none"
-        for event in told(world, setting):
+        for event in told(world, setting, has_gaps):
             if isinstance(event, SlipEvent):
                 slip = event if event.state == "onset" else None
             elif isinstance(event, ContactEvent):
@@ -65,18 +81,22 @@ def test_every_message_agrees_with_the_slip_that_is_open(worlds: list[World], se
                     assert event.friction_low <= event.friction <= event.friction_high
                     size = event.needed_load * 0.7 * event.friction_low
                     assert size >= 0.999 * math.hypot(event.shear_x, event.shear_y)
-                elif kind == "incipient":
-                    assert event.state == "partial"
-                    assert event.utilisation >= INCIPIENT_USED
+                else:
+                    assert event.p_gross_50ms < 1.0
+                    if kind == "incipient":
+                        assert event.state == "partial"
+                        assert event.utilisation >= INCIPIENT_USED
     assert n_gross > 0
 
 
-@pytest.mark.parametrize("setting", sorted(SETTINGS))
-def test_a_slip_begins_after_the_one_before_has_ended(worlds: list[World], setting: str) -> None:
+@either_way
+def test_a_slip_begins_after_the_one_before_has_ended(
+    worlds: list[World], setting: str, has_gaps: bool
+) -> None:
     """A contact whose slide has just ended shows a fall of shear, which is no growth towards another slip."""
     for world in worlds:
         ended_s = -math.inf
-        for event in told(world, setting):
+        for event in told(world, setting, has_gaps):
             if isinstance(event, SlipEvent):
                 assert event.onset_s >= ended_s - ROUNDING_S or event.state == "end"
                 ended_s = event.time_s if event.state == "end" else ended_s

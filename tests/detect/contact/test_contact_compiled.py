@@ -111,14 +111,14 @@ def test_the_whole_filter(seed: int, pull: float, gross_p: float) -> None:
             if k == 90:
                 contact.restart()
             if k == 100:
-                contact.gate.settle()
+                contact.hysteresis.settle()
                 contact.friction_memory.widen(0.1)
             reading = np.concatenate([load, *shear])
             contact.take(
                 k / 100, reading, np.zeros(18), 1e-3, math.nan, k > 20, float(k % 70 > 60), k % 50 > 2
             )
             events.append(contact.event(k / 100, True, False))
-        found.append((events, bits(contact.kept_scans()), bits(contact.row), contact.own_friction))
+        found.append((events, bits(contact.kept_scans()), bits(contact.row), contact.friction_now))
     assert found[0] == found[1]
 
 

@@ -21,8 +21,8 @@ def found(course: FloatArray, *, is_gross: bool = False, spread: float = 0.0, n:
     past = np.array([np.repeat(total[:, np.newaxis] / n, n, axis=1) * gains for total in course])
     contact = SimpleNamespace(
         signs=SimpleNamespace(ratio_noise=1e-4),
-        own_friction=(0.7, 0.8, 0.9),
-        p_sliding=0.3 * is_gross,
+        friction_now=(0.7, 0.8, 0.9),
+        p_sliding_now=0.3 * is_gross,
         p_incipient=0.9,
         load=1.0,
         total_x=course[-1, 0],

@@ -158,6 +158,13 @@ def test_a_slide_that_is_surely_over_closes_at_once() -> None:
     assert not gate.is_open
 
 
+def test_a_slip_at_a_low_threshold_stays_open_while_it_is_as_likely() -> None:
+    gate = SlipHysteresis(0.9, 0.01, LOOK_S)
+    for _ in range(20):
+        gate.look(0.015, 0.015, 0.5, 0.0)
+        assert gate.is_gross == (gate.n_looks > gate.n_settle)
+
+
 def odds_of(scores: Sequence[float]) -> float:
     """Log odds of sliding by scores of the states."""
     return scores[-1] - math.log(sum(map(math.exp, scores[:-1])))
@@ -181,7 +188,7 @@ POSITIVE = st.lists(st.floats(0.001, 1), min_size=N_STATES, max_size=N_STATES)
 def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], is_gross: bool) -> None:
     contact = ContactFilter(Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S), silent(), 100.0, 0.6, 0.6, 0.9, 0.5)
     contact.posterior = posterior(weights)
-    contact.gate.is_gross = contact.gate.is_open = is_gross
+    contact.hysteresis.is_gross = contact.hysteresis.is_open = is_gross
     contact.ratio = contact.slid_at = 0.5
     contact.publish()
     low, median, high = contact.posterior.utilisation
@@ -198,7 +205,7 @@ def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], i
         assert contact.posterior.p_sliding >= 0.5 / 3
         assert contact.friction == pytest.approx((0.45, 0.5, 0.5 / 0.9))
     else:
-        assert contact.posterior.p_sliding == contact.p_sliding
+        assert contact.posterior.p_sliding == contact.p_sliding_now
 
 
 @given(POSITIVE, st.floats(-30, 30), st.floats(1e-6, 1e6), st.floats(0.05, 3), st.booleans(), st.booleans())
