@@ -138,7 +138,7 @@ class Pipeline:
         self._assembler.reset()
         self.tuning.reset()
         self.late_fits: list[int] = []
-        """Due scans of the groove fits that were not ready in the last `detect`."""
+        """Due scans of the groove fits that were not ready in the last `detect` since `receive`."""
         self._tuned_for = ""
         self.hello: Hello | None = None
         self._frames = 0
@@ -160,7 +160,7 @@ class Pipeline:
 
         The bytes may be any part of the stream; `now_s` is when they were handed over.
         """
-        received = Received([], now_s)
+        received, self.late_fits = Received([], now_s), []
         items, assembler = received.items, self._assembler
         assembler.read(now_s, self._decoder.bytes_pending)
         for frame in self._decoder.feed(data):
@@ -208,16 +208,18 @@ class Pipeline:
 
     def process(self, received: Sequence[Received]) -> Iterator[Detected]:
         """Run the detectors as `detect` does, and yield what they are given with their events."""
-        for item, shares in joined(received):
-            given = item.block() if isinstance(item, ScanRun) else item
-            events: list[Event] = []
-            if isinstance(given, ScanBlock | Gap):
-                events = self._note(self.tuning.process(given))
-            elif isinstance(given, Hello) and check_hello(given, self.layout, self.array) is None:
-                self._tune_for(given)
-            yield Detected(given, events, shares)
-        self.late_fits = self.tuning.take_late_fits()
-        self._fits_late += len(self.late_fits)
+        try:
+            for item, shares in joined(received):
+                given = item.block() if isinstance(item, ScanRun) else item
+                events: list[Event] = []
+                if isinstance(given, ScanBlock | Gap):
+                    events = self._note(self.tuning.process(given))
+                elif isinstance(given, Hello) and check_hello(given, self.layout, self.array) is None:
+                    self._tune_for(given)
+                yield Detected(given, events, shares)
+        finally:  # also of a read that a detector fails on, for the replay of its recording
+            self.late_fits = self.tuning.take_late_fits()
+            self._fits_late += len(self.late_fits)
 
     @property
     def is_measuring(self) -> bool:

@@ -407,6 +407,28 @@ def test_many_reads_at_once_equal_single_ones_while_the_first_scans_give_the_zer
     assert max(sum(isinstance(out, ForceEvent) for out in outputs) for outputs in wanted) == 30
 
 
+def test_late_fits_are_those_of_the_newest_read_also_where_a_detector_fails(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    target, reads = pipeline(), spoiled_reads()
+    for data, now_s in reads[:50]:
+        target.receive_data(data, now_s)
+    late = iter([[7], [8]])
+    monkeypatch.setattr(target.tuning, "take_late_fits", lambda: next(late))
+    target.receive_data(*reads[50])
+    assert target.late_fits == [7]
+    received = target.receive(*reads[51])
+    assert target.late_fits == []
+
+    def fail(_item: object) -> list[Event]:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(target.tuning, "process", fail)
+    with pytest.raises(ZeroDivisionError):
+        target.detect([received])
+    assert target.late_fits == [8]
+
+
 def test_events_of_each_scan_have_all_their_fields() -> None:
     params = PipelineParams(force=True, calibration=load_calibration(ARRAY.name))
     pipeline = Pipeline(LAYOUT, ARRAY, params)
