@@ -88,7 +88,8 @@ class SharedParts:
 class BoardRunner:
     """Read one board until stopped.
 
-    `phase_s` delays the first status, so that boards do not publish theirs all at once and hold up the loop.
+    Made in the event loop that runs it. `phase_s` delays the first status, so that boards do not publish
+    theirs all at once and hold up the loop.
     """
 
     def __init__(self, board: ServedBoard, shared: SharedParts, phase_s: float = 0.0) -> None:
@@ -119,6 +120,7 @@ class BoardRunner:
         self._phase_s = phase_s
         self._next_info_s = self._started_s
         self._described = session.hello
+        self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     @property
     def serial(self) -> str:
@@ -127,7 +129,6 @@ class BoardRunner:
 
     async def run(self) -> None:
         """Read the board until `stop`; an error in the data path ends it."""
-        self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         connecting = self._connection.run(self._opened, self._received, self._lost)
         tasks = [asyncio.create_task(connecting), asyncio.create_task(self._watch())]
         try:
@@ -147,7 +148,7 @@ class BoardRunner:
 
     def stop(self) -> None:
         """Drain the line and end."""
-        if hasattr(self, "_end") and not self._end.done():
+        if not self._end.done():
             self._end.set_result(None)
 
     def settings(self, now_s: float) -> dict[str, Any]:
@@ -198,7 +199,7 @@ class BoardRunner:
         except Exception as error:  # as in `_attempt`, without a call between bytes and scan
             self._failed(error)
         server.is_held = False
-        server.flush()
+        self._attempt(server.flush)
 
     def _send_scans(self) -> None:
         self._shared.publisher.server.flush()
@@ -231,7 +232,9 @@ class BoardRunner:
             self._failed(error)
 
     def _failed(self, error: Exception) -> None:
-        if not self._end.done():
+        if self._end.done():  # it ends already: the rest of the line is still drained
+            logger.error("%s: a fault of tactiled while it ends", self._board, exc_info=error)
+        else:
             self._end.set_exception(error)
 
     async def _drain(self) -> None:

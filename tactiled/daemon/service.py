@@ -30,7 +30,7 @@ _NAMED = 3  # boards that the line of status names; the log has all of them
 
 
 class Service:
-    """Run the daemon for one or several boards.
+    """Run the daemon for one or several boards; made in the event loop that runs it.
 
     Parameters
     ----------
@@ -47,6 +47,7 @@ class Service:
         self._clock = EpochClock()
         self._turns = LoopTurns()
         self._log = RateLimitedLog(logger)
+        self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         self._status = ""
         self._runners: list[BoardRunner] = []
         params = boards[0].params
@@ -66,7 +67,6 @@ class Service:
 
     async def run(self) -> None:
         """Serve until `stop`; an error in the data path of a board ends the service."""
-        self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         boards = [asyncio.create_task(runner.run()) for runner in self._runners]
         tasks = [*boards, asyncio.create_task(self._follow()), asyncio.create_task(self._network.run())]
         if self._exporter is not None:

@@ -7,6 +7,7 @@ import math
 import os
 import signal
 import socket
+import sys
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -119,6 +120,66 @@ def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(
         service = Service([daemon.served()])
         with PtyBoard(daemon.link), pytest.raises(ZeroDivisionError, match="a bug"):
             await service.run()
+
+    asyncio.run(asyncio.wait_for(main(), PATIENCE_S))
+
+
+def test_a_bug_in_the_sending_of_a_read_ends_the_daemon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def main() -> None:
+        service = Service([daemon.served()])
+        server = service._network.publisher.server  # noqa: SLF001  it has no other way to fail
+        real = server.flush
+
+        def flush() -> None:
+            real()
+            if sys.exc_info()[0] is None and daemon.pipeline.health().scans and not server.is_held:
+                raise ZeroDivisionError("a bug")
+
+        monkeypatch.setattr(server, "flush", flush)
+        asyncio.get_running_loop().set_exception_handler(lambda *_: None)  # the flush of a status
+        with PtyBoard(daemon.link), pytest.raises(ZeroDivisionError, match="a bug"):
+            await service.run()
+
+    asyncio.run(asyncio.wait_for(main(), PATIENCE_S))
+
+
+def test_a_bug_in_the_data_path_while_the_line_is_drained_is_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    daemon = Daemon(tmp_path)
+    real = daemon.pipeline.receive
+
+    async def story(service: Service) -> None:
+        await daemon.until_state("running")
+        (runner,) = service._runners  # noqa: SLF001  the fault must come after its stop
+
+        def broken(data: bytes, now_s: float) -> Received:
+            if runner._end.done():  # noqa: SLF001
+                raise ZeroDivisionError("a bug")
+            return real(data, now_s)
+
+        monkeypatch.setattr(daemon.pipeline, "receive", broken)
+
+    with PtyBoard(daemon.link):
+        play(daemon, story)
+    faults = [record for record in caplog.records if "a fault of tactiled while it ends" in record.message]
+    assert faults
+    assert "ZeroDivisionError: a bug" in str(faults[0].exc_text)
+
+
+def test_a_stop_before_the_daemon_runs_is_kept(tmp_path: Path) -> None:
+    daemon = Daemon(tmp_path)
+
+    async def main() -> None:
+        service = Service([daemon.served()])
+        service.stop()
+        for runner in service._runners:  # noqa: SLF001  as a stop between two turns of the loop
+            runner.stop()
+        await service.run()
 
     asyncio.run(asyncio.wait_for(main(), PATIENCE_S))
 
