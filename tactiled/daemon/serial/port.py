@@ -1,9 +1,12 @@
-"""Serial port: opened in a thread, read and written without blocking the event loop, reopened when lost.
+"""Serial port: opened in a thread, read and written in the event loop without blocking, reopened when lost.
 
 Opening may take seconds (a TCP connection, an RFC 2217 negotiation) and is therefore done in a thread. A port
 with a file descriptor is read by ``loop.add_reader`` and ``os.read``, a port without one (rfc2217://,
 loop://) by a thread. A port that disappears gives b"", EIO, ENXIO or another OSError, depending on its kind:
 all of them count as a loss.
+
+Only a write to rfc2217:// may block, for up to 5 s, where the other end reads nothing and the buffers of the
+connection are full of commands.
 """
 
 import asyncio
@@ -201,7 +204,7 @@ async def open_port_in_thread(url: str, baud: int) -> SerialPort:
     loop = asyncio.get_running_loop()
     opened: asyncio.Future[SerialPort] = loop.create_future()
 
-    def deliver(outcome: SerialPort | PortError) -> None:
+    def deliver(outcome: SerialPort | Exception) -> None:
         if isinstance(outcome, SerialPort):
             outcome.close() if opened.done() else opened.set_result(outcome)
         elif not opened.done():
@@ -209,8 +212,8 @@ async def open_port_in_thread(url: str, baud: int) -> SerialPort:
 
     def work() -> None:
         try:
-            outcome: SerialPort | PortError = open_port(url, baud)
-        except PortError as error:
+            outcome: SerialPort | Exception = open_port(url, baud)
+        except Exception as error:  # raised where the port is awaited
             outcome = error
         try:
             loop.call_soon_threadsafe(deliver, outcome)
@@ -259,20 +262,22 @@ class Connection:
         `lost` takes the reason of each loss and of each failed attempt.
         """
         while True:
-            url = self._url
             try:
-                port = await open_port_in_thread(url, self._baud)
+                port = await open_port_in_thread(self._url, self._baud)
             except PortError as error:
                 lost(str(error))
             else:
-                reason = await self._serve(port, opened, received)
-                lost(f"{url}: {reason}")
+                await self._serve(port, opened, received, lost)
             await asyncio.sleep(_RETRY_S)
 
     async def _serve(
-        self, port: SerialPort, opened: Callable[[SerialPort], None], received: Callable[[bytes], None]
-    ) -> str:
-        """Read an open port until it is lost; return the reason."""
+        self,
+        port: SerialPort,
+        opened: Callable[[SerialPort], None],
+        received: Callable[[bytes], None],
+        lost: Callable[[str], None],
+    ) -> None:
+        """Read an open port until it is lost, say so, and close it, which may take seconds."""
         loop = asyncio.get_running_loop()
         self.connects += 1
         self.log.add(f"{self._url}: open at {self._baud} baud", loop.time(), logging.INFO)
@@ -280,7 +285,9 @@ class Connection:
         try:
             port.attach(received, self._leave)
             opened(port)
-            return await self._gone
+            reason = await self._gone
+            self.port = None
+            lost(f"{self._url}: {reason}")
         finally:
             self.port = self._gone = None
             port.detach()

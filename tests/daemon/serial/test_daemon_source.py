@@ -18,7 +18,7 @@ from boards import descriptors
 from patience import PATIENCE_S
 
 from tactiled.daemon.serial import port as source
-from tactiled.daemon.serial.port import check_url, open_port, open_port_in_thread
+from tactiled.daemon.serial.port import Connection, check_url, open_port, open_port_in_thread
 from tactiled.errors import ConfigError, PortError
 
 
@@ -179,6 +179,51 @@ def test_a_port_that_opens_too_late_is_closed_again(monkeypatch: pytest.MonkeyPa
             while any(t.name == "open-port" for t in threading.enumerate()):
                 await asyncio.sleep(0.001)
             await asyncio.sleep(0)
+
+    run(scenario)
+
+
+def test_a_bug_in_opening_comes_to_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_url: str, _baud: int) -> source.SerialPort:
+        raise ZeroDivisionError("a bug")
+
+    async def scenario() -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            with pytest.raises(ZeroDivisionError, match="a bug"):
+                await open_port_in_thread("/dev/null", 115200)
+
+    monkeypatch.setattr(source, "open_port", broken)
+    run(scenario)
+
+
+def test_a_loss_is_reported_before_the_port_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def scenario() -> None:
+        may_close = threading.Event()
+        real = source.SerialPort.close
+
+        def slow(port: source.SerialPort) -> None:
+            may_close.wait(PATIENCE_S)
+            real(port)
+
+        monkeypatch.setattr(source.SerialPort, "close", slow)
+        with raw_pty() as (master, name):
+            heard, connection = Heard(), Connection(name, 115200)
+            ports: list[source.SerialPort | None] = []
+
+            def lost(reason: str) -> None:
+                ports.append(connection.port)
+                heard.gone(reason)
+
+            # Closing the master unplugs the port.
+            serving = asyncio.create_task(connection.run(lambda _: os.close(master), heard.receive, lost))
+            try:
+                await heard.until(lambda: bool(heard.lost))
+            finally:
+                may_close.set()
+                serving.cancel()
+                await asyncio.gather(serving, return_exceptions=True)
+            assert heard.lost[0].startswith(f"{name}: ")
+            assert ports[0] is None
 
     run(scenario)
 
