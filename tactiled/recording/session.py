@@ -132,6 +132,7 @@ class RecordingSession:
         assumed = header.source.layout_file.assumed_hello
         self._board = "" if assumed is None else assumed.board_serial
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
+        self._unix_offset_s = 0.0  # of the newest entry
         self._path: Path | None = None  # of the first part of the recording; None: none runs
         self._writer: RecordingWriter | None = None
         self._bytes_before = 0
@@ -151,9 +152,12 @@ class RecordingSession:
         self._header = replace(self._header, fresh=False, hello=hello)
         self._start(None, now_s)
 
-    def end(self, now_s: float) -> None:
-        """Finish the recording."""
+    def end(self, now_s: float, dropped: tuple[int, int] = (0, 0)) -> None:
+        """Finish the recording, after `dropped` more reads and bytes."""
         if self._path is not None:
+            reads, n_bytes = self._missing[0] + dropped[0], self._missing[1] + dropped[1]
+            if reads:
+                self._write(lambda writer: self._mark(writer, now_s, reads, n_bytes), now_s)
             if self._writer is None or self._leave(now_s):
                 self._note(state="off", reason="")
             self._path = None
@@ -173,6 +177,7 @@ class RecordingSession:
 
     def take(self, entry: RecordEntry, now_s: float) -> None:
         """Write one entry after a mark for missing reads; count it as missing if that fails."""
+        self._unix_offset_s = entry.unix_offset_s
         reads, n_bytes = self._missing[0] + entry.dropped[0], self._missing[1] + entry.dropped[1]
         if self._path is not None and self._write(
             lambda writer: self._append(writer, entry, reads, n_bytes), now_s
@@ -191,7 +196,7 @@ class RecordingSession:
         cause, offset_s = entry.cause, entry.unix_offset_s
         now_s = 0.0 if cause is None else cause.arrival_s if isinstance(cause, Read) else cause.time_s
         if cause is not None and reads:
-            writer.input(Input(now_s, offset_s, "dropped", json.dumps({"reads": reads, "bytes": n_bytes})))
+            self._mark(writer, now_s, reads, n_bytes)
         if isinstance(cause, Read):
             writer.read(cause)
         elif cause is not None:
@@ -203,6 +208,11 @@ class RecordingSession:
                 writer.event(output, entry.board, offset_s, "daemon")
             elif isinstance(output, Event):
                 writer.event(output, self._board, offset_s, "pipeline")
+
+    def _mark(self, writer: RecordingWriter, now_s: float, reads: int, n_bytes: int) -> None:
+        """Write a mark for missing reads."""
+        words = json.dumps({"reads": reads, "bytes": n_bytes})
+        writer.input(Input(now_s, self._unix_offset_s, "dropped", words))
 
     def _start(self, path: Path | None, now_s: float) -> None:
         self._retains = path is None

@@ -52,6 +52,7 @@ class _Switch:
 
     on: bool
     hello: Hello | None
+    dropped: tuple[int, int]  # as in `RecordEntry`
 
 
 class Recorder:
@@ -79,6 +80,7 @@ class Recorder:
         self._asked_s = math.inf  # since when the thread waits for the disk
         self._reported, self._next_report_s, self._complain_s = "", 0.0, 0.0
         self._fault = ""  # last fault that was logged
+        self._is_broken = False  # the thread has ended by a fault of tactiled: it takes nothing more
         self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
@@ -127,12 +129,14 @@ class Recorder:
 
         `report` tells later whether the disk accepted the file.
         """
+        if self._is_broken:
+            return self.progress.reason
         if on == self.is_on:
             return ""
         if on and self._params.directory is None:
             return "nowhere to record: set record.directory in the configuration"
         try:
-            self._queue.put_nowait(_Switch(on, hello))
+            self._queue.put_nowait(_Switch(on, hello, self._unplaced))
         except queue.Full:
             return "the disk does not keep up: ask again"
         self.is_on, self._unplaced = on, (0, 0)
@@ -194,11 +198,17 @@ class Recorder:
         try:
             self._queue.put_nowait(entry)
         except queue.Full:
-            reads, n_bytes = entry.weight
-            self._unplaced = (self._unplaced[0] + reads, self._unplaced[1] + n_bytes)
-            self._queue_dropped += reads
+            self._drop(entry)
         else:
             self._unplaced = (0, 0)
+        while self._is_broken and not self._queue.empty():
+            if isinstance(left := self._queue.get_nowait(), RecordEntry):
+                self._drop(left)
+
+    def _drop(self, entry: RecordEntry) -> None:
+        reads, n_bytes = entry.weight
+        self._unplaced = (self._unplaced[0] + reads, self._unplaced[1] + n_bytes)
+        self._queue_dropped += reads
 
     # ---- the thread --------------------------------------------------------------------------------
 
@@ -222,18 +232,19 @@ class Recorder:
                     elif item.on:
                         session.begin(item.hello, time.monotonic())
                     else:
-                        session.end(time.monotonic())
+                        session.end(time.monotonic(), item.dropped)
                 self._asked_s = min(self._asked_s, time.monotonic())
                 session.tick(time.monotonic())
                 self._asked_s = math.inf
                 if leftovers is not None:
                     leftovers.look(session.progress)
-            session.end(time.monotonic())
+            session.end(time.monotonic(), self._unplaced)
         except Exception:  # a bug: sensing continues without a recording, and `report` says so
             logger.exception("recording ended by a fault of tactiled")
             with contextlib.suppress(Exception):  # perhaps the same fault again; the file can be recovered
                 if session is not None:
                     session.end(time.monotonic())
+            self._is_broken = True
             self._instead = replace(OFF, state="failed", reason="a fault of tactiled itself, see the log")
             self._started.set()
         finally:

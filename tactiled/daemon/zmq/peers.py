@@ -150,24 +150,6 @@ class Peer:
         self._begun = b"".join(piece)
 
 
-class Held:
-    """Context in which a server queues its messages; it sends them at the end, within the turn of the loop.
-
-    A class, not a generator, which would cost more on the path of a scan.
-    """
-
-    def __init__(self, server: "PeerServer") -> None:
-        self._server = server
-        self.is_on = False
-
-    def __enter__(self) -> None:
-        self.is_on = True
-
-    def __exit__(self, *_: object) -> None:
-        self.is_on = False
-        self._server.flush()
-
-
 class PeerServer:
     """Serve the peers of some endpoints, of which some types may connect; a subclass says what they mean."""
 
@@ -182,8 +164,8 @@ class PeerServer:
         self._listeners: dict[socket.socket, dict[Peer, None]] = {}
         self._readable: asyncio.Queue[socket.socket | Peer] = asyncio.Queue()
         self._unsent: dict[Peer, None] = {}
-        self.held = Held(self)
-        """Context of an owner that queues several messages."""
+        self.is_held = False
+        """True while the owner queues messages and will call `flush`: that saves a turn of the loop."""
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def listen(self, endpoint: str) -> None:
@@ -206,7 +188,7 @@ class PeerServer:
             await limit.wait()
 
     def flush(self) -> None:
-        """Send what was queued in this turn of the event loop; it is done at its end unless `held`."""
+        """Send what was queued in this turn of the event loop; it is done at its end unless `is_held`."""
         unsent, self._unsent = self._unsent, {}
         for peer in unsent:
             if not peer.is_blocked:
@@ -244,7 +226,7 @@ class PeerServer:
     def _send(self, peer: Peer, message: Queued) -> None:
         """Queue a message, which is sent at the end of this turn of the event loop with those that follow."""
         peer.add(message)
-        if not (self._unsent or self.held.is_on) and self._loop is not None:
+        if not (self._unsent or self.is_held) and self._loop is not None:
             self._loop.call_soon(self.flush)
         self._unsent[peer] = None
 

@@ -107,6 +107,26 @@ def test_a_stuck_disk_delays_nothing_and_the_loss_is_marked(
     assert f"{dropped} more reads are in no file" in caplog.text
 
 
+@pytest.mark.parametrize("is_switched_off", [True, False])
+def test_a_loss_at_the_end_of_the_recording_is_marked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_switched_off: bool
+) -> None:
+    monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
+    with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        disk = StuckDisk(monkeypatch)
+        recorder.record(read(0), (), None)
+        assert disk.entered.wait(PATIENCE_S)
+        for k in range(1, 201):
+            recorder.record(read(k), (), None)
+        disk.free.set()
+        until(lambda: not is_switched_off or recorder.switch(False, None) == "")
+    *got, mark = items(tmp_path / "a.mcap")
+    dropped = recorder.reads_dropped
+    assert isinstance(mark, Input)
+    assert (mark.name, mark.values()) == ("dropped", {"reads": dropped, "bytes": 5 * dropped})
+    assert len(got) == 201 - dropped
+
+
 def test_close_returns_although_the_disk_hangs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -319,11 +339,18 @@ def test_a_bug_ends_the_recording_and_not_the_service(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
-        monkeypatch.setattr(recorder._session, "take", lambda *_: 1 / 0)  # noqa: SLF001  a fault is put into the disk
+        may_fail = threading.Event()
+        fail = lambda *_: may_fail.wait(PATIENCE_S) / 0  # noqa: E731
+        monkeypatch.setattr(recorder._session, "take", fail)  # noqa: SLF001  a fault is put into the disk
         with caplog.at_level(logging.ERROR):
-            recorder.record(read(0), (), None)
+            for k in range(6):
+                recorder.record(read(k), (), None)
+            may_fail.set()
             until(lambda: report(recorder).state == "failed")
-        recorder.record(read(1), (), None)
+        for k in range(6, 11):
+            recorder.record(read(k), (), None)
+        assert (report(recorder).reads_dropped, report(recorder).reads_waiting) == (10, 0)
+        assert recorder.switch(True, None) == "a fault of tactiled itself, see the log"
     assert "ZeroDivisionError" in caplog.text
     monkeypatch.undo()
     assert items(tmp_path / "a.mcap") == []
