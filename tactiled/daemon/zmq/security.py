@@ -136,8 +136,12 @@ def _write(path: Path, mode: int, **keys: bytes) -> None:
     """Write a new file that at no time has a wider mode."""
     text = "".join(f'{name} = "{key.decode()}"\n' for name, key in keys.items())
     path.touch(0o600, exist_ok=False)
-    path.write_text(text, encoding="ascii")
-    path.chmod(mode)  # independent of the umask
+    try:
+        path.write_text(text, encoding="ascii")
+        path.chmod(mode)  # independent of the umask
+    except OSError:
+        path.unlink()  # without all of its keys, it would still count as made
+        raise
 
 
 class CurveAuthenticator:

@@ -1,6 +1,7 @@
 """Keys: made, listed, let in, shut out; and nothing that other hosts can reach without them."""
 
 import asyncio
+import errno
 import os
 import stat
 from collections.abc import Iterator
@@ -74,6 +75,20 @@ def test_no_key_is_overwritten_or_half_written(folder: KeyFolder, tmp_path: Path
     with pytest.raises(OperatorError, match="cannot be written"):
         folder.make("new", tmp_path / "no" / "such" / "folder.toml")
     assert "new" not in folder.clients().values()
+
+
+def test_a_full_disk_leaves_no_empty_key_file(
+    folder: KeyFolder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(path: Path, *_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "write_text", full)
+        with pytest.raises(OperatorError, match="No space left on device"):
+            folder.make("right", tmp_path / "right.toml")
+    folder.make("right", tmp_path / "right.toml")
+    assert list(folder.clients().values()) == ["left", "right"]
 
 
 def test_a_daemon_without_a_good_pair_does_not_start(folder: KeyFolder, tmp_path: Path) -> None:
