@@ -31,7 +31,8 @@ class _ThreadJob(Generic[T]):
     def __init__(self, work: Callable[[], T]) -> None:
         self._work = work
         self._result: T | None = None
-        self._error: Exception | None = None
+        self.error: Exception | None = None
+        """Raised in the thread that takes the result."""
         self.is_wanted = True
 
     def run(self) -> None:
@@ -40,14 +41,14 @@ class _ThreadJob(Generic[T]):
             self._result = self._work()
         except _GivenUpError:
             pass
-        except Exception as error:  # raised in the thread that takes the result
-            self._error = error
+        except Exception as error:
+            self.error = error
 
     def result(self) -> T | None:
         """Return the result, or None where it is not ready, and stop computing it."""
         self.is_wanted = False
-        if self._error is not None:
-            raise self._error
+        if self.error is not None:
+            raise self.error
         return self._result
 
 
@@ -61,7 +62,7 @@ class BackgroundWorker:
     Parameters
     ----------
     prepare : callable, optional
-        Called first in the thread: loads what the jobs need. What it raises, the first `submit` raises.
+        Called first in the thread: loads what the jobs need. What it raises is the result of every job.
     """
 
     def __init__(self, prepare: Callable[[], None] = lambda: None) -> None:
@@ -72,7 +73,6 @@ class BackgroundWorker:
         self._jobs: deque[_ThreadJob[object]] = deque()
         self._running: _ThreadJob[object] | None = None
         self._is_open = True
-        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="groove fits", daemon=True)
         self._thread.start()
         return self
@@ -87,8 +87,6 @@ class BackgroundWorker:
 
     def submit(self, work: Callable[[], T]) -> Job[T]:
         """Hand over a computation."""
-        if self._failure is not None:
-            raise self._failure
         job = _ThreadJob(work)
         with self._changed:
             # Without those that were given up meanwhile: a host that is too slow keeps no list of them.
@@ -101,11 +99,11 @@ class BackgroundWorker:
         with contextlib.suppress(OSError):  # a container may forbid it; the pauses matter more
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)
         self._next_pause_s = 0.0
+        failure: Exception | None = None
         try:
             self._prepare()
-        except Exception as error:  # raised in the thread that needs a job
-            self._failure = error
-            return
+        except Exception as error:
+            failure = error
         set_pause(self._pause)
         while True:
             with self._changed:
@@ -113,7 +111,8 @@ class BackgroundWorker:
                 if not self._is_open:
                     return
                 self._running = self._jobs.pop()
-            if self._running.is_wanted:
+            self._running.error = failure
+            if failure is None and self._running.is_wanted:
                 self._running.run()
             with self._changed:
                 self._running = None

@@ -172,11 +172,19 @@ def test_a_fit_that_never_ends_delays_no_scan_is_counted_and_replayed(
     assert events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads, late) == live
 
 
-def test_what_cannot_be_loaded_is_raised_where_a_job_is_handed_over() -> None:
+def test_what_cannot_be_loaded_is_raised_as_the_result_of_each_job() -> None:
+    may_fail = threading.Event()
+
     def prepare() -> None:
+        assert may_fail.wait(PATIENCE_S)
         raise ImportError("no such library")
 
     with BackgroundWorker(prepare) as background:
-        until(lambda: not background._thread.is_alive(), "the thread ends")  # noqa: SLF001  its only sign
-        with pytest.raises(ImportError, match="no such library"):
-            background.submit(lambda: 1)
+        early = background.submit(lambda: 1)
+        may_fail.set()
+        until(lambda: is_idle(background), "the early job has its error")
+        late = background.submit(lambda: 1)
+        until(lambda: is_idle(background), "the late job has its error")
+        for job in (early, late):
+            with pytest.raises(ImportError, match="no such library"):
+                job.result()
