@@ -53,8 +53,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
             )
             for setup in setups
         ]
-        code = run_service(boards)
-    sys.exit(code)
+        run_service(boards)
 
 
 @click.command()

@@ -147,11 +147,10 @@ async def serve(boards: Sequence[ServedBoard], duration_s: float | None = None) 
             loop.remove_signal_handler(number)
 
 
-def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) -> int:
-    """Run the daemon in a new event loop; returns exit code 0 after a requested end, raises as `Service`."""
+def run_service(boards: Sequence[ServedBoard], duration_s: float | None = None) -> None:
+    """Run the daemon in a new event loop; raises as `Service`."""
     # What was made until here lives as long as the daemon. A collection that looked through it (80,000
     # objects) would stop the event loop for 15 to 40 ms.
     gc.collect()
     gc.freeze()
     asyncio.run(serve(boards, duration_s))
-    return 0

@@ -133,9 +133,6 @@ class Store:
                 self._boards.popitem(last=False)
         self._boards.move_to_end(board)
         ring = rings.setdefault(topic, _Ring(seq))
-        if seq != ring.first_seq + len(ring.payloads):  # the board was removed from the store meanwhile
-            ring.payloads.clear()
-            ring.first_seq, ring.n_bytes = seq, 0
         ring.payloads.append(payload)
         ring.n_bytes += len(payload) + _OVERHEAD_BYTES
         while ring.n_bytes > self._bytes_per_topic and len(ring.payloads) > 1:  # the newest is always kept

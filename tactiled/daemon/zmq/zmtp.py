@@ -81,15 +81,10 @@ class ZmtpDecoder:
 
     def __init__(self, longest_bytes: int = LONGEST_BYTES) -> None:
         self._longest_bytes = longest_bytes
-        self._buffer = bytearray()
+        self._buffer = bytearray()  # of a frame whose rest is missing: fewer than `longest_bytes` + 9 bytes
         self._greeted = False
         self._ready = False
         self._refused = False
-
-    @property
-    def n_pending(self) -> int:
-        """Bytes that wait for the rest of their frame: fewer than `longest_bytes` + 9."""
-        return len(self._buffer)
 
     def receive(self, data: bytes) -> list[Value]:
         """Take bytes as they come; the same values follow however the bytes are split."""
