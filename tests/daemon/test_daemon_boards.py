@@ -297,6 +297,7 @@ def test_commands_go_to_the_board_that_they_name(tmp_path: Path) -> None:
             assert reply.reason == ("board: say which one is meant; there are: TS0001, TS0002, TS0003")
             reply = await commander.send("speed", board="TS0009", speed_mm_s=3.0)
             assert reply.reason.startswith("board: TS0009 is not read here")
+            assert (await commander.send("state", board="TS0009")).reason == reply.reason
             assert (await commander.send("speed", board="TS0002", speed_mm_s=3.0)).ok
             assert (await commander.send("mark", board="TS0003", text="here")).ok
             speeds = {}

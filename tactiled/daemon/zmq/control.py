@@ -74,6 +74,8 @@ class Control:
 
     def _state(self, request: Request, now_s: float) -> bytes:
         board = self._addressed(request)
+        if board is None and request.board:
+            return self._reply(request.id, request.do, self._no_board(request))
         return self._reply(
             request.id,
             request.do,
@@ -119,8 +121,12 @@ class Control:
         """Give a command to the board that it names; return why it is refused."""
         if (board := self._addressed(command)) is not None:
             return board.do(command, requester, now_s)
+        return self._no_board(command)
+
+    def _no_board(self, request: Request) -> str:
+        """Reason for the refusal of a request that is to no board, or to an unknown one."""
         known = ", ".join(each.serial for each in self._boards) or "none yet"
-        what = f"{command.board} is not read here" if command.board else "say which one is meant"
+        what = f"{request.board} is not read here" if request.board else "say which one is meant"
         return f"board: {what}; there are: {known}"
 
     def _reply(self, id_: str, do: str, reason: str, **packed: bytes) -> bytes:

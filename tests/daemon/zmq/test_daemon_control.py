@@ -102,6 +102,12 @@ def test_state_is_the_newest_of_each_topic_as_it_was_published() -> None:
     assert reply["settings"] == {"speed_mm_s": 0.0}
 
 
+def test_the_state_of_a_board_that_is_not_read_is_refused() -> None:
+    reply = Desk().ask(request("state", board="other"))
+    assert (reply["ok"], reply["reason"]) == (False, "board: other is not read here; there are: b")
+    assert "settings" not in reply
+
+
 def test_events_come_in_parts_of_bounded_size() -> None:
     desk = Desk()
     for _ in range(3000):
