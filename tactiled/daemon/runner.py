@@ -240,7 +240,7 @@ class BoardRunner:
     async def _drain(self) -> None:
         """Stop the board, handle the scans that are still in transit, and report the port as lost."""
         if self._connection.port is not None:
-            self.act(self._session.stop())
+            self.act(self._session.stop(time.monotonic()))
             is_answered = self._session.is_stopping
             end_s = time.monotonic() + STOP_S
             # A port that is closed loses what the board has not read yet: it would go on sending.

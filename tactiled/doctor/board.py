@@ -112,10 +112,11 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
         status = link.status(now_s, started_s=began_s, connects=1, warning=port.warning)
         status = replace(status, reason=status.reason.removesuffix(SEARCH_ADVICE))
         if found_streaming == [False]:
-            send(session.stop())
+            send(session.stop(time.monotonic()))
             end_s = time.monotonic() + STOP_S
             while session.is_stopping and time.monotonic() < end_s:
                 await asyncio.sleep(_STEP_S)
+                send(session.tick(time.monotonic()))
     finally:
         port.detach()
         await asyncio.to_thread(port.close)

@@ -69,6 +69,24 @@ def test_a_board_that_is_slow_to_answer_is_stopped_before_its_port_is_closed(tmp
         assert not board.sim.streaming
 
 
+def test_a_stop_that_the_board_does_not_get_is_repeated(tmp_path: Path) -> None:
+    class Deaf(SimBoard):
+        n_stops = 0
+
+        def answer(self, command: Command) -> list[Frame]:
+            self.n_stops += command.name == "stop"
+            return [] if self.n_stops == 1 else super().answer(command)
+
+    daemon = Daemon(tmp_path)
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("running")
+
+    with PtyBoard(daemon.link, Deaf()) as board:
+        play(daemon, story)
+        assert not board.sim.streaming
+
+
 def test_a_missing_port_is_reported_and_retried(tmp_path: Path) -> None:
     daemon = Daemon(tmp_path)
 

@@ -121,7 +121,8 @@ class Session:
         self._confirmed = False  # the newest hello says that the board streams with all its settings made
         self._rate_taken = False  # the board has accepted set_rate, and no hello has stated the rate yet
         self._leaving = False  # the daemon ends: nothing is restored
-        self._last_token: int | None = None  # of the stop with which the daemon ends, until it is answered
+        self._last_stop: Command | None = None  # with which the daemon ends, until it is answered
+        self._stop_again_s = math.inf  # when it is repeated
         self._foreign = ""  # why the board is not the configured one
         self._refused = ""  # why a command failed that the board needs
         self._gone = reason  # why the port is not open
@@ -154,8 +155,11 @@ class Session:
 
     def answered(self, answer: Acknowledge, now_s: float) -> list[Command]:
         """Handle an answer of the board to a command."""
-        if answer.command == "stop" and answer.token == self._last_token:
-            self._last_token = None
+        stop = self._last_stop
+        if stop is not None and (answer.command, answer.token) == ("stop", stop.token):
+            if answer.result != "busy":
+                self._last_stop, self._stop_again_s = None, math.inf
+            return []
         if answer.command == "ping" and answer.result == "unknown_command":
             self._pinging.refused()
         if not self._asking.awaits(answer):
@@ -199,7 +203,10 @@ class Session:
     def tick(self, now_s: float) -> list[Command]:
         """Act on passed deadlines."""
         if self._leaving:
-            return []
+            if self._last_stop is None or now_s < self._stop_again_s:
+                return []
+            self._stop_again_s = now_s + ANSWER_S
+            return [self._last_stop]  # with its token: a late answer to any of them counts
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
             self._streaming, self._confirmed, self._known = False, False, not self._confirms
@@ -208,13 +215,17 @@ class Session:
         # Pings are sent on a deadline only: on the arrival of scans they would keep step with the adapter.
         return self._step(now_s) or self._ping(now_s)
 
-    def stop(self) -> list[Command]:
-        """Return the commands that stop the board when the daemon ends; nothing is restored after it."""
+    def stop(self, now_s: float) -> list[Command]:
+        """Return the command that stops the board when the daemon ends; nothing is restored after it.
+
+        `tick` repeats it until the board answers, and not with ``busy``.
+        """
         self._leaving = True
         if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
             return []
         command = self._asking.command("stop")
-        self._last_token = command.token if self._layout.has("acknowledge") else None
+        if self._layout.has("acknowledge"):
+            self._last_stop, self._stop_again_s = command, now_s + ANSWER_S
         return [command]
 
     # ---- outputs -----------------------------------------------------------------------------------
@@ -233,7 +244,7 @@ class Session:
     @property
     def is_stopping(self) -> bool:
         """True from `stop` until the board has answered its command, behind the last scan."""
-        return self._last_token is not None
+        return self._last_stop is not None
 
     @property
     def accepted(self) -> bool:
@@ -259,7 +270,7 @@ class Session:
     def deadline_s(self) -> float:
         """Time at which `tick` must be called at the latest; inf when only the board can act."""
         if not self._open or self._leaving:
-            return math.inf
+            return self._stop_again_s
         if self._running:
             silent_s = self._scan_s + self.silence_s
             return silent_s if self._wanted() is not None else min(silent_s, self._pinging.due_s)

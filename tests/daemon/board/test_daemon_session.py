@@ -350,7 +350,7 @@ def test_leaving_stops_the_board_and_restores_nothing() -> None:
     bench = Bench()
     bench.plug()
     bench.run(0.1)
-    commands = bench.session.stop()
+    commands = bench.session.stop(bench.now_s)
     assert bench.session.is_stopping
     bench.exchange(commands)
     assert not bench.session.is_stopping
@@ -364,13 +364,33 @@ def test_the_last_stop_waits_for_its_own_answer_or_the_loss_of_the_port() -> Non
     bench = Bench()
     bench.plug()
     bench.run(0.1)
-    (command,) = bench.session.stop()
+    (command,) = bench.session.stop(bench.now_s)
     bench.hear([Acknowledge(command.token - 1, "stop", "ok", ticks=0)])
     assert bench.session.is_stopping
     bench.unplug()
     assert not bench.session.is_stopping
-    assert not bench.session.stop()
+    assert not bench.session.stop(bench.now_s)
     assert not bench.session.is_stopping
+
+
+def test_the_last_stop_is_repeated_until_it_is_answered() -> None:
+    bench = Bench()
+    bench.plug()
+    bench.run(0.1)
+    bench.down_broken = True
+    bench.exchange(bench.session.stop(bench.now_s))
+    bench.run(0.5)
+    bench.down_broken, bench.board.refuses = False, {"stop": "busy"}
+    bench.run(0.5)
+    assert bench.board.streaming
+    assert bench.session.is_stopping
+    bench.board.refuses = {}
+    bench.run(0.5)
+    assert not bench.board.streaming
+    assert not bench.session.is_stopping
+    stops = [command for command in bench.sent if command.name == "stop"]
+    assert len(stops) == 6  # every 0.2 s, and the last one is answered
+    assert len({command.token for command in stops}) == 1
 
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:

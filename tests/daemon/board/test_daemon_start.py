@@ -54,7 +54,7 @@ def test_the_board_is_started_once_and_stopped_at_the_end() -> None:
     assert cable.link.session.state == "running"
     assert 61.0 < cable.link.session.rate_hz < 64.0
     assert sum(isinstance(event, ScanEvent) for event in cable.events) > 100
-    cable.send(cable.link.session.stop())
+    cable.send(cable.link.session.stop(cable.now_s))
     n_taken = len(cable.taken)
     cable.run(0.5)
     assert len(cable.taken) == n_taken
