@@ -6,8 +6,9 @@ else: what one of them meets (no port, noise, a wrong board, a full disk) the ot
 The hot path is one callback: bytes -> `BoardLink.received` -> non-blocking sends. There is no task, queue or
 lock in it, so the age of an event is that of its bytes plus the time of computing.
 
-A scan leaves before the detectors run, and the processor is then offered to other threads once. Where no
-processor is idle, Linux would let the subscriber begin when this thread waits, which is after the detectors.
+A scan leaves before the detectors run, and the processor is then offered once to other processes, such as a
+subscriber. Where no processor is idle, Linux would let the subscriber begin when this thread waits, which is
+after the detectors.
 """
 
 import asyncio
@@ -20,7 +21,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
-from tactiled.daemon.board.link import STOP_S, LoopTurns, make_link
+from tactiled.daemon.board.host_load import LoopTurns
+from tactiled.daemon.board.link import STOP_S, make_link
 from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import MetricsParams
@@ -52,7 +54,7 @@ _LOOK_S = 0.005  # between looks for that answer: a stop takes at most a quarter
 
 
 class ServiceParams(Params):
-    """Parameters of the daemon for one board; boards of one process share `metrics`."""
+    """Parameters of the daemon for one board; boards of one process agree on `publish` and `metrics`."""
 
     port: PortParams
     session: SessionParams = SessionParams()
@@ -295,7 +297,7 @@ class BoardRunner:
 
     def _publish_status(self, now_s: float) -> None:
         port = self._connection.port
-        event = self._link.status(
+        event = self._link.make_status(
             now_s,
             started_s=self._started_s,
             connects=self._connection.connects,

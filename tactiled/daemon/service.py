@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from tactiled import compiled
-from tactiled.daemon.board.link import LoopTurns
+from tactiled.daemon.board.host_load import LoopTurns
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text

@@ -109,7 +109,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
             await asyncio.sleep(_STEP_S)
             send(link.watch(time.monotonic(), _framing(port)))
         listened_s = now_s - began_s
-        status = link.status(now_s, started_s=began_s, connects=1, warning=port.warning)
+        status = link.make_status(now_s, started_s=began_s, connects=1, warning=port.warning)
         status = replace(status, reason=status.reason.removesuffix(SEARCH_ADVICE))
         if found_streaming == [False]:
             send(session.stop(time.monotonic()))

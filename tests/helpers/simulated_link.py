@@ -94,7 +94,7 @@ class SimulatedLink:
 
     def status(self) -> StatusEvent:
         """Status at present."""
-        return self.link.status(self.now_s, started_s=self._began_s, connects=self.connects)
+        return self.link.make_status(self.now_s, started_s=self._began_s, connects=self.connects)
 
     def _next_s(self) -> float:
         deadline_s = self.session.deadline_s if self._is_open else self._open_s

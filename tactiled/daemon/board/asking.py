@@ -68,12 +68,12 @@ class Asking:
         """Make the command `name` and await its answer; `rate_hz` is used by set_rate only."""
         if name != self._awaited:
             self._tries = 0
-        command = self.command(name, rate_hz)
+        command = self.new_command(name, rate_hz)
         self.asked_s, self._again_s = now_s, now_s + ANSWER_S
         self._awaited, self._awaited_token, self._tries = name, command.token, self._tries + 1
         return command
 
-    def command(self, name: str, rate_hz: float | None = None) -> Command:
+    def new_command(self, name: str, rate_hz: float | None = None) -> Command:
         """Make a command with a new token, without awaiting its answer."""
         self._token = (self._token + 1) % self._token_limit
         return Command(name, self._token, rate_hz=rate_hz if name == "set_rate" else None)

@@ -100,7 +100,7 @@ class LineWatch:
                 self._marks.popleft()
 
     def fault(self, now_s: float) -> str:
-        """Return the likely cause when no frame arrives; empty when frames do."""
+        """Return the likely cause when no frame has arrived for `HICCUP_S`, else an empty string."""
         if now_s - self.byte_s >= HICCUP_S:
             return self._silence()
         if now_s - self._frame_s >= HICCUP_S:

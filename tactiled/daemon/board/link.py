@@ -5,13 +5,13 @@ real port and clock or with simulated ones.
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any
 
 from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch
+from tactiled.daemon.board.host_load import HostLoad, LoopTurns
 from tactiled.daemon.board.session import Session, SessionParams
 from tactiled.events.types import Event, InfoEvent, ScanEvent, StatusEvent
 from tactiled.pipeline import Health, Pipeline, check_hello
@@ -31,70 +31,11 @@ _SLEPT_S = 2.0
 # one for bunching by the adapter. An older scan came out of a backlog.
 _STALE_FACTOR = 2.0
 STOP_S = 1.0  # longest wait for the answer to the last stop, which takes 20 ms, and more on a busy host
-_LOAD_WINDOW_S = 10.0  # time for which a warning stays after its cause, as the warnings of the line do
-# A stall of a board at 100 Hz is declared after five scans: a loop that is busy for longer delays that, too.
-_LONG_TURN_S = 0.05
-_KEPT_S = 1.0  # turns are kept for longer than the 0.1 s between two statuses
 # Fields of the status event that the pipeline states under the same names.
 _OF_HEALTH = {one.name for one in fields(Health)} & {one.name for one in fields(StatusEvent)}
 
 RecordRead = Callable[[bytes, Sequence[Output], float], None]
 """Takes the bytes of one read, the outputs of the pipeline for them, and the time of the read."""
-
-
-class LoopTurns:
-    """Longest turn of the event loop since any recent instant; the boards of a process share one loop."""
-
-    def __init__(self) -> None:
-        # Ends and durations. A turn that is no longer than a later one is never the longest again, so the
-        # durations decrease, and few are kept.
-        self._turns: deque[tuple[float, float]] = deque()
-
-    def add(self, end_s: float, duration_s: float) -> None:
-        """Take a turn that ended at `end_s` (monotonic seconds), or how much too late a timer fired."""
-        turns = self._turns
-        while turns and turns[-1][1] <= duration_s:
-            turns.pop()
-        turns.append((end_s, duration_s))
-        while turns[0][0] < end_s - _KEPT_S:
-            turns.popleft()
-
-    def longest_since(self, since_s: float) -> float:
-        """Return the longest turn that ended after `since_s`, at most 1 s ago, in seconds; 0.0 for none."""
-        return next((duration_s for end_s, duration_s in self._turns if end_s > since_s), 0.0)
-
-
-class HostLoad:
-    """Delays of one board by a busy host: long turns of the event loop, and late groove fits."""
-
-    def __init__(self, turns: LoopTurns) -> None:
-        self._turns = turns
-        # Of the statuses of the last 10 s: time, longest turn since the one before, late fits until then
-        self._recent: deque[tuple[float, float, int]] = deque()
-
-    def status(self, now_s: float, fits_late: int) -> float:
-        """Return the longest turn since the last call in seconds."""
-        longest_s = self._turns.longest_since(self._recent[-1][0] if self._recent else 0.0)
-        self._recent.append((now_s, longest_s, fits_late))
-        while self._recent[0][0] < now_s - _LOAD_WINDOW_S:
-            self._recent.popleft()
-        return longest_s
-
-    def warning(self) -> str:
-        """Return what is wrong and its cause; empty for nothing."""
-        words = []
-        longest_s = max((turn_s for _, turn_s, _ in self._recent), default=0.0)
-        if longest_s > _LONG_TURN_S:
-            words.append(
-                f"the daemon could not react for up to {1e3 * longest_s:.0f} ms: other processes or virtual "
-                "machines use this host's processors, or it reads too many boards"
-            )
-        if self._recent and (late := self._recent[-1][2] - self._recent[0][2]):
-            words.append(
-                f"{late} groove fits were not ready in time: the host is too slow or too busy; raise "
-                "texture.hop_s and texture.answer_after_s, or stop other processes"
-            )
-        return "; ".join(words)
 
 
 class BoardLink:
@@ -164,7 +105,7 @@ class BoardLink:
                 if isinstance(output, Event) and not isinstance(output, ScanEvent):
                     publish(output)
         if self.pipeline.is_measuring:
-            session.streams()
+            session.note_streaming()
         if scans:
             commands += session.scanned(now_s)
         return commands
@@ -218,7 +159,7 @@ class BoardLink:
         self._patience_s = min(2 * self._patience_s, _SILENT_LONGEST_S)
         return f"no byte for {silent_s:.0f} s: opened anew"
 
-    def status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
+    def make_status(self, now_s: float, *, started_s: float, connects: int, warning: str = "") -> StatusEvent:
         """Make the status event, and set `warnings`; `valid` requires a running board and a fresh scan."""
         session, health = self.session, self.pipeline.health()
         # Before the first scan the age counts from the start of the daemon.
@@ -230,7 +171,7 @@ class BoardLink:
                 f"scans come late: the newest was taken {age_s * 1000:.0f} ms ago, and {fresh_s * 1000:.0f} "
                 "ms is the most; is the host or the line overloaded?"
             )
-        loop_lag_s = self._load.status(now_s, health.fits_late)  # also brings its warning up to date
+        loop_lag_s = self._load.note_status(now_s, health.fits_late)
         found = {
             "line": self._line.warning(),
             "clock": health.clock_warning,

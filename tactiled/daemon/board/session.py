@@ -85,15 +85,15 @@ class Session:
         self._layout = layout
         self._check = check
         self._line = line
-        self._introduces = layout.has("hello")
+        self._has_hello = layout.has("hello")
         # The board sends its hello when asked, so that a setting can be confirmed.
-        self._confirms = self._introduces and layout.has("identify")
+        self._can_identify = self._has_hello and layout.has("identify")
         self._asking = Asking(layout.bits("identify", "token") or layout.bits("start", "token") or 16)
         answers_ticks = layout.bits("acknowledge", "ticks") is not None and layout.tick_s is not None
         self._pinging = Pinging(layout.has("ping") and answers_ticks)
         self.hello: Hello | None = layout.assumed_hello()
         """Hello of the last accepted board; kept after it is unplugged, because events need its name."""
-        if params.rate_hz is not None and not (self._confirms and layout.has("set_rate")):
+        if params.rate_hz is not None and not (self._can_identify and layout.has("set_rate")):
             fault = f"protocol {layout.name} cannot set and confirm a rate: leave rate_hz out"
             raise ConfigError("session.rate_hz", [fault])
         self.params = params
@@ -107,18 +107,18 @@ class Session:
         self._scan_s = now_s
         self._asking.reset(now_s)
         # Firmware without a hello message is accepted unseen, and started if its protocol can do that.
-        self._known = not self._introduces
+        self._is_identified = not self._has_hello
         return self._step(now_s)
 
     def lost(self, reason: str) -> None:
         """Handle a port that was lost or could not be opened."""
         # Of these, `_running` and `_stalled` are never true together, nor either of them with `_foreign`.
         self._open = False  # the port is open
-        self._known = False  # the board has identified itself since it may have changed; see `_wanted`
+        self._is_identified = False  # it has identified itself since it may have changed; see `_wanted`
         self._streaming = False  # the board says that it sends scans, or has sent some
         self._running = False  # scans arrive from the accepted board with all its settings made
         self._stalled = False  # it was running, and its scans have stopped
-        self._confirmed = False  # the newest hello says that the board streams with all its settings made
+        self._hello_shows_ready = False  # the newest hello says that it streams with all its settings made
         self._rate_taken = False  # the board has accepted set_rate, and no hello has stated the rate yet
         self._leaving = False  # the daemon ends: nothing is restored
         self._last_stop: Command | None = None  # with which the daemon ends, until it is answered
@@ -134,16 +134,16 @@ class Session:
         self._asking.answered("identify", now_s)
         if (foreign := self._foreign_because(hello)) is not None:
             self._foreign = foreign
-            self._known = self._running = self._stalled = False
+            self._is_identified = self._running = self._stalled = False
             self._asking.keep_quiet(now_s + FOREIGN_S)
             return []
         if self.hello is None or _boot(self.hello) != _boot(hello):
             self._refused = ""  # another board, or a new boot of the same one: the refusal no longer holds
         self._foreign = ""
-        self.hello, self._known, self._streaming = hello, True, hello.streaming
+        self.hello, self._is_identified, self._streaming = hello, True, hello.streaming
         wanted = self._wanted()
         self._running = self._running and wanted is None
-        self._confirmed = hello.streaming and wanted is None
+        self._hello_shows_ready = hello.streaming and wanted is None
         if self._rate_taken and wanted in ("stop", "set_rate"):
             self._refuse(
                 f"the board took set_rate to {self.params.rate_hz:g} Hz but says "
@@ -176,9 +176,9 @@ class Session:
             return []
         self._refused = ""
         if answer.command == "set_rate":
-            self._rate_taken, self._known = True, False  # the next hello states the new rate
+            self._rate_taken, self._is_identified = True, False  # the next hello states the new rate
         else:
-            self._streaming, self._confirmed = answer.command == "start", False
+            self._streaming, self._hello_shows_ready = answer.command == "start", False
         return self._step(now_s)
 
     def scanned(self, now_s: float) -> list[Command]:
@@ -187,16 +187,18 @@ class Session:
             return []
         self._scan_s = now_s
         self._streaming = True
-        if self._stalled and not self._known:
-            self._known = True  # the line recovered by itself: a board cannot be exchanged on an open port
-        if not self._running and self._known and self._wanted() is None:
+        if self._stalled and not self._is_identified:
+            # The line recovered by itself: a board cannot be exchanged on an open port.
+            self._is_identified = True
+        if not self._running and self._is_identified and self._wanted() is None:
             self._running, self._stalled = True, False
             self._pinging.reset(now_s)
             self._refused = self._asking.unanswered = ""
-            self._known = self._confirmed or not self._confirms
+            # It may have rebooted between its hello and the start: it is identified once more while it runs.
+            self._is_identified = self._hello_shows_ready or not self._can_identify
         return self._step(now_s)
 
-    def streams(self) -> None:
+    def note_streaming(self) -> None:
         """Take note that the board sends scans at a rate that is not known yet: it need not be started."""
         self._streaming = True
 
@@ -209,7 +211,8 @@ class Session:
             return [self._last_stop]  # with its token: a late answer to any of them counts
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
-            self._streaming, self._confirmed, self._known = False, False, not self._confirms
+            self._streaming = self._hello_shows_ready = False
+            self._is_identified = not self._can_identify
         if self._open and self._streaming and not self._running and now_s >= self._overdue_s:
             self._streaming = False  # the board says that it streams, but no scan arrives: start it again
         # Pings are sent on a deadline only: on the arrival of scans they would keep step with the adapter.
@@ -221,9 +224,10 @@ class Session:
         `tick` repeats it until the board answers, and not with ``busy``.
         """
         self._leaving = True
-        if not (self._open and (self._known or self._running or self._stalled) and self._layout.has("stop")):
+        is_ours = self._is_identified or self._running or self._stalled
+        if not (self._open and is_ours and self._layout.has("stop")):
             return []
-        command = self._asking.command("stop")
+        command = self._asking.new_command("stop")
         if self._layout.has("acknowledge"):
             self._last_stop, self._stop_again_s = command, now_s + ANSWER_S
         return [command]
@@ -294,7 +298,7 @@ class Session:
             return f"the board sends but does not answer {unanswered}: is the line to it broken?"
         if self._stalled:
             return f"no scan for {self.silence_s * 1000:.0f} ms or more"
-        return "waiting for scans" if self._known else "waiting for the board to introduce itself"
+        return "waiting for scans" if self._is_identified else "waiting for the board to introduce itself"
 
     # ---- decisions ---------------------------------------------------------------------------------
 
@@ -302,7 +306,7 @@ class Session:
         """Name of the command that the board needs next; None for none."""
         if not self._open or self._leaving:
             return None
-        if not self._known:
+        if not self._is_identified:
             return "identify" if self._layout.has("identify") else None
         asked_hz = self.params.rate_hz
         if asked_hz is not None and not math.isclose(self.rate_hz, asked_hz, rel_tol=_SAME_RATE):
@@ -330,8 +334,8 @@ class Session:
             return []
         if self._asking.is_exhausted(name):
             self._asking.unanswered = name
-            if name != "identify" and self._confirms:
-                self._known, name = False, "identify"
+            if name != "identify" and self._can_identify:
+                self._is_identified, name = False, "identify"
         return [self._asking.ask(name, self.params.rate_hz, now_s)]
 
     def _ping(self, now_s: float) -> list[Command]:
@@ -339,12 +343,12 @@ class Session:
         if not self._running or self._wanted() is not None or now_s < self._pinging.due_s:
             return []
         self._pinging.sent(now_s)
-        return [self._asking.command("ping")]
+        return [self._asking.new_command("ping")]
 
     def _refuse(self, reason: str, now_s: float) -> None:
         """Enter the state fault for a command that the board refused; it is asked again after `FOREIGN_S`."""
         self._refused, self._running = reason, False
-        self._known = not self._introduces
+        self._is_identified = not self._has_hello
         self._asking.keep_quiet(now_s + FOREIGN_S)
 
     @property

@@ -49,7 +49,7 @@ class Exporter:
         try:
             listening = socket.create_server((_HOST, self._port))
         except OSError as error:
-            # `error.strerror` repeats the address.
+            # The words of `error` have the address too, which this line names already.
             cause = os.strerror(error.errno) if error.errno else str(error)
             logger.error(  # noqa: TRY400  the cause is enough, a traceback would not help
                 "no metrics: metrics.port: %s:%d cannot be had (%s); free it (ss -tlnp 'sport = :%d'), and "

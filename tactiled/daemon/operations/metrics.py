@@ -1,6 +1,7 @@
 """Metrics for Prometheus: counters, gauges and histograms in its text format.
 
-They are computed from the published events, so that a graph shows what subscribers received. The format
+States, latencies, slips and the recording come from the published events, so that a graph shows what
+subscribers received; the counters of the line come from the pipeline and the driver of the UART. The format
 is version 0.0.4 of prometheus.io/docs/instrumenting/exposition_formats: base units, counters that end in
 ``_total``, histograms with cumulative buckets.
 """

@@ -103,7 +103,7 @@ class MotionSenders:
             return "time_s: an instant is before the one in front of it", {}
         if times[0] < sent_s - REACH_S or times[-1] > sent_s + REACH_S:
             return f"time_s: an instant is more than {REACH_S:g} s from sent_s", {}
-        offset_s = self._sender(sender).clock.offset_s(sent_s, now_s)
+        offset_s = self._find(sender).clock.offset_s(sent_s, now_s)
         late_s = now_s - (sent_s + offset_s)
         if late_s > REACH_S:
             return (
@@ -117,13 +117,13 @@ class MotionSenders:
 
         A stream of motion would leave nothing else among the stored command events.
         """
-        told_s = self._sender(sender).told_s
+        told_s = self._find(sender).told_s
         if now_s < told_s.get(ok, -math.inf) + EVENT_PERIOD_S:
             return False
         told_s[ok] = now_s
         return True
 
-    def _sender(self, name: tuple[str, ...]) -> _Sender:
+    def _find(self, name: tuple[str, ...]) -> _Sender:
         sender = self._senders.pop(name, None) or _Sender()
         self._senders[name] = sender  # the newest is last
         if len(self._senders) > _SENDERS:
@@ -131,7 +131,7 @@ class MotionSenders:
         return sender
 
 
-def _sender(command: Motion, requester: Requester) -> tuple[str, ...]:
+def _sender_id(command: Motion, requester: Requester) -> tuple[str, ...]:
     """Return what identifies the program that sends motion: programs behind a bridge share its connection."""
     return requester.key, requester.connection, command.who
 
@@ -165,7 +165,7 @@ class Commands:
         if isinstance(command, Record):
             return self._record(command.on)
         if isinstance(command, Motion):
-            reason, course = self._motion.course(command, _sender(command, requester), now_s)
+            reason, course = self._motion.course(command, _sender_id(command, requester), now_s)
             return reason or self._tune(command.do, course, now_s)
         return self._tune(command.do, command.arguments, now_s)
 
@@ -194,7 +194,7 @@ class Commands:
     ) -> CommandEvent | None:
         """Make the command event: the requester, the command and its outcome; None for most of a stream."""
         if isinstance(command, Motion) and not self._motion.is_event(
-            _sender(command, requester), ok=not reason, now_s=now_s
+            _sender_id(command, requester), ok=not reason, now_s=now_s
         ):
             return None
         return CommandEvent(

@@ -142,13 +142,13 @@ def _prepared(endpoint: str) -> str:
     if path is None:
         return endpoint
     if _is_served(path):
-        # libzmq would silently take the path from the other daemon.
+        # Its socket must stay: a path that nobody serves is removed below.
         raise UnavailableError(f"{endpoint}: in use by another tactiled; give this one other endpoints")
     if path.is_socket():
         with contextlib.suppress(OSError):  # what a killed daemon left; if it stays, binding says why
             path.unlink()
     elif path.exists():
-        # libzmq would delete the file.
+        # Binding would say that the endpoint is in use, or delete the file.
         raise OperatorError(f"{endpoint}: a file stands there that is no socket; name another path")
     return endpoint
 

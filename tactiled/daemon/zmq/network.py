@@ -97,7 +97,9 @@ class Network:
     Raises
     ------
     ConfigError, OperatorError
-        An endpoint cannot be bound, or there are no keys; the message says what to do.
+        An endpoint can never be bound, or there are no keys; the message says what to do.
+    UnavailableError
+        An endpoint is in use, or cannot be bound now.
     """
 
     def __init__(

@@ -214,7 +214,7 @@ def test_a_reboot_is_a_restart_and_no_loss(hello_is_lost: bool) -> None:
         link.received(encode(sim.hello()), 101.0, events.append)
     link.received(stream(sim, 50, 0), 101.5, events.append)
     link.received(encode(sim.hello()), 101.6, events.append)
-    status = link.status(101.6, started_s=100.0, connects=1)
+    status = link.make_status(101.6, started_s=100.0, connects=1)
     assert (status.restarts, status.scans, status.scans_missing) == (1, 100, 0)
 
 
@@ -287,7 +287,7 @@ def test_a_hello_that_waited_in_the_backlog_of_a_stall_is_no_restart() -> None:
     link.received(encode(replace(sim.hello(), ticks=1_760_000)), 104.4, events.append)
     stream(sim, 350, 500_000)
     link.received(stream(sim, 50, 4_000_000), 104.5, events.append)
-    status = link.status(104.5, started_s=100.0, connects=1)
+    status = link.make_status(104.5, started_s=100.0, connects=1)
     assert (status.restarts, status.scans, status.scans_missing) == (0, 100, 350)
 
 
@@ -311,7 +311,7 @@ def test_a_stalled_host_is_no_restart_of_a_board_whose_counters_go_on(away_s: fl
     n_lost = round(100 * away_s) - 40 + 1
     stream(sim, n_lost, 0)
     link.received(stream(sim, 1, 5_010_000 + away_ticks), 105.025 + away_s, events.append)
-    status = link.status(105.03 + away_s, started_s=100.0, connects=1)
+    status = link.make_status(105.03 + away_s, started_s=100.0, connects=1)
     assert (status.restarts, status.scans, status.scans_missing) == (0, 541, n_lost)
 
 
@@ -324,7 +324,7 @@ def test_another_board_on_the_port_is_not_a_restart_of_the_first() -> None:
         link.opened(100.0)
         link.received(encode(sim.hello()) + stream(sim, 5, 0), 100.5, events.append)
         link.lost("unplugged")
-    status = link.status(101.0, started_s=100.0, connects=2)
+    status = link.make_status(101.0, started_s=100.0, connects=2)
     assert (status.restarts, status.scans_missing, status.scans) == (0, 0, 10)
 
 
@@ -333,10 +333,10 @@ def test_a_status_that_is_not_valid_for_late_scans_says_so() -> None:
     sim, link, events = SimBoard(), bare_link(), list[Event]()
     link.opened(100.0)
     link.received(Encoder(LAYOUT).encode(sim.hello()) + stream(sim, 50, 0), 100.5, events.append)
-    fresh = link.status(100.5, started_s=100.0, connects=1)
+    fresh = link.make_status(100.5, started_s=100.0, connects=1)
     assert (fresh.state, fresh.valid, fresh.reason) == ("running", True, "")
     link.received(stream(sim, 50, 500_000), 104.5, events.append)
-    late = link.status(104.5, started_s=100.0, connects=1)
+    late = link.make_status(104.5, started_s=100.0, connects=1)
     assert (late.state, late.valid) == ("running", False)
     assert late.reason.startswith("scans come late: the newest was taken 3")
 
@@ -352,10 +352,10 @@ def test_a_channel_that_comes_up_after_the_zero_is_named_until_a_tare() -> None:
     link.opened(100.0)
     link.received(encode(sim.hello()) + b"".join(late), 100.3, events.append)
     link.received(stream(sim, 60, 300_000), 100.9, events.append)
-    link.status(100.9, started_s=100.0, connects=1)
+    link.make_status(100.9, started_s=100.0, connects=1)
     assert link.warnings["zero"].startswith("channels [5] had no valid reading in the first 0.3 s")
     assert link.pipeline.command("tare", {"force": False}, 100.9) == ("", [])
-    assert not link.status(100.9, started_s=100.0, connects=1).warning
+    assert not link.make_status(100.9, started_s=100.0, connects=1).warning
 
 
 def test_the_latency_timer_of_the_adapter_is_used_by_the_clock_recorded_and_a_warning(

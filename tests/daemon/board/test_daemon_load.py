@@ -3,30 +3,30 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.board.link import HostLoad, LoopTurns
+from tactiled.daemon.board.host_load import HostLoad, LoopTurns
 
 
 def test_a_long_turn_is_a_warning_that_ends() -> None:
     turns = LoopTurns()
     load = HostLoad(turns)
     turns.add(4.95, 0.21)
-    load.status(5.0, 0)
+    load.note_status(5.0, 0)
     assert "could not react for up to 210 ms" in load.warning()
-    load.status(14.0, 0)
+    load.note_status(14.0, 0)
     assert load.warning()
-    load.status(15.1, 0)
+    load.note_status(15.1, 0)
     assert load.warning() == ""
 
 
 def test_late_fits_are_a_warning_that_counts_the_last_ten_seconds() -> None:
     load = HostLoad(LoopTurns())
     for tenth in range(100):
-        load.status(tenth / 10, tenth // 20)
+        load.note_status(tenth / 10, tenth // 20)
     assert load.warning().startswith("4 groove fits were not ready in time")
     for tenth in range(100, 150):
-        load.status(tenth / 10, 4)
+        load.note_status(tenth / 10, 4)
     assert load.warning().startswith("2 groove fits were not ready")
-    load.status(60.0, 4)
+    load.note_status(60.0, 4)
     assert load.warning() == ""
 
 
@@ -45,7 +45,7 @@ def test_every_board_of_a_process_sees_the_turns_of_the_one_loop() -> None:
     turns = LoopTurns()
     first, second = HostLoad(turns), HostLoad(turns)
     turns.add(0.02, 0.01)
-    assert first.status(0.05, 0) == 0.01
+    assert first.note_status(0.05, 0) == 0.01
     turns.add(0.08, 0.004)
-    assert second.status(0.1, 0) == 0.01
-    assert first.status(0.15, 0) == 0.004
+    assert second.note_status(0.1, 0) == 0.01
+    assert first.note_status(0.15, 0) == 0.004
