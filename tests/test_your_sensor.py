@@ -62,7 +62,7 @@ def test_the_emulated_board_of_the_page_sends_its_lines(folder: Path) -> None:
 
 
 def test_shipped_layouts_name_arrays_that_carry_their_channels() -> None:
-    rows = re.findall(r"^\| [^|]+ \| `([\w-]+)`[^|]*\| ", PAGE.read_text().split("## 6.")[1], re.MULTILINE)
+    rows = re.findall(r"^\| [^|]+ \| `([\w-]+)`[^|]*\| ", PAGE.read_text().split("## 5.")[1], re.MULTILINE)
     assert len(rows) == 6
     for name in rows:
         layout = load_layout(name)

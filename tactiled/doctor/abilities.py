@@ -32,27 +32,27 @@ def _contact(array: Array) -> Finding:
     words = f"from the pressure of {n_pressed} of {array.n_taxels} taxels"
     if array.contact is not None:
         return Finding("contact", "ok", f"{words}, above {array.contact.above:g} {array.unit}")
-    return Finding("contact", "ok", f"{words}, above the noise of each; [contact] sets limits of your own")
+    return Finding("contact", "ok", f"{words}, above the noise of each ([contact] states other limits)")
 
 
 def _slip(array: Array) -> Finding:
     if array.measures_ratio:
-        return Finding("slip", "ok", "from shear, beside the pressure")
+        return Finding("slip", "ok", "found from shear and pressure")
     if array.has_shear:
         what = "field" if array.is_field else "shear"
-        words = f"from {what} that grows beyond its own hold; without a load to compare"
+        words = f"found where {what} grows more than in the hold before; there is no load to compare it with"
     elif array.normal_weights().any() and array.n_channels >= _FEW_CHANNELS:
-        words = "slip, from load that moves, roughness and ripple; no shear channels"
+        words = "found where load moves between taxels, or roughness or a ripple passes; no shear channels"
     else:
-        words = f"not reported: no shear, and fewer than {_FEW_CHANNELS} pressure channels"
+        words = f"not reported: no shear channels, and fewer than {_FEW_CHANNELS} pressure channels"
     return Finding("slip", "warn", words)
 
 
 def _direction(array: Array) -> Finding:
     if array.measures_ratio:
-        return Finding("direction", "ok", "of slip, from shear")
-    lacking = "shear without a load" if array.has_shear else "no shear channels"
-    return Finding("direction", "warn", f"not measured: {lacking}; --direction gives it for a log")
+        return Finding("direction", "ok", "that of a slip is found from shear")
+    lacking = "shear channels, but no load" if array.has_shear else "no shear channels"
+    return Finding("direction", "warn", f"not measured: {lacking}; for a log, state it with --direction")
 
 
 def check_waves(array: Array, params: JointParams, rate_hz: float, speed_mm_s: float) -> list[Finding]:
@@ -67,15 +67,15 @@ def _angle(array: Array, params: JointParams, speed_mm_s: float) -> Finding:
     motion = WaveMotion(speed_mm_s, 0.0, params.direction_deg or 0.0, direction_sd_deg)
     if not has_baseline(channel_layout(array), motion):
         how = (
-            f"the period across the motion is {speed_mm_s:g} mm/s over the frequency of the ripple"
+            f"the period along the motion is {speed_mm_s:g} mm/s divided by the frequency of the ripple"
             if speed_mm_s > 0
-            else "frequency of the ripple; with a known speed, the period across the motion"
+            else "the frequency of the ripple is known; with a known speed, also the period along the motion"
         )
         remedy = "use an array with taxels in rows and columns"
         # A known speed does not help taxels that all lie in one row along the motion.
         if speed_mm_s == 0 and has_baseline(channel_layout(array), replace(motion, speed_mm_s=1.0)):
             remedy = "set the speed (detect.texture.speed_mm_s), or " + remedy
-        return Finding(name, "warn", f"no angle (period-only): {how}", remedy)
+        return Finding(name, "warn", f"the angle is not measured (status period-only); {how}", remedy)
     words = f"period and angle, of {params.min_period_mm:g} to {params.max_period_mm:g} mm"
     # Over equal gaps, wave vectors that differ by 2 pi / gap give the same phases. None is longer than
     # 2 pi / min_period, so two of them differ by at most twice that.
@@ -85,9 +85,9 @@ def _angle(array: Array, params: JointParams, speed_mm_s: float) -> Finding:
     return Finding(
         name,
         "warn",
-        f"{words}; gaps are equal, so that gratings of different periods have the same phases (ambiguous)",
+        f"{words}; gaps between taxels are equal, so that two gratings may have the same phases (ambiguous)",
         f"set detect.texture.min_period_mm above {coarsest_mm:g} if no grating is finer, or use an array "
-        "with unequal gaps (wang2019-3x3); a known speed and direction leave fewer such gratings",
+        "with unequal gaps (wang2019-3x3); a known speed and direction exclude some of these gratings",
     )
 
 
@@ -104,21 +104,23 @@ def _speeds(params: JointParams, rate_hz: float, speed_mm_s: float) -> Finding:
     window_s, low_mm, high_mm = params.criteria.max_window_s, params.min_period_mm, params.max_period_mm
     fastest_mm_s = ALIASED * rate_hz * low_mm
     slowest_mm_s = high_mm * params.min_periods / window_s
-    blind = f"motion within {90 - params.max_tilt_deg:g} deg of the grooves' own direction gives no ripples"
-    fast = f"{fastest_mm_s:.3g} mm/s or slower for {low_mm:g} mm"
-    slow = f"{slowest_mm_s:.2g} mm/s or faster for {high_mm:g} mm"
+    blind = f"motion within {90 - params.max_tilt_deg:g} deg of the direction of the ridges gives no ripple"
+    fast = f"{fastest_mm_s:.3g} mm/s or slower to measure periods of {low_mm:g} mm"
+    slow = f"{slowest_mm_s:.2g} mm/s or faster to measure periods of {high_mm:g} mm"
     if speed_mm_s <= 0:
-        return Finding(name, "ok", f"slide across grooves at {fast}, {slow}; {blind}")
+        return Finding(name, "ok", f"slide at {fast}, and at {slow}; {blind}")
     words = []
     if speed_mm_s > fastest_mm_s:
         finest_mm = speed_mm_s / (ALIASED * rate_hz)
         words.append(
-            f"below {finest_mm:.3g} mm ripples are too fast for {rate_hz:g} scans a second (aliased)"
+            f"periods below {finest_mm:.3g} mm are too fine for {rate_hz:g} scans a second (aliased)"
         )
     if speed_mm_s < slowest_mm_s:
         coarsest_mm = speed_mm_s * window_s / params.min_periods
-        words.append(f"above {coarsest_mm:.3g} mm a window of {window_s:g} s holds too few ripples: {slow}")
-    text = f"at {speed_mm_s:g} mm/s across grooves: {'; '.join([*words, blind])}"
+        words.append(
+            f"periods above {coarsest_mm:.3g} mm are too long for a window of {window_s:g} s: slide at {slow}"
+        )
+    text = f"at {speed_mm_s:g} mm/s, {'; '.join([*words, blind])}"
     if speed_mm_s <= fastest_mm_s:
         return Finding(name, "ok", text)
     return Finding(name, "warn", text, f"slide at {fast}, or scan faster (session.rate_hz)")

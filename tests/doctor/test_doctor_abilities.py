@@ -29,20 +29,20 @@ def found(array: str, speed_mm_s: float = 0.0) -> dict[str, Finding]:
 @pytest.mark.parametrize(
     ("name", "slip", "direction", "grooves"),
     [
-        ("wang2019-3x3", "from shear, beside the pressure", "of slip", "period and angle, of 0.5 to 20 mm"),
+        ("wang2019-3x3", "found from shear and pressure", "that of a slip", "and angle, of 0.5 to 20 mm"),
         (
             "normal-4x4",
-            "slip, from load that moves, roughness and ripple",
+            "found where load moves between taxels",
             "not measured",
-            "gaps are equal",
+            "gaps between taxels are equal",
         ),
         (
             "load-cell",
-            "not reported: no shear, and fewer",
+            "not reported: no shear channels, and fewer",
             "not measured",
-            "no angle (period-only): freq",
+            "the angle is not measured (status period-only); the frequency",
         ),
-        ("magnetometers-5", "from field that grows", "not measured: shear without", "no angle (period-only)"),
+        ("magnetometers-5", "found where field grows", "but no load", "the angle is not measured"),
     ],
 )
 def test_abilities_follow_from_the_channels_and_places(
@@ -60,11 +60,12 @@ def test_without_pressure_there_is_no_contact_and_slip_has_no_direction(tmp_path
     file.write_text(SHEAR_ONLY)
     of = found(str(file), 5.0)
     assert [of[check].verdict for check in ("contact", "slip", "direction")] == ["warn"] * 3
-    assert "5 mm/s over the frequency" in of["grooves"].words
+    assert "5 mm/s divided by the frequency" in of["grooves"].words
 
 
 @pytest.mark.parametrize(
-    ("kind", "says"), [('kind = "side"\nazimuth_deg = {}', "from shear"), ('kind = "shear_x"', "from field")]
+    ("kind", "says"),
+    [('kind = "side"\nazimuth_deg = {}', "found from shear"), ('kind = "shear_x"', "where field grows")],
 )
 def test_sides_in_microtesla_are_pressures_and_axes_are_fields(kind: str, says: str, tmp_path: Path) -> None:
     channels = [f'[[taxel_channels]]\nname = "C{k}"\n{kind.format(90 * k)}' for k in range(4)]
@@ -81,7 +82,7 @@ def test_check_config_says_and_draws_it(tmp_path: Path, capsys: pytest.CaptureFi
     captured = capsys.readouterr()
     assert captured.out.count("\n") == 1
     assert "contact: not measured" in captured.err
-    assert "11.2 mm/s or slower for 0.5 mm" in captured.err
+    assert "11.2 mm/s or slower to measure periods of 0.5 mm" in captured.err
     assert picture.read_text().count("<svg") == 1
 
 

@@ -21,15 +21,15 @@ def test_findings_name_periods_speeds_and_options() -> None:
     grooves, speeds = check_waves(WANG, JointParams(), 100.0, 1.5)
     assert grooves.verdict == speeds.verdict == "ok"
     assert "period and angle, of 0.5 to 20 mm" in grooves.words
-    assert "2 mm/s or faster for 20 mm" in speeds.words
+    assert "2 mm/s or faster to measure periods of 20 mm" in speeds.words
     assert "rad" not in grooves.words + speeds.words
     grooves, fast = check_waves(WANG, JointParams(), 100.0, 60.0)
     assert fast.verdict == "warn"
-    assert "below 1.33 mm" in fast.words
-    assert fast.remedy.startswith("slide at 22.5 mm/s or slower for 0.5 mm")
+    assert "at 60 mm/s, periods below 1.33 mm are too fine" in fast.words
+    assert fast.remedy.startswith("slide at 22.5 mm/s or slower to measure periods of 0.5 mm")
     poor, _ = check_waves(EQUAL, ALONG_X, 100.0, 0.0)
     assert poor.verdict == "warn"
-    assert "gaps are equal" in poor.words
+    assert "gaps between taxels are equal" in poor.words
     assert "set detect.texture.min_period_mm above 10 if" in poor.remedy
     assert "unequal gaps" in poor.remedy
 
@@ -37,7 +37,7 @@ def test_findings_name_periods_speeds_and_options() -> None:
 @pytest.mark.parametrize(("min_period_mm", "verdict"), [(9.9, "warn"), (10.0, "warn"), (10.1, "ok")])
 def test_equal_gaps_are_ambiguous_up_to_a_period_of_twice_the_gap(min_period_mm: float, verdict: str) -> None:
     grooves, _ = check_waves(EQUAL, JointParams(min_period_mm=min_period_mm), 100.0, 1.5)
-    assert (grooves.verdict, "gaps are equal" in grooves.words) == (verdict, verdict == "warn")
+    assert (grooves.verdict, "gaps between taxels are equal" in grooves.words) == (verdict, verdict == "warn")
 
 
 def test_one_taxel_resolves_no_angle() -> None:
@@ -45,7 +45,9 @@ def test_one_taxel_resolves_no_angle() -> None:
     one = WANG.__class__(**{**vars(WANG), "x_mm": x_mm, "y_mm": y_mm})
     none, _ = check_waves(one, JointParams(), 100.0, 60.0)
     assert none.verdict == "warn"
-    assert none.words.startswith("no angle (period-only): the period across the motion is 60 mm/s over")
+    assert none.words.startswith(
+        "the angle is not measured (status period-only); the period along the motion is 60 mm/s divided"
+    )
 
 
 def test_check_config_uses_the_configured_speed_or_any(
@@ -64,4 +66,4 @@ def test_check_config_uses_the_configured_speed_or_any(
     assert path_of_scans.startswith("path of a scan: ")
     path.write_text('[port]\nurl = "/dev/none"\n')
     _, speeds = resolved_in_words(load_config(path))
-    assert speeds.startswith("sliding speed: slide across grooves at 22.5 mm/s or slower")
+    assert speeds.startswith("sliding speed: slide at 22.5 mm/s or slower")
