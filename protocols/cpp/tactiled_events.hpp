@@ -162,7 +162,7 @@ template <class Json> void from_json(const Json& map, Contact& out) {
 // Instant at which the evidence of the message was complete, epoch seconds.
 inline double evidence(const Contact& message) { return message.timestamp; }
 
-// How much of what friction can bear is in use, and how likely gross slip is; for each scan in contact.
+// How much of the friction limit is in use, and how likely gross slip is; for each scan in contact.
 struct Grip {
     static constexpr const char* TOPIC = "grip";
 
@@ -179,9 +179,10 @@ struct Grip {
     // Identifies this run of the daemon: a different number means that the daemon was restarted and seq
     // began again. 0 in files.
     std::int64_t run = 0;
-    // Tangential load over the limit that friction sets, median of the posterior; 1 is gross slip.
+    // Tangential load over its friction limit, median of the posterior; 1 is gross slip. While a gross slip
+    // is open (begun and not ended), at least 0.9.
     double utilisation = 0.0;
-    // Quantile of 5 % of utilisation.
+    // Quantile of 5 % of utilisation; low during an open gross slip if the slide may be over.
     double utilisation_low = 0.0;
     // Quantile of 95 % of utilisation: 1 where gross slip cannot be excluded.
     double utilisation_high = 0.0;
@@ -194,7 +195,8 @@ struct Grip {
     double friction_high = 0.0;
     // Part of the contact area that slips now, expectation over the posterior.
     double slipping_share = 0.0;
-    // Probability that all of the contact slides now.
+    // Probability that all of the contact slides now; at least a third of detect.grip.gross_p while a gross
+    // slip is open.
     double p_sliding = 0.0;
     // Probability that gross slip goes on or begins within 50 ms; 1 while state is gross.
     double p_gross_50ms = 0.0;
@@ -214,11 +216,13 @@ struct Grip {
     static constexpr const char* UNIT_N = "N";
     static constexpr const char* UNIT_RELATIVE = "relative";
     std::string unit;
-    // Load at which utilisation would be 0.7 if friction were friction_low, in unit.
+    // Load at which utilisation would be 0.7 if friction were friction_low and shear were larger by the
+    // uncertainty of its zero, in unit. In the state unknown, at least the present load.
     double needed_load = 0.0;
-    // none: the contact has ended; unknown: nobody saw the contact begin, so that it may hold or slide;
-    // sticking; partial: more than a tenth of the area slips, or an incipient slip is open; gross: a gross
-    // slip is open, as in the slip events; unloading: shear over load falls.
+    // none: the contact has ended; unknown: the contact may hold or slide, because its beginning was not
+    // seen or its load is too small for an estimate; sticking: at most a tenth of the area slips; partial:
+    // more than a tenth of the area slips, or an incipient slip is open; gross: a gross slip is open, as in
+    // the slip events; unloading: shear over load falls.
     static constexpr const char* STATE_NONE = "none";
     static constexpr const char* STATE_UNKNOWN = "unknown";
     static constexpr const char* STATE_STICKING = "sticking";
@@ -226,7 +230,8 @@ struct Grip {
     static constexpr const char* STATE_GROSS = "gross";
     static constexpr const char* STATE_UNLOADING = "unloading";
     std::string state;
-    // False where readings cannot be trusted or the message is suppressed: do not act on it.
+    // False where readings cannot be trusted, the load is too small for an estimate, or the message is
+    // suppressed: do not act on it.
     bool valid = false;
     // True where the scan was delivered long after its instant.
     bool late = false;
@@ -293,11 +298,17 @@ struct Force {
     // Normal force of the object on the skin, newtons; above 0 presses. 0.0 where the calibration does not
     // know it.
     double fz_n = 0.0;
-    // Standard deviation of fx_n, newtons; 1e9 where the calibration does not know the component.
+    // Standard deviation of fx_n, newtons: errors of calibration and zero are included, so that it grows
+    // with the time since the array was free of load. 1e9 where the calibration does not know the component,
+    // or the scan has no valid reading.
     double fx_sd_n = 0.0;
-    // Standard deviation of fy_n, newtons; 1e9 where the calibration does not know the component.
+    // Standard deviation of fy_n, newtons: errors of calibration and zero are included, so that it grows
+    // with the time since the array was free of load. 1e9 where the calibration does not know the component,
+    // or the scan has no valid reading.
     double fy_sd_n = 0.0;
-    // Standard deviation of fz_n, newtons; 1e9 where the calibration does not know the component.
+    // Standard deviation of fz_n, newtons: errors of calibration and zero are included, so that it grows
+    // with the time since the array was free of load. 1e9 where the calibration does not know the component,
+    // or the scan has no valid reading.
     double fz_sd_n = 0.0;
     // Moment about the x axis of the array frame, newton millimetres: sum of y times normal force.
     double tx_nmm = 0.0;
@@ -316,15 +327,16 @@ struct Force {
     std::vector<double> taxel_fy_n;
     // fz of each taxel, newtons, in the order of the array.
     std::vector<double> taxel_fz_n;
-    // Name in the calibration file; nominal for published sensitivities; none where the array has no
-    // calibration, and every force is then unknown.
+    // Name in the calibration file; nominal for published sensitivities, which may be wrong by a factor of
+    // 2.7; none where the array has no calibration, and every force is then unknown.
     std::string calibration;
     // True where a channel is saturated: the force is at least what is stated.
     bool saturated = false;
-    // True where a reading exceeds those of the calibration by more than a tenth: the force is extrapolated,
-    // with a larger standard deviation.
+    // True where a reading, or the normal force, exceeds those of the calibration by more than a tenth: the
+    // force is extrapolated, with a larger standard deviation.
     bool beyond_range = false;
-    // Number of channels without a valid reading; the others of their taxel stand in for them.
+    // Number of channels without a valid reading; the others of their taxel replace them, with a larger
+    // standard deviation.
     std::int64_t channels_missing = 0;
     // False where more than a quarter of the channels is missing, where the scan is late, or where there is
     // no calibration: do not act on it.
@@ -369,7 +381,7 @@ struct Candidate {
     double period_mm = 0.0;
     // Direction of the groove normal of this candidate, degrees.
     double angle_deg = 0.0;
-    // Relative weight of this candidate.
+    // Weight of this candidate; with period-only, its share of the power of the ripple.
     double weight = 0.0;
     // Standard deviation of the period of this candidate where status is period-only, millimetres; else 0.0.
     double period_sd_mm = 0.0;
@@ -407,17 +419,9 @@ struct Texture {
     // Identifies this run of the daemon: a different number means that the daemon was restarted and seq
     // began again. 0 in files.
     std::int64_t run = 0;
-    // ok; period-only: frequency and period are known, the angle is not (angle_sd_deg is 180); or why there
-    // is no estimate: the numbers and their standard deviations then mean nothing. no-slip: the slip was too
-    // short, or the published procedure was not given the speed. too-few-periods: the window holds too few
-    // periods of the ripple. aliased: the ripple is too fast for the scan rate. ambiguous: several gratings
-    // fit the delays between taxels, or none can be told. uneven-channels: the phases of the channels differ
-    // from those of one wave by stray_rad, too much to tell the true grating from others. several-gratings:
-    // more than one wave is in view, two gratings or a grating and a vibration at its frequency. machine:
-    // the strongest swing moves all channels at once, as a motor or an arm does. low-snr: no ripple exceeds
-    // the noise. saturated: too few channels can be read. stale: the newest scan of the window was handled
-    // more than samples.late_after_s after it was taken, so that the estimate would be of the past, or the
-    // fit was not ready at the scan at which it was due.
+    // ok: all fields are estimated; period-only: frequency and period are known, the angle is not
+    // (angle_sd_deg is 180); otherwise why there is no estimate, and of the numbers only frequency_hz has a
+    // meaning. protocols/events.md explains each reason.
     static constexpr const char* STATUS_OK = "ok";
     static constexpr const char* STATUS_PERIOD_ONLY = "period-only";
     static constexpr const char* STATUS_NO_SLIP = "no-slip";
@@ -431,8 +435,8 @@ struct Texture {
     static constexpr const char* STATUS_SATURATED = "saturated";
     static constexpr const char* STATUS_STALE = "stale";
     std::string status;
-    // Epoch seconds of the scan at which this was reported: answered - timestamp is the time that the fit
-    // was given.
+    // Epoch seconds of the scan at which this was reported: a fixed time after the window
+    // (detect.texture.answer_after_s), so that a replay gives the same events.
     double answered = 0.0;
     // Spatial period D of the grooves, measured across them, millimetres.
     double period_mm = 0.0;
@@ -452,22 +456,22 @@ struct Texture {
     // Longest period, where status is period-only: that of motion across the grooves, plus two standard
     // deviations, millimetres; else 0.0.
     double period_max_mm = 0.0;
-    // given: by the controller or the configuration; estimated: from the signals; none: not known.
+    // given: by the controller or the configuration; estimated: from the readings; none: not known.
     static constexpr const char* SPEED_SOURCE_GIVEN = "given";
     static constexpr const char* SPEED_SOURCE_ESTIMATED = "estimated";
     static constexpr const char* SPEED_SOURCE_NONE = "none";
     std::string speed_source;
-    // Frequency at which the grooves pass, hertz.
+    // Frequency of the ripple, hertz; 0.0 where none was found.
     double frequency_hz = 0.0;
-    // Length of the signal that was used, seconds.
+    // Length of the window, which ends at timestamp, seconds.
     double window_s = 0.0;
-    // Power at that frequency over the noise, decibels.
+    // Ratio of the power of the ripple to that of the noise, decibels.
     double snr_db = 0.0;
-    // Root-mean-square difference of the channels' phases from those of one wave, apart from noise, radians:
-    // how unlike the taxels are. 0.0 where it was not estimated.
+    // Root-mean-square difference of the channels' phases from those of one wave, apart from noise, radians.
+    // 0.0 where it was not estimated.
     double stray_rad = 0.0;
-    // Gratings that the signals cannot tell apart, or, with period-only, the gratings in view, if several;
-    // empty otherwise.
+    // With ambiguous: gratings that fit about equally well. With period-only: the gratings under the skin,
+    // if there are several. The strongest is first. Empty otherwise.
     std::vector<Candidate> candidates;
     // Name of the estimator that reports it.
     std::string estimator;
@@ -681,9 +685,9 @@ struct Status {
     static constexpr const char* PATH_COMPILED = "compiled";
     static constexpr const char* PATH_PYTHON = "python";
     std::string path;
-    // Load of a taxel, in the unit of the array, that a new contact must exceed: 15 % of the largest load of
-    // its pad of late, of pads without shear and skins in uT. A contact ends below 0.6 of it. 0 where no
-    // load hides another.
+    // Load of a taxel, in the unit of the array, that a new contact must exceed: 15 % of the largest recent
+    // load on the most loaded pad, for pads without shear and skins in uT. A contact ends below 0.6 of it. 0
+    // where every touch is reported.
     double hidden_below = 0.0;
     // Number of messages of each topic published in this run: a subscriber that has received fewer has lost
     // some.

@@ -15,7 +15,7 @@ from tools.site.pages import (
     with_four_column_lists,
     with_links_to_pages,
 )
-from tools.site.reference import metrics_page, options_page, verbs_page
+from tools.site.reference import fields_page, metrics_page, options_page, verbs_page
 
 
 def test_the_site_has_each_page_and_what_it_links_to_at_its_place() -> None:
@@ -82,6 +82,21 @@ def test_verbs_of_all_distributions_are_in_the_reference_with_their_options() ->
 def test_an_option_is_in_the_reference_with_values_default_and_meaning(table: str, row: str) -> None:
     (section,) = [part for part in options_page().split("\n## ") if part.startswith(f"[{table}]")]
     assert f"\n{row}" in section
+
+
+@pytest.mark.parametrize(
+    ("topic", "row"),
+    [
+        ("slip", "| `state` | `onset`, `end` | onset: a slip begins,"),
+        ("slip", "| `taxels` | list of integers | Indices"),
+        ("texture", "| `candidates.weight` | number | Weight"),
+        ("status", "| `sent.scan` | integer | Messages of scan"),
+    ],
+)
+def test_a_field_is_in_the_reference_with_type_and_meaning(topic: str, row: str) -> None:
+    (section,) = [part for part in fields_page().split("\n## ") if part.startswith(f"{topic}\n")]
+    assert f"\n{row}" in section
+    assert "| `run` |" not in section
 
 
 def test_every_metric_is_in_the_reference() -> None:

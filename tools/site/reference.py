@@ -1,4 +1,4 @@
-"""Pages of the reference that are generated from the code: verbs, options and metrics."""
+"""Pages of the reference that are generated: fields of the messages, verbs, options and metrics."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,22 +11,53 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from tactiled import resources
 from tactiled.cli.entry import cli
 from tactiled.cli.packages import DeferredCommand
 from tactiled.config import Config
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.tomlfile import Params
 
+_HEAD = ("v", "seq", "board", "run")  # fields that mean the same in every message
 _TYPES = {str: "text", int: "integer", float: "number", bool: "true or false"}
 
 
 def generated_pages() -> dict[str, str]:
     """Return the pages by their places on the site."""
     return {
+        "reference/fields.md": fields_page(),
         "reference/verbs.md": verbs_page(),
         "reference/options.md": options_page(),
         "reference/metrics.md": metrics_page(),
     }
+
+
+def fields_page() -> str:
+    """Return the fields of each message with type and meaning, from the JSON Schemas."""
+    lines = [
+        "# Fields",
+        "",
+        "Fields of the messages, by topic. Every message also has `v`, `seq`, `board` and `run`."
+        " [Events](../protocols/events.md) says when a message is sent and when it may be used.",
+    ]
+    for path in sorted(resources.shipped("protocols", "events").glob("*.schema.json")):
+        schema = json.loads(path.read_text("utf-8"))
+        lines += ["", f"## {schema['title']}", "", schema["description"], ""]
+        lines += _table(["field", "type", "meaning"], list(_fields(schema["properties"])))
+    return "\n".join([*lines, ""])
+
+
+def _fields(properties: Mapping[str, Any], prefix: str = "") -> Iterator[list[str]]:
+    """Yield a row for each field, and for those of the maps in it."""
+    for name, field in properties.items():
+        if name in _HEAD:
+            continue
+        item = field.get("items", {})
+        kind = f"list of {item['type']}s" if item else field["type"]
+        if "enum" in field:
+            kind = ", ".join(f"`{choice}`" if choice else "empty" for choice in field["enum"])
+        yield [f"`{prefix}{name}`", kind, field.get("description", "")]
+        yield from _fields(field.get("properties") or item.get("properties", {}), f"{prefix}{name}.")
 
 
 def verbs_page() -> str:
