@@ -31,7 +31,7 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
         No reading at all.
     """
     if not np.isfinite(readings).any():
-        raise DataError("the log has no reading: look at --columns")
+        raise DataError("the log has no valid reading: check --columns")
     n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
     rest = np.array([_median(one[:n_first], one) for one in readings.T])
     return [
@@ -90,7 +90,7 @@ def _dead(array: Array, readings: FloatArray) -> Finding:
     if not dead.size:
         return Finding("log: channels", "ok", "every channel changes")
     words = f"never change: {_names(array, dead)}"
-    remedy = "look at the wiring and at --columns; detectors leave such channels out"
+    remedy = "check the wiring and --columns; detectors leave such channels out"
     return Finding("log: channels", "warn", words, remedy)
 
 
@@ -105,9 +105,10 @@ def _zero(array: Array, time_s: FloatArray, readings: FloatArray, rest: FloatArr
         return Finding("log: zero", "warn", words, remedy)
     far = np.flatnonzero(np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low))
     if not far.size:
-        return Finding("log: zero", "ok", "that of the array, within 2 % of the range")
-    words = f"the log begins {np.abs(rest - array.zero).max():.4g} {array.unit} from it: {_names(array, far)}"
-    remedy = "if nothing touches the array at the beginning, zero = 'first 0.3 s'; else it begins in contact"
+        return Finding("log: zero", "ok", "the log begins at the zero of the array, within 2 % of the range")
+    far_by = f"{np.abs(rest - array.zero).max():.4g} {array.unit}"
+    words = f"the log begins {far_by} from the zero of the array: {_names(array, far)}"
+    remedy = "set zero = 'first 0.3 s', unless something touches the array when the log begins"
     return Finding("log: zero", "warn", words, remedy)
 
 
@@ -121,7 +122,7 @@ def _signs(array: Array, change: FloatArray) -> Finding:
     goes = np.median(np.nan_to_num(change)[pressed], axis=0) * array.sign
     noise = np.array([_noise(one) for one in change.T])
     if float(np.abs(goes[loads]).max()) < _LEAST_NOISES * max(float(np.median(noise[loads])), 1e-12):
-        words = "nothing presses the array in this log: signs cannot be told"
+        words = "nothing presses the array in this log, so that signs cannot be checked"
         return Finding("log: signs", "warn", words, "record a firm press")
     tells = loads & (np.abs(goes) > _LEAST_PART * float(np.abs(goes[loads]).max()))
     falls: NDArray[np.int64] = np.flatnonzero(tells & (goes < 0))
@@ -129,8 +130,8 @@ def _signs(array: Array, change: FloatArray) -> Finding:
         words = "load channels rise where the log changes most"
         if array.has_shear:
             words += (
-                "; those of shear do not show in a log: push the skin along +x and +y, and x and y must "
-                "rise, or directions are wrong by up to 180 deg"
+                "; a log does not show the signs of shear channels: push the skin along +x and +y; x and y "
+                "must rise, otherwise directions are wrong by up to 180 deg"
             )
         return Finding("log: signs", "ok", words)
     words = f"fall where the log changes most: {_names(array, falls)}"

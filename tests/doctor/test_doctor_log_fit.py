@@ -97,7 +97,7 @@ def test_a_log_at_rest_or_without_readings_tells_no_sign() -> None:
     at_rest = findings(array(), time_s, readings)["signs"]
     assert at_rest.verdict == "warn"
     assert "nothing presses" in at_rest.words
-    with pytest.raises(DataError, match="no reading"):
+    with pytest.raises(DataError, match="no valid reading"):
         log_fit(array(), time_s, np.full_like(readings, np.nan))
 
 

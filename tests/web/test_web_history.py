@@ -23,7 +23,7 @@ def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_pat
         expect(page.locator(".events")).to_contain_text("no scans for")
         page.wait_for_timeout(3500)  # it is held, and nothing that came before is still on its way
         page.get_by_role("button", name="Pause").click()
-        expect(page.get_by_role("button", name="Go on")).to_be_visible()
+        expect(page.get_by_role("button", name="Continue")).to_be_visible()
         page.wait_for_timeout(500)
         plot = page.locator(".timeline .u-over")
         before = plot.screenshot()
@@ -40,7 +40,7 @@ def test_a_timeline_is_paused_zoomed_and_saved_with_its_gaps(page: Page, tmp_pat
         while plot.screenshot() == before:
             assert time.monotonic() < until_s, "the plot is not zoomed"
             page.wait_for_timeout(100)
-        page.get_by_role("button", name="Go on").click()
+        page.get_by_role("button", name="Continue").click()
         with page.expect_download() as download:
             page.get_by_role("button", name="CSV").click()
         head, *rows = download.value.path().read_text().splitlines()

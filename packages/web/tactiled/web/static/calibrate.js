@@ -18,7 +18,7 @@ export function guideCalibration(panel, post, upload) {
   function showLog(found) {
     log = found.log;
     put(at(".step"), `${found.scans} scans in ${found.duration_s.toFixed(0)} s. `
-      + (found.lacking === "" ? "Every sensitivity can be known. " : `Still lacking: ${found.lacking}; record again, or fit what there is. `)
+      + (found.lacking === "" ? "The record shows every sensitivity. " : `The record lacks: ${found.lacking}. Record again, or fit this record. `)
       + "Now choose the record of the force sensor.");
     at(".then").hidden = false;
     enable();

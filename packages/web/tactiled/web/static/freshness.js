@@ -37,14 +37,14 @@ export function freshness(board, now, connected) {
     return { state: "stale", word: "STALE", age: scanAge,
       words: `No status for ${silent.toFixed(1)} s: is tactiled running, and does this browser keep up?` };
   }
-  if (behind > 1) return { state: "stale", word: "STALE", age: null, words: "Messages carry instants in the future: compare the clocks of the hosts." };
+  if (behind > 1) return { state: "stale", word: "STALE", age: null, words: "Messages have times in the future: compare the clocks of the hosts." };
   if (status.state === "no-device") return { state: "none", word: "NO BOARD", age: scanAge, words: (/no such port/.test(status.reason) ? "Is the board plugged in? " : "") + sentence(status.reason) };
   if (!status.valid) return { state: "stale", word: "STALE", age: scanAge, words: sentence(`${status.state}: ${status.reason}`) };
   const period = status.rate_hz > 0 ? 1 / status.rate_hz : 0;
   const late = Math.max(LATE_S, PERIODS * period);
   if (scanAge > Math.max(SILENT_S, 2 * late)) return { state: "stale", word: "STALE", age: scanAge, words: "No scan reaches this page." };
   if (scanAge > late || (board.newestScan !== null && board.newestScan.late)) {
-    return { state: "late", word: "LATE", age: scanAge, words: "Scans come later than a controller can use: look at the load of the host and the adapter." };
+    return { state: "late", word: "LATE", age: scanAge, words: "Scans come too late for a controller: check the load of the host and the adapter." };
   }
   return { state: "fresh", word: "FRESH", age: scanAge, words: sentence(status.warning) };
 }

@@ -18,7 +18,7 @@ export function historyControls(find, panel) {
   timeline.onView = () => {
     const paused = timeline.end !== null;
     pause.setAttribute("aria-pressed", paused);
-    put(pause, paused ? "Go on" : "Pause");
+    put(pause, paused ? "Continue" : "Pause");
   };
 }
 

@@ -194,7 +194,7 @@ export class BoardPanel {
   _texture(live) {
     const texture = this.board.texture, at = this.at.texture;
     if (!live) { fill(at, "unknown", () => [el("p", "muted", "Unknown.")]); return; }
-    if (texture === null) { fill(at, "none", () => [el("p", "muted", "No slide over grooves now.")]); return; }
+    if (texture === null) { fill(at, "none", () => [el("p", "muted", "The skin does not slide over grooves now.")]); return; }
     fill(at, `${texture.run}/${texture.seq}`, () => {
       if (texture.status === "ok" || texture.status === "period-only") {
         const lines = [el("p", "big number", pm(texture.period_mm, texture.period_sd_mm, "mm"))];

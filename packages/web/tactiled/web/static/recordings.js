@@ -17,7 +17,7 @@ export async function listRecordings() {
   let found;
   try { found = await (await fetch("/api/recordings")).json(); }
   catch (error) { words.textContent = `no answer from tactiled web (${error.message})`; return; }
-  words.textContent = found.length === 0 ? "There is none yet." : found.some((one) => !one.opens) ? "Larger ones are downloaded, and shown by tactiled web --file." : "";
+  words.textContent = found.length === 0 ? "There are no recordings yet." : found.some((one) => !one.opens) ? "Download larger recordings, and show them with tactiled web --file." : "";
   table.parentElement.hidden = found.length === 0;
   table.tHead.replaceChildren(row("th", ["name", "written until", "size", "look", "save"]));
   table.tBodies[0].replaceChildren(...found.map(({ name, bytes, ended, opens }) => {

@@ -210,7 +210,7 @@ export class SkinPicture {
 
   _legendWords(g, state) {
     const words = state === "none" || state === "stale" ? "Last known picture, not live."
-      : g.has_shear ? "Discs: load. Arrows: shear, the way the skin goes." : "Discs: load. No shear channels.";
+      : g.has_shear ? "Discs: load. Arrows: shear, in the direction of motion of the skin." : "Discs: load. No shear channels.";
     const text = g.words ? `${words} ${g.words}.` : words;
     if (this.legend.textContent !== text) this.legend.textContent = text;
   }

@@ -14,8 +14,8 @@ export function guideTuning(panel, post, use) {
     const n = of.motion.incipient + of.motion.gross, held = of.quiet.incipient + of.quiet.gross;
     put(at(".step"), is_accepted ? `Proposed: ${setting}` : `Even ${setting} reports more than ${found.accepted_per_hour} slips an hour`);
     put(at(".how-sure"), `${count(n)} in ${found.motion.contact_s.toFixed(0)} s of motion, ${held} in ${found.quiet.contact_s.toFixed(0)} s of hold: at most ${rate(of.per_hour.high)} an hour (95 %). `
-      + (of.per_hour.high > found.accepted_per_hour ? "Only a longer motion can show fewer. " : "")
-      + (friction === null ? "Friction is known no better than before." : `Friction of this object: ${friction.toFixed(2)} (${what}), ± ${Math.round(100 * friction_log_sd)} %.`));
+      + (of.per_hour.high > found.accepted_per_hour ? "Only a longer motion can show a lower rate. " : "")
+      + (friction === null ? "The friction of this object is not known better than before." : `Friction of this object: ${friction.toFixed(2)} (${what}), ± ${Math.round(100 * friction_log_sd)} %.`));
     at("thead").replaceChildren(row("th", ["setting", "in hold", "in motion", "an hour, 95 %"]));
     at("tbody").replaceChildren(...Object.entries(found.settings).map(([name, { quiet, motion, per_hour }]) =>
       row("td", [name, quiet.incipient + quiet.gross, motion.incipient + motion.gross, `${rate(per_hour.low)} to ${rate(per_hour.high)}`])));

@@ -44,15 +44,15 @@ export function clockWords(unix) {
 
 export const REFUSALS = {
   "no-slip": "The slide ended before a window was full: slide for longer, or give the speed.",
-  "too-few-periods": "Too few periods in the window: slide further.",
+  "too-few-periods": "The window holds too few periods of the ripple: slide further.",
   aliased: "The ripple is too fast for the scan rate: slide more slowly.",
   ambiguous: "Several gratings fit equally well: give the speed.",
   "uneven-channels": "The phases of the channels differ too much: give the speed.",
-  "several-gratings": "Two gratings, or a vibration at the frequency of one: slide where there is one alone.",
+  "several-gratings": "The ripple comes from two gratings, or from a grating and a vibration: slide over one grating alone.",
   machine: "All channels swing at once, as with a motor or an arm: slide at another speed.",
-  "low-snr": "No ripple above the noise: flat, or press harder.",
+  "low-snr": "No ripple exceeds the noise: the surface may be flat. Press harder.",
   saturated: "Too few channels can be read: press less.",
-  stale: "The answer was late, so it would be of the past: look at the load of the host.",
+  stale: "The answer came too late: check the load of the host.",
 };
 
 /** Text of a mark in the stream of the daemon. */
