@@ -41,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_page_has_its_files_and_commands() -> None:
     assert sorted(FILES) == ["board.toml", "fingertip.toml", "lines.toml", "pad.toml", "touch.toml"]
-    assert len(CHECKS) == 3
+    assert len(CHECKS) == 2
 
 
 @pytest.mark.usefixtures("folder")
