@@ -65,7 +65,7 @@ uint64_t tactiled_count(const tactiled_client *client);
  * no message. */
 double tactiled_age_s(const tactiled_client *client);
 
-/* Read a field of the message (protocols/events.md). A number, or 1 or 0 for true and false: returns 0, or -1
+/* Read a field of the message (protocols/events). A number, or 1 or 0 for true and false: returns 0, or -1
  * where there is no such field or it is of another type. */
 int tactiled_number(tactiled_client *client, const char *field, double *value);
 

@@ -10,7 +10,7 @@ topic or field then is an error of the type checker. ::
             tighten()
 
 The types state what the daemon sends; they are not checked when a message is received. What each field means,
-and in which unit, is in protocols/events.md.
+and in which unit, is in the schemas in protocols/events.
 """
 
 from typing import Literal, TypedDict
