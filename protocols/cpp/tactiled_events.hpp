@@ -419,7 +419,7 @@ struct Texture {
     // Identifies this run of the daemon: a different number means that the daemon was restarted and seq
     // began again. 0 in files.
     std::int64_t run = 0;
-    // ok: all fields are estimated; period-only: frequency and period are known, the angle is not
+    // ok: period, angle and speed are known; period-only: frequency and period are known, the angle is not
     // (angle_sd_deg is 180); otherwise why there is no estimate, and of the numbers only frequency_hz has a
     // meaning. protocols/events.md explains each reason.
     static constexpr const char* STATUS_OK = "ok";
