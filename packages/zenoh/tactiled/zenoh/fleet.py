@@ -19,7 +19,7 @@ from tactiled.errors import UnavailableError
 from tactiled.events.words import printable
 from tactiled.zenoh.session import states
 
-_TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured (docs/fleet.md)
+_TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured once
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _ANSWER_S = 1.0  # beyond a status of this age, the daemon itself is silent
 _UNKNOWN = "-"
