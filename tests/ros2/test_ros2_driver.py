@@ -1,42 +1,57 @@
 """Messages of the ROS 2 driver in C++, over structures made by ROS's own generators (rosidl, of Debian).
 
-The driver and `tactiled ros2` make the same messages of the same input; every field is compared.
+What they must hold is worked out here from the messages of the daemon.
 """
 
 import itertools
 import json
+import math
 import os
+import random
 import runpy
 import shutil
+import struct
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
 from cpp import HEADERS, ROOT, WARNINGS
 from messages import STATUS
-from nodes import FakeNode
+from rosbags.typesys import Stores, get_typestore
 from ruamel.yaml import YAML
 
-from tactiled.client import Message
-from tactiled.client.parse import message_of
 from tactiled.events import codec
-from tactiled.events.types import EVENT_TYPES, Event, ForceEvent
-from tactiled.ros2 import convert
-from tactiled.ros2.bridge import Bridge, BridgeParams
-from tactiled.ros2.definitions import STANDARD
-from tactiled.ros2.names import frame_id, name_of_board
+from tactiled.events.types import EVENT_TYPES, ForceEvent
 from tools.interfaces import schemas
 
 FRAME = "tactile_TS_0001"
 MESSAGES = ROOT / "ros2" / "tactiled_msgs" / "msg"
+LAUNCH = ROOT / "ros2" / "tactiled_driver" / "launch" / "driver.launch.py"
 RUNTIME = ("rosidl_runtime_cpp", "rosidl_runtime_c", "rosidl_typesupport_interface", "rcutils")
+STANDARD = (
+    "geometry_msgs/msg/WrenchStamped",
+    "sensor_msgs/msg/PointCloud2",
+    "diagnostic_msgs/msg/DiagnosticArray",
+)
+FRESH_S = 0.5
 Play = Callable[[Sequence[Mapping[str, Any]]], list[Any]]
+
+INSTANTS = ("onset", "detected", "answered")
+MILLI = {  # fields in thousandths of SI units: name in ROS
+    "tx_nmm": "tx_n_m", "ty_nmm": "ty_n_m", "tz_nmm": "tz_n_m", "x_mm": "x_m", "y_mm": "y_m",
+    "torsion": "torsion_m", "speed_mm_s": "speed_m_s", "speed_sd_mm_s": "speed_sd_m_s",
+    "period_mm": "period_m", "period_sd_mm": "period_sd_m",
+    "period_min_mm": "period_min_m", "period_max_mm": "period_max_m",
+}  # fmt: skip
+DEGREES = {
+    "direction_deg": "direction_rad", "direction_sd_deg": "direction_sd_rad",
+    "angle_deg": "angle_rad", "angle_sd_deg": "angle_sd_rad", "stray_deg": "stray_rad",
+}  # fmt: skip
 
 
 def need_rosidl() -> None:
@@ -48,6 +63,19 @@ def need_rosidl() -> None:
         missing.append("nlohmann-json3-dev")
     if missing and "TACTILED_CI" not in os.environ:
         pytest.skip(f"needs {' and '.join(missing)} of Debian 12")
+
+
+def write_standard_types(folder: Path) -> None:
+    """Write the definitions of ROS's own types that the driver needs, and of those in them."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name in STANDARD:
+        text, _ = store.generate_msgdef(name, ros_version=2)
+        for part in f"MSG: {name}\n{text}".split("=" * 80 + "\n"):
+            head, fields = part.split("\n", 1)
+            package, bare = head.removeprefix("MSG: ").replace("/msg/", "/").split("/")
+            file = folder / package / "msg" / f"{bare}.msg"
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(fields)
 
 
 def generate(folder: Path, sources: Path, package: str) -> None:
@@ -68,18 +96,10 @@ def play(tmp_path_factory: pytest.TempPathFactory) -> Play:
     need_rosidl()
     folder = tmp_path_factory.mktemp("driver")
     sources, made = folder / "src", folder / "include"
-    for name, text in STANDARD.items():
-        file = sources / f"{name}.msg"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text)
-    constants = "".join(
-        f"byte {word}={level}\n" for level, word in enumerate(("OK", "WARN", "ERROR", "STALE"))
-    )
-    file = sources / "diagnostic_msgs" / "msg" / "DiagnosticStatus.msg"
-    file.write_text(constants + file.read_text())
+    write_standard_types(sources)
     shutil.copytree(MESSAGES, sources / "tactiled_msgs" / "msg")
-    for package in ("builtin_interfaces", "std_msgs", "geometry_msgs", "diagnostic_msgs", "tactiled_msgs"):
-        generate(made, sources, package)
+    for package in sources.iterdir():
+        generate(made, sources, package.name)
     include = [f"-I{HEADERS}", f"-I{ROOT / 'ros2' / 'tactiled_driver' / 'include'}"]
     system = [f"-isystem{path}" for path in (made, *(Path("/usr/include") / name for name in RUNTIME))]
     program = folder / "driver_messages"
@@ -93,10 +113,6 @@ def play(tmp_path_factory: pytest.TempPathFactory) -> Play:
         return [YAML(typ="safe", pure=True).load(row) for row in done.stdout.split("\n")[:-1]]
 
     return run
-
-
-def message(event: Event) -> dict[str, Any]:
-    return codec.to_map(event, seq=7, board="TS-0001", unix_offset_s=1.7e9)
 
 
 def distinct(schema: Mapping[str, Any], count: Iterator[int]) -> Any:
@@ -116,96 +132,196 @@ def distinct(schema: Mapping[str, Any], count: Iterator[int]) -> Any:
     return values[kind]
 
 
-def test_driver_and_bridge_make_the_same_messages(play: Play) -> None:
+def stamp(unix_s: float) -> dict[str, int]:
+    """Return the time of ROS of a small number of seconds."""
+    return {"sec": int(unix_s), "nanosec": round(unix_s % 1.0 * 1e9)}
+
+
+def in_si(name: str, value: Any) -> tuple[str, Any]:
+    """Return name and value that a field has in ROS (REP-103: metres, newton metres, radians)."""
+    if isinstance(value, dict):
+        return name, dict(in_si(*item) for item in value.items())
+    if isinstance(value, list):
+        items = [in_si(name, each) for each in value]
+        return items[0][0], [item for _, item in items]
+    if name in INSTANTS:
+        return name, stamp(value)
+    if name in MILLI:
+        return MILLI[name], pytest.approx(value / 1000, rel=1e-15)
+    return (
+        (DEGREES[name], pytest.approx(math.radians(value), rel=1e-15)) if name in DEGREES else (name, value)
+    )
+
+
+def test_messages_have_all_fields_in_si_units(play: Play) -> None:
     data = {topic: distinct(schema, itertools.count(1)) for topic, schema in schemas().items()}
     found = play([{"topic": topic, "data": each} for topic, each in data.items()])
     assert len(found) == len(EVENT_TYPES)
     for each, ros in zip(data.values(), found, strict=True):
-        assert ros == convert.own_message(each, FRAME)
+        header = {"stamp": stamp(each.pop("timestamp")), "frame_id": FRAME}
+        assert ros == {"header": header} | in_si("", each)[1]
+
+
+@pytest.mark.parametrize("unix_s", [-3.0, 0.25, 1.7e9 + 0.25, 2.0**31 + 5.5])
+def test_stamps_are_within_a_microsecond_and_the_range_of_ros(play: Play, unix_s: float) -> None:
+    (found,) = play([{"topic": "wrench", "data": force() | {"timestamp": unix_s}, "calibrated_only": False}])
+    time = found["header"]["stamp"]
+    assert 0 <= time["nanosec"] < 10**9
+    expected_s = max(unix_s, 0.0) if unix_s < 2**31 else 2**31 - 0.5
+    assert time["sec"] + time["nanosec"] * 1e-9 == pytest.approx(expected_s, abs=1e-6)
 
 
 def force(**fields: Any) -> dict[str, Any]:
-    return message(ForceEvent(time_s=1.0, fx_n=1.0, fz_n=3.0, tx_nmm=10.0, **fields))
-
-
-@pytest.mark.parametrize("valid", [True, False])
-@pytest.mark.parametrize("calibration", ["none", "nominal", "left finger"])
-def test_wrench_is_that_of_the_bridge(play: Play, valid: bool, calibration: str) -> None:
-    data = force(valid=valid, calibration=calibration)
-    strict, loose = play(
-        [{"topic": "wrench", "data": data, "calibrated_only": only} for only in (True, False)]
-    )
-    assert strict == convert.wrench(data, FRAME)
-    assert (loose is not None) is (valid and calibration != "none")
-
-
-BOARDS = "TS0001", "TS-0001", "0001", "", "--", "-a--b_", "Tür.3", "左手", "a\x00b"
-
-
-def test_frames_are_those_of_the_bridge(play: Play) -> None:
-    assert play([{"topic": "frame", "data": board} for board in BOARDS]) == [*map(frame_id, BOARDS)]
-
-
-def test_namespaces_of_the_launch_file_are_those_of_the_bridge(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("", ".actions", ".substitutions"):
-        monkeypatch.setitem(sys.modules, f"launch{module}", MagicMock())
-    for module in ("", ".actions", ".parameter_descriptions"):
-        monkeypatch.setitem(sys.modules, f"launch_ros{module}", MagicMock())
-    launch = runpy.run_path(str(ROOT / "ros2" / "tactiled_driver" / "launch" / "driver.launch.py"))
-    assert [*map(launch["name_of_board"], BOARDS)] == [*map(name_of_board, BOARDS)]
-
-
-STATUS_MAP = message(STATUS)
-
-
-@contextmanager
-def clocks(now_s: float, unix_s: float) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(time, "monotonic", lambda: now_s)
-        patch.setattr(time, "time", lambda: unix_s)
-        yield
+    made: dict[str, Any] = {
+        "fx_n": 1.0,
+        "fy_n": -2.0,
+        "fz_n": 3.0,
+        "tx_nmm": 10.0,
+        "ty_nmm": 20.0,
+        "tz_nmm": -30.0,
+    }
+    event = ForceEvent(time_s=5.25, **made | {"valid": True, "calibration": "left finger"} | fields)
+    return codec.to_map(event, seq=7, board="TS-0001", unix_offset_s=0.0)
 
 
 @pytest.mark.parametrize(
-    ("fields", "age_s", "now_s"),
+    ("valid", "calibration", "calibrated_only", "is_published"),
     [
-        ({}, 0.0, 0.1),
-        ({"warning": "a noisy line"}, 0.0, 0.1),
-        ({"valid": False, "state": "no-device", "reason": "the cable is unplugged"}, 0.0, 0.1),
-        ({"valid": False, "state": "no-device", "reason": ""}, 0.0, 0.1),
-        ({}, 0.0, 0.5),
-        ({}, 0.0, 0.6),
-        ({"valid": False}, 0.0, 9.0),
-        ({}, 0.4, 0.1),
-        ({}, 2.0, 0.1),
-        ({}, -2.0, 0.1),  # of a clock that was set back
+        (True, "left finger", True, True),
+        (True, "left finger", False, True),
+        (True, "nominal", True, False),
+        (True, "nominal", False, True),
+        (True, "none", True, False),
+        (True, "none", False, False),
+        (False, "left finger", True, False),
+        (False, "left finger", False, False),
     ],
 )
-def test_freshness_and_diagnostics_are_those_of_the_bridge(
-    play: Play, fields: dict[str, Any], age_s: float, now_s: float
+def test_a_wrench_is_in_newtons_and_newton_metres(
+    play: Play, valid: bool, calibration: str, calibrated_only: bool, is_published: bool
 ) -> None:
-    node, data = FakeNode(), STATUS_MAP | {"board": "TS0001"} | fields
-    bridge = Bridge(node, BridgeParams(("",)), lambda _: None)  # type: ignore[arg-type]
-    received = message_of("status", data, 0.0, data["timestamp"] + age_s)
-    assert isinstance(received, Message)
-    with clocks(0.0, data["timestamp"] + age_s):
-        bridge.take("", received)
-    with clocks(now_s, 1.5):
-        bridge.diagnose()
+    data = force(valid=valid, calibration=calibration)
+    (found,) = play([{"topic": "wrench", "data": data, "calibrated_only": calibrated_only}])
+    expected = {
+        "header": {"stamp": {"sec": 5, "nanosec": 250_000_000}, "frame_id": FRAME},
+        "wrench": {"force": {"x": 1.0, "y": -2.0, "z": 3.0}, "torque": {"x": 0.01, "y": 0.02, "z": -0.03}},
+    }
+    assert found == (expected if is_published else None)
+
+
+TAXELS = {"taxel_fx_n": (1.0, 2.0), "taxel_fy_n": (3.0, 4.0), "taxel_fz_n": (5.0, 6.0)}
+
+
+def places(*x_mm: float) -> dict[str, Any]:
+    """Return an `info` message with taxels at y = 8 mm."""
+    info = distinct(schemas()["info"], itertools.count(1))
+    return {**info, "x_mm": x_mm, "y_mm": (8.0,) * len(x_mm)}
+
+
+def test_a_cloud_has_places_and_forces_of_the_taxels(play: Play) -> None:
+    (found,) = play([{"topic": "taxels", "data": force(**TAXELS), "info": places(3.5, 7.0)}])
+    assert found["header"] == {"stamp": {"sec": 5, "nanosec": 250_000_000}, "frame_id": FRAME}
+    fields = [{"name": name, "offset": 4 * n, "datatype": 7, "count": 1} for n, name in enumerate(
+        ("x", "y", "z", "fx", "fy", "fz")
+    )]  # fmt: skip
+    assert found["fields"] == fields
+    shape = [found[name] for name in ("height", "width", "point_step", "row_step", "is_dense")]
+    assert shape == [1, 2, 24, 48, True]
+    numbers = struct.unpack(">12f" if found["is_bigendian"] else "<12f", bytes(found["data"]))
+    expected = [0.0035, 0.008, 0.0, 1.0, 3.0, 5.0, 0.007, 0.008, 0.0, 2.0, 4.0, 6.0]
+    assert numbers == pytest.approx(expected, rel=2**-24)
+
+
+@pytest.mark.parametrize(
+    ("taxels", "more"),
+    [
+        (TAXELS, {}),
+        (TAXELS, {"info": places()}),
+        (TAXELS, {"info": places(3.5)}),
+        ({}, {"info": places(3.5, 7.0)}),
+        (TAXELS | {"taxel_fy_n": (1.0,)}, {"info": places(3.5, 7.0)}),
+    ],
+)
+def test_without_a_place_and_a_force_for_each_taxel_there_is_no_cloud(
+    play: Play, taxels: dict[str, Any], more: dict[str, Any]
+) -> None:
+    assert play([{"topic": "taxels", "data": force(**taxels)} | more]) == [None]
+
+
+NAMES = {
+    "TS0001": "TS0001", "TS-0001": "TS_0001", "0001": "board_0001", "": "board", "--": "board",
+    "-a--b_": "a_b", "Tür.3": "T_r_3", "左手": "board", "a\x00b": "a_b",
+}  # fmt: skip
+
+
+def test_frames_have_names_of_ros(play: Play) -> None:
+    found = play([{"topic": "frame", "data": board} for board in NAMES])
+    assert found == [f"tactile_{name}" for name in NAMES.values()]
+
+
+def test_the_launch_file_starts_a_node_for_each_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    def configuration(name: str) -> Any:
+        return SimpleNamespace(perform=lambda values: values[name])
+
+    stubs = {
+        "launch": MagicMock(),
+        "launch.actions": MagicMock(),
+        "launch.substitutions": SimpleNamespace(LaunchConfiguration=configuration),
+        "launch_ros": MagicMock(),
+        "launch_ros.actions": SimpleNamespace(LifecycleNode=dict),
+        "launch_ros.parameter_descriptions": SimpleNamespace(ParameterValue=lambda value, **_: value),
+    }
+    for name, stub in stubs.items():
+        monkeypatch.setitem(sys.modules, name, stub)
+    launch = runpy.run_path(str(LAUNCH))
+    nodes = launch["nodes_of_boards"]({"boards": ",".join(NAMES), "namespace": "hand/left"})
+    assert [node["namespace"] for node in nodes] == [f"hand/left/{name}" for name in NAMES.values()]
+    assert [node["parameters"][0]["board"] for node in nodes] == list(NAMES)
+
+
+STATUS_MAP = codec.to_map(STATUS, seq=7, board="TS0001", unix_offset_s=1.7e9)
+OK, WARN, ERROR, STALE = range(4)
+
+
+@pytest.mark.parametrize(
+    ("fields", "age_s", "now_s", "level", "words"),
+    [
+        ({}, 0.0, 0.1, OK, "running"),
+        ({"warning": "a noisy line"}, 0.0, 0.1, WARN, "a noisy line"),
+        ({"valid": False, "state": "no-device", "reason": "unplugged"}, 0.0, 0.1, ERROR, "unplugged"),
+        ({"valid": False, "state": "no-device", "reason": ""}, 0.0, 0.1, ERROR, "no-device"),
+        ({}, 0.0, 0.5, OK, "running"),
+        ({}, 0.0, 0.6, STALE, "no status for 0.6 s: is tactiled running?"),
+        ({"valid": False}, 0.0, 9.0, STALE, "no status for 9.0 s: is tactiled running?"),
+        ({}, 0.4, 0.1, OK, "running"),
+        ({}, 2.0, 0.1, STALE, "status is 2.0 s off: messages wait, or the clocks differ"),
+        ({}, -2.0, 0.1, STALE, "status is 2.0 s off: messages wait, or the clocks differ"),
+    ],
+)
+def test_diagnostics(
+    play: Play, fields: dict[str, Any], age_s: float, now_s: float, level: int, words: str
+) -> None:
+    status = STATUS_MAP | fields
     (found,) = play(
-        [{"topic": "diagnostics", "is_active": True, "status": data, "age_s": age_s, "now_s": now_s}]
+        [{"topic": "diagnostics", "is_active": True, "status": status, "age_s": age_s, "now_s": now_s}]
     )
-    expected = node.written[-1][1]
-    assert [found["message"]["header"], len(found["message"]["status"])] == [expected["header"], 1]
+    assert found["is_fresh"] is (level in (OK, WARN))
+    assert found["message"]["header"] == {"stamp": {"sec": 1, "nanosec": 500_000_000}, "frame_id": ""}
     (entry,) = found["message"]["status"]
-    entry |= {"level": int(entry["level"]), "values": [texts(pair) for pair in entry["values"]]}
-    assert [entry] == expected["status"]
-    assert found["is_fresh"] is (entry["level"] in (0, 1))
-
-
-def texts(pair: Mapping[str, Any]) -> dict[str, str]:
-    """Key and value of the diagnostics, of which a YAML reader makes numbers."""
-    return {name: str(value) for name, value in pair.items()}
+    head = [entry["name"], entry["hardware_id"], int(entry["level"]), entry["message"]]
+    assert head == ["tactiled TS0001", "TS0001", level, words]
+    assert [(pair["key"], str(pair["value"])) for pair in entry["values"]] == [
+        ("state", status["state"]),
+        ("contact", "sliding"),
+        ("rate_hz", "100"),
+        ("scans", "1"),
+        ("scans_missing", "0"),
+        ("frames_corrupt", "0"),
+        ("force_calibration", "none"),
+        ("messages_too_old", str(int(abs(age_s) > FRESH_S))),
+        ("messages_malformed", "0"),
+        ("messages_refused", "0"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -215,12 +331,58 @@ def texts(pair: Mapping[str, Any]) -> dict[str, str]:
 def test_diagnostics_without_a_status_say_why(play: Play, is_active: bool, words: str) -> None:
     (found,) = play([{"topic": "diagnostics", "is_active": is_active, "now_s": 0.1}])
     (entry,) = found["message"]["status"]
-    assert (int(entry["level"]), entry["message"], found["is_fresh"]) == (3, words, False)
+    assert (int(entry["level"]), entry["message"], found["is_fresh"]) == (STALE, words, False)
 
 
-@pytest.mark.parametrize("is_lost", [True, False])
-def test_latched_contact_is_that_of_the_bridge(play: Play, is_lost: bool) -> None:
-    status = STATUS_MAP | {"contact": "sliding"}
-    (found,) = play([{"topic": "lost contact", "data": status, "is_lost": is_lost}])
-    expected = convert.contact_from_status(status | {"timestamp": 1.5}, "holding", lost=is_lost)
-    assert found == convert.own_message(expected, FRAME)
+def step(topic: str, now_s: float, age_s: float = 0.0, **fields: Any) -> dict[str, Any]:
+    status = {"data": STATUS_MAP | fields} if topic == "status" else fields
+    return {"topic": topic, "now_s": now_s, "age_s": age_s} | status
+
+
+ALWAYS = ("status", "info", "recording", "command")
+SKIN = ("scan", "slip", "contact", "grip", "force", "texture")
+
+
+def test_nothing_about_the_skin_is_published_without_a_young_valid_status(play: Play) -> None:
+    rng = random.Random(5)
+    steps: list[dict[str, Any]] = []
+    expected: list[tuple[str, bool, int]] = []
+    now_s, too_old, newest_s, is_trusted = 0.0, 0, 0.0, False
+    for _ in range(2000):
+        now_s += rng.choice((0.0, 0.1, 0.3, 0.5, 0.7))
+        topic, age_s = rng.choice(("status", *ALWAYS, *SKIN)), rng.choice((-0.6, -0.5, 0.0, 0.2, 0.5, 0.6))
+        valid, is_young = rng.random() < 0.8, abs(age_s) <= FRESH_S
+        steps.append(step(topic, now_s, age_s, valid=valid, state="running"))
+        if topic == "status":
+            newest_s, is_trusted = now_s, valid and is_young
+        is_fresh = is_trusted and now_s - newest_s <= FRESH_S
+        is_admitted = is_young and (topic in ALWAYS or is_fresh)
+        too_old += not is_admitted
+        expected.append((topic, is_admitted, too_old))
+    (found,) = play([{"topic": "steps", "steps": steps}])
+    assert [(row["is_admitted"], row["too_old"]) for row in found] == [row[1:] for row in expected]
+    assert {is_admitted for topic, is_admitted, _ in expected if topic in SKIN} == {True, False}
+
+
+def test_the_latched_contact_follows_silence_and_return(play: Play) -> None:
+    steps = [
+        step("contact", 0.0, state="sliding"),  # no status yet
+        step("status", 0.1, contact="holding"),
+        step("contact", 0.2, state="sliding"),
+        step("scan", 0.3),
+        step("scan", 0.7),
+        step("scan", 2.0),
+        step("status", 5.0, valid=False, contact="holding"),
+        step("status", 5.1, contact="holding"),
+    ]
+    (found,) = play([{"topic": "steps", "steps": steps}])
+    contacts = {number: row["contact"] for number, row in enumerate(found) if "contact" in row}
+    states = {number: (each["state"], each["previous"], each["valid"]) for number, each in contacts.items()}
+    assert states == {
+        1: ("holding", "unknown", True),
+        4: ("unknown", "sliding", False),
+        7: ("holding", "unknown", True),
+    }
+    for each in contacts.values():
+        assert each["header"] == {"stamp": {"sec": 1, "nanosec": 500_000_000}, "frame_id": FRAME}
+        assert (each["board"], each["seq"], each["taxels"]) == ("TS0001", -1, [])

@@ -1,4 +1,4 @@
-"""Node of one board, active from the start: ros2 launch tactiled_driver driver.launch.py board:=TS0001."""
+"""A node for each board: ros2 launch tactiled_driver driver.launch.py boards:=TS0001,TS0002."""
 
 import re
 
@@ -9,14 +9,16 @@ from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
 TEXTS = {
-    "board": (None, "serial number of the board"),
     "endpoint": ("tcp://127.0.0.1:9872", "where the daemon publishes events"),
-    "frame_id": ("", "frame of the array; empty for tactile_BOARD"),
-    "qos": ("sensor_data", "of wrench, scan, force and grip: sensor_data or reliable"),
+    "qos": ("sensor_data", "of wrench, taxels, scan, force and grip: sensor_data or reliable"),
 }
 FLAGS = {
-    "calibrated_only": ("true", "false: wrench has nominal forces, too"),
-    "autostart": ("true", "false: a lifecycle manager configures and activates the node"),
+    "calibrated_only": ("true", "false: wrench and taxels have nominal forces, too"),
+    "autostart": ("true", "false: a lifecycle manager configures and activates the nodes"),
+}
+PLACES = {
+    "boards": (None, "serial numbers, with commas between them"),
+    "namespace": ("tactile", "nodes and topics are in NAMESPACE/BOARD"),
 }
 
 
@@ -26,27 +28,28 @@ def name_of_board(board: str) -> str:
     return name if name[:1].isalpha() else f"board_{name}".rstrip("_")
 
 
-def node_of_board(context: LaunchContext) -> list[LifecycleNode]:
-    """Return the node, whose namespace has the name of the board where none is given."""
-    namespace, board = (LaunchConfiguration(name).perform(context) for name in ("namespace", "board"))
+def nodes_of_boards(context: LaunchContext) -> list[LifecycleNode]:
+    """Return the nodes, each in a namespace with the name of its board."""
+    boards, namespace = (LaunchConfiguration(name).perform(context) for name in PLACES)
     values = {name: ParameterValue(LaunchConfiguration(name), value_type=str) for name in TEXTS}
     flags = {name: ParameterValue(LaunchConfiguration(name), value_type=bool) for name in FLAGS}
-    node = LifecycleNode(
-        package="tactiled_driver",
-        executable="driver",
-        name="tactiled_driver",
-        namespace=namespace or f"tactile/{name_of_board(board)}",
-        parameters=[values | flags],
-        output="screen",
-    )
-    return [node]
+    return [
+        LifecycleNode(
+            package="tactiled_driver",
+            executable="driver",
+            name="tactiled_driver",
+            namespace=f"{namespace}/{name_of_board(board)}",
+            parameters=[{"board": ParameterValue(board, value_type=str)} | values | flags],
+            output="screen",
+        )
+        for board in boards.split(",")
+    ]
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start the node with topics as /tactile/BOARD/wrench."""
-    namespace = {"namespace": ("", "of node and topics; empty for tactile/BOARD")}
+    """Start nodes with topics as /tactile/BOARD/wrench."""
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=meaning)
-        for name, (default, meaning) in (TEXTS | FLAGS | namespace).items()
+        for name, (default, meaning) in (PLACES | TEXTS | FLAGS).items()
     ]
-    return LaunchDescription([*arguments, OpaqueFunction(function=node_of_board)])
+    return LaunchDescription([*arguments, OpaqueFunction(function=nodes_of_boards)])

@@ -1,4 +1,4 @@
-// Lifecycle node that publishes the messages of one board: wrench, tactiled_msgs, /diagnostics.
+// Lifecycle node that publishes the messages of one board: wrench, taxels, tactiled_msgs, /diagnostics.
 //
 //     ros2 run tactiled_driver driver --ros-args -p board:=TS0001 -p autostart:=true -r __ns:=/tactile/TS0001
 //
@@ -6,7 +6,6 @@
 // docs/ros2.md has the rules for what is published.
 #include <atomic>
 #include <chrono>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <exception>
@@ -31,11 +30,12 @@
 namespace tactiled_driver {
 
 using geometry_msgs::msg::WrenchStamped;
+using sensor_msgs::msg::PointCloud2;
 using rclcpp_lifecycle::LifecycleNode;
 using Result = LifecycleNode::CallbackReturn;
 
 constexpr double WAIT_S = 0.05;        // the thread ends within this time
-constexpr std::size_t N_EVENTS = 100;  // queue of a reliable topic, as that of the bridge
+constexpr std::size_t N_EVENTS = 100;  // queue of a reliable topic
 
 // True where a message that is published now has a receiver. Without one, converting and writing it would keep the
 // processor from the receivers of others.
@@ -64,11 +64,12 @@ template <class Own, class Ros> struct Topic {
 
 namespace msg = tactiled_msgs::msg;
 using Contacts = Topic<tactiled::Contact, msg::Contact>;
+using Infos = Topic<tactiled::Info, msg::Info>;
 using Topics =
     std::tuple<Topic<tactiled::Force, msg::Force>, Topic<tactiled::Grip, msg::Grip>, Topic<tactiled::Scan, msg::Scan>,
                Topic<tactiled::Slip, msg::Slip>, Contacts, Topic<tactiled::Texture, msg::Texture>,
-               Topic<tactiled::Info, msg::Info>, Topic<tactiled::Status, msg::Status>,
-               Topic<tactiled::Recording, msg::Recording>, Topic<tactiled::Command, msg::Command>>;
+               Infos, Topic<tactiled::Status, msg::Status>, Topic<tactiled::Recording, msg::Recording>,
+               Topic<tactiled::Command, msg::Command>>;
 
 class Driver final : public LifecycleNode {
 public:
@@ -151,6 +152,7 @@ private:
         const rclcpp::QoS scans = qos_of_scans(get_parameter("qos").as_string());
         std::apply([&](auto&... topic) { (open(topic, scans), ...); }, topics_);
         wrenches_ = create_publisher<WrenchStamped>("wrench", scans);
+        clouds_ = create_publisher<PointCloud2>("taxels", scans);
         // Not of the lifecycle: the diagnostics say so while the node is not active.
         diagnostics_ = rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "/diagnostics",
                                                                                       rclcpp::QoS(N_EVENTS));
@@ -185,6 +187,7 @@ private:
         timer_.reset();
         diagnostics_.reset();
         wrenches_.reset();
+        clouds_.reset();
         std::apply([](auto&... topic) { (topic.publisher.reset(), ...); }, topics_);
     }
 
@@ -232,49 +235,40 @@ private:
         if (!message.read(topic.own))
             return false;
         const double age_s = message.age_s(now_s);
-        if constexpr (std::is_same_v<Own, tactiled::Status>) {
-            state_.status = topic.own;
-            state_.status_s = now_s;
-            state_.status_age_s = age_s;
-        }
-        if (std::abs(age_s) > FRESH_S || (is_about_skin(topic.NAME) && !state_.is_fresh(now_s))) {
-            ++state_.too_old;
+        if constexpr (std::is_same_v<Own, tactiled::Status>)
+            state_.take(topic.own, age_s, now_s);
+        if (!state_.admit(topic.NAME, age_s, now_s))
             return true;
-        }
         if constexpr (std::is_same_v<Own, tactiled::Force>)
-            publish_wrench(topic.own);
+            publish_newtons(topic.own);
         if constexpr (std::is_same_v<Own, tactiled::Contact>)
-            contact_ = topic.own.state;
+            state_.contact = topic.own.state;
         topic.publish(frame_id_);
         return true;
     }
 
-    // True for topics that are silent while data may be old.
-    static bool is_about_skin(std::string_view topic)
-    {
-        return topic != "status" && topic != "info" && topic != "recording" && topic != "command";
-    }
-
-    void publish_wrench(const tactiled::Force& force)
+    // Publish the standard messages of a force.
+    void publish_newtons(const tactiled::Force& force)
     {
         state_.calibration = force.calibration;
-        if (!is_in_newtons(force, calibrated_only_) || !has_receiver(*wrenches_))
+        if (!is_in_newtons(force, calibrated_only_))
             return;
-        convert(force, wrench_, frame_id_);
-        wrenches_->publish(wrench_);
+        if (has_receiver(*wrenches_)) {
+            convert(force, wrench_, frame_id_);
+            wrenches_->publish(wrench_);
+        }
+        if (has_receiver(*clouds_) && convert(force, std::get<Infos>(topics_).own, cloud_, frame_id_))
+            clouds_->publish(cloud_);
     }
 
     // Replace the latched contact when the board becomes stale, and when it is fresh again.
     void watch()
     {
-        const bool is_fresh = state_.is_active && state_.is_fresh(tactiled::monotonic_s());
-        if (is_fresh == was_fresh_)
+        const auto contact = state_.changed_contact(tactiled::monotonic_s(), tactiled::unix_s());
+        if (!contact)
             return;
-        was_fresh_ = is_fresh;
         auto& contacts = std::get<Contacts>(topics_);
-        contacts.own = contact_of(state_.status, contact_, !is_fresh, tactiled::unix_s());
-        contacts.own.board = state_.board;
-        contact_ = contacts.own.state;
+        contacts.own = *contact;
         contacts.publish(frame_id_);
     }
 
@@ -297,8 +291,7 @@ private:
     {
         end_thread();
         state_.is_active = false;
-        if (was_fresh_)
-            watch();
+        watch();
     }
 
     std::string frame_id_;
@@ -306,6 +299,8 @@ private:
     Topics topics_;
     rclcpp_lifecycle::LifecyclePublisher<WrenchStamped>::SharedPtr wrenches_;
     WrenchStamped wrench_;
+    rclcpp_lifecycle::LifecyclePublisher<PointCloud2>::SharedPtr clouds_;
+    PointCloud2 cloud_;
     rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr diagnostics_;
     rclcpp::TimerBase::SharedPtr timer_;
     std::unique_ptr<tactiled::Subscription> events_;  // belongs to the thread while that runs
@@ -313,9 +308,7 @@ private:
     std::atomic<bool> is_ending_ = false;
     std::mutex mutex_;  // guards what thread and executor share: `state_`
     BoardState state_;
-    bool was_fresh_ = false;
     std::uint64_t n_unread_ = 0;  // messages without a field that this node needs: the daemon is older
-    std::string contact_ = tactiled::Contact::STATE_UNKNOWN;  // newest one that was published
 };
 
 }  // namespace tactiled_driver

@@ -1,32 +1,30 @@
-"""Bridge to a running daemon, place of the array on the robot, and a controller."""
+"""Node of board TS0001, place of its array on the robot, and a controller."""
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, ExecuteProcess, SetEnvironmentVariable
-from launch.substitutions import LaunchConfiguration
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start `tactiled ros2`, a static transform and the controller in Python."""
+    """Start the node, a static transform and the controller in Python."""
+    share = FindPackageShare("tactiled_driver")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("events", default_value="tcp://127.0.0.1:9872"),
+            DeclareLaunchArgument("endpoint", default_value="tcp://127.0.0.1:9872"),
             DeclareLaunchArgument("parent", default_value="base_link"),
-            DeclareLaunchArgument("frame", default_value="tactile_TS0001"),
-            # As `tactiled ros2` without --network: loopback alone. Humble: ROS_LOCALHOST_ONLY=1.
-            SetEnvironmentVariable("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"),
-            ExecuteProcess(
-                cmd=["tactiled", "ros2", "--events", LaunchConfiguration("events")], output="screen"
+            IncludeLaunchDescription(
+                PathJoinSubstitution([share, "launch", "driver.launch.py"]),
+                launch_arguments={
+                    "boards": "TS0001",
+                    "endpoint": LaunchConfiguration("endpoint"),
+                }.items(),
             ),
             Node(
                 package="tf2_ros",
                 executable="static_transform_publisher",
-                arguments=[
-                    "--frame-id",
-                    LaunchConfiguration("parent"),
-                    "--child-frame-id",
-                    LaunchConfiguration("frame"),
-                ],
+                arguments=["--frame-id", LaunchConfiguration("parent"), "--child-frame-id", "tactile_TS0001"],
             ),
             Node(package="tactiled_examples", executable="grip_controller.py", output="screen"),
         ]

@@ -1,15 +1,21 @@
-// Standard messages of ROS 2 from the structures of tactiled, and the verdict in /diagnostics.
+// Standard messages of ROS 2 from the structures of tactiled, what may be published, and the verdict in /diagnostics.
 // Pure: no node, no clock. own_messages.hpp has the messages of tactiled_msgs.
 #pragma once
 
+#include <array>
 #include <cctype>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <cstdio>
+#include <cstring>
 #include <diagnostic_msgs/msg/diagnostic_array.hpp>
 #include <geometry_msgs/msg/wrench_stamped.hpp>
 #include <limits>
+#include <optional>
+#include <sensor_msgs/msg/point_cloud2.hpp>
 #include <string>
+#include <string_view>
 #include <tactiled_events.hpp>
 
 #include "tactiled_driver/header.hpp"
@@ -17,8 +23,9 @@
 namespace tactiled_driver {
 
 constexpr double FRESH_S = 0.5;  // five periods of the status, as in the client
+constexpr double M_PER_MM = 1e-3;
 
-// Name of a board in topics and frames, by the rule of tactiled.ros2.names: TS_0001 for TS-0001.
+// Name of a board in topics and frames: letters and digits of ASCII, single underscores; TS_0001 for TS-0001.
 inline std::string name_of(const std::string& board)
 {
     std::string name = "_";
@@ -43,7 +50,6 @@ inline bool is_in_newtons(const tactiled::Force& force, bool calibrated_only)
 // Force of the object on the skin in newtons, torque about the origin of the array in newton metres.
 inline void convert(const tactiled::Force& from, geometry_msgs::msg::WrenchStamped& to, const std::string& frame_id)
 {
-    constexpr double M_PER_MM = 1e-3;
     to.header = header(from.timestamp, frame_id);
     to.wrench.force.x = from.fx_n;
     to.wrench.force.y = from.fy_n;
@@ -53,25 +59,47 @@ inline void convert(const tactiled::Force& from, geometry_msgs::msg::WrenchStamp
     to.wrench.torque.z = M_PER_MM * from.tz_nmm;
 }
 
-// Contact as a status implies it: after an interruption that of the status, without taxels; during one (`is_lost`)
-// unknown and not valid, so that a late subscriber does not receive the state before it. `seq` is -1, because the
-// daemon did not send it.
-inline tactiled::Contact contact_of(const tactiled::Status& status, const std::string& previous, bool is_lost,
-                                    double unix_s)
+// Place of each taxel in metres, and force of the object on it in newtons; false where info or force has none.
+inline bool convert(const tactiled::Force& from, const tactiled::Info& info, sensor_msgs::msg::PointCloud2& to,
+                    const std::string& frame_id)
 {
-    tactiled::Contact contact;
-    contact.v = status.v;
-    contact.timestamp = unix_s;
-    contact.seq = -1;
-    contact.board = status.board;
-    contact.run = status.run;
-    contact.state = is_lost ? tactiled::Contact::STATE_UNKNOWN : status.contact.c_str();
-    contact.previous = previous;
-    contact.valid = !is_lost;
-    return contact;
+    using Point = std::array<float, 6>;
+    static constexpr std::array<const char*, 6> NAMES = {"x", "y", "z", "fx", "fy", "fz"};
+    const std::size_t n_taxels = info.x_mm.size();
+    for (const auto* values : {&info.y_mm, &from.taxel_fx_n, &from.taxel_fy_n, &from.taxel_fz_n})
+        if (n_taxels == 0 || values->size() != n_taxels)
+            return false;
+    to.header = header(from.timestamp, frame_id);
+    to.height = 1;
+    to.width = static_cast<std::uint32_t>(n_taxels);
+    to.fields.resize(NAMES.size());
+    for (std::size_t n = 0; n < NAMES.size(); ++n) {
+        to.fields[n].name = NAMES[n];
+        to.fields[n].offset = static_cast<std::uint32_t>(n * sizeof(float));
+        to.fields[n].datatype = sensor_msgs::msg::PointField::FLOAT32;
+        to.fields[n].count = 1;
+    }
+    to.is_bigendian = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
+    to.point_step = sizeof(Point);
+    to.row_step = to.point_step * to.width;
+    to.is_dense = true;
+    to.data.resize(to.row_step);
+    for (std::size_t n = 0; n < n_taxels; ++n) {
+        const auto real = [](double value) { return static_cast<float>(value); };
+        const Point point = {real(M_PER_MM * info.x_mm[n]), real(M_PER_MM * info.y_mm[n]), 0.0F,
+                             real(from.taxel_fx_n[n]),      real(from.taxel_fy_n[n]),      real(from.taxel_fz_n[n])};
+        std::memcpy(&to.data[n * sizeof(Point)], point.data(), sizeof(Point));
+    }
+    return true;
 }
 
-// What the driver knows of its board, with the rules of `tactiled ros2` for what is fresh.
+// True for topics that are silent while data may be old.
+inline bool is_about_skin(std::string_view topic)
+{
+    return topic != "status" && topic != "info" && topic != "recording" && topic != "command";
+}
+
+// What the driver knows of its board, and what may be published of it.
 struct BoardState {
     std::string board;
     bool is_active = false;
@@ -79,13 +107,52 @@ struct BoardState {
     double status_s = -std::numeric_limits<double>::infinity();  // when it was received, monotonic
     double status_age_s = 0.0;                                   // its age then
     std::string calibration = "none";                            // of the newest force
+    std::string contact = tactiled::Contact::STATE_UNKNOWN;      // newest state that was published
+    bool was_fresh = false;                                      // at the newest `changed_contact`
     // Messages that were not published: old ones; those that cannot be read; those the middleware did not take.
     std::uint64_t too_old = 0, malformed = 0, refused = 0;
 
     // True while messages about the skin may be published.
     bool is_fresh(double now_s) const
     {
-        return status.valid && now_s - status_s <= FRESH_S && std::abs(status_age_s) <= FRESH_S;
+        return is_active && status.valid && now_s - status_s <= FRESH_S && std::abs(status_age_s) <= FRESH_S;
+    }
+
+    void take(const tactiled::Status& newest, double age_s, double now_s)
+    {
+        status = newest;
+        status_s = now_s;
+        status_age_s = age_s;
+    }
+
+    // True where a message that was received now may be published; others are counted. An age below 0 shows that a
+    // clock was set.
+    bool admit(std::string_view topic, double age_s, double now_s)
+    {
+        const bool is_admitted = std::abs(age_s) <= FRESH_S && (!is_about_skin(topic) || is_fresh(now_s));
+        too_old += !is_admitted;
+        return is_admitted;
+    }
+
+    // Contact in place of the latched one. When the board becomes stale, it is unknown and not valid, so that a late
+    // subscriber does not receive the state before it. When the board is fresh again, it is that of the status,
+    // without taxels. Otherwise there is none. `seq` is -1, because the daemon did not send it.
+    std::optional<tactiled::Contact> changed_contact(double now_s, double unix_s)
+    {
+        if (is_fresh(now_s) == was_fresh)
+            return std::nullopt;
+        was_fresh = !was_fresh;
+        tactiled::Contact made;
+        made.v = status.v;
+        made.timestamp = unix_s;
+        made.seq = -1;
+        made.board = board;
+        made.run = status.run;
+        made.state = was_fresh ? status.contact : tactiled::Contact::STATE_UNKNOWN;
+        made.previous = contact;
+        made.valid = was_fresh;
+        contact = made.state;
+        return made;
     }
 };
 
