@@ -1,4 +1,4 @@
-"""Paths of the files that ship with tactiled: protocols/, config/, systemd/, ros2/."""
+"""Paths of the files that ship with tactiled: protocols/, config/, systemd/."""
 
 from pathlib import Path
 

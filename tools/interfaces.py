@@ -1,6 +1,6 @@
 """Generate interface files from the JSON Schemas of the events: ``python -m tools.interfaces`` writes them.
 
-- ``ros2/tactiled_msgs``: the ROS 2 types of ``tactiled ros2``
+- ``ros2/tactiled_msgs``: the ROS 2 types of the node
 - ``packages/client/tactiled/client/typed.py``: typed messages for Python
 - ``protocols/cpp/tactiled_events.hpp``: structures for C++
 - ``ros2/tactiled_driver/include/tactiled_driver/own_messages.hpp``: ROS 2 messages from these structures
@@ -15,7 +15,7 @@ from tactiled import resources
 from tactiled.events import types
 from tactiled.events.codec import evidence_key
 from tactiled.events.types import EVENT_TYPES
-from tactiled.ros2 import own_types
+from tools import ros_types
 
 ROOT = Path(__file__).resolve().parents[1]
 _WIDTH = 110
@@ -105,7 +105,9 @@ _CPP_ZERO = {"number": " = 0.0", "integer": " = 0", "boolean": " = false", "stri
 
 def generated() -> dict[str, str]:
     """Return the content of every generated file by its path in the checkout."""
-    messages = {f"ros2/tactiled_msgs/msg/{name}.msg": text for name, text in own_types.own_texts().items()}
+    messages = {
+        f"ros2/tactiled_msgs/msg/{name}.msg": text for name, text in ros_types.ros_texts(schemas()).items()
+    }
     return {
         **messages,
         "packages/client/tactiled/client/typed.py": typed_python(),
@@ -158,7 +160,7 @@ def typed_cpp() -> str:
 
 def ros_cpp() -> str:
     """Return the header that converts each structure to a message of ROS 2."""
-    names = sorted(own_types.own_texts())
+    names = sorted(ros_types.ros_texts(schemas()))
     includes = "".join(f"#include <tactiled_msgs/msg/{name.lower()}.hpp>\n" for name in names)
     declared, parts = [], []
     for topic, schema in schemas().items():
@@ -186,8 +188,8 @@ def _ros_convert(function: str, schema: dict[str, Any], head: str) -> str:
 
 
 def _ros_assign(name: str, field: dict[str, Any]) -> str:
-    ros_name, factor = own_types.si_field(name)
-    if name in own_types.INSTANTS:
+    ros_name, factor = ros_types.si_field(name)
+    if name in ros_types.INSTANTS:
         return f"to.{ros_name} = ros_time(from.{name})"
     if field.get("items", field)["type"] == "object":
         return f"convert(from.{name}, to.{ros_name})"

@@ -48,7 +48,6 @@ VERBS = {
         "zenoh",
         "Make the certificates of a zenoh network: FOLDER/NAME.json5 for each member, for its host.",
     ),
-    "ros2": PackagedVerb("ros2", "Publish boards to ROS 2 over DDS, as a node; ROS need not be installed."),
     "tune": PackagedVerb(
         "calibration",
         "Count what each setting reports in your own hold and motion; propose a setting and the friction.",

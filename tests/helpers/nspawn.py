@@ -61,7 +61,7 @@ def make_all(root: Path, wheels: Path) -> None:
 def make_wheels(folder: Path, version: str) -> None:
     """The checkout as wheels that say they are `version`."""
     copy = folder / f"source-{version}"
-    for name in ("tactiled", "protocols", "config", "systemd", "ros2", "packages"):
+    for name in ("tactiled", "protocols", "config", "systemd", "packages"):
         shutil.copytree(CHECKOUT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("README.md", "LICENSE", "hatch_build.py", "pyproject.toml"):
         shutil.copy(CHECKOUT / name, copy)

@@ -1,21 +1,16 @@
-"""ROS types of tactiled's own messages, made from the JSON Schemas of the events (protocols/events).
+"""Text of the ROS types in ``ros2/tactiled_msgs``, made from the JSON Schemas of the events.
 
 Each topic has one type, ``tactiled_msgs/msg/Slip`` for `slip` and so on: a header whose stamp is the
 `timestamp` of the message, then its other fields in order, in SI units (REP-103). Other instants are
-``builtin_interfaces/Time``. Strings with a fixed set of values come with constants. The files in
-``ros2/tactiled_msgs`` hold this text.
+``builtin_interfaces/Time``. Strings with a fixed set of values come with constants.
 """
 
-import json
 import math
 import re
 import textwrap
+from collections.abc import Mapping
 from typing import Any
 
-from tactiled import resources
-from tactiled.events.types import EVENT_TYPES
-
-PACKAGE = "tactiled_msgs"
 INSTANTS = frozenset(("onset", "detected", "answered"))  # epoch seconds; `timestamp` is the header's stamp
 _PRIMITIVES = {"number": "float64", "integer": "int64", "boolean": "bool", "string": "string"}
 _WIDTH = 100  # of comments in the text
@@ -27,38 +22,22 @@ _SI = {
 _SI_WORDS = {"millimetres": "metres", "mm": "metres", "degrees": "radians", "180": "pi"}
 
 
-def type_name(topic: str) -> str:
-    """Return the bare name of the type of a topic, as in ``Slip``."""
-    return topic.capitalize()
-
-
 def si_field(name: str) -> tuple[str, float | None]:
-    """Return the name in ROS of a field, and its factor to SI units; None where its unit stays.
-
-    >>> si_field("x_mm"), si_field("rate_hz")
-    (('x_m', 0.001), ('rate_hz', None))
-    """
+    """Return the name in ROS of a field, and its factor to SI units; None where its unit stays."""
     for end, (si_end, factor) in _SI.items():
         if name.endswith(end):
             return name.removesuffix(end) + si_end, factor
     return name, None
 
 
-def own_texts() -> dict[str, str]:
-    """Return the ``.msg`` text of every own type by its bare name, nested ones included."""
+def ros_texts(schemas: Mapping[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the ``.msg`` text of every type by its bare name, nested ones included."""
     texts: dict[str, str] = {}
-    for topic in EVENT_TYPES:
-        file = resources.shipped("protocols", "events", f"{topic}.schema.json")
-        schema: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    for topic, schema in schemas.items():
         stamp = schema["properties"]["timestamp"]["description"]
         head = f"{_comment(schema['description'])}\n{_comment('stamp: ' + stamp)}std_msgs/Header header\n\n"
-        texts[type_name(topic)] = head + _fields(schema, texts)
+        texts[topic.capitalize()] = head + _fields(schema, texts)
     return texts
-
-
-def own_definitions() -> dict[str, str]:
-    """Return the definitions of messages by full name."""
-    return {f"{PACKAGE}/msg/{name}": text for name, text in own_texts().items()}
 
 
 def _fields(schema: dict[str, Any], texts: dict[str, str]) -> str:
@@ -77,7 +56,7 @@ def _kind(name: str, field: dict[str, Any], texts: dict[str, str]) -> str:
         return f"{_kind(name.removesuffix('s'), field['items'], texts)}[]"
     if field["type"] == "object":
         texts[name.capitalize()] = _comment(field.get("description", "")) + _fields(field, texts)
-        return f"{PACKAGE}/{name.capitalize()}"
+        return f"tactiled_msgs/{name.capitalize()}"
     return _PRIMITIVES[field["type"]]
 
 
