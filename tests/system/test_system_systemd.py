@@ -179,19 +179,108 @@ def test_the_package_from_installation_to_purge(debian: Container) -> None:
         with listening(debian) as subscription:
             until_message(subscription, "scan")
 
+        show_page(debian)
+        forward_over_zenoh(debian)
+        pids = {int(debian.shown(name, "MainPID")[0]) for name in (unit(), *CLIENTS)}
+
         debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{NEW}_*.deb")
         assert debian.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {NEW}"
-        assert debian.shown(unit(), "ActiveState") == ["active"]
+        for name in (unit(), *CLIENTS):
+            assert debian.shown(name, "ActiveState") == ["active"]
+            assert int(debian.shown(name, "MainPID")[0]) not in pids  # restarted by the upgrade
         with listening(debian) as subscription:
             info = until_message(subscription, "info").data
-        assert info["tactiled_version"] == NEW  # restarted by the upgrade
+        assert info["tactiled_version"] == NEW
 
         debian.run("dpkg", "--remove", "tactiled")
-        assert debian.shown(unit(), "ActiveState", "LoadState") == ["inactive", "not-found"]
+        for name in (unit(), *CLIENTS):
+            assert debian.shown(name, "ActiveState", "LoadState") == ["inactive", "not-found"]
         assert (debian.root / f"etc/tactiled/{LEFT}.toml").exists()  # until purged
         debian.run("dpkg", "--purge", "tactiled")
     (debian.root / f"etc/board-{LEFT}.toml").unlink()
+    debian.run("systemctl", "stop", ROUTER)
+    for name in CLIENTS:
+        shutil.rmtree(debian.root / UNITS / f"{name}.d")
     assert found(debian) == before
+
+
+WEB, BRIDGE, ROUTER = "tactiled-web.service", f"tactiled-zenoh@{LEFT}.service", "router.service"
+CLIENTS = (WEB, BRIDGE)
+_READ_PAGE = f"""
+import asyncio, aiohttp
+async def read():
+    address = "http://127.0.0.1:8765/api/live"
+    async with aiohttp.ClientSession() as session, session.ws_connect(address) as page:
+        while b"{LEFT}" not in (await page.receive_bytes()):
+            pass
+async def main():
+    while True:
+        try:
+            return await read()
+        except aiohttp.ClientConnectionError:  # the page has not begun
+            await asyncio.sleep(0.1)
+asyncio.run(asyncio.wait_for(main(), {PATIENCE_S}))
+"""
+_ROUTE = """
+import time, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"router"')
+config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:7447"]')
+with zenoh.open(config):
+    time.sleep(1e6)
+"""
+
+
+def edit(container: Container, name: str, lines: str) -> None:
+    """Write a drop-in, as `systemctl edit` does."""
+    file = container.root / UNITS / f"{name}.d/override.conf"
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(lines)
+    container.run("systemctl", "daemon-reload")
+
+
+def show_page(container: Container) -> None:
+    """The unit of the live page has the board of the daemon, over TCP and over ipc, and no rights."""
+    ipc = f"OPTIONS=--events ipc:///run/tactiled/{LEFT}/events.ipc"
+    for lines in ("", f'[Service]\nEnvironment="{ipc}"\nSupplementaryGroups=tactiled\n'):
+        edit(container, WEB, lines)
+        container.run("systemctl", "restart", WEB)
+        container.run("/opt/tactiled/bin/python", "-c", _READ_PAGE)
+        check_process(container, WEB)
+
+
+def forward_over_zenoh(container: Container) -> None:
+    """The unit of the bridge waits for a router, forwards the board, and has no rights."""
+    container.run("systemctl", "start", BRIDGE)  # without a configuration
+    assert container.shown(BRIDGE, "ActiveState", "Result") == ["inactive", "success"]
+    config = container.root / "etc/tactiled/zenoh.json5"
+    config.write_text('{connect: {endpoints: ["tcp/127.0.0.1:7447"]}}')
+    config.chmod(0o600)
+    edit(container, BRIDGE, '[Service]\nEnvironment="OPTIONS=--host robot7 --rate 50"\n')
+    container.run("systemctl", "start", BRIDGE)
+    said = "no router of zenoh answers"
+    wait_until(lambda: said in container.journal(BRIDGE), said, PATIENCE_S)
+    container.run("systemd-run", "--quiet", f"--unit={ROUTER}", "/opt/tactiled/bin/python", "-c", _ROUTE)
+    said = "tactile/robot7/**"
+    wait_until(lambda: said in container.journal(BRIDGE), said, PATIENCE_S)
+    line = container.run(
+        "tactiled", "listen", "zenoh://127.0.0.1:7447/robot7", "--topic", "scan", "--count", "1"
+    )
+    assert json.loads(line)["board"] == LEFT
+    check_process(container, BRIDGE)
+
+
+def check_process(container: Container, name: str) -> None:
+    """The process of a unit has a user of its own without rights, and half of its memory to spare."""
+    pid, most = container.shown(name, "MainPID", "MemoryMax")
+    lines = container.run("cat", f"/proc/{pid}/status").splitlines()
+    status = {key: value.split() for key, value in (line.split(":", 1) for line in lines)}
+    assert set(status["Uid"]) & {"0", container.run("id", "-u", "tactiled").strip()} == set()
+    assert status["CapBnd"] == ["0000000000000000"]
+    assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
+    assert int(status["VmHWM"][0]) << 10 < int(most) // 2
+    assert container.shown(name, "NRestarts") == ["0"]
 
 
 STRANGER = "12345"
