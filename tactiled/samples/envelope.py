@@ -104,12 +104,12 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
         Largest possible slope; at least `max_slope`.
     """
     x0, x1 = bands[0].high_x, bands[len(bands) - 1].high_x
-    free, n_free = _feasible(bands, steepest)
+    free, n_free = _feasible(bands, steepest, steepest)
     span = x1 - x0
     limited = _clip(_clip(free, -1.0, 1.0, max_slope * span), 1.0, -1.0, max_slope * span)
     n_limited = n_free
     if not limited or n_free < len(bands):
-        limited, n_limited = _feasible(bands, max_slope)
+        limited, n_limited = _feasible(bands, max_slope, steepest)
     without = Line(x0, x1, *_moments(free))
     if n_free >= max(STEEP_BANDS, STEEP_FACTOR * n_limited) and abs(without.slope) > max_slope:
         return Lines(without, without, True)
@@ -117,7 +117,7 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     return Lines(within, without if n_free >= n_limited else within, False)
 
 
-def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int]:
+def _feasible(bands: Sequence[Band], max_slope: float, steepest: float) -> tuple[list[Point], int]:
     """Polygon of the lines through the bands, and the number of newest bands without a contradiction."""
     x0, x1 = bands[0].high_x, bands[len(bands) - 1].high_x
     span = x1 - x0
@@ -128,6 +128,11 @@ def _feasible(bands: Sequence[Band], max_slope: float) -> tuple[list[Point], int
     # Never empty, whatever the numbers: the compiled form reads corners without a check.
     polygon = _clip(polygon, -1.0, 1.0, max_slope * span) or polygon
     polygon = _clip(polygon, 1.0, -1.0, max_slope * span) or polygon
+    # An answer holds where the line has bent since, too, by `steepest` at most. Without this bound, arrivals
+    # after the last answer let the line fall to those before the bend.
+    answers = [band.low - steepest * abs(x1 - band.low_x) for band in bands if band.is_answered]
+    if answers:
+        polygon = _clip(polygon, 0.0, -1.0, -min(max(answers), bands[len(bands) - 1].high)) or polygon
     held, contradicted = 0, False
     for band in reversed(bands):
         u = (band.high_x - x0) / span

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bench.clock import LineConditions, timing
 from tactiled.emulator.line.faults import FaultParams
-from tactiled.samples.clock import ClockFit, ClockParams
+from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
 from tactiled.samples.envelope import Band, lines_through
 
 LATENCY_S = 0.0145
@@ -260,6 +260,18 @@ def test_pings_that_are_answered_no_more_leave_the_bounds_to_the_reads() -> None
         if k > 1000:
             assert abs(time_s - 100 - at_s) < 5 * sd_s
             assert sd_s < 5e-3
+
+
+def test_a_host_clock_that_is_slewed_the_other_way_is_followed_between_two_answers() -> None:
+    """It runs 1 % fast for half a minute, then 1 % slow; each second has an answer."""
+    fit = ClockFit(ClockParams(), 0.0)
+    for k in range(2000):
+        board_s = k * 0.04
+        host_s = 100 + float(np.interp(board_s, (0, 20, 50, 80), (0, 20, 50.3, 80)))
+        fit.add(board_s, host_s + 0.001, 0.04)
+        if k % 25 == 12:
+            fit.answered(board_s, host_s - 0.001, host_s + 0.001)
+        assert abs(fit.time_of(board_s)[0] - host_s) < 1e-6 * STEEPEST_PPM
 
 
 def test_a_round_trip_through_a_backlog_and_ticks_of_another_clock_move_nothing() -> None:
