@@ -226,6 +226,7 @@ import time, zenoh
 config = zenoh.Config()
 config.insert_json5("mode", '"router"')
 config.insert_json5("scouting/multicast/enabled", "false")
+config.insert_json5("transport/shared_memory/enabled", "false")
 config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:7447"]')
 with zenoh.open(config):
     time.sleep(1e6)
