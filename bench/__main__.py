@@ -61,7 +61,8 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None, parts
     slip events. texture: errors of groove estimates over the Cramer-Rao bound, and wrong
     answers. recordings: public recordings of other groups, beside simple rules and trees. web: bytes,
     layout shifts, processor and delay of the live page in Chromium. machine: the Debian package in a
-    virtual machine with USB adapters, in the parts setup, usb, clock, shortage, power, boot, newer.
+    virtual machine with USB adapters, in the parts setup, users, usb, clock, suspend, shortage,
+    power, boot, newer.
 
     Example: ./run bench slip --quick --json docs/figures/slip.json
     """

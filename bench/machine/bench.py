@@ -46,7 +46,7 @@ class _Bench:
 
 
 def _part_setup(bench: _Bench) -> list[str]:
-    """Package and setup, users without rights, and what a purge leaves."""
+    """Package and setup, and what a purge leaves."""
     with Guest(make_image("bookworm"), bench.folder / "setup") as guest:
         shutil.copy(_package("bookworm"), guest.share)
         guest.boot()
@@ -55,8 +55,6 @@ def _part_setup(bench: _Bench) -> list[str]:
         cases.install(guest)
         took_s = cases.monotonic_s(guest) - began_s
         aims = cases.set_up_board(guest, bench.board)
-        guest.run(f"systemctl restart {cases.UNIT}")
-        aims += cases.without_rights(guest)
         purged, left = cases.purge(guest, before)
         words = f"Left by a purge: {', '.join(left)}" if left else ""
         return [
@@ -64,6 +62,12 @@ def _part_setup(bench: _Bench) -> list[str]:
             aims_table(aims + purged),
             *filter(None, [words]),
         ]
+
+
+def _part_users(bench: _Bench) -> list[str]:
+    """Users without rights, and the journal that a person reads."""
+    with _installed(bench, "users") as guest:
+        return [_words(guest), aims_table(cases.without_rights(guest) + cases.journal(guest))]
 
 
 def _part_usb(bench: _Bench) -> list[str]:
@@ -123,6 +127,7 @@ def _part_newer(bench: _Bench) -> list[str]:
 
 _PARTS: dict[str, Callable[[_Bench], list[str]]] = {
     "setup": _part_setup,
+    "users": _part_users,
     "usb": _part_usb,
     "clock": _part_clock,
     "suspend": _part_suspend,
