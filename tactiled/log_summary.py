@@ -43,7 +43,8 @@ class LogTally:
         self.first_s = self.last_s = math.nan
         self.low, self.high = math.inf, -math.inf
         self.n_lost = 0
-        self.contact_s = self.slip_s = 0.0
+        self.lasted_s = {"contact": 0.0, "slip": 0.0, "gross": 0.0}
+        """Times in contact, in slip and in gross slip, as reported."""
         self.has_grip = False
         self.textures: Counter[str] = Counter()
         self._began: dict[str, float] = {}
@@ -81,18 +82,16 @@ class LogTally:
             is_on = event.state != "none"
         elif isinstance(event, SlipEvent):
             is_on = event.state == "onset"
+            if event.kind == "gross":
+                self._note("gross", event.evidence_s, is_on=is_on)
         else:
             return
-        if is_on:
-            self._began.setdefault(event.topic, event.evidence_s)
-        elif (began_s := self._began.pop(event.topic, None)) is not None:
-            self._add(event.topic, event.evidence_s - began_s)
+        self._note(event.topic, event.evidence_s, is_on=is_on)
 
     def finish(self) -> None:
         """End what lasts to the end of the log."""
-        for topic, began_s in self._began.items():
-            self._add(topic, self.last_s - began_s)
-        self._began = {}
+        for what in list(self._began):
+            self._note(what, self.last_s, is_on=False)
 
     @property
     def time_s(self) -> FloatArray:
@@ -109,11 +108,11 @@ class LogTally:
         """Readings of the scans that were kept (k, channels)."""
         return np.array([row for _, _, row in self._scans])
 
-    def _add(self, topic: str, duration_s: float) -> None:
-        if topic == "contact":
-            self.contact_s += duration_s
-        else:
-            self.slip_s += duration_s
+    def _note(self, what: str, time_s: float, *, is_on: bool) -> None:
+        if is_on:
+            self._began.setdefault(what, time_s)
+        elif (began_s := self._began.pop(what, None)) is not None:
+            self.lasted_s[what] += time_s - began_s
 
 
 def summary(
@@ -136,16 +135,17 @@ def summary(
     yield _range_used(tally)
     # For other topics, no detector of contact has run.
     if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):
-        yield f"in contact {tally.contact_s:.1f} s, in slip {tally.slip_s:.1f} s"
+        contact_s, slip_s, gross_s = tally.lasted_s.values()
+        yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s, in gross slip {gross_s:.1f} s, as reported"
         yield from _lost_zero(array, tally.time_s, tally.readings)
         yield from _loaded_zero(array, tally.time_s, tally.readings)
-        if tally.contact_s == 0:
+        if tally.lasted_s["contact"] == 0:
             tare = "" if array.zero_first_s else "--tare-s 0.3 takes the first 0.3 s as zero, "
             yield (
                 f"no contact: is the zero right? {tare}`sign` in the array file turns a channel round, "
                 "`[contact]` sets the level"
             )
-        elif tally.slip_s == 0 and "slip" in topics and not sliding_is_given:
+        elif tally.lasted_s["slip"] == 0 and "slip" in topics and not sliding_is_given:
             yield (
                 "no slip: if the log slides all the same, --sliding says so"
                 + ("; --setting fast reports it at a lower probability" if array.has_shear else "")
@@ -155,7 +155,7 @@ def summary(
     if {"slip", "grip"} & set(topics):
         yield from _opposed_pads(array, tally.readings)
     if "texture" in topics:
-        yield from _texture(array, tally.textures, rate_hz, speed_mm_s, tally.slip_s > 0 or sliding_is_given)
+        yield from _texture(array, tally.textures, rate_hz, speed_mm_s, tally.lasted_s["slip"] > 0 or sliding_is_given)
 
 
 def channels_without_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> list[int]:

@@ -1,4 +1,4 @@
-"""Picture of a log: readings, margin to slip, grooves and the first slip, with the truth where known."""
+"""Picture of a log: readings, margin to slip, grooves and one slip, with the truth where known."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def draw_log(
     *,
     truth: KnownTruth | None = None,
 ) -> None:
-    """Draw the readings of a taxel, the margin to slip, groove estimates and the first slip.
+    """Draw the readings of a taxel, the margin to slip, groove estimates and the first slip, gross if one is.
 
     Parameters
     ----------
@@ -82,7 +82,8 @@ def draw_log(
         draw_answers(axes["p"], axes["a"], textures, origin_s)
         draw_map(axes["m"], array, answers[-1], onsets)
     if onsets:
-        _draw_onset(axes["o"], channels, time_s, volts, onsets[0], truth, array.unit)
+        gross = [e for e in onsets if e.kind == "gross" and truth is None]
+        _draw_onset(axes["o"], channels, time_s, volts, (gross or onsets)[0], truth, array.unit)
     figure.savefig(path, dpi=110)
 
 
@@ -137,7 +138,7 @@ def _draw_onset(
     truth: KnownTruth | None,
     unit: str,
 ) -> None:
-    """Draw the first onset enlarged: milliseconds and thousandths of the unit relative to it."""
+    """Draw an onset enlarged: milliseconds and thousandths of the unit relative to it."""
     is_known = truth is not None and bool(truth.onsets_s)
     onset_s = truth.onsets_s[0] if truth is not None and truth.onsets_s else first.onset_s
     near = (time_s > onset_s - 0.1) & (time_s < onset_s + 0.25)
@@ -154,23 +155,23 @@ def _draw_onset(
     axis.axvline(begin_ms + latency_ms, color=SLIP, lw=1.2, ls=":", label=label)
     axis.set_xlabel("time since a tenth slips (ms)" if is_known else "time since the onset (ms)")
     axis.set_ylabel(f"change (m{unit})" if unit in ("V", "N") else f"change (0.001 {unit})")
-    axis.set_title("first slip", fontsize=10)
+    axis.set_title(f"first {first.kind} slip", fontsize=10)
     axis.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncol=2)
 
 
 def _draw_margin(axis: Axes, grips: Sequence[GripEvent], truth: KnownTruth | None, origin_s: float) -> None:
-    """Draw utilisation with its 90 % interval over the truth, and `p_gross_300ms`."""
+    """Draw utilisation with its 90 % interval over the truth, and `p_sliding`."""
     time_s = np.array([grip.time_s for grip in grips]) - origin_s
     known = np.array([grip.valid and grip.state != "none" for grip in grips])
     low, middle, high, gross = (
         np.where(known, [getattr(grip, name) for grip in grips], np.nan)
-        for name in ("utilisation_low", "utilisation", "utilisation_high", "p_gross_300ms")
+        for name in ("utilisation_low", "utilisation", "utilisation_high", "p_sliding")
     )
     if truth is not None:
         axis.plot(truth.time_s - origin_s, truth.utilisation, color=TRUTH, lw=3, alpha=0.6, label="true")
     axis.fill_between(time_s, low, high, color=MARGIN, alpha=0.2, lw=0, label="5 to 95 %")
     axis.plot(time_s, middle, color=MARGIN, lw=1.2, label="utilisation")
-    axis.plot(time_s, gross, color=SLIP, lw=0.9, ls="--", label="probability of gross\nslip within 0.3 s")
+    axis.plot(time_s, gross, color=SLIP, lw=0.9, ls="--", label="probability that\nall of it slides")
     axis.axhline(1.0, color="black", lw=0.6)
     axis.set_ylim(0, _TOP)
     axis.set_ylabel("shear over\nfriction limit")

@@ -69,6 +69,8 @@ def received(event: Event, board: str = "TS1") -> dict[str, Any]:
         (GRIP, "grip partial, 62 % of the limit in use (48 to 80), load 3.1 N"),
         (replace(GRIP, unit="relative", valid=False),
          "grip partial, 62 % of the limit in use (48 to 80), not valid"),
+        (replace(GRIP, state="unknown", unit="relative"),
+         "grip unknown, how much of the limit is in use is not known"),
         (replace(GRIP, state="none"), "grip none"),
         (GROOVES, "grooves 1.200 ± 0.004 mm at 30.03 ± 0.17°"),
         (replace(GROOVES, status="period-only"), "ripple 1.200 ± 0.004 mm, angle unknown"),

@@ -51,7 +51,7 @@ def test_a_log_with_refused_grooves_shows_slips_and_the_reason(tmp_path: Path, f
     draw_log(out, ARRAY, TIME_S, sheared(0.3), [onset, end, refusal], "a")
     assert out.stat().st_size > 10_000
     assert figures[0].get_suptitle().endswith("\ngrooves: no answer (low-snr 1)")
-    assert [axis.get_title() for axis in figures[0].axes] == ["", "first slip"]
+    assert [axis.get_title() for axis in figures[0].axes] == ["", "first incipient slip"]
     legend = figures[0].axes[0].get_legend()
     assert legend is not None
     assert {text.get_text() for text in legend.get_texts()} >= {"incipient slip", "onset to detection"}

@@ -71,11 +71,13 @@ class PosteriorSlips:
         if self.open is not None and not now.is_open:
             events.append(self.end(contact, time_s, valid=valid))
         if now.is_open and self.open is None:
-            onset = self._slip(contact, time_s, time_sd_s, "incipient", valid=valid)
-            events.append(onset)
-            self.open = onset
+            self.open = self._slip(contact, time_s, time_sd_s, "incipient", valid=valid)
+            events.append(self.open)
         if now.is_gross and self.open is not None and self.open.kind == "incipient":
             self.open = self._slip(contact, time_s, time_sd_s, "gross", valid=valid)
+            if events and events[-1].state == "onset":  # both at once go one way
+                sd_deg, angle_deg = self.open.direction_sd_deg, self.open.direction_deg
+                events[-1] = dataclasses.replace(events[-1], direction_deg=angle_deg, direction_sd_deg=sd_deg)
             events.append(self.open)
         return events
 

@@ -156,8 +156,10 @@ def _slip(data: Mapping[str, Any]) -> str:
 def _grip(data: Mapping[str, Any]) -> str:
     if data["state"] == "none":
         return "grip none"
-    used, low, high = (round(100 * data[f"utilisation{end}"]) for end in ("", "_low", "_high"))
     load = f", load {data['load']:.1f} N" if data["unit"] == "N" else ""  # other units have no meaning
+    if data["state"] == "unknown":
+        return f"grip unknown, how much of the limit is in use is not known{load}{_faults(data)}"
+    used, low, high = (round(100 * data[f"utilisation{end}"]) for end in ("", "_low", "_high"))
     return f"grip {data['state']}, {used} % of the limit in use ({low} to {high}){load}{_faults(data)}"
 
 
