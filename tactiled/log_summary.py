@@ -136,7 +136,7 @@ def summary(
     # For other topics, no detector of contact has run.
     if {"slip", "contact"} & set(topics) or ("texture" in topics and not sliding_is_given):
         contact_s, slip_s, gross_s = tally.lasted_s.values()
-        yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s, in gross slip {gross_s:.1f} s, as reported"
+        yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s, in gross slip {gross_s:.1f} s"
         yield from _lost_zero(array, tally.time_s, tally.readings)
         yield from _loaded_zero(array, tally.time_s, tally.readings)
         if tally.lasted_s["contact"] == 0:
@@ -155,7 +155,8 @@ def summary(
     if {"slip", "grip"} & set(topics):
         yield from _opposed_pads(array, tally.readings)
     if "texture" in topics:
-        yield from _texture(array, tally.textures, rate_hz, speed_mm_s, tally.lasted_s["slip"] > 0 or sliding_is_given)
+        has_slip = tally.lasted_s["slip"] > 0 or sliding_is_given
+        yield from _texture(array, tally.textures, rate_hz, speed_mm_s, has_slip)
 
 
 def channels_without_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> list[int]:
