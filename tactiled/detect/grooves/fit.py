@@ -88,8 +88,10 @@ def fit_wave(window: FitWindow) -> GrooveAnswer | Refusal:
     left, other = prepared.without_lines(second.phase_rate, second.harmonics), second.outcome
     alone = _strongest_wave(left).outcome
     if isinstance(alone, GrooveAnswer):
-        apart = wave_vector(alone.period_mm, alone.angle_deg) - wave_vector(other.period_mm, other.angle_deg)
-        if np.abs(apart).max() * prepared.layout.radius_mm <= SAME_WAVE_RAD:
+        k, k_other = (wave_vector(each.period_mm, each.angle_deg) for each in (alone, other))
+        # At 90 degrees, angles of one grating differ by 180: k and -k are the same grooves.
+        apart = min(np.abs(k - k_other).max(), np.abs(k + k_other).max())
+        if apart * prepared.layout.radius_mm <= SAME_WAVE_RAD:
             return alone  # an uneven speed makes side bands, which are the same grating at other frequencies
     return Refusal("several-gratings", first.frequency_hz, first.snr_db)
 

@@ -59,12 +59,18 @@ def test_a_second_grating_is_seen_however_the_two_are_ordered(motion_of: MotionO
 
 
 @motions
-def test_side_bands_of_an_uneven_speed_are_no_second_grating(motion_of: MotionOf) -> None:
-    grating, slide = Grating(1.5, 30.0), Slide((), duration_s=5.0)
+@pytest.mark.parametrize(("period_mm", "angle_deg", "direction_deg"), [(1.5, 30.0, 0.0), (1.7, 90.0, 70.0)])
+def test_side_bands_of_an_uneven_speed_are_no_second_grating(
+    motion_of: MotionOf, period_mm: float, angle_deg: float, direction_deg: float
+) -> None:
+    grating = Grating(period_mm, angle_deg)
+    slide = Slide((), direction_deg=direction_deg, duration_s=5.0)
     time_s = slide.times()[:, np.newaxis] + OFFSETS_S
     uneven_mm = 0.3 * slide.speed_mm_s / (2 * np.pi * 0.9) * np.sin(2 * np.pi * 0.9 * time_s)
-    along, angle = slide.speed_mm_s * time_s + uneven_mm, np.radians(grating.angle_deg)
-    x, y = ARRAY.x_mm[ARRAY.channel_taxel] + along, ARRAY.y_mm[ARRAY.channel_taxel]
+    travel_mm, motion = slide.speed_mm_s * time_s + uneven_mm, np.radians(direction_deg)
+    x = ARRAY.x_mm[ARRAY.channel_taxel] + travel_mm * np.cos(motion)
+    y = ARRAY.y_mm[ARRAY.channel_taxel] + travel_mm * np.sin(motion)
+    angle = np.radians(angle_deg)
     ripple = 0.05 * np.cos(2 * np.pi * (x * np.cos(angle) + y * np.sin(angle)) / grating.period_mm)
     found = fit(slide, motion_of(slide), volts=slide.volts(ARRAY, OFFSETS_S) + ripple)
     assert found.status == "ok"
