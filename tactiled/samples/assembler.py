@@ -231,7 +231,8 @@ class Assembler:
             wait_s = now_s - self._read_s
             self._waited_s = wait_s if wait_s > self.TIMELY_PART * self._wait_s else np.inf
             is_begun = 0 < bytes_pending < self._layout.wire_bytes("scan")
-            self._begun = (self._read_s, bytes_pending) if is_begun else None
+            # A frame that takes no time on the line may be complete at any instant between the two reads.
+            self._begun = (self._read_s, bytes_pending) if is_begun and self._frame_s > 0 else None
             self._wait_s, self._read_s = wait_s, now_s
             self._whole = bytes_pending == 0
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tactiled.samples.assembler import Assembler
+from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Conversion, Gap, ScanBlock, ScanRun, TimedScan
 from tactiled.wire.frames import Acknowledge, Hello, Scan
 from tactiled.wire.layout import load_layout
@@ -252,6 +252,26 @@ def test_time_grows_whatever_arrives() -> None:
             assert isinstance(item, ScanBlock)
             times += item.time_s.tolist()
     assert np.all(np.diff(times) > 0)
+
+
+@pytest.mark.parametrize("transfer", ["line", "none"])
+def test_a_frame_that_came_in_two_reads_was_not_complete_before_its_last_byte(transfer: str) -> None:
+    """Every seventh frame; a byte of the line takes its time, and a frame by USB none."""
+    params = {"transfer": transfer, "clock": {"handover_s": 0}}
+    target = Assembler(LAYOUT, SampleParams.model_validate(params))
+    target.board(hello(channel_offset_s=()), 50.0)
+    frame_s = LATENCY_S - 35 * 2e-4 if transfer == "line" else 0.0
+    errors_s: list[float] = []
+    for number in range(1000):
+        instant_s = 50.0 + 0.01 * number
+        if number % 7 == 3:
+            target.read(instant_s + frame_s - 1e-3, 0)
+            target.read(instant_s + frame_s, 40)
+        else:
+            target.read(instant_s + frame_s, 0)
+        target.scan(scan(number), instant_s + frame_s)
+        errors_s.append(target.newest[0] - instant_s)
+    assert np.abs(errors_s[300:]).max() < 2e-4
 
 
 def test_a_board_without_ticks_is_timed_by_its_sample_count() -> None:
