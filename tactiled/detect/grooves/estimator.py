@@ -12,7 +12,8 @@
 * The first answer comes when the number of periods and both standard deviations meet the criteria, or when
   the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
   the window is full and after every further full length, and at the end of a slip that had no answer.
-* A period without an angle (`period_only`) is reported where the window before had the same line.
+* A period without an angle (`period_only`) is reported where the window before had the same line, and not a
+  refusal.
 """
 
 from collections import deque
@@ -48,15 +49,16 @@ _LARGEST_SD_PART = 0.25
 # physical: grooves deflect friction, and with it the direction of the slip event: by up to 5 degrees on
 # physical scenes.
 _GROOVES_TURN_DEG = 3.0
-# derived: in the window: a line at the place of the newest one before it. Chance lines come at any place.
-_SAME_LINE_PERIODS = 0.5
+# derived: periods in the window by which the line of the window before may differ. Chance lines come at any
+# place.
+_REPEATED_LINE_PERIODS = 0.5
 
 WindowFit = Callable[[FitWindow], Outcome]
 _Scans = tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]
 
 
 class SlideWindow:
-    """The newest scans of one slip in one direction, and what was answered of them.
+    """The newest scans of one slip in one direction, and the newest results of their fits.
 
     Parameters
     ----------
@@ -72,12 +74,11 @@ class SlideWindow:
         self._pieces: list[_Scans] = []  # readings, which are usable, instants, speeds
         self.n_scans = 0  # since the window began
         self.n_next_fit = 0
-        self.n_pending = 0  # fits that were handed over and not reported
-        self.has_answer = False
         self.is_over = False
+        self.newest_is_answer = False  # of what was reported
         self.last: Outcome = Refusal("no-slip")
-        self.line_hz = 0.0
-        self.end: SlipEnd | None = None
+        self.tracked: GrooveAnswer | None = None  # the answer whose wave the next fit may track
+        self.line_hz = 0.0  # of the newest fit that was not late; 0 unless it was a period without an angle
 
     def append(self, block: ScanBlock, speeds_mm_s: FloatArray, full_scale_volts: float) -> None:
         """Append scans and the speed at each; readings beyond the converter's range are not used."""
@@ -112,13 +113,25 @@ class SlideWindow:
         return FitSpan(end_s, len(self) / rate_hz, speed_mm_s)
 
 
+@dataclass(eq=False)
+class Slip:
+    """A slip, whose windows follow one another."""
+
+    window: SlideWindow | None = None
+    speed_sign: float = 0.0  # of the first speed that was known
+    had_answer: bool = False
+    end: SlipEnd | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class PendingFit:
     """A fit that was handed over."""
 
     job: Job[Outcome]
     due_index: int  # scan at which the answer is reported
+    slip: Slip
     window: SlideWindow
+    tracked: GrooveAnswer | None  # None where the window is fitted anew
     span: FitSpan
     is_full: bool  # True where the window had its full length
     is_refusal_due: bool  # True where a refusal is reported also without an answer before it
@@ -126,16 +139,16 @@ class PendingFit:
     def is_reported(self, fit: Outcome, criteria: AnswerCriteria) -> bool:
         """Return True for an answer that is good enough, and for a refusal that is due."""
         if isinstance(fit, PeriodOnly):
-            before_hz, self.window.line_hz = self.window.line_hz, fit.frequency_hz
-            return abs(fit.frequency_hz - before_hz) * self.span.window_s < _SAME_LINE_PERIODS
+            moved_hz = abs(fit.frequency_hz - self.window.line_hz)
+            return moved_hz * self.span.window_s < _REPEATED_LINE_PERIODS
         if isinstance(fit, Refusal):
-            return self.window.has_answer or self.is_refusal_due
+            return self.window.newest_is_answer or self.is_refusal_due
         is_good = (
             fit.period_sd_mm <= criteria.period_sd_mm
             and fit.angle_sd_deg <= criteria.angle_sd_deg
             and fit.frequency_hz * self.span.window_s >= criteria.answer_periods
         )
-        return is_good or self.is_full or self.window.has_answer
+        return is_good or self.is_full or self.window.newest_is_answer
 
 
 class JointTexture:
@@ -175,11 +188,7 @@ class JointTexture:
         self._pending: deque[PendingFit] = deque()
         self._told_late: set[int] = set()
         self._late: list[int] = []
-        self._end_slip()
-
-    def _end_slip(self) -> None:
-        self._slip_speed_sign = 0.0
-        self._window: SlideWindow | None = None
+        self._slip = Slip()
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Set the speed from a scan on, or from the next one: negative backwards, 0 unknown."""
@@ -202,7 +211,7 @@ class JointTexture:
         if isinstance(item, Gap):
             self._gate.close()
             self._pending.clear()
-            self._end_slip()
+            self._slip = Slip()
             return []
         events: list[Event] = []
         for piece in self._gate.pass_through(item, slip):
@@ -217,10 +226,9 @@ class JointTexture:
                 events += self._answer_before(piece.index, item)
             if isinstance(piece, SlipEnd):
                 events += self._answer(item[: int(np.searchsorted(item.time_s, piece.time_s)) + 1])
-                window = self._window or SlideWindow(0, 0)
-                window.end = piece
-                events += self._refusal(window, piece.time_s)
-            self._end_slip()
+                self._slip.end = piece
+                events += self._refusal(self._slip, piece.time_s)
+            self._slip = Slip()
         return events + self._answer(item)
 
     def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
@@ -231,7 +239,7 @@ class JointTexture:
         done = 0
         while done < len(block):
             sign = np.sign(speeds[done])
-            window = self._window
+            window = self._slip.window
             if window is None or sign != window.sign:
                 events += self._answer_before(int(block.index[done]), block)
                 window = self._begin_window(n_window, float(sign))
@@ -246,18 +254,18 @@ class JointTexture:
                     self._hand_over(window, part[-1:], n_hop)
                     events += self._answer(part)  # where nothing is to be waited for
                 if window.is_over:
-                    self._window = None
+                    self._slip.window = None
         return events
 
     def _begin_window(self, n_scans: int, sign: float) -> SlideWindow:
-        self._window = SlideWindow(n_scans, self._widest * n_scans)
-        self._slip_speed_sign = self._slip_speed_sign or sign
-        return self._window
+        self._slip.window = SlideWindow(n_scans, self._widest * n_scans)
+        self._slip.speed_sign = self._slip.speed_sign or sign
+        return self._slip.window
 
     def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
         """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
         n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
-        window = self._window or self._begin_window(n_window, float(np.sign(speeds[0])))
+        window = self._slip.window or self._begin_window(n_window, float(np.sign(speeds[0])))
         window.append(block, speeds, self._full_scale_volts)
 
     def _n_scans(self, duration_s: float, rate_hz: float) -> int:
@@ -267,9 +275,9 @@ class JointTexture:
         """Hand the window to the worker, to track the wave of the last answer or to fit anew."""
         volts, good, time_s, speeds_mm_s = window.scans()
         span = window.span(float(newest.time_s[-1]), newest.rate_hz)
-        last = window.last if window.has_answer and window.n_scans < window.n_next_fit else None
-        if not isinstance(last, GrooveAnswer) or last.wave is None:
-            last, window.n_next_fit = None, window.n_scans + len(window)
+        tracked = window.tracked if window.n_scans < window.n_next_fit else None
+        if tracked is None or tracked.wave is None:
+            tracked, window.n_next_fit = None, window.n_scans + len(window)
         motion = self._motion(window.sign, span.given_speed_mm_s)
         given = FitWindow(
             volts,
@@ -281,15 +289,16 @@ class JointTexture:
             good,
             np.abs(speeds_mm_s),
         )
-        work = partial(_track_or_fit, self._fit, last, given)
+        work = partial(_track_or_fit, self._fit, tracked, given)
         is_full = window.n_scans >= window.size
         n_hops_full = -(-window.size // n_hop)
-        window.n_pending += 1
         self._pending.append(
             PendingFit(
                 job=InPlace().submit(_stale) if newest.late[-1] else self._worker.submit(work),
                 due_index=int(newest.index[-1]) + round(self._params.answer_after_s * newest.rate_hz),
+                slip=self._slip,
                 window=window,
+                tracked=tracked,
                 span=span,
                 is_full=is_full,
                 is_refusal_due=is_full and window.n_scans // n_hop % n_hops_full == 0,
@@ -309,8 +318,7 @@ class JointTexture:
         events: list[Event] = []
         while self._pending and self._pending[0].due_index <= block.index[-1]:
             pending = self._pending.popleft()
-            window = pending.window
-            window.n_pending -= 1
+            slip, window = pending.slip, pending.window
             answered_s = float(block.time_s[np.searchsorted(block.index, pending.due_index)])
             fit = pending.job.result()
             if fit is None or pending.due_index in self._told_late:
@@ -320,21 +328,27 @@ class JointTexture:
             if isinstance(fit, GrooveAnswer) and fit.period_sd_mm > _LARGEST_SD_PART * fit.period_mm:
                 fit = Refusal("too-few-periods")
             if pending.is_reported(fit, self._params.criteria):
-                window.has_answer = not isinstance(fit, Refusal)
+                window.newest_is_answer = not isinstance(fit, Refusal)
+                slip.had_answer |= window.newest_is_answer
                 events.append(self._event(pending.span, fit, answered_s))
             window.last = fit
+            if fit.status == "stale":  # nothing is known of this window, so the wave may still be tracked
+                window.tracked = pending.tracked
+            else:
+                window.tracked = fit if isinstance(fit, GrooveAnswer) and window.newest_is_answer else None
+                window.line_hz = fit.frequency_hz if isinstance(fit, PeriodOnly) else 0.0
             if fit.status == "too-few-periods" and pending.is_full:
                 window.widen()
             if isinstance(fit, NewPattern):
-                window.is_over, window.n_pending = True, 0
+                window.is_over = True
                 self._pending = deque(other for other in self._pending if other.window is not window)
-            events += self._refusal(window, answered_s)
+            events += self._refusal(slip, answered_s)
         return events
 
-    def _refusal(self, window: SlideWindow, answered_s: float) -> list[Event]:
+    def _refusal(self, slip: Slip, answered_s: float) -> list[Event]:
         """Report why a slip that has ended, and whose fits are all in, had no answer."""
-        end = window.end
-        if end is None or window.n_pending or window.has_answer:
+        end, window = slip.end, slip.window or SlideWindow(0, 0)
+        if end is None or slip.had_answer or any(other.slip is slip for other in self._pending):
             return []
         last = window.last
         if isinstance(last, PeriodOnly):  # of one window alone
@@ -349,7 +363,7 @@ class JointTexture:
         assert slip is not None
         direction_deg = slip.direction_deg
         direction_sd_deg = float(np.hypot(slip.direction_sd_deg, _GROOVES_TURN_DEG))
-        forward = self._slip_speed_sign
+        forward = self._slip.speed_sign
         if self._params.direction_deg is not None:
             direction_deg, direction_sd_deg = self._params.direction_deg, 0.0
             forward = 1.0
@@ -360,8 +374,8 @@ class JointTexture:
 
 def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow) -> Outcome:
     """Track the wave of an answer; fit the window where there is none or where it is lost."""
-    tracked = None if last is None else track_wave(last, window)
-    return fit(window) if tracked is None else tracked
+    outcome = None if last is None else track_wave(last, window)
+    return fit(window) if outcome is None else outcome
 
 
 def _stale() -> Outcome:

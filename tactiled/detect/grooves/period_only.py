@@ -23,7 +23,8 @@ a speed the answer is "ambiguous", with the frequency alone.
    moves all channels at once, it may be the load as a whole, with a motor or an arm, and the answer is
    "machine", unless a line that travels is the strongest of what is left beside that swing and its harmonics.
 
-Ripples above 0.45 of the scan rate are taken for slower ones: unlike phases, a line does not show aliasing.
+Ripples above 0.45 of the scan rate are taken for slower ones, unless phases show it ("aliased"): a line does
+not show aliasing.
 """
 
 from typing import NamedTuple
@@ -99,9 +100,9 @@ class SpectralLine(NamedTuple):
 
 
 def fit_wave_or_line(window: FitWindow) -> Outcome:
-    """Fit one window jointly, and where that has no answer, by its lines."""
+    """Fit one window jointly, and where that has no answer, by its lines, unless these are aliased."""
     fit = fit_wave(window) if len(window.layout.places_mm) > 1 else Refusal("ambiguous")
-    if isinstance(fit, GrooveAnswer) and _agrees(fit, window):
+    if fit.status == "aliased" or (isinstance(fit, GrooveAnswer) and _agrees(fit, window)):
         return fit
     line = fit_line(window)
     return line if line.frequency_hz > 0 or fit.status == "ok" else fit

@@ -13,7 +13,8 @@ from touches import Touch, pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.grooves.estimator import JointTexture
-from tactiled.detect.grooves.outcome import GrooveAnswer, Outcome
+from tactiled.detect.grooves.fit import fit_wave
+from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Outcome, Refusal
 from tactiled.detect.grooves.params import PRESETS, JointParams
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.events.types import Event, TextureEvent
@@ -62,22 +63,24 @@ def test_any_chunking_gives_the_same_bits(speed_mm_s: float) -> None:
     same()
 
 
+def stub_answer(window: FitWindow) -> GrooveAnswer:
+    """An answer that any preset takes, and that says which window it is of."""
+    return GrooveAnswer(
+        frequency_hz=99.0, snr_db=0.0, period_mm=1.0, angle_deg=0.0, speed_mm_s=0.0,
+        covariance=np.zeros((3, 3)), uses_given_speed=False, stray_rad=float(window.time_s[-1]),
+    )  # fmt: skip
+
+
 @given(cuts=splits(1000))
 @settings(max_examples=10, deadline=None)
 def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[int]) -> None:
-    def fit(window: FitWindow) -> Outcome:
-        return GrooveAnswer(
-            frequency_hz=99.0, snr_db=0.0, period_mm=1.0, angle_deg=0.0, speed_mm_s=0.0,
-            covariance=np.zeros((3, 3)), uses_given_speed=False, stray_rad=float(window.time_s[-1]),
-        )  # fmt: skip
-
     block = regular_block(np.zeros((1000, 36)), 100.0)
     scans = (100, 405, 412, 600, 700)  # onset and end in turn
     slips = [slip_at(float(block.time_s[scan]), 0.0, 1.0) for scan in scans]
     slips[1::2] = [dataclasses.replace(slip, state="end") for slip in slips[1::2]]
 
     def texture(parts: list[ScanBlock]) -> list[Event]:
-        detector = JointTexture(ARRAY, JointParams(hop_s=0.13), fit=fit)
+        detector = JointTexture(ARRAY, JointParams(hop_s=0.13), fit=stub_answer)
         detector.set_speed(1.0, 0)
         detector.set_speed(-1.0, 333)
         return [
@@ -92,6 +95,54 @@ def test_fits_that_are_due_between_two_slides_are_reported_as_live(cuts: list[in
     assert len(textures(live)) > 20
     assert texture([block]) == live
     assert texture(pieces(block, cuts)) == live
+
+
+@pytest.mark.parametrize(
+    ("statuses", "reverses_at", "reported"),
+    [
+        (["ok", "ok", "low-snr"], 999, ["ok", "ok", "low-snr"]),  # the answer is lost, and the slip ends
+        (["ok", "ok", "new-pattern"], 999, ["ok", "ok", "ambiguous"]),
+        (["ok", "ok", "ok"], 61, ["ok", "ok", "ok"]),  # the window of the other direction has no fit
+        (["low-snr", "low-snr", "low-snr"], 999, ["low-snr"]),
+        (["low-snr", "low-snr", "low-snr"], 61, ["no-slip"]),
+    ],
+)
+def test_the_end_of_a_slip_is_refused_once_and_only_without_an_answer_before(
+    statuses: list[str], reverses_at: int, reported: list[str]
+) -> None:
+    outcomes = iter(statuses)
+
+    def fit(window: FitWindow) -> Outcome:
+        match next(outcomes):
+            case "ok":
+                return stub_answer(window)
+            case "new-pattern":
+                return NewPattern("ambiguous")
+        return Refusal("low-snr")
+
+    block = regular_block(np.zeros((300, 36)), 100.0)
+    ended = dataclasses.replace(slip_at(float(block.time_s[65]), 0.0), state="end")
+    texture = JointTexture(ARRAY, JointParams(settle_s=0.0, speed_mm_s=1.0), fit=fit)  # fits at 19, 39, 59
+    texture.set_speed(-1.0, reverses_at)
+    slips = [slip_at(0.0, 0.0), ended]
+    assert [event.status for event in textures(texture.process(block, slips))] == reported
+
+
+def test_a_late_tracked_fit_is_no_reason_to_fit_anew() -> None:
+    def fitted_until_s(late_index: int) -> list[float]:
+        ends_s: list[float] = []
+
+        def fit(window: FitWindow) -> Outcome:
+            ends_s.append(float(window.time_s[-1]))
+            return fit_wave(window)
+
+        texture = JointTexture(ARRAY, JointParams(settle_s=0.0, speed_mm_s=2.0, max_window_s=6.0), fit=fit)
+        texture.expect_late_fit(late_index)
+        events = textures(texture.process(Ride(np.full(500, 2.0)).block(), [slip_at(0.0, 0.0, 1.0)]))
+        assert [e.status for e in events].count("stale") == (late_index > 0)
+        return ends_s
+
+    assert fitted_until_s(259 + 40) == fitted_until_s(0)
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.0, SPEED_MM_S])
