@@ -27,7 +27,7 @@ from tactiled.force.estimator import ForceEstimator, ForceSource, UncalibratedFo
 from tactiled.received import Detected, Output, Received, joined
 from tactiled.samples.assembler import Assembler, SampleParams
 from tactiled.samples.block import Gap, ScanBlock, ScanRun
-from tactiled.samples.clock import RateMeter
+from tactiled.samples.rate_meter import RateMeter
 from tactiled.tomlfile import Params
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan

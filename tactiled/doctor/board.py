@@ -21,7 +21,7 @@ from tactiled.doctor.finding import Finding, split
 from tactiled.errors import PortError
 from tactiled.events.types import Event, ScanEvent, StatusEvent
 from tactiled.pipeline import Health
-from tactiled.samples.clock import RateMeter
+from tactiled.samples.rate_meter import RateMeter
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Command, Corrupt, Hello
 from tactiled.wire.layout import Layout, load_layout

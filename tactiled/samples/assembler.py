@@ -97,11 +97,11 @@ class Assembler:
         self._clock = self._params.clock
         if layout.measures_rate:  # the clock of the board has no nominal rate that it could deviate from
             self._clock = self._clock.model_copy(update={"max_drift_ppm": STEEPEST_PPM})
-        self._line_s: dict[str, float] = {}  # seconds on the line by message; empty where they take none
+        self._wire_s: dict[str, float] = {}  # seconds on the wire by message; empty where they take none
         if self._params.transfer == "line":  # start, eight data, stop bits
             byte_s = 10 / (baud or layout.file.baud)
-            self._line_s = {name: byte_s * layout.wire_bytes(name) for name in layout.messages}
-        self._frame_s = self._line_s.get("scan", 0.0)
+            self._wire_s = {name: byte_s * layout.wire_bytes(name) for name in layout.messages}
+        self._frame_s = self._wire_s.get("scan", 0.0)
         self._counts_scans = layout.counts_scans
         self._fault_flag = layout.flag("reference_fault")
         self._overrun_flag = layout.flag("overrun")
@@ -120,7 +120,8 @@ class Assembler:
         self._restart_seen = False
         self._pending_gap: GapCause | None = None
         self._read_s = -np.inf
-        self._wait_s = self._waited_s = np.inf
+        self._since_read_s = np.inf  # time from the read before to the newest one
+        self._waited_s = np.inf  # the same; infinity where the read before was late
         self._whole = True
         self._not_before_s = -np.inf
         self._newest_s = -np.inf
@@ -129,7 +130,7 @@ class Assembler:
         self._queued_s = 0.0
         self._begun: tuple[float, int] | None = None  # the read before: when, and bytes of a frame at its end
         self._pings: dict[int, float] = {}
-        self._is_confirmed = True
+        self._is_confirmed = True  # False: what the fit is made from may be an earlier run of the board
         self._counter = ScanCounter(
             self._layout.bits("scan", "sequence") or 16,
             self._layout.bits("scan", "ticks"),
@@ -215,7 +216,7 @@ class Assembler:
     def _new_clock(self) -> None:
         self._counter.reset()
         self._not_before_s = -np.inf  # instants of the old run do not bound those of the new one
-        self._is_confirmed = True  # False: what the fit is made from may be an earlier run of the board
+        self._is_confirmed = True
         self._pings.clear()
         if self._fit:
             self._fit.reset()
@@ -228,12 +229,13 @@ class Assembler:
         unknown.
         """
         if now_s > self._read_s:
-            wait_s = now_s - self._read_s
-            self._waited_s = wait_s if wait_s > self.TIMELY_PART * self._wait_s else np.inf
+            since_read_s = now_s - self._read_s
+            is_timely = since_read_s > self.TIMELY_PART * self._since_read_s
+            self._waited_s = since_read_s if is_timely else np.inf
             is_begun = 0 < bytes_pending < self._layout.wire_bytes("scan")
             # A frame that takes no time on the line may be complete at any instant between the two reads.
             self._begun = (self._read_s, bytes_pending) if is_begun and self._frame_s > 0 else None
-            self._wait_s, self._read_s = wait_s, now_s
+            self._since_read_s, self._read_s = since_read_s, now_s
             self._whole = bytes_pending == 0
 
     def corrupt(self) -> None:
@@ -243,7 +245,7 @@ class Assembler:
 
     def other(self, name: str) -> None:
         """Account for a message other than a scan, which delays the scans behind it on the line."""
-        self._queued_s += self._line_s.get(name, 0.0)
+        self._queued_s += self._wire_s.get(name, 0.0)
         self._begun = None
 
     def pinged(self, token: int, now_s: float) -> None:
@@ -270,15 +272,15 @@ class Assembler:
         if board_s is None:
             return
         # Ping and answer occupy the line; ticks give the beginning of a tick, not the time within it.
-        earliest_s = sent_s + self._line_s.get("ping", 0.0) - self._counter.tick_s
+        earliest_s = sent_s + self._wire_s.get("ping", 0.0) - self._counter.tick_s
         late_after_s = self._params.late_after_s
-        is_late = self._counter.waited_s > late_after_s
+        is_late = self._counter.age_s > late_after_s
         if not self._is_confirmed and is_late and self._fit.is_behind(board_s, earliest_s - late_after_s):
             self.counts.restarts += 1
             self._new_run("restart")
             return
         self._is_confirmed = True
-        self._fit.answered(board_s, earliest_s, now_s - self._line_s.get("acknowledge", 0.0))
+        self._fit.answered(board_s, earliest_s, now_s - self._wire_s.get("acknowledge", 0.0))
 
     def scan(self, scan: Scan, now_s: float) -> bool:
         """Take the next scan frame; return False for a duplicate, which is left out."""
@@ -324,7 +326,7 @@ class Assembler:
         age_s = now_s - time_s
         # The instant of a scan that was ahead is a guess: it is as unfit to act on as a late one.
         fresh = not is_ahead and -self.LARGEST_LEAD_S < age_s <= self._params.late_after_s
-        counter.waited_s = max(age_s, 0.0)
+        counter.age_s = max(age_s, 0.0)
         if age_s > self._params.late_after_s:
             self._is_confirmed = False
         self._scans.append(TimedScan(scan, self._index, time_s, sd_s, self._live and not fresh))

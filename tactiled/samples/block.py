@@ -72,9 +72,9 @@ class ScanBlock:
 
 @dataclass(frozen=True)
 class Gap:
-    """Missing scans between two blocks, or before the first."""
+    """Break before a block: scans are missing there, or those before belong to another run or setting."""
 
-    n_missing: int  # 0 where it cannot be known (restart)
+    n_missing: int  # 0 where none is missing, or where the number is not known (restart)
     # ``"corrupt"`` (bytes arrived damaged), ``"missing"`` (bytes never arrived), ``"restart"`` (the board
     # rebooted or counts anew), ``"disconnect"``, ``"rate"`` (the rate was changed), ``"start"``,
     # ``"command"`` (a command changed the zero or the thresholds)
@@ -176,7 +176,7 @@ class ScanRun:
     def rows(self) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
         """Return the readings of each scan, and which of them are valid."""
         of_all, are_valid = self.readings()
-        if self.conversion.in_range is not None:  # counts are numbers, and messages have numbers only
+        if self.conversion.in_range is not None:  # readings in a unit need not be finite, as messages must
             of_all = np.where(np.isfinite(of_all), of_all, 0.0)
         return list(zip(map(tuple, of_all.tolist()), map(tuple, are_valid.tolist()), strict=True))
 

@@ -16,8 +16,8 @@ from tactiled.samples.envelope import Band
 # More than the scans per second that 115200 baud carry. Prime, so that no timer of whole milliseconds is
 # synchronous with the slots; otherwise the sample would contain only one phase of the timer.
 SLOTS = 257
-# Without bunching, the expected delay of the earliest arrival over the mean delay: 1/6 for 5 exponential
-# delays, less for more; taken larger for safety.
+# Without bunching, the expected delay of the earliest arrival over the mean delay after it: 1/4 for 5
+# exponential delays, less for more; taken larger for safety.
 EARLIEST_PER_MEAN = 0.3
 # Delays of bunched frames are uniform over the wait between two reads, with a median of half the wait.
 UNBUNCHED_PART = 0.25
@@ -142,19 +142,22 @@ class Bucket:
             late makes its hand-over look later than it was, and the bound too high.
         """
         least_s, board_s = self._earliest_s, self._earliest_at_s
-        lows = [] if handover_s == 0 or is_pinged else self._handovers(handover_s, wait_before_s)
+        if handover_s == 0:
+            return self._unbunched_band()
+        lows = [] if is_pinged else self._handovers(handover_s, wait_before_s)
         tightest = max(lows) if lows else (-math.inf, board_s)
         answer = self._answer
-        if answer is not None and tightest < answer and handover_s != 0:
-            tightest = answer
-        elif handover_s == 0 or (
-            not is_pinged and (not lows or (handover_s is None and self._is_unbunched()))
-        ):
-            mean_late_s = fmean(arrival.delay_s for arrival in self._kept) - least_s
-            low_s = least_s - EARLIEST_PER_MEAN * mean_late_s - SLACK_S
-            return Band(board_s, low_s, board_s, least_s, handover_s != 0)
-        is_answered = tightest == answer
-        return Band(tightest[1], tightest[0] - SLACK_S, board_s, least_s, is_answered=is_answered)
+        if answer is not None and tightest < answer:
+            return Band(answer[1], answer[0] - SLACK_S, board_s, least_s, is_answered=True)
+        if not is_pinged and (not lows or (handover_s is None and self._is_unbunched())):
+            return self._unbunched_band()
+        return Band(tightest[1], tightest[0] - SLACK_S, board_s, least_s, is_answered=tightest == answer)
+
+    def _unbunched_band(self) -> Band:
+        """Band close below the earliest arrival, by the mean delay."""
+        least_s, board_s = self._earliest_s, self._earliest_at_s
+        mean_late_s = fmean(arrival.delay_s for arrival in self._kept) - least_s
+        return Band(board_s, least_s - EARLIEST_PER_MEAN * mean_late_s - SLACK_S, board_s, least_s)
 
     def _handovers(self, handover_s: float | None, wait_before_s: float) -> list[tuple[float, float]]:
         """Lower bounds of the delay, with board times: a frame was incomplete at the hand-over before."""

@@ -29,6 +29,7 @@ explanations is part of the standard deviation.
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from pydantic import Field
 
@@ -101,7 +102,7 @@ class ClockFit:
         self._bucket = Bucket(self._params.bucket_s)
         self._running: Band | None = None  # of the current bucket; used only until there are lines
         self._lines: Lines | None = None
-        self._drop = 0.0  # lowering of the line by arrivals since the last fit
+        self._lowering = 0.0  # 0 or less: change of the line by arrivals since the last fit
         self._n_early = 0
         self._n_unanswered = 0  # buckets without an answer since the last one
         self._is_pinged = False  # pings are answered fast: reads bound no delay from below any more
@@ -162,7 +163,7 @@ class ClockFit:
                     self.add(board_s, arrival_s, waited_s, whole=whole, whole_by_s=whole_by_s)
                 return
             self._n_early = 0
-            self._drop = min(self._drop, self._drop + above)
+            self._lowering += min(above, 0.0)
         number = math.floor(x / self._params.bucket_s)
         if number > self._bucket.number:  # ticks that go back belong to the bucket that is open
             if len(self._bucket):
@@ -217,19 +218,23 @@ class ClockFit:
     def _height(self, x: float) -> float:
         """Delay of an ideal arrival at `x`."""
         if self._lines is not None:
-            return self._lines.line.at(x) + self._drop
+            return self._lines.line.at(x) + self._lowering
         low, high = self._bounds()
         return (low + high) / 2
 
+    def _bounding(self) -> Sequence[Band]:
+        """Bands of all buckets, before there is a line with that of the current one."""
+        return [*self._bands, self._running] if self._running is not None else self._bands
+
     def _bounds(self) -> tuple[float, float]:
         """Common bounds of all bands, before there is a line; equal where the bands contradict each other."""
-        bands = [*self._bands, self._running] if self._running is not None else self._bands
+        bands = self._bounding()
         high = min(band.high for band in bands)
         low = max(band.low for band in bands)
         return (min(low, high) if low > -math.inf else high - UNKNOWN_WAIT_S), high
 
     def _sd(self, x: float) -> float:
-        bands = [*self._bands, self._running] if self._running is not None else self._bands
+        bands = self._bounding()
         unseen = 0.0  # effect of a slope that so few bands cannot reveal
         if len(self._bands) < self.BANDS_TO_SEE and bands:
             unseen = max(self._limit, self.UNSEEN_DRIFT) * (x - bands[0].high_x) / math.sqrt(3)
@@ -242,8 +247,8 @@ class ClockFit:
         late = self._bucket.doubt_s + bands[-1].high - high
         return math.hypot(self.FLOOR_SD_S, unseen, (high - low) / math.sqrt(12), late)
 
-    def _is_backlog(self, band: Band, newest_s: float) -> bool:
-        """Return True where a whole bucket is the backlog of a stall.
+    def _left_out_as_late(self, band: Band, newest_s: float) -> bool:
+        """Return True for a bucket that is the backlog of a stall; discard the lines after many of them.
 
         `newest_s` is the host time of its last arrival since the origin.
         """
@@ -251,7 +256,7 @@ class ClockFit:
         if band.low == -math.inf:
             return False  # only an upper bound, which a delay cannot make wrong
         if lines is None or band.low <= self._params.gate_s + max(
-            lines.line.at(band.low_x) + self._drop, lines.free.at(band.low_x)
+            lines.line.at(band.low_x) + self._lowering, lines.free.at(band.low_x)
         ):
             self._late_since_s = None
             return False
@@ -273,47 +278,11 @@ class ClockFit:
             self._is_pinged = False
         # Ticks that went back may make a band no later than the one before: a line needs two instants.
         is_later = not self._bands or band.high_x > self._bands[-1].high_x
-        if not is_later or self._is_backlog(band, bucket.newest_s):
+        if not is_later or self._left_out_as_late(band, bucket.newest_s):
             return
         self._bands.append(band)
         if len(self._bands) > 1:
             steepest = max(STEEPEST_PPM * 1e-6, self._limit)
             self._lines = lines_through(self._bands, self._limit, steepest)
             self._running = None
-            self._drop = 0.0
-
-
-class RateMeter:
-    """Count scans over time until their rate is known.
-
-    Adapters hand over bytes up to 16 ms late (the timer of FTDI). At one end of `LEAST_S` that is an error of
-    1 % at most, which the clock fit follows from then on (`clock.STEEPEST_PPM`).
-    """
-
-    LEAST_S = 2.0
-    LEAST_SCANS = 20  # for slow boards, whose last period is not complete: 5 %
-
-    def __init__(self) -> None:
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin anew: bytes were lost."""
-        self._begin_s: float | None = None
-        self._n_scans = 0
-
-    @property
-    def has_begun(self) -> bool:
-        """True when a scan has come since the reset."""
-        return self._begin_s is not None
-
-    def add(self, now_s: float) -> float | None:
-        """Take a scan that was handed over at `now_s`; return the rate in hertz once it is known."""
-        if self._begin_s is None:
-            self._begin_s = now_s
-        if now_s <= self._begin_s:  # how long the first bytes waited is unknown: only what follows counts
-            return None
-        self._n_scans += 1
-        elapsed_s = now_s - self._begin_s
-        if elapsed_s < self.LEAST_S or self._n_scans < self.LEAST_SCANS:
-            return None
-        return float(f"{self._n_scans / elapsed_s:.4g}")  # no more digits than it has
+            self._lowering = 0.0

@@ -56,7 +56,6 @@ class Band(NamedTuple):
     low: float
     high_x: float
     high: float
-    is_assumed: bool = False  # `low` is not a bound; it assumes that frames are not bunched
     is_answered: bool = False  # `low` is of a ping: no host, however busy, makes it too high
 
 
@@ -103,6 +102,7 @@ def lines_through(bands: Sequence[Band], max_slope: float, steepest: float) -> L
     steepest : float
         Largest possible slope; at least `max_slope`.
     """
+    # Indices are never negative: the compiled form does not count from the end.
     x0, x1 = bands[0].high_x, bands[len(bands) - 1].high_x
     free, n_free = _feasible(bands, steepest, steepest)
     span = x1 - x0

@@ -9,11 +9,11 @@ cdef extern from "math.h":
 cdef class ScanCounter:
     cdef public object _sequence, _ticks
     cdef public long long _modulus, _tick_modulus
-    cdef public double tick_s, _arrival_s, waited_s, board_s
+    cdef public double tick_s, _arrival_s, age_s, board_s
     cdef public bint _sequence_known
 
     cdef double _elapsed(self, long long ticks, double host_s)
-    @cython.locals(host_s=double, elapsed_s=double, slack=double, expected=double, n_scans="long long")
+    @cython.locals(host_s=double, elapsed_s=double, slack=double, burst_s=double, expected=double, n_scans="long long")
     cpdef step(self, long long sequence, ticks, double arrival_s, double rate_hz)
     cdef _keep(self, sequence, ticks, double arrival_s, double elapsed_s)
 

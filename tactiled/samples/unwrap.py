@@ -53,8 +53,8 @@ class ScanCounter:
         self._sequence_known = False
         self._ticks: int | None = None
         self._arrival_s = 0.0
-        self.waited_s = 0.0
-        """Time that the last scan had waited before it was handled: what follows may be so much newer."""
+        self.age_s = 0.0
+        """Age of the last scan when it was handled: what follows may be so much newer."""
         self.board_s = 0.0
         """Board time of the last scan in seconds, unwrapped, zero at the first scan of the run."""
 
@@ -65,20 +65,20 @@ class ScanCounter:
     def runs_on(self, ticks: int, now_s: float) -> bool:
         """Return True when ticks read at `now_s` can belong to the run of the last scan.
 
-        Behind the backlog of a stall, ticks may be ahead of the host by what the last scan had waited.
+        Behind the backlog of a stall, ticks may be ahead of the host by the age of the last scan.
         """
-        if self._ticks is None or self._sequence is None:
+        if self._ticks is None:
             return True
         host_s = now_s - self._arrival_s
-        ahead_s = self._elapsed(ticks, host_s + self.waited_s) - host_s
-        slack_s = self.SLACK_S + self.SLACK_PART * (host_s + self.waited_s)
-        return -slack_s <= ahead_s <= self.waited_s + slack_s
+        ahead_s = self._elapsed(ticks, host_s + self.age_s) - host_s
+        slack_s = self.SLACK_S + self.SLACK_PART * (host_s + self.age_s)
+        return -slack_s <= ahead_s <= self.age_s + slack_s
 
     def board_s_at(self, ticks: int, now_s: float) -> float | None:
         """Return the board time of ticks that were read between scans; None where they fit no known run."""
         if self._ticks is None or not self.runs_on(ticks, now_s):
             return None
-        return self.board_s + self._elapsed(ticks, now_s - self._arrival_s + self.waited_s)
+        return self.board_s + self._elapsed(ticks, now_s - self._arrival_s + self.age_s)
 
     def _elapsed(self, ticks: int, host_s: float) -> float:
         """Board seconds since the last scan: the value of the wrapped ticks that is nearest to host time."""
@@ -92,11 +92,10 @@ class ScanCounter:
             return _FOLLOWS
         advance = (sequence - self._sequence) % self._modulus
         host_s = elapsed_s = arrival_s - self._arrival_s
+        burst_s = 0.5  # by the host's clock alone: bytes may come in bursts
         if ticks is not None and self._ticks is not None:
-            elapsed_s = self._elapsed(ticks, host_s)
-            slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz)
-        else:  # the host clock alone: bytes may come in bursts, so half a second either way
-            slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + 0.5 * rate_hz
+            elapsed_s, burst_s = self._elapsed(ticks, host_s), 0.0
+        slack = self.SLACK_SCANS + self.SLACK_PART * abs(elapsed_s * rate_hz) + burst_s * rate_hz
         if not self._sequence_known:
             if ticks is not None and not self.runs_on(ticks, arrival_s):
                 return CounterStep("restart", 0)

@@ -31,7 +31,6 @@ def test_a_frame_was_not_complete_at_the_hand_over_before(
     band = bucket(*delays_s, waited_s=0.008, is_whole=False).band(handover_s, 1.0, is_pinged=False)
     assert (band.high, band.high_x) == (0.002, 0.01)  # the earliest arrival bounds the line from above
     assert band.low == pytest.approx(low_s - JITTER_S - SLACK_S)
-    assert not band.is_assumed
 
 
 @pytest.mark.parametrize("handover_s", [0.0, None])
@@ -39,10 +38,10 @@ def test_where_nothing_is_bunched_the_mean_delay_bounds_the_earliest(handover_s:
     delays = [0.0010, 0.0012, 0.0014, 0.0012]
     band = bucket(*delays).band(handover_s, 1.0, is_pinged=False)
     assert band.low == pytest.approx(0.0010 - 0.3 * (sum(delays) / 4 - 0.0010) - SLACK_S)
-    assert band.is_assumed is (handover_s is None)
     # Reads that end within frames are bunched, and answers to pings rule the assumption out.
-    assert not bucket(*delays, is_whole=False).band(None, 1.0, is_pinged=False).is_assumed
-    assert not bucket(*delays).band(None, 1.0, is_pinged=True).is_assumed
+    bunched = bucket(*delays, is_whole=False).band(None, 1.0, is_pinged=False)
+    assert bunched.low == pytest.approx(0.0014 - 0.01 - JITTER_S - SLACK_S)
+    assert bucket(*delays).band(None, 1.0, is_pinged=True).low == -math.inf
 
 
 def test_an_answer_tightens_both_bounds_and_a_looser_one_changes_nothing() -> None:

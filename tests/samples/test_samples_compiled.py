@@ -46,7 +46,7 @@ def test_counters_of_scans(
         for one in both:
             if forgets and not advance:
                 one.forget_sequence()
-            one.waited_s = max(wait_s, 0.0)
+            one.age_s = max(wait_s, 0.0)
             runs_on = has_ticks and one.runs_on(ticks, arrival_s)
             step = one.step(sequence, ticks if has_ticks else None, arrival_s, 100.0)
             found.append((tuple(step), one.board_s, runs_on))

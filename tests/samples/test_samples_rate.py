@@ -2,7 +2,7 @@
 
 import pytest
 
-from tactiled.samples.clock import RateMeter
+from tactiled.samples.rate_meter import RateMeter
 
 
 @pytest.mark.parametrize("rate_hz", [5.0, 59.7, 100.0, 400.0])
