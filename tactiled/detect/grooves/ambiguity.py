@@ -175,10 +175,10 @@ def _residuals(
     return np.asarray(2 * np.sin(left / 2))
 
 
-def weigh_readings(
+def weigh_interpretations(
     best: RefinedWave, k: FloatArray, noise_inflation: float = 1.0, motion: WaveMotion | None = None
 ) -> StrayPosterior:
-    """Probabilities of all readings k (waves, 2) of a line, of which `best` is the first one refined.
+    """Probabilities of all waves k (waves, 2) that a line may be, of which `best` is the first one refined.
 
     `noise_inflation` is the ratio of the noise at the line to that of `best`. The motion is that of the
     window unless another one is given.
@@ -223,7 +223,7 @@ def contradicts_motion(best: RefinedWave, k: FloatArray) -> bool:
     others = search_wave_vectors(Ripple(free, best.phase_rate, best.variance), 0.0).k
     if not len(others):
         return False
-    tied, loose = weigh_readings(best, k), weigh_readings(best, others, motion=free.motion)
+    tied, loose = weigh_interpretations(best, k), weigh_interpretations(best, others, motion=free.motion)
     return bool(loose.log_evidence - tied.log_evidence > -np.log(window.params.error_probability))
 
 
@@ -239,7 +239,7 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
 
 
 def likely_gratings(found: PlaneWaves, weights: FloatArray) -> tuple[Candidate, ...]:
-    """The likeliest readings, with their weights."""
+    """The likeliest gratings, with their weights."""
     shown = [i for i in np.argsort(-weights, kind="stable")[:MAX_CANDIDATES] if weights[i] > 1e-4]
     return tuple(
         Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))

@@ -38,7 +38,11 @@ def groove_answer(
     window, motion, slope = best.window, best.window.motion, _slope(best)
     covariance = slope @ best.waves.covariance[0] @ slope.T * np.outer(scale, scale)
     wave = TrackedWave(
-        best.k, best.phase_rate / window.half_travel, best.equations.n_harmonics, scale, noise_inflation
+        k=best.k,
+        phase_per_travel=best.phase_rate / window.half_travel,
+        n_harmonics=best.equations.n_harmonics,
+        scale=scale,
+        noise_inflation=noise_inflation,
     )
     if best.is_uneven:
         best = with_strays(best, posterior, noise_inflation)
@@ -70,7 +74,7 @@ def _speed_mm_s(best: RefinedWave) -> float:
     """Given speed, or that of the wave along a known direction; else 0."""
     motion = best.window.motion
     if motion.has_speed or not motion.has_direction:
-        return motion.speed_mm_s * motion.has_speed
+        return motion.speed_mm_s if motion.has_speed else 0.0
     return 2 * np.pi * best.frequency_hz / float(best.k @ motion.heading)
 
 

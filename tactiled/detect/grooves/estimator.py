@@ -265,7 +265,9 @@ class JointTexture:
     def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
         """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
         n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
-        window = self._slip.window or self._begin_window(n_window, float(np.sign(speeds[0])))
+        window = self._slip.window
+        if window is None:
+            window = self._begin_window(n_window, float(np.sign(speeds[0])))
         window.append(block, speeds, self._full_scale_volts)
 
     def _n_scans(self, duration_s: float, rate_hz: float) -> int:
@@ -347,7 +349,7 @@ class JointTexture:
 
     def _refusal(self, slip: Slip, answered_s: float) -> list[Event]:
         """Report why a slip that has ended, and whose fits are all in, had no answer."""
-        end, window = slip.end, slip.window or SlideWindow(0, 0)
+        end, window = slip.end, SlideWindow(0, 0) if slip.window is None else slip.window
         if end is None or slip.had_answer or any(other.slip is slip for other in self._pending):
             return []
         last = window.last

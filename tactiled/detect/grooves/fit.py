@@ -5,8 +5,8 @@ The steps: find the line in the pooled spectrum (`ripple`); list every wave vect
 against the others (`ambiguity`) and against two waves of one frequency (`second_wave`); state the
 covariance from the Fisher information (`estimates`). `model` defines the wave.
 
-Each window is fitted without knowledge of earlier ones, so that a competing reading that has since become as
-likely is found. Between fits, `track` follows the answer.
+Each window is fitted without knowledge of earlier ones, so that another interpretation is found that has
+become as likely. Between fits, `track` follows the answer.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from tactiled.detect.grooves.ambiguity import (
     contradicts_motion,
     has_baseline,
     likely_gratings,
-    weigh_readings,
+    weigh_interpretations,
 )
 from tactiled.detect.grooves.estimates import groove_answer, inflation
 from tactiled.detect.grooves.model import ALIASED, SAME_WAVE_RAD, wave_vector
@@ -109,7 +109,7 @@ def _strongest_wave(window: DetrendedWindow, least: float = 0.0) -> _Found:
             found = _wave(ripple)
             if found is not None:
                 return found
-        phase_rate = next(each.phase_rate for each in ripples if each.is_line)
+        phase_rate = next(each.phase_rate for each in ripples if each.is_peak)
         window = window.without_lines(phase_rate, [1])
     return _Found(Refusal("low-snr"))
 
@@ -119,8 +119,8 @@ def _wave(ripple: Ripple) -> _Found | None:
     window, motion = ripple.window, ripple.window.motion
     if not has_baseline(window.layout, motion):
         return _Found(Refusal("ambiguous", window.frequency_hz(ripple.phase_rate)))
-    best, found = _best_reading(ripple)
-    if ripple.is_line and (best is None or (motion.has_speed and best.is_uneven)):
+    best, found = _best_interpretation(ripple)
+    if ripple.is_peak and (best is None or (motion.has_speed and best.is_uneven)):
         image = _mirror_image(ripple, -np.inf if best is None else found.gain[0])
         if image is not None:
             return _Found(image)
@@ -131,7 +131,7 @@ def _wave(ripple: Ripple) -> _Found | None:
     return None
 
 
-def _best_reading(ripple: Ripple) -> tuple[RefinedWave | None, PlaneWaves]:
+def _best_interpretation(ripple: Ripple) -> tuple[RefinedWave | None, PlaneWaves]:
     """The best wave of a line, None if that is no wave, and all that its phases allow, the best first."""
     window = ripple.window
     found = search_wave_vectors(ripple, common_mode_power(ripple))
@@ -139,9 +139,9 @@ def _best_reading(ripple: Ripple) -> tuple[RefinedWave | None, PlaneWaves]:
         return None, found
     best = refine(window, found[0])
     if best.is_uneven:
-        # Strays of channels may have made another reading the best.
-        weights = weigh_readings(best, found.k).weights
-        if weights.argmax():
+        # Strays of channels may have made another interpretation the best.
+        weights = weigh_interpretations(best, found.k).weights
+        if weights.argmax() > 0:
             found = found[np.argsort(-weights, kind="stable")]
             best = refine(window, found[0])
     return best if best.is_wave else None, found
@@ -165,7 +165,7 @@ def _mirror_image(ripple: Ripple, least_gain: float) -> Refusal | None:
 
 
 def _judged(best: RefinedWave, found: PlaneWaves) -> _Found:
-    """The answer that a wave gives, or the refusal where another reading or a second wave is likely."""
+    """The answer that a wave gives, or the refusal where another one or a second one is likely."""
     window = best.window
 
     def refused(status: TextureStatus, *more: Any) -> Refusal:
@@ -177,10 +177,10 @@ def _judged(best: RefinedWave, found: PlaneWaves) -> _Found:
     variance = 2 * best.variance * noise_inflation / window.n
     if has_second_wave(window, best.equations.phasors(), variance, best.k, not best.is_uneven):
         return _Found(refused("several-gratings"))
-    posterior = weigh_readings(best, found.k, noise_inflation)
+    posterior = weigh_interpretations(best, found.k, noise_inflation)
     # `best` is the first; where another one is likelier by now, the two are hard to tell.
     error, most = float(1 - posterior.weights[0]), window.params.error_probability
-    if posterior.weights.argmax() or error > most:
+    if posterior.weights.argmax() > 0 or error > most:
         status: TextureStatus = "uneven-channels" if posterior.error_if_alike <= most else "ambiguous"
         candidates = likely_gratings(found, posterior.weights)
         return _Found(refused(status, candidates, posterior.stray_rad), best.phase_rate, _own_harmonics(best))

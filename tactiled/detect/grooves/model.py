@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import UNKNOWN_SD_DEG
 
-# derived: fraction of the scan rate. A ripple above it cannot be told from its mirror image at half the scan
-# rate.
+# choice: fraction of the scan rate. Near half the rate, the line of a ripple overlaps that of its mirror
+# image; above, only phases tell which of the two is true.
 ALIASED = 0.45
 # prior: phase at the edge of the array. Wave vectors that differ by less are the same wave.
 SAME_WAVE_RAD = 0.3

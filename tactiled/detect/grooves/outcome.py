@@ -14,8 +14,7 @@ class TrackedWave:
     """Fitted wave, as `track` looks for it in later windows, wherever these begin and end."""
 
     k: FloatArray  # (2,): wave vector, radians per millimetre
-    # Phase per unit of travel: radians per millimetre, or per second where no speed was given
-    frequency: float
+    phase_per_travel: float  # radians per millimetre, or per second where no speed was given
     n_harmonics: int
     # (3,): factors that the fit found for the standard deviations of period, angle and speed
     scale: FloatArray
@@ -34,7 +33,7 @@ class GrooveAnswer:
     speed_mm_s: float  # the given one, or the estimate; 0 where the direction of the motion is not known
     covariance: FloatArray  # (3, 3): of period (mm), angle (radians) and speed (mm/s)
     uses_given_speed: bool  # False where no speed was given, or where the phases contradict the given one
-    error_probability: float = 0.0  # probability that another reading of the phases is the true one
+    error_probability: float = 0.0  # probability that another interpretation of the phases is true
     stray_rad: float = 0.0  # root-mean-square stray of the channels' phases from the wave
     # None where stronger lines had to be removed: then the wave cannot be tracked
     wave: TrackedWave | None = None

@@ -32,7 +32,7 @@ PRESETS: dict[Preset, AnswerCriteria] = {
 class WaveParams(Params):
     """Limits of the joint fit and the error probability it must meet.
 
-    The limits are the operator's knowledge of the surface. They exclude readings that the phases alone cannot
+    The limits are the operator's knowledge of the surface. They exclude gratings that the phases alone cannot
     exclude; grooves outside the limits may be mistaken for others inside them.
     """
 

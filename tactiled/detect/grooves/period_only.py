@@ -90,7 +90,7 @@ class SpectralLine(NamedTuple):
 
     frequency_hz: float
     frequency_sd_hz: float
-    power: float  # power over the noise beside it, summed over the channels
+    over_noise: float  # power over that of the noise beside it, summed over the channels
     # Its power over what noise between white and a random walk would have at its frequency, if the strongest
     # bin that belongs to no line were that noise
     over_others: float
@@ -135,11 +135,11 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     gratings = _fundamentals(waves, _SAME_LINE_PERIODS / duration_s)
     if gratings[0].over_others < 1.0:
         return Refusal("too-few-periods")
-    frequency_hz, snr_db = gratings[0].frequency_hz, float(10 * np.log10(gratings[0].power))
+    frequency_hz, snr_db = gratings[0].frequency_hz, float(10 * np.log10(gratings[0].over_noise))
     if window.motion.speed_mm_s == 0:
         return Refusal("ambiguous", frequency_hz, snr_db)
-    power = sum(line.power for line in gratings)
-    periods = tuple(_period(line, window, line.power / power) for line in gratings)
+    power = sum(line.over_noise for line in gratings)
+    periods = tuple(_period(line, window, line.over_noise / power) for line in gratings)
     return PeriodOnly(frequency_hz=frequency_hz, snr_db=snr_db, gratings=periods)
 
 
@@ -195,7 +195,7 @@ def _fundamentals(lines: list[SpectralLine], apart_hz: float) -> list[SpectralLi
             for line in left[1:]
             for multiple in HARMONICS
             if abs(multiple * line.frequency_hz - strongest.frequency_hz) < apart_hz
-            and line.power >= _LEAST_FUNDAMENTAL * strongest.power
+            and line.over_noise >= _LEAST_FUNDAMENTAL * strongest.over_noise
         ]
         fundamental = min(below, key=lambda line: line.frequency_hz, default=strongest)
         found.append(fundamental)
@@ -261,7 +261,7 @@ def spectral_lines(
         over_others = float((np.abs(swings) ** 2).sum()) / max(level, TINY)
         in_phase = _in_phase(swings, spectrum.sd[changes])
         lines.append(SpectralLine(at * step_hz, float(sd) * step_hz, power, over_others, in_phase))
-    return sorted(lines, key=lambda line: -line.power)
+    return sorted(lines, key=lambda line: -line.over_noise)
 
 
 def _noisy_lines(
@@ -394,7 +394,7 @@ def _significant_bins(y: FloatArray, log_cycles: FloatArray, in_band: NDArray[np
 
 
 def _studentised(y: FloatArray, basis: FloatArray, rest: NDArray[np.bool_], at: int, chance: float) -> float:
-    """Residual of a bin from a fit to others, over its standard deviation and the t quantile."""
+    """Excess of a bin over a fit to others, in units of its standard deviation times the upper t quantile."""
     design = basis[rest]
     freedom = len(design) - design.shape[1]
     if freedom < 4:
@@ -405,7 +405,7 @@ def _studentised(y: FloatArray, basis: FloatArray, rest: NDArray[np.bool_], at: 
     variance = float(((y[rest] - design @ fitted) ** 2).sum()) / freedom
     leverage = float(basis[at] @ np.linalg.solve(design.T @ design, basis[at]))
     sd = np.sqrt(max(variance, 1e-24) * (1 + leverage))
-    return float((basis[at] @ fitted - y[at]) / sd / special.stdtrit(freedom, chance))
+    return float((y[at] - basis[at] @ fitted) / sd / -special.stdtrit(freedom, chance))
 
 
 def _scaled(x: FloatArray) -> FloatArray:

@@ -25,7 +25,7 @@ _PADDING = 4
 # choice: bins to either side over which the noise density is taken as constant.
 _NEIGHBOURS = 40
 # derived: periods in the window. Anything slower is a straight trend.
-_LEAST_CYCLES = 0.5
+_LEAST_PEAK_CYCLES = 0.5
 # derived: periods in the window. Below this, a line and its image at the negative frequency are one hump
 # under a Hann window.
 _SLOW_CYCLES = 8
@@ -36,7 +36,7 @@ _NEAR = 3
 FEW_PERIODS = 2.5
 # prior: power of a fundamental as a part of its harmonics' power; less may be what the model does not
 # describe.
-_LEAST_FUNDAMENTAL = 0.03
+_LEAST_SLOWER_PART = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class Ripple:
     window: DetrendedWindow  # with the trend of this interpretation
     phase_rate: float  # of the fundamental
     variance: FloatArray  # (channels,): of the noise, volts^2
-    # True for the line itself, False for a slower fundamental that the line may be a harmonic of
-    is_line: bool = True
+    # True for the peak of the spectrum, False for a slower fundamental of which it may be a harmonic
+    is_peak: bool = True
 
     @cached_property
     def equations(self) -> NormalEquations:
@@ -132,7 +132,7 @@ def _peaks(power: FloatArray, needed: FloatArray) -> FloatArray:
     """Periods in the window of the lines of a spectrum, the strongest first."""
     inner = power[1:-1]
     is_peak = (inner > power[:-2]) & (inner >= power[2:]) & (inner > needed[1:-1])
-    bins = np.flatnonzero(is_peak & (np.arange(1, len(power) - 1) / _PADDING >= _LEAST_CYCLES)) + 1
+    bins = np.flatnonzero(is_peak & (np.arange(1, len(power) - 1) / _PADDING >= _LEAST_PEAK_CYCLES)) + 1
     return np.asarray(bins[np.argsort(-power[bins], kind="stable")] / _PADDING)
 
 
@@ -142,14 +142,14 @@ def _fundamental(window: DetrendedWindow, phase_rate: float, least_periods: floa
     alone = window.equations(phase_rate, n_harmonics).explained
     for part in range(window.params.max_harmonics, 1, -1):
         slower = phase_rate / part
-        if slower < np.pi * max(least_periods, _LEAST_CYCLES) or window.is_removed(slower):
+        if slower < np.pi * max(least_periods, _LEAST_PEAK_CYCLES) or window.is_removed(slower):
             continue
         # The same number of harmonics for both: what the line's own explain is no evidence of a slower one.
         equations = window.equations(slower, max(part, n_harmonics))
         variance = equations.variance
         more = float(((equations.explained - alone) / variance).sum())
         level = special.chdtri(2 * (part - 1) * len(window.volts), FALSE_ALARM)
-        if more > max(level, _LEAST_FUNDAMENTAL * float((alone / variance).sum())):
+        if more > max(level, _LEAST_SLOWER_PART * float((alone / variance).sum())):
             return slower
     return phase_rate
 

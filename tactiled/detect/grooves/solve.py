@@ -214,12 +214,13 @@ class WaveSolver:
         phase : (starts, kinds, harmonics) float64, optional
             Known from a fit nearby.
         """
-        k, phase_rate = k.copy(), phase_rate.copy()
+        k, phase_rate, unread = k.copy(), phase_rate.copy(), np.zeros(0)
         phase = self._first_phase(equations, k, phase_rate) if phase is None else phase
         for step in range(steps + 1):
             slack = self._slack(k)
             off = self._off(k, phase_rate, slack)
-            near = self._near(equations, PlaneWaves(k, phase_rate, off, off, phase))
+            here = PlaneWaves(k, phase_rate, gain=unread, covariance=unread, phase=phase)
+            near = self._near(equations, here)
             normal, gradient = self._normal(near, slack)
             gradient[:, 2] -= off * self._motion.has_speed
             if step == steps:

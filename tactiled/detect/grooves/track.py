@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from tactiled.detect.grooves.ambiguity import weigh_readings
+from tactiled.detect.grooves.ambiguity import weigh_interpretations
 from tactiled.detect.grooves.estimates import groove_answer
 from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM, SAME_WAVE_RAD, TINY
 from tactiled.detect.grooves.outcome import GrooveAnswer, NewPattern, Refusal
@@ -44,7 +44,7 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
         window = window.curved
     if not last.uses_given_speed:
         window = window.without_speed
-    wave, phase_rate = last.wave, last.wave.frequency * window.half_travel
+    wave, phase_rate = last.wave, last.wave.phase_per_travel * window.half_travel
     best = refine_once(window, wave.k[np.newaxis], np.array([phase_rate]), wave.n_harmonics)
     least, most = np.pi * scans.params.min_periods, 2 * np.pi * ALIASED / window.largest_step
     if not least <= best.phase_rate <= most or not suits_channels(best, phase_rate):
@@ -53,7 +53,7 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
     n_block = round(max(_BLOCK_S, _BLOCK_PERIODS / best.frequency_hz) * rate_hz)
     if is_another_pattern(best, n_block):
         return NewPattern("ambiguous", best.frequency_hz, best.snr_db)
-    posterior = weigh_readings(best, best.waves.k, wave.noise_inflation)
+    posterior = weigh_interpretations(best, best.waves.k, wave.noise_inflation)
     return groove_answer(best, posterior, wave.scale, wave.noise_inflation, last.error_probability)
 
 

@@ -49,7 +49,7 @@ class FitWindow:
     layout: ChannelLayout
     motion: WaveMotion
     params: WaveParams
-    # (n, channels): False for readings to ignore; by default those that are not finite
+    # (n, channels): False for readings to ignore besides those that are not finite or above `_MOST_VOLTS`
     usable: NDArray[np.bool_] | None = None
     # (n,): speed from each scan to the next where it is known and not constant; `motion` then holds the mean
     speeds_mm_s: FloatArray | None = None
@@ -77,9 +77,9 @@ class FitWindow:
 class DetrendedWindow:
     """The good channels of a window with the slow part removed.
 
-    The distance travelled is scaled to run from about -1 to 1 over the window. `half_travel` is the distance
-    that 1 stands for, in millimetres (or seconds, where the speed is unknown). A phase rate is in radians per
-    unit of this scaled distance: a line of c periods in the window has the phase rate ``pi c``.
+    The travel is the distance travelled, or the time where the speed is unknown, scaled to run from about -1
+    to 1 over the window. `half_travel` is what 1 stands for, in millimetres or seconds. A phase rate is in
+    radians per unit of the scaled travel: a line of c periods in the window has the phase rate ``pi c``.
     """
 
     volts: FloatArray  # (channels, n): orthogonal to `trend`
