@@ -224,7 +224,11 @@ def contradicts_motion(best: RefinedWave, k: FloatArray) -> bool:
     if not len(others):
         return False
     tied, loose = weigh_interpretations(best, k), weigh_interpretations(best, others, motion=free.motion)
-    return bool(loose.log_evidence - tied.log_evidence > -np.log(window.params.error_probability))
+    # For waves of another motion, too, the component of k along the given one is an observation. Where the
+    # true speed may be any within a factor of e of the given one, its density is one over the component.
+    density = window.half_travel / best.phase_rate
+    odds = loose.log_evidence + np.log(density) - tied.log_evidence
+    return bool(odds > -np.log(window.params.error_probability))
 
 
 def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:

@@ -52,6 +52,23 @@ def test_a_told_speed_that_the_phases_contradict_is_replaced_by_the_estimated_on
     assert found.speed_sd_mm_s < 0.02
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_unit_of_length_changes_no_decision_about_the_given_speed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    slide = Slide(
+        (Grating(rng.uniform(0.8, 2.2), rng.uniform(-50, 50)),), duration_s=2.0, noise=0.02, seed=seed
+    )
+    volts, layout = slide.volts(ARRAY, OFFSETS_S + 0.02 * rng.normal(size=36)), channel_layout(ARRAY)
+    found = []
+    for unit in (1.0, 10.0, 0.2):  # in a millimetre
+        scaled = dataclasses.replace(layout, x_mm=layout.x_mm * unit, y_mm=layout.y_mm * unit)
+        params = WaveParams(min_period_mm=0.5 * unit, max_period_mm=20.0 * unit)
+        motion = WaveMotion(2.2 * unit, 0.0, 3.0, 3.0)  # 10 % too fast
+        fit = fit_wave(FitWindow(volts, slide.times(), OFFSETS_S, scaled, motion, params))
+        found.append(fit.uses_given_speed if isinstance(fit, GrooveAnswer) else fit.status)
+    assert found == [found[0]] * 3
+
+
 def test_strays_that_leave_readings_alike_are_no_evidence_against_the_given_speed() -> None:
     """Strays of channels and taxels as drawn here had a wrong answer of another speed."""
     rng = np.random.default_rng([113, 77, 140, *b"both"])
