@@ -465,7 +465,8 @@ struct Texture {
     double frequency_hz = 0.0;
     // Length of the window, which ends at timestamp, seconds.
     double window_s = 0.0;
-    // Ratio of the power of the ripple to that of the noise, decibels.
+    // Ratio of the power of the ripple to that of the noise, with period-only to that of the noise beside
+    // its spectral line, decibels.
     double snr_db = 0.0;
     // Root-mean-square difference of the channels' phases from those of one wave, apart from noise, radians.
     // 0.0 where it was not estimated.
