@@ -18,6 +18,7 @@
 #include <deque>
 #include <limits>
 #include <stdexcept>
+#include <string>
 
 #include "tactiled_events.hpp"
 
@@ -28,7 +29,7 @@ public:
     static constexpr double PRESS_S = 0.6;
     static constexpr double TARGET = 0.95;
     static constexpr double GRASP_AGAIN = 1.4;
-    static constexpr double SAME_S = 2.0;
+    static constexpr double GONE_S = 0.2;
     static constexpr double BLIND = 1.3;
 
     // Highest utilisation that is left as it is; grip before the object's weight is felt; limits of the grip.
@@ -40,7 +41,7 @@ public:
               std::isfinite(start_n)))
             throw std::invalid_argument(
                 "GripController: wanted are finite numbers with target > 0 and 0 <= least_n <= most_n");
-        forget();
+        new_object();
     }
 
     // Newest force to command.
@@ -49,25 +50,32 @@ public:
     // Return the force to command, from a message and the force exerted now.
     double take(const Grip &grip, double present_n)
     {
-        if (!is_usable(grip, present_n))
+        if (!is_usable(grip) || (!grip.board.empty() && !board_.empty() && grip.board != board_))
             return command_n_;
         if (grip.timestamp < contact_s_)
-            set_back(contact_s_ - grip.timestamp);
+            shift_times(contact_s_ - grip.timestamp);
         if (grip.state == Grip::STATE_NONE) {
             if (grip.valid) {
-                forget();
+                left_s_ = grip.timestamp;
                 wanted_n_ = 0;
             }
             return command_n_;
         }
-        if (grip.timestamp > contact_s_ + SAME_S)
-            forget();
+        if (grip.timestamp > left_s_ + GONE_S)
+            new_object();
+        left_s_ = INF;
+        if (board_.empty())
+            board_ = grip.board;
         contact_s_ = grip.timestamp;
         touched_s_ = std::min(touched_s_, grip.timestamp);
-        if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load <= 0)
+        if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load < 1 / MOST)
             return command_n_;
-        if (grip.state == Grip::STATE_UNKNOWN && most_unseen_n_ == INF)
+        if (grip.state != Grip::STATE_UNKNOWN)
+            most_unseen_n_ = INF;
+        else if (most_unseen_n_ == INF)
             most_unseen_n_ = GRASP_MOST * command_n_;
+        if (!(0 < present_n && present_n < MOST))
+            present_n = newtons_per_reading_ > 0 ? newtons_per_reading_ * grip.load : command_n_;
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
@@ -77,12 +85,12 @@ public:
         const double ahead = now.shear + std::min(LEAD_S * growth(now), LEAD_MOST * now.shear);
         double wanted_n = wanted(grip.friction, now, ahead);
         if (slides) {
-            double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * held_n_);
+            double again_n = std::min(GRASP_AGAIN * present_n, GRASP_MOST * before_slip_n_);
             if (grip.state != Grip::STATE_GROSS)  // an object that sways and sticks is not gripped ever harder
-                again_n = std::min(again_n, newtons_ * now.shear / (DENIED * grip.friction_low));
+                again_n = std::min(again_n, newtons_per_reading_ * now.shear / (DENIED * grip.friction_low));
             wanted_n = std::max(wanted_n, again_n);
         } else {
-            held_n_ = command_n_;
+            before_slip_n_ = command_n_;
         }
         wanted_n = std::min(wanted_n, most_unseen_n_);
         if (past_.empty())
@@ -108,6 +116,7 @@ public:
     {
         command_n_ = limited(std::max(command_n_, BLIND * wanted_n_));
         past_.clear();
+        left_s_ = INF;
         return command_n_;
     }
 
@@ -119,7 +128,7 @@ private:
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
     static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7, DENIED = 0.4;
     static constexpr double CALM_S = 0.1, CALM_AFTER_SLIP_S = 0.3, CALM_AFTER_STALE_S = 1.0, EASE_PER_S = 4.0;
-    static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2;
+    static constexpr double STEADY = 0.03, STEADY_S = 0.1, UNSTEADY = 1.2, MOST = 1e50;
 
     struct Seen {
         double at_s, shear, load, force_n;
@@ -127,22 +136,23 @@ private:
 
     double limited(double force_n) const { return std::min(std::max(force_n, least_n_), most_n_); }
 
-    // True where all numbers are finite; friction is of a contact alone.
-    static bool is_usable(const Grip &grip, double present_n)
+    // True where each number that is used is possible; friction is of a contact alone.
+    static bool is_usable(const Grip &grip)
     {
-        for (double number : {grip.timestamp, grip.shear_x, grip.shear_y, grip.load, present_n})
-            if (!std::isfinite(number))
+        for (double number : {grip.timestamp, grip.shear_x, grip.shear_y, grip.load})
+            if (!(std::abs(number) < MOST))
                 return false;
         if (grip.state == Grip::STATE_NONE)
             return true;
-        return std::isfinite(grip.friction_low) && std::isfinite(grip.friction) && std::min(grip.friction_low, grip.friction) > 0;
+        return 1 / MOST < grip.friction_low && grip.friction_low < MOST && 1 / MOST < grip.friction && grip.friction < MOST;
     }
 
     // Follow a clock that was set back: what was measured before is as old as it was.
-    void set_back(double by_s)
+    void shift_times(double by_s)
     {
         past_.clear();
         contact_s_ -= by_s;
+        left_s_ -= by_s;
         touched_s_ -= by_s;
         calm_from_s_ -= by_s;
         dropped_s_ -= by_s;
@@ -150,28 +160,29 @@ private:
     }
 
     // Begin with another object.
-    void forget()
+    void new_object()
     {
+        board_.clear();
         friction_ = 0.0;
-        slid_ = touched_s_ = most_unseen_n_ = INF;
+        slid_ratio_ = touched_s_ = left_s_ = most_unseen_n_ = INF;
         slides_ = false;
         past_.clear();
         contact_s_ = dropped_s_ = -INF;
-        calm_from_s_ = level_n_ = newtons_ = steady_from_s_ = 0.0;
-        held_n_ = command_n_;
+        calm_from_s_ = level_n_ = newtons_per_reading_ = steady_from_s_ = 0.0;
+        before_slip_n_ = command_n_;
     }
 
     // Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid.
     void bound_friction(const Grip &grip, const Seen &now, double ratio, double step_s)
     {
         const bool grows = !past_.empty() && now.shear > GREW * past_.front().shear;
-        slid_ *= 1 + RECOVER_PER_S * step_s;
+        slid_ratio_ *= 1 + RECOVER_PER_S * step_s;
         if (ratio > 0 && !slides_)
-            slid_ = std::max(ratio, WEAKER * friction_);
+            slid_ratio_ = std::max(ratio, WEAKER * friction_);
         slides_ = ratio > 0;
         friction_ *= 1 - (grows ? RENEW_PER_S : FORGET_PER_S) * step_s;
         friction_ = std::max(friction_, grip.friction_low);
-        friction_ = std::min({friction_, slid_, SURELY * grip.friction});
+        friction_ = std::min({friction_, slid_ratio_, SURELY * grip.friction});
     }
 
     // Force that holds what is borne now at the target, and what is borne soon by likely friction.
@@ -190,9 +201,9 @@ private:
             steady_from_s_ = now.at_s + STEADY_S;
         }
         const double present = now.force_n / now.load;
-        if (now.at_s >= steady_from_s_ || newtons_ == 0.0)
-            newtons_ = present;
-        return std::min(std::max(present, newtons_), UNSTEADY * newtons_);
+        if (now.at_s >= steady_from_s_ || newtons_per_reading_ == 0.0)
+            newtons_per_reading_ = present;
+        return std::min(std::max(present, newtons_per_reading_), UNSTEADY * newtons_per_reading_);
     }
 
     // Oldest message that is kept from an instant on; past_.end() without one.
@@ -249,14 +260,15 @@ private:
     }
 
     double target_, least_n_, most_n_, command_n_;
-    double friction_, slid_;  // shear over load that is borne with 95 %, and at the last slip
+    double friction_, slid_ratio_;  // shear over load that is borne with 95 %, and at the last slip
     bool slides_;
     // Most force in a contact whose beginning nobody saw: what pressing makes of its shear grows with the grip.
     double most_unseen_n_;
+    std::string board_;  // of the contact; empty until a board has said its name
     std::deque<Seen> past_;
-    double touched_s_, contact_s_, calm_from_s_, dropped_s_;
+    double touched_s_, contact_s_, left_s_, calm_from_s_, dropped_s_;
     double wanted_n_ = 0;  // by the newest message of a contact
-    double held_n_, level_n_, newtons_, steady_from_s_;
+    double before_slip_n_, level_n_, newtons_per_reading_, steady_from_s_;
 };
 
 }  // namespace tactiled

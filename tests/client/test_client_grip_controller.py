@@ -105,15 +105,15 @@ def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
 
 
 @given(
-    st.sampled_from(["timestamp", "shear_x", "shear_y", "load", "friction", "friction_low", "present"]),
-    st.sampled_from([math.nan, math.inf, -math.inf]),
+    st.sampled_from(["timestamp", "shear_x", "shear_y", "load", "friction", "friction_low"]),
+    st.sampled_from([math.nan, math.inf, -math.inf, 1.7e308, "1", None, [1.0]]),
 )
-def test_numbers_that_are_not_finite_change_nothing_then_or_later(name: str, number: float) -> None:
+def test_values_that_are_no_numbers_change_nothing_then_or_later(name: str, number: Any) -> None:
     controller, undisturbed = pressed(), pressed()
     before, after = [grip(k / 100) for k in range(50)], [grip(0.5 + k / 100) for k in range(300)]
     kept_n = played(controller, before)[-1]
-    disturbed = grip(0.495) | ({} if name == "present" else {name: number})
-    assert controller.take(disturbed, number if name == "present" else 6.0) == kept_n
+    assert controller.take(grip(0.495) | {name: number}, 6.0) == kept_n
+    assert controller.take({key: value for key, value in grip(0.495).items() if key != name}, 6.0) == kept_n
     played(undisturbed, before)
     assert played(controller, after) == played(undisturbed, after)
 
@@ -148,12 +148,59 @@ def test_slip_right_after_a_gap_is_answered_at_once() -> None:
     assert controller.take(grip(1.08, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
 
 
-def test_a_contact_long_after_a_gap_may_be_another_object() -> None:
-    controller = GripController(start_n=6.0)
-    played(controller, [grip(k / 100, friction_low=2.0, friction=2.2) for k in range(300)])
-    command_n = controller.take(grip(2.99) | GAP, 6.0)
-    again = [grip(3.1 + grip_controller.SAME_S + k / 100) for k in range(300)]
-    assert played(controller, again) == played(GripController(start_n=command_n), again)
+def test_a_pause_of_any_length_and_a_clock_set_forward_are_no_other_object() -> None:
+    for is_stale in (False, True):
+        controller = pressed()
+        played(controller, [grip(k / 100) for k in range(100)])
+        if is_stale:
+            controller.take(grip(0.99, state="none"), 6.0)  # and then nobody sees whether it came back
+            controller.blind()
+        assert controller.take(grip(3600.0, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
+
+
+def test_a_contact_that_flickers_is_the_same_object() -> None:
+    controller = pressed()
+    played(controller, [grip(k / 100) for k in range(100)])
+    controller.take(grip(1.0, state="none"), 6.0)
+    assert controller.take(grip(1.1, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
+
+
+@pytest.mark.parametrize("reading", [0.0, -12.0, math.nan, math.inf])
+def test_a_gripper_without_a_reading_keeps_its_hold_and_answers_a_slip(reading: float) -> None:
+    controller = pressed()
+    held_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
+    after = played(controller, [grip(6.0 + k / 100) for k in range(300)], reading)
+    assert after == pytest.approx([held_n] * 300, rel=0.01)
+    assert controller.take(grip(9.0, state="gross"), reading) >= grip_controller.GRASP_AGAIN * held_n
+
+
+def test_the_limit_of_an_unseen_contact_ends_with_its_state() -> None:
+    """A gross slip is then answered up to what it would be answered with after a beginning that was seen."""
+    commands = []
+    for state in ("unknown", "sticking"):
+        controller = GripController(start_n=3.0)
+        played(controller, [grip(k / 100, state=state) for k in range(150)], 3.0)
+        for k in range(150, 600):
+            gross = {"state": "gross", "shear": 6.0} if k > 300 else {}
+            controller.take(grip(k / 100, **gross), controller.command_n)
+        commands.append(controller.command_n)
+    assert commands[0] == pytest.approx(commands[1], rel=0.01)
+
+
+def test_messages_of_another_board_change_nothing() -> None:
+    controller, alone = pressed(), pressed()
+    for k in range(200):
+        message = grip(k / 100, state="gross" if k > 100 else "sticking", board="left")
+        alone.take(message, 6.0)
+        controller.take(message, 6.0)
+        for other in ({"state": "none"}, {"friction_low": 3.0, "friction": 4.0}):
+            assert controller.take(grip(k / 100, board="right") | other, 6.0) == alone.command_n
+
+
+def test_a_load_next_to_zero_is_no_load() -> None:
+    controller = pressed()
+    loads = [grip(k / 100, load=5e-324, shear=0.0) for k in range(200)]
+    assert set(played(controller, loads)) == {6.0}
 
 
 def test_another_object_is_met_without_what_was_learnt() -> None:

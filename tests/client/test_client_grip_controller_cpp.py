@@ -38,6 +38,7 @@ int main() {
             std::cout << controller.blind() << "\\n";
             continue;
         }
+        std::cin >> grip.board;
         for (double *each : {&grip.timestamp, &grip.load, &grip.shear_x, &grip.shear_y, &grip.friction_low,
                              &grip.friction})
             *each = number();
@@ -87,6 +88,7 @@ def messages(seed: int) -> Iterator[dict[str, Any]]:
             "friction_low": float(rng.uniform(0.6, 0.9)) * float(friction[k]),
             "friction": float(friction[k]),
             "state": state,
+            "board": "left" if rng.random() > 0.01 else "right",
             "valid": bool(rng.random() > 0.01),
             "late": bool(rng.random() < 0.01),
         }
@@ -97,7 +99,8 @@ def messages(seed: int) -> Iterator[dict[str, Any]]:
 
 def test_both_have_the_same_numbers() -> None:
     header = (ROOT / "protocols" / "cpp" / "tactiled_grip_controller.hpp").read_text()
-    of_header = {name: float(value) for name, value in re.findall(r"\b([A-Z][A-Z_]*) = ([0-9.]+)", header)}
+    found = re.findall(r"\b([A-Z][A-Z_]*) = ([0-9.]+(?:e[0-9]+)?)", header)
+    of_header = {name: float(value) for name, value in found}
     of_module = {
         name.removeprefix("_"): value
         for name, value in vars(grip_controller).items()
@@ -119,8 +122,9 @@ def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> N
             expected.append(controller.blind())
         numbers = [repr(float(message[name])) for name in NUMBERS[:-2]]
         flags = [str(int(message[name])) for name in NUMBERS[-2:]]
-        lines.append(" ".join([message["state"], *numbers, *flags, repr(present_n)]))
-        expected.append(controller.take(message, present_n))
+        read_n = float(rng.choice([0.0, -1.0, math.nan])) if rng.random() < 0.02 else present_n
+        lines.append(" ".join([message["state"], message["board"], *numbers, *flags, repr(read_n)]))
+        expected.append(controller.take(message, read_n))
         present_n += 0.5 * (controller.command_n - present_n)
     done = subprocess.run(
         [program], input="\n".join(lines), capture_output=True, text=True, check=True, timeout=60

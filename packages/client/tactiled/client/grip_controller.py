@@ -9,6 +9,8 @@ Assumptions; check them for your hand:
 - The fingers press for 0.6 s before they lift: in this time the sensor's zero in shear is measured.
 - The object's weight is carried by the sensorised finger and an equal one opposite.
 - Load readings are about proportional to the force. They may be in any unit.
+
+A controller is for one grasp with one board: make a new one for the next grasp.
 """
 
 import math
@@ -45,7 +47,8 @@ _CALM_AFTER_STALE_S = 1.0  # from the first message on, after stale data
 _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
-SAME_S = 2.0  # longest pause of contacts after which the object may still be the same: gaps end contacts
+GONE_S = 0.2  # without contact after a valid `none`: the object has left the hand
+_MOST = 1e50  # numbers beyond, and loads below its inverse, are no readings: quotients stay finite
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 
 
@@ -58,18 +61,25 @@ class _Seen(NamedTuple):
     force_n: float
 
 
-def _is_usable(grip: Mapping[str, Any], present_n: float) -> bool:
-    """Return True where all numbers are finite; friction is of a contact alone."""
-    numbers = grip["timestamp"], grip["shear_x"], grip["shear_y"], grip["load"], present_n
-    if not all(map(math.isfinite, numbers)):
+def _is_usable(grip: Mapping[str, Any]) -> bool:
+    """Return True where each field that is used has a possible value; friction is of a contact alone."""
+    try:
+        is_typed = isinstance(grip["valid"], bool) and isinstance(grip["late"], bool)
+        numbers = (grip[name] for name in ("timestamp", "shear_x", "shear_y", "load"))
+        if not is_typed or not all(abs(number) < _MOST for number in numbers):
+            return False
+        if grip["state"] == "none":
+            return True
+        return all(1 / _MOST < grip[name] < _MOST for name in ("friction_low", "friction"))
+    except (KeyError, TypeError):
         return False
-    if grip["state"] == "none":
-        return True
-    return all(math.isfinite(grip[name]) and grip[name] > 0 for name in ("friction_low", "friction"))
 
 
 class GripController:
-    """Compute the force to grip with. Messages with numbers that are not finite are passed over.
+    """Compute the force to grip with. Messages that are not as the schema says are passed over.
+
+    So are messages of another board than that of the contact. A present force that is not above 0, or not
+    finite, is no reading of a hand that holds: the force is then inferred from the load.
 
     Parameters
     ----------
@@ -106,44 +116,53 @@ class GripController:
         self._target, self._least_n, self._most_n = target, least_n, most_n
         self.command_n = self._limited(start_n)
         self._wanted_n = 0.0  # by the newest message of a contact
-        self._forget()
+        self._new_object()
 
-    def _forget(self) -> None:
+    def _new_object(self) -> None:
         """Begin with another object."""
+        self._board = ""  # of the contact; empty until a board has said its name
         self._friction = 0.0  # shear over load that is borne with 95 %, in units of the readings
-        self._slid = math.inf  # shear over load at the last slip
+        self._slid_ratio = math.inf  # shear over load at the last slip
         self._slides = False
         # Most force in a contact whose beginning nobody saw: shear that pressing makes grows with the grip.
         self._most_unseen_n = math.inf
         self._past: deque[_Seen] = deque()
         self._touched_s = math.inf
         self._contact_s = -math.inf  # newest message of a contact
+        self._left_s = math.inf  # when a valid `none` ended the contact
         self._calm_from_s = 0.0
         self._dropped_s = -math.inf
-        self._held_n = self.command_n
-        self._level_n = self._newtons = self._steady_from_s = 0.0
+        self._before_slip_n = self.command_n
+        self._level_n = self._newtons_per_reading = self._steady_from_s = 0.0
 
     def take(self, grip: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N), from a `grip` message and the force exerted now."""
-        if not _is_usable(grip, present_n):
+        if not _is_usable(grip):
+            return self.command_n
+        board = str(grip.get("board", ""))
+        if "" not in (board, self._board) and board != self._board:
             return self.command_n
         if grip["timestamp"] < self._contact_s:
-            self._set_back(self._contact_s - grip["timestamp"])
+            self._shift_times(self._contact_s - grip["timestamp"])
         if grip["state"] == "none":
             # A gap in the scans ends a contact, too, and is not valid: the hand holds what it held.
             if grip["valid"]:
-                self._forget()
-                self._wanted_n = 0.0
+                self._left_s, self._wanted_n = grip["timestamp"], 0.0
             return self.command_n
-        if grip["timestamp"] > self._contact_s + SAME_S:
-            self._forget()
+        if grip["timestamp"] > self._left_s + GONE_S:
+            self._new_object()
+        self._left_s, self._board = math.inf, self._board or board
         self._contact_s = grip["timestamp"]
         self._touched_s = min(self._touched_s, grip["timestamp"])
         presses = grip["timestamp"] < self._touched_s + PRESS_S
-        if presses or not grip["valid"] or grip["late"] or grip["load"] <= 0:
+        if presses or not grip["valid"] or grip["late"] or grip["load"] < 1 / _MOST:
             return self.command_n
-        if grip["state"] == "unknown" and self._most_unseen_n == math.inf:
+        if grip["state"] != "unknown":
+            self._most_unseen_n = math.inf
+        elif self._most_unseen_n == math.inf:
             self._most_unseen_n = _GRASP_MOST * self.command_n
+        if not 0 < present_n < _MOST:
+            present_n = self._newtons_per_reading * grip["load"] or self.command_n
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
@@ -152,12 +171,13 @@ class GripController:
         ahead = now.shear + min(_LEAD_S * self._growth(now), _LEAD_MOST * now.shear)
         wanted_n = self._wanted(grip["friction"], now, ahead)
         if slides:
-            again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._held_n)
+            again_n = min(GRASP_AGAIN * present_n, _GRASP_MOST * self._before_slip_n)
             if grip["state"] != "gross":  # an object that sways and sticks is not gripped ever harder
-                again_n = min(again_n, self._newtons * now.shear / (_DENIED * grip["friction_low"]))
+                denied_n = self._newtons_per_reading * now.shear / (_DENIED * grip["friction_low"])
+                again_n = min(again_n, denied_n)
             wanted_n = max(wanted_n, again_n)
         else:
-            self._held_n = self.command_n
+            self._before_slip_n = self.command_n
         wanted_n = min(wanted_n, self._most_unseen_n)
         if not self._past:
             self._calm_from_s = now.at_s + _CALM_AFTER_STALE_S
@@ -180,15 +200,17 @@ class GripController:
         """Return the force to command while tactile data are stale: tighter, and not eased."""
         self.command_n = self._limited(max(self.command_n, BLIND * self._wanted_n))
         self._past.clear()
+        self._left_s = math.inf  # nobody saw whether the object came back
         return self.command_n
 
     def _limited(self, force_n: float) -> float:
         return min(max(force_n, self._least_n), self._most_n)
 
-    def _set_back(self, by_s: float) -> None:
+    def _shift_times(self, by_s: float) -> None:
         """Follow a clock that was set back: what was measured before is as old as it was."""
         self._past.clear()
         self._contact_s -= by_s
+        self._left_s -= by_s
         self._touched_s -= by_s
         self._calm_from_s -= by_s
         self._dropped_s -= by_s
@@ -197,13 +219,13 @@ class GripController:
     def _bound_friction(self, grip: Mapping[str, Any], now: _Seen, slip_ratio: float, step_s: float) -> None:
         """Keep the highest bound of friction; a slip lowers it, to the ratio at which the object slid."""
         grows = bool(self._past) and now.shear > _GREW * self._past[0].shear
-        self._slid *= 1 + _RECOVER_PER_S * step_s
+        self._slid_ratio *= 1 + _RECOVER_PER_S * step_s
         if slip_ratio > 0 and not self._slides:
-            self._slid = max(slip_ratio, _WEAKER * self._friction)
+            self._slid_ratio = max(slip_ratio, _WEAKER * self._friction)
         self._slides = slip_ratio > 0
         self._friction *= 1 - (_RENEW_PER_S if grows else _FORGET_PER_S) * step_s
         self._friction = max(self._friction, grip["friction_low"])
-        self._friction = min(self._friction, self._slid, _SURELY * grip["friction"])
+        self._friction = min(self._friction, self._slid_ratio, _SURELY * grip["friction"])
 
     def _wanted(self, friction: float, now: _Seen, ahead: float) -> float:
         """Force that holds what is borne now at the target, and what is borne soon by likely friction."""
@@ -216,9 +238,9 @@ class GripController:
         if abs(now.force_n - self._level_n) > _STEADY * self._level_n:
             self._level_n, self._steady_from_s = now.force_n, now.at_s + _STEADY_S
         present = now.force_n / now.load
-        if now.at_s >= self._steady_from_s or not self._newtons:
-            self._newtons = present
-        return min(max(present, self._newtons), _UNSTEADY * self._newtons)
+        if now.at_s >= self._steady_from_s or not self._newtons_per_reading:
+            self._newtons_per_reading = present
+        return min(max(present, self._newtons_per_reading), _UNSTEADY * self._newtons_per_reading)
 
     def _growth(self, now: _Seen) -> float:
         """Rate at which shear has grown over `_GROWTH_S`, 0 where it has not."""
