@@ -181,8 +181,9 @@ def test_the_limit_of_an_unseen_contact_ends_with_its_state() -> None:
         controller = GripController(start_n=3.0)
         played(controller, [grip(k / 100, state=state) for k in range(150)], 3.0)
         for k in range(150, 600):
-            gross = {"state": "gross", "shear": 6.0} if k > 300 else {}
-            controller.take(grip(k / 100, **gross), controller.command_n)
+            is_gross = k > 300
+            message = grip(k / 100, 6.0 if is_gross else 1.0, state="gross" if is_gross else "sticking")
+            controller.take(message, controller.command_n)
         commands.append(controller.command_n)
     assert commands[0] == pytest.approx(commands[1], rel=0.01)
 
