@@ -3,7 +3,7 @@
 // The rules are those of tactiled.client.catchup, for a connection over ZeroMQ. A hole shows in the sequence
 // numbers of a topic, or in a status, which has the number of messages sent on every topic. The daemon is
 // asked for missing messages, and newer ones of that topic wait for its answer: a millisecond on one host, at
-// most HOLD_S. What the daemon no longer has, or does not return in time, is lost. After that, and before the
+// most HOLD_S. What has waited for longer than WAITS_S is handed on as recovered. What the daemon no longer has, or does not return in time, is lost. After that, and before the
 // first answer of the daemon, nothing waits. Sequence numbers begin at 0 with each run of the daemon.
 //
 // Pure: no input, no output, no clock.
@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <deque>
 #include <limits>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -48,6 +49,7 @@ class CatchUp {
 public:
     // More than a reconnection to the daemon takes (0.1 s), and little enough for a controller.
     static constexpr double HOLD_S = 0.5;
+    static constexpr double WAITS_S = 0.2;  // the longest that a message waits and still counts as present
     static constexpr double PROBE_S = 1.0;  // period of asking a daemon that does not answer
     static constexpr std::size_t MOST_HELD =
         4000;  // of a topic: 40 s of scans, far more than come within HOLD_S
@@ -78,6 +80,16 @@ public:
         return due_s;
     }
 
+    // Time at which the oldest message that waits behind a hole was read; INF for none.
+    double waits_from_s() const
+    {
+        double from_s = INF;
+        for (const Line& line : lines_)
+            if (!line.held.empty())
+                from_s = std::min(from_s, line.held.front().received_s);
+        return from_s;
+    }
+
     void tick(double now_s, Items& out)
     {
         if (now_s >= probe_s_) {
@@ -88,7 +100,7 @@ public:
         for (Line& line : lines_) {
             if (now_s < line.until_s)
                 continue;
-            give_up(line, out);
+            give_up(line, now_s, out);
             answered_ = false;
             probe_s_ = now_s + PROBE_S;
         }
@@ -101,18 +113,26 @@ public:
                (find_board(message.board) || boards_.size() < MOST_TOPICS);
     }
 
+    // True for a message that the daemon sent before its restart, and that was overtaken.
+    bool is_of_old_run(const Message& message)
+    {
+        const Board* board = find_board(message.board);
+        return board && board->old_run == message.run;
+    }
+
     // Detect a message of a new run of the daemon, and give up the holes of the old one.
     void watch_run(const Message& message, Items& out)
     {
         Board& board = board_of(message);
         if (board.run == message.run)
             return;
+        board.old_run = board.run;
         board.run = message.run;
         board.is_new_run = true;
         for (Line& line : lines_) {
             if (line.board != message.board)
                 continue;
-            give_up(line, out);
+            give_up(line, message.received_s, out);
             line = Line{line.board, line.topic};
         }
         out.add(Kind::RESTARTED).board = message.board;
@@ -129,7 +149,7 @@ public:
             return;
         line->end_seq = std::max(line->end_seq, message.seq + 1);
         if (line->held.empty() && !line->hole_end && message.seq == line->next_seq)
-            give(*line, message, out);
+            give(*line, message, now_s, out);
         else
             line->held.push_back(std::move(message));
         if (line->hole_end && line->held.size() <= MOST_HELD)
@@ -224,6 +244,7 @@ private:
         std::int64_t run;
         bool is_new_run = false;  // its present run was observed from its beginning
         bool has_status = false;  // a status was read
+        std::optional<std::int64_t> old_run = {};  // of which late messages may come
     };
 
     using Retained = std::vector<Message>::iterator;
@@ -280,11 +301,17 @@ private:
         });
     }
 
-    static void give(Line& line, Message& message, Items& out)
+    // Kind of a message, which may have waited for too long to count as present.
+    static Kind kind_of(const Message& message, double now_s)
+    {
+        return now_s - message.received_s <= WAITS_S ? Kind::MESSAGE : Kind::RECOVERED;
+    }
+
+    static void give(Line& line, Message& message, double now_s, Items& out)
     {
         line.next_seq = message.seq + 1;
         line.given = true;
-        std::swap(out.add(Kind::MESSAGE).message, message);
+        std::swap(out.add(kind_of(message, now_s)).message, message);
     }
 
     // Hand on messages of a reply that belong to the hole; `bytes` begin with them.
@@ -313,7 +340,7 @@ private:
         for (;;) {
             while (!line.held.empty() && line.held.front().seq <= line.next_seq) {
                 if (line.held.front().seq == line.next_seq)
-                    give(line, line.held.front(), out);
+                    give(line, line.held.front(), now_s, out);
                 line.held.pop_front();
             }
             const std::uint64_t hole_end = line.held.empty() ? line.end_seq : line.held.front().seq;
@@ -328,7 +355,7 @@ private:
     }
 
     // Count the holes of a topic as lost, and hand on the messages that wait behind them.
-    void give_up(Line& line, Items& out)
+    void give_up(Line& line, double now_s, Items& out)
     {
         forget(line);
         for (Message& message : line.held) {
@@ -336,7 +363,7 @@ private:
                 continue;
             lose(line, message.seq, out);
             line.next_seq = message.seq + 1;
-            std::swap(out.add(Kind::MESSAGE).message, message);
+            std::swap(out.add(kind_of(message, now_s)).message, message);
         }
         line.held.clear();
         lose(line, line.end_seq, out);

@@ -3,7 +3,8 @@
 // The rules are those of tactiled.client.inbox; tests/client/test_client_native.py plays the same streams to
 // both. Two conditions make old data look new. Silence: daemon, cable or board is gone, and the last message
 // stays the newest. Backlog: this program has paused, and messages wait, each of which was fresh when it was
-// sent. Data are therefore fresh only while a status says so that is recent by both clocks; where several
+// sent. A lost message holds back those behind it while it is requested; what waits for over 0.2 s is stale, too.
+// Data are therefore fresh only while a status says so that is recent by both clocks; where several
 // boards are heard, a status of each.
 //
 // Pure: no input, no output, no clock. Memory is used again: nothing is allocated for a message in order,
@@ -55,10 +56,10 @@ public:
     std::uint64_t malformed() const { return malformed_; }
 
     // True while the last status of each board is valid and recent: its data may be acted on.
-    bool is_fresh(double now_s) const { return state_ == State::FRESH && now_s < status_s_ + stale_after_s_; }
+    bool is_fresh(double now_s) const { return state_ == State::FRESH && now_s < std::min(silence_due_s(), wait_due_s()); }
 
     // Time of the next `tick`, monotonic seconds.
-    double deadline_s() const { return std::min(catch_up_.deadline_s(), silence_due_s()); }
+    double deadline_s() const { return std::min({catch_up_.deadline_s(), silence_due_s(), wait_due_s()}); }
 
     // Add the items from a received message, whatever it contains.
     void receive(const Frames& frames, double now_s, double unix_s, Items& out)
@@ -73,7 +74,7 @@ public:
             report_malformed(out);
             return;
         }
-        if (!is_message_)
+        if (!is_message_ || catch_up_.is_of_old_run(message_))
             return;
         catch_up_.watch_run(message_, out);
         if (message_.topic == "status") {
@@ -100,6 +101,8 @@ public:
     // Add the items that follow from silence and from passed deadlines.
     void tick(double now_s, Items& out)
     {
+        if (now_s >= wait_due_s())  // before the messages that waited are handed on
+            turn_stale("messages wait for a lost one, which was requested", now_s - catch_up_.waits_from_s(), out);
         catch_up_.tick(now_s, out);
         if (now_s < silence_due_s())
             return;
@@ -114,6 +117,12 @@ private:
 
     // Time at which silence counts as stale; inf when that was reported already.
     double silence_due_s() const { return state_ == State::STALE ? INF : status_s_ + stale_after_s_; }
+
+    // Time at which messages behind a hole count as stale; inf when that was reported already.
+    double wait_due_s() const
+    {
+        return state_ == State::STALE ? INF : catch_up_.waits_from_s() + CatchUp::WAITS_S;
+    }
 
     // Parse into `message_`, or take note that it was not subscribed; false with a reason where it is
     // malformed.
@@ -169,8 +178,11 @@ private:
     void watch_age(double now_s, double unix_s, Items& out)
     {
         status_s_ = now_s;
-        Heard heard{message_.run, now_s, "", std::max(unix_s - message_.timestamp, behind_s(now_s))};
-        if (heard.silent_s > stale_after_s_) {
+        const double ahead_s = message_.timestamp - unix_s;
+        Heard heard{message_.run, now_s, "", std::max(-ahead_s, behind_s(now_s)), now_s};
+        if (ahead_s > stale_after_s_) {
+            heard.fault = words("status from %.1f s ahead: the clocks differ", ahead_s);
+        } else if (heard.silent_s > stale_after_s_) {
             heard.fault = words("reading %.1f s behind: messages wait, or the clocks differ", heard.silent_s);
         } else if (!detail::is_true(detail::find(map_, "valid"))) {
             const msgpack::object* known_s = detail::find(map_, "age_s");
@@ -179,13 +191,18 @@ private:
         }
         hear(std::move(heard));
         for (const auto& [board, newest] : heard_) {
-            if (newest.fault.empty())
+            const double silent_s = now_s - newest.at_s;
+            const bool is_silent = silent_s >= stale_after_s_;
+            if (newest.fault.empty() && !is_silent)
                 continue;
+            const std::string fault = is_silent ? words("no status read for %.1f s", silent_s) : newest.fault;
             const std::string name = board.empty() ? "without a name" : board;
             const std::string whose = heard_.size() > 1 ? "board " + name + ": " : "";
-            turn_stale(whose + newest.fault, newest.silent_s, out);
+            turn_stale(whose + fault, is_silent ? silent_s : newest.silent_s, out);
             return;
         }
+        if (now_s >= catch_up_.waits_from_s() + CatchUp::WAITS_S)
+            return;  // `tick` has reported it
         if (state_ != State::FRESH) {
             state_ = State::FRESH;
             out.add(Kind::FRESH);
@@ -198,15 +215,24 @@ private:
         double at_s;
         std::string fault;  // why its data may be old; empty where they are fresh
         double silent_s;    // age of its newest data
+        double since_s;     // time of its first status
     };
 
-    // Keep the newest status of a board. One that falls silent beside others has another name now: a daemon
+    // Keep the newest status of a board. A silent one has another name now if a new name has appeared since: a daemon
     // sends the status of each of its boards, ten times a second, without a name until it has a hello.
     void hear(Heard heard)
     {
+        const auto before = heard_.find(message_.board);
+        if (before != heard_.end() && before->second.run == heard.run)
+            heard.since_s = before->second.since_s;
+        double new_s = heard.since_s;
+        for (const auto& entry : heard_)
+            if (entry.second.run == heard.run)
+                new_s = std::max(new_s, entry.second.since_s);
         for (auto it = heard_.begin(); it != heard_.end();) {
-            const bool is_kept =
-                it->second.run == heard.run && it->second.at_s > heard.at_s - stale_after_s_;
+            const double at_s = it->second.at_s;
+            const bool is_kept = it->second.run == heard.run && (at_s > heard.at_s - stale_after_s_ ||
+                                                                 (!it->first.empty() && at_s >= new_s));
             it = is_kept ? std::next(it) : heard_.erase(it);
         }
         const std::string& board = message_.board;

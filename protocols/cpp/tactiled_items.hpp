@@ -13,8 +13,8 @@ namespace tactiled {
 
 enum class Kind {
     MESSAGE,
-    RECOVERED,  // a message that was missed and requested again, so it is old; it comes before newer ones of
-                // its topic
+    RECOVERED,  // a message that was missed and requested again, or waited for over 0.2 s for such a one of its
+                // topic, so it is old
     LOST,       // `count` messages of a topic were sent, did not arrive, and cannot be recovered
     RESTARTED,  // the daemon was restarted; how many messages of its last run were lost at its end is not
                 // known

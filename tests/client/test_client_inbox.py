@@ -171,12 +171,14 @@ def test_invalid_counts_of_sent_messages_are_ignored(sent: Any) -> None:
     assert daemon.status(sent=sent) == []
 
 
-def test_a_step_of_the_wall_clock_is_no_restart() -> None:
+def test_a_status_from_the_future_is_stale_and_no_restart() -> None:
     daemon = Daemon(topics=("slip",))
     daemon.status()
     daemon.now_s += 0.1
-    assert daemon.status(timestamp=daemon.now_s + UNIX_S + 3600.0) == []
+    assert daemon.status(timestamp=daemon.now_s + UNIX_S + 0.4) == []
     assert daemon.fresh
+    (stale,) = daemon.status(timestamp=daemon.now_s + UNIX_S + 3600.0)
+    assert stale == Stale("status from 3600.0 s ahead: the clocks differ", 0.0)
 
 
 def test_a_backlog_is_stale_although_the_wall_clock_was_set_back_meanwhile() -> None:
@@ -229,6 +231,29 @@ def test_all_boards_that_are_heard_must_run() -> None:
         assert not daemon.fresh
     daemon.board = "TS0002"
     assert daemon.status() == [Fresh()]
+
+
+def test_a_board_that_falls_silent_beside_another_is_stale() -> None:
+    daemon = Daemon(topics=("slip",))
+    items: list[Item] = []
+    for k in range(20):
+        for board in ("TS0001", "TS0002") if k < 10 or k == 19 else ("TS0002",):
+            daemon.board = board
+            items += daemon.status()
+        daemon.now_s += 0.1
+    reasons = [item.reason if isinstance(item, Stale) else "fresh" for item in items]
+    assert reasons == ["fresh", "board TS0001: no status read for 0.5 s", "fresh"]
+
+
+def test_late_messages_of_the_run_before_are_not_handed_on() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.read(daemon.make("slip"))
+    late = daemon.make("slip")
+    daemon.restart()
+    assert daemon.status() == [Restarted("TS0001"), Fresh()]
+    assert daemon.read(late) == []
+    assert kinds(daemon.read(daemon.make("slip"))) == ["Message"]
+    assert daemon.inbox.catch_up.lost == 0
 
 
 def test_a_board_that_was_exchanged_is_forgotten() -> None:

@@ -83,6 +83,28 @@ def test_a_hole_that_many_messages_wait_behind_is_given_up(native_inbox: Path) -
     assert_same(native_inbox, recorded)
 
 
+def test_messages_that_wait_for_a_lost_one_are_stale_and_recovered(native_inbox: Path) -> None:
+    """No controller takes them for present ones, and none is left without data that count as fresh."""
+    recorded = RecordedInbox(topics=("slip",))
+    recorded.tick()
+    (asked,) = recorded.send()
+    recorded.answer(msgpack.packb({"v": 1, "id": asked["id"], "do": "state", "messages": {}}))
+    for k in range(30):
+        if k % 10 == 0:
+            recorded.receive(frames_of(k // 10, time_s=recorded.now_s, uptime_s=recorded.now_s))
+        if k != 1:
+            recorded.receive([b"tactile/b/slip", msgpack.packb(GOOD | {"board": "b", "run": 7, "seq": k})])
+        recorded.now_s += 0.01
+        recorded.tick()
+        assert recorded.outcomes[-1]["fresh"] == (k <= 20)
+    recorded.now_s += HOLD_S
+    recorded.tick()
+    recorded.receive(frames_of(3, time_s=recorded.now_s, uptime_s=recorded.now_s))
+    rows = [row for outcome in recorded.outcomes for row in outcome["items"]]
+    assert [row[0] for row in rows] == ["Fresh", "Message", "Stale", "Lost", *["Recovered"] * 28, "Fresh"]
+    assert_same(native_inbox, recorded)
+
+
 @pytest.mark.parametrize("behind_s", [0.4, 16.0])
 def test_a_backlog_shows_by_clocks_that_differ_in_rate(native_inbox: Path, behind_s: float) -> None:
     """After hours, and where the wall clock tells no backlog, because it was set."""

@@ -4,7 +4,7 @@ A hole shows in the sequence numbers of a topic, or in a status, which has the n
 every topic. The daemon is asked for missing messages, and newer ones of that topic wait for its answer: a
 millisecond on one host, at most `HOLD_S`. Messages that the daemon no longer has, or does not return in time,
 are `Lost`. After that, and before the first answer of the daemon, nothing waits: where nobody answers, losses
-are only reported.
+are only reported. What has waited for longer than `WAITS_S` is `Recovered`: it is no present event.
 
 Sequence numbers begin at 0 with each run of the daemon (`run` in every message). Holes of the old run then
 count as lost, and the messages of the new run are expected from number 0.
@@ -22,7 +22,8 @@ from tactiled.client.parse import is_count, message_of
 # Longest delay of a message behind a hole, over ZeroMQ: more than a reconnection to the daemon takes (0.1 s),
 # and little enough for a controller.
 HOLD_S = 0.5
-# The same of a patient connection: after a line was cut, routers may need a second until requests find their
+WAITS_S = 0.2  # the longest that a message waits and still counts as present: twenty scans, two statuses
+# `HOLD_S` of a patient connection: after a line was cut, routers may need a second until requests find their
 # way again, while messages flow already.
 PATIENT_HOLD_S = 2.0
 _REPEATS = 2  # of a patient connection: answers to a hundred boards may take longer than `PATIENT_HOLD_S`
@@ -62,6 +63,7 @@ class CatchUp:
         self.recovered = 0
         self._lines: dict[Key, _Line] = {}
         self._runs: dict[str, int] = {}
+        self._old_runs: dict[str, int] = {}  # of which late messages may come
         self._new_runs: set[str] = set()  # boards whose present run was observed from its beginning
         self._asking: dict[str, Key] = {}
         self._unsent: dict[str, dict[str, Any]] = {}
@@ -76,6 +78,12 @@ class CatchUp:
     def deadline_s(self) -> float:
         """Time of the next `tick`, monotonic seconds."""
         return min([self._probe_s, *(self._lines[key].until_s for key in self._asking.values())])
+
+    @property
+    def waits_from_s(self) -> float:
+        """Time at which the oldest message that waits behind a hole was read; inf for none."""
+        lines = (self._lines[key] for key in self._asking.values())
+        return min((line.held[0].received_s for line in lines if line.held), default=math.inf)
 
     @property
     def unsent(self) -> list[dict[str, Any]]:
@@ -103,7 +111,7 @@ class CatchUp:
                 self._forget(line)  # under another id: the answer to the first may still come
                 self._ask_for(key, line, end_seq, now_s, n_repeated)
             else:
-                items += self._give_up(key, line)
+                items += self._give_up(key, line, now_s)
                 self._answered, self._probe_s = False, now_s + PROBE_S
         return items
 
@@ -114,6 +122,10 @@ class CatchUp:
             message.board in self._runs or len(self._runs) < _MOST_TOPICS
         )
 
+    def is_of_old_run(self, message: Message) -> bool:
+        """Return True for a message that the daemon sent before its restart, and that was overtaken."""
+        return bool(message.data["run"] == self._old_runs.get(message.board))
+
     def watch_run(self, message: Message) -> list[Item]:
         """Detect a message of a new run of the daemon, and give up the holes of the old one."""
         board, run = message.board, message.data["run"]
@@ -121,11 +133,11 @@ class CatchUp:
         if known == run:
             return []
         items: list[Item] = []
-        self._runs[board] = run
+        self._runs[board], self._old_runs[board] = run, known
         self._new_runs.add(board)
         for key, line in self._lines.items():
             if key[0] == board:
-                items += self._give_up(key, line)
+                items += self._give_up(key, line, message.received_s)
                 self._lines[key] = _Line(0)
         return [*items, Restarted(board)]
 
@@ -218,7 +230,7 @@ class CatchUp:
                 message = line.held.popleft()
                 if message.seq == line.next_seq:
                     line.next_seq, line.given = line.next_seq + 1, True
-                    items.append(message)
+                    items.append(_after_wait(message, now_s))
             hole_end = line.held[0].seq if line.held else line.end_seq
             if hole_end <= line.next_seq:
                 return items
@@ -227,13 +239,13 @@ class CatchUp:
                 return items
             items += self._lose(key, line, hole_end)
 
-    def _give_up(self, key: Key, line: _Line) -> list[Item]:
+    def _give_up(self, key: Key, line: _Line, now_s: float) -> list[Item]:
         """Count the holes of a topic as lost, and hand on the messages that wait behind them."""
         items: list[Item] = []
         self._forget(line)
         for message in line.held:
             if message.seq >= line.next_seq:
-                items += [*self._lose(key, line, message.seq), message]
+                items += [*self._lose(key, line, message.seq), _after_wait(message, now_s)]
                 line.next_seq = message.seq + 1
         return items + self._lose(key, line, line.end_seq)
 
@@ -286,3 +298,8 @@ class CatchUp:
         self._asking.pop(line.asked, None)
         self._unsent.pop(line.asked, None)
         line.asked, line.hole_end, line.until_s = "", 0, math.inf
+
+
+def _after_wait(message: Message, now_s: float) -> Message | Recovered:
+    """Return a message as present, or as recovered where it has waited for too long."""
+    return message if now_s - message.received_s <= WAITS_S else Recovered(message)

@@ -4,7 +4,7 @@ Two conditions make old data look new. *Silence*: daemon, cable or board is gone
 the newest. *Backlog*: the client has paused, and messages wait in a queue, each of which was fresh when it
 was sent. Freshness is therefore not inferred from the arrival of a message: the daemon must state ``valid``
 in a status, and that status must be recent by both clocks. Where several boards are heard, that holds for
-each of them.
+each of them. Messages that wait for a lost one are stale after 0.2 s, too (`WAITS_S`).
 
 Ages compare the publisher's clock with the client's: on one host they are the same, between hosts NTP must
 keep them together.
@@ -15,11 +15,13 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from typing import Any, Literal, NamedTuple
 
-from tactiled.client.catchup import CatchUp
+from tactiled.client.catchup import WAITS_S, CatchUp
 from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, Stale
 from tactiled.client.parse import is_count, message_of, parse_map
 
 _CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
+
+_WAITS = "messages wait for a lost one, which was requested"
 
 _MOST_BOARDS = 1024  # bounds the memory that invalid names of boards can occupy
 
@@ -31,6 +33,7 @@ class _Heard(NamedTuple):
     at_s: float
     fault: str  # why its data may be old; empty where they are fresh
     silent_s: float  # age of its newest data
+    since_s: float  # time of its first status
 
 
 class Inbox:
@@ -72,17 +75,22 @@ class Inbox:
 
     def is_fresh(self, now_s: float) -> bool:
         """Return True while the last status of each board is valid and recent: its data may be acted on."""
-        return self._state == "fresh" and now_s < self._status_s + self._stale_after_s
+        return self._state == "fresh" and now_s < min(self._silence_due_s, self._wait_due_s)
 
     @property
     def deadline_s(self) -> float:
         """Time of the next `tick`, monotonic seconds."""
-        return min(self.catch_up.deadline_s, self._silence_due_s)
+        return min(self.catch_up.deadline_s, self._silence_due_s, self._wait_due_s)
 
     @property
     def _silence_due_s(self) -> float:
         """Time at which silence counts as stale; inf when that was reported already."""
         return math.inf if self._state == "stale" else self._status_s + self._stale_after_s
+
+    @property
+    def _wait_due_s(self) -> float:
+        """Time at which messages behind a hole count as stale; inf when that was reported already."""
+        return math.inf if self._state == "stale" else self.catch_up.waits_from_s + WAITS_S
 
     def receive(
         self, parts: Sequence[bytes], now_s: float, unix_s: float, thinned: AbstractSet[str] = frozenset()
@@ -98,7 +106,7 @@ class Inbox:
         if isinstance(message, Malformed):
             self.malformed += 1
             return [*items, message]
-        if message is None:
+        if message is None or self.catch_up.is_of_old_run(message):
             return items
         items += self.catch_up.watch_run(message)
         self._received_s = now_s
@@ -124,7 +132,10 @@ class Inbox:
 
     def tick(self, now_s: float) -> list[Item]:
         """Return the items that follow from silence and from passed deadlines."""
-        items = self.catch_up.tick(now_s, now_s - self._received_s)
+        items: list[Item] = []
+        if now_s >= self._wait_due_s:  # before the messages that waited are handed on
+            items += self._stale(_WAITS, now_s - self.catch_up.waits_from_s)
+        items += self.catch_up.tick(now_s, now_s - self._received_s)
         if now_s >= self._silence_due_s:
             silent_s = now_s - self._status_s
             reason = f"no status read for {silent_s:.1f} s: is tactiled running, or is this client too slow?"
@@ -179,31 +190,43 @@ class Inbox:
 
     def _watch_age(self, status: Message, now_s: float, unix_s: float) -> list[Item]:
         self._status_s = now_s
-        age_s, fault = max(unix_s - status.timestamp, self._behind_s(status.data, now_s)), ""
-        if age_s > self._stale_after_s:
+        ahead_s = status.timestamp - unix_s
+        age_s, fault = max(-ahead_s, self._behind_s(status.data, now_s)), ""
+        if ahead_s > self._stale_after_s:
+            fault = f"status from {ahead_s:.1f} s ahead: the clocks differ"
+        elif age_s > self._stale_after_s:
             fault = f"reading {age_s:.1f} s behind: messages wait, or the clocks differ"
         elif status.data.get("valid") is not True:
             known_s = status.data.get("age_s")
             age_s = known_s if isinstance(known_s, float) else age_s
             fault = f"{_text(status.data, 'state')}: {_text(status.data, 'reason')}"
-        self._hear(status.board, _Heard(status.data["run"], now_s, fault, age_s))
+        self._hear(status.board, _Heard(status.data["run"], now_s, fault, age_s, now_s))
         for board, heard in sorted(self._heard.items()):
-            if heard.fault:
+            silent_s = now_s - heard.at_s
+            is_silent = silent_s >= self._stale_after_s
+            if heard.fault or is_silent:
+                fault = f"no status read for {silent_s:.1f} s" if is_silent else heard.fault
                 whose = f"board {board or 'without a name'}: " if len(self._heard) > 1 else ""
-                return self._stale(whose + heard.fault, heard.silent_s)
+                return self._stale(whose + fault, silent_s if is_silent else heard.silent_s)
+        if now_s >= self.catch_up.waits_from_s + WAITS_S:
+            return []  # `tick` has reported it
         if self._state == "fresh":
             return []
         self._state = "fresh"
         return [Fresh()]
 
     def _hear(self, board: str, heard: _Heard) -> None:
-        """Keep the newest status of a board; one that falls silent beside others has another name now.
+        """Keep the newest status of a board; a silent one is dropped if a new name has appeared since.
 
         A daemon sends the status of each of its boards, ten times a second, without a name until it has a
         hello of the board.
         """
+        known = {name: of for name, of in self._heard.items() if of.run == heard.run}
+        if board in known:
+            heard = heard._replace(since_s=known[board].since_s)
+        new_s = max([heard.since_s, *(of.since_s for of in known.values())])
         due_s = heard.at_s - self._stale_after_s
-        self._heard = {b: h for b, h in self._heard.items() if h.run == heard.run and h.at_s > due_s}
+        self._heard = {b: of for b, of in known.items() if of.at_s > due_s or (b and of.at_s >= new_s)}
         if board not in self._heard:
             self._heard.pop("", None)  # it is the one that had no name, or that will be heard again
         if self._board is not None:

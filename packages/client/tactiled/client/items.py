@@ -35,7 +35,7 @@ class Message:
 
 @dataclass(frozen=True)
 class Recovered:
-    """Message that was missed and requested again; it comes before newer ones of its topic.
+    """Message that was missed and requested again, or waited for over 0.2 s for such a one of its topic.
 
     It is not a `Message`, so that no controller takes it for a present event; `message.age_s` is its age.
     """
