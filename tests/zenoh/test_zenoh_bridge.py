@@ -16,7 +16,7 @@ from simulated_daemon import Rates, SimulatedDaemon
 from zenoh_threads import zenoh_threads
 
 from tactiled.client import Client, Commander, Fresh, Item, Lost, Message, Recovered, Stale, Subscription
-from tactiled.errors import UnavailableError
+from tactiled.errors import OperatorError, UnavailableError
 from tactiled.zenoh.bridge import LivelyBoards, ZenohBridge, ZenohBridgeParams
 from tactiled.zenoh.fleet import FleetList, FleetRow
 from tactiled.zenoh.safety import bridge_config
@@ -299,3 +299,18 @@ def test_a_subscriber_waits_for_its_router_and_outlives_it(tmp_path: Path) -> No
         assert subscription.lost == 0
     slips = numbers(items, "slip")
     assert slips == list(range(slips[0], slips[0] + len(slips)))
+
+
+def test_a_command_to_a_bridge_that_ends_without_a_reply_is_sent_once() -> None:
+    port, taken = free_port(), list[bytes]()
+
+    def take(query: zenoh.Query) -> None:
+        taken.append(b"" if query.payload is None else query.payload.to_bytes())
+        query.drop()
+
+    with router(port) as session:
+        queryable = session.declare_queryable("tactile/h/command", take)
+        with Commander(f"zenoh://127.0.0.1:{port}/h") as commander, pytest.raises(OperatorError):
+            commander.send("mark", timeout_s=1.0, text="x")
+        queryable.undeclare()
+    assert len(taken) == 1

@@ -79,12 +79,17 @@ def test_clocks_that_differ_are_named(off_s: float) -> None:
 def test_what_cannot_be_read_is_silent_or_no_row() -> None:
     [row] = rows_of("h", reply(status={"timestamp": "x"}), NOW)
     assert (row.state, "cannot be read" in row.reason) == ("silent", True)
+    deep: Any = 1
+    for _ in range(1000):
+        deep = [deep]
+    [row] = rows_of("h", reply(status=STATUS | {"reason": deep}), NOW)
+    assert row.state == "silent"
     messages = {"tactile/B1": STATUS, "a/b/c/d": STATUS, "tactile/B2/status": 3, "tactile/B3/status": STATUS}
     assert [row.board for row in rows_of("h", {"messages": messages}, NOW)] == ["B3"]
 
 
-@pytest.mark.parametrize("answer", [None, {}, {"messages": 3}])
-def test_a_host_without_an_answer_is_silent(answer: dict[str, Any] | None) -> None:
+@pytest.mark.parametrize("answer", [None, {}, {"messages": 3}, [1]])
+def test_a_host_without_an_answer_is_silent(answer: Any) -> None:
     [row] = rows_of("h", answer, NOW)
     assert (row.board, row.state, row.valid) == ("", "silent", False)
 

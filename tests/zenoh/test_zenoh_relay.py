@@ -46,13 +46,29 @@ def test_a_request_that_is_repeated_gets_every_reply() -> None:
     heard = [daemon.request(id="a", do="mark", text="x") for _ in range(2)]
     payload = daemon.reply("a")
     assert heard == [[payload], [payload]]
+    assert len(daemon.asked) == 1
+
+
+def nested(do: str, depth: int) -> bytes:
+    """Pack a request with lists in lists."""
+    head: bytes = msgpack.packb({"v": 1, "id": "a", "do": do})
+    return b"".join([b"\x84", head[1:], msgpack.packb("who"), b"\x91" * depth, b"\x01"])
+
+
+@pytest.mark.parametrize("do", ["state", "mark"])
+def test_requests_that_are_nested_deeply_end_nothing(do: str) -> None:
+    daemon, heard = Daemon(), list[bytes]()
+    for depth in (400, 1000, 1000):
+        daemon.relay.request(nested(do, depth), heard.append, 0.0, may_command=True)
+    daemon.reply("a")
+    assert heard
 
 
 def test_a_request_is_not_repeated_for_ever() -> None:
     daemon = Daemon()
     kept = [daemon.request(id="a", do="state") for _ in range(32)]
     assert daemon.request(id="a", do="state") == [b""]
-    assert len(daemon.asked) == 32
+    assert len(daemon.asked) == 1
     payload = daemon.reply("a")
     assert kept == [[payload]] * 32
 

@@ -94,7 +94,7 @@ class FleetList:
 
 def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[FleetRow]:
     """Return the boards of one host from its reply to ``state``; never raises, whatever it contains."""
-    messages = None if reply is None else reply.get("messages")
+    messages = reply.get("messages") if isinstance(reply, Mapping) else None
     if not isinstance(messages, Mapping):
         return [FleetRow(host, "", "silent", reason="its bridge is there, its daemon does not answer")]
     boards: dict[str, dict[str, Mapping[str, Any]]] = {}
@@ -108,7 +108,7 @@ def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[F
     for board, newest in boards.items():
         try:
             rows.append(_row(host, board, newest, unix_s))
-        except (TypeError, ValueError, KeyError) as error:
+        except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
             rows.append(
                 FleetRow(host, board, "silent", reason=f"its messages cannot be read ({error!r:.60})")
             )

@@ -13,7 +13,8 @@ import msgpack
 from tactiled.client.items import Malformed
 from tactiled.client.parse import parse_map
 
-_QUESTIONS = ("state", "events")
+QUESTIONS = ("state", "events")
+"""Requests that change nothing, so that they may be repeated."""
 _MOST_WAITING = 256  # requests at once; the daemon takes 500 in a second
 _MOST_REPEATS = 32  # of one request
 _PATIENCE_S = 5.0  # a reply takes milliseconds; a daemon that is being restarted is back within this time
@@ -33,7 +34,7 @@ Ask = Callable[[bytes], bool]
 class _Waiting:
     respond: list[Respond]
     until_s: float
-    request: dict[str, Any]
+    request: bytes
 
 
 class Relay:
@@ -58,21 +59,25 @@ class Relay:
         if not isinstance(id_, str) or not isinstance(do, str) or not 0 < len(id_) <= 64:
             self._refuse({}, "id or do is missing, or no text", respond)
             return
-        if do not in _QUESTIONS:
+        if do not in QUESTIONS:
             if reason := self._fault_of_command(may_command=may_command):
                 self._refuse(request, reason, respond)
                 return
-            request["who"] = f"{str(request.get('who', ''))[: _LONGEST_WHO - 6]} zenoh".strip()
-            payload = msgpack.packb(request)
+            who = request.get("who")
+            request["who"] = f"{who[: _LONGEST_WHO - 6] if isinstance(who, str) else ''} zenoh".strip()
+            try:
+                payload = msgpack.packb(request)
+            except ValueError:
+                self._refuse({}, "nested too deeply", respond)
+                return
         waiting = self._waiting.get(id_)
-        if waiting is not None and waiting.request != request:
+        if waiting is not None and waiting.request != payload:
             self._refuse(request, "id: another request with it waits for its reply", respond)
-        elif self._is_full(waiting) or not self._ask(payload):
-            respond(b"")  # the client repeats it
+        elif self._is_full(waiting) or (waiting is None and not self._ask(payload)):
+            respond(b"")  # the client repeats a question
         else:
-            waiting = waiting or self._waiting.setdefault(id_, _Waiting([], 0.0, request))
+            waiting = waiting or self._waiting.setdefault(id_, _Waiting([], now_s + _PATIENCE_S, payload))
             waiting.respond.append(respond)
-            waiting.until_s = now_s + _PATIENCE_S
 
     def _fault_of_command(self, *, may_command: bool) -> str:
         """Return why a command is refused; empty where it is not."""

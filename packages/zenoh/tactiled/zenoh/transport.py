@@ -17,10 +17,12 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
+import msgpack
 import zenoh
 
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.events.codec import topic_of
+from tactiled.zenoh.relay import QUESTIONS
 from tactiled.zenoh.session import ZenohAddress, chunk_of, open_session, parse_address, session_config
 
 logger = logging.getLogger(__name__)
@@ -137,11 +139,15 @@ class ZenohTransport:
             self._wakeup.set()
 
     def send(self, payload: bytes, until_s: float) -> bool:
-        """Send a request, until then again while it reaches no host; False while no router answers."""
+        """Send a request; False while no router answers.
+
+        A question that reaches no host is sent again until then. A command is sent once: a bridge that ends
+        while it has the command looks the same from here.
+        """
         if self._session is None or not self._request_key:
             return False
         sent_s = time.monotonic()
-        is_answered = False
+        may_repeat, is_answered = msgpack.unpackb(payload)["do"] in QUESTIONS, False
 
         def take(reply: "zenoh.Reply") -> None:
             nonlocal is_answered
@@ -153,7 +159,7 @@ class ZenohTransport:
         def end() -> None:
             # Of a request that ends later without a reply, nobody knows whether it was carried out.
             now_s = time.monotonic()
-            if not is_answered and now_s < sent_s + _REACHES_NONE_S:
+            if may_repeat and not is_answered and now_s < sent_s + _REACHES_NONE_S:
                 self._unreached.append((payload, now_s + _AGAIN_S, until_s))
 
         with suppress(zenoh.ZError):  # the session has closed
