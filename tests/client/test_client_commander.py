@@ -184,6 +184,23 @@ def keys_of(folder: Path, public: bytes, secret: bytes, server: bytes) -> Path:
     return file
 
 
+def test_tasks_that_share_a_commander_get_their_own_replies(tmp_path: Path) -> None:
+    async def run(control: str) -> list[Reply]:
+        async with AsyncCommander(control=control) as commander:
+            return await asyncio.gather(*(commander.send("mark", text=str(n)) for n in range(4)))
+
+    with daemon(tmp_path, lambda request, _: [done(request, text=request["text"])]) as (control, _):
+        replies = asyncio.run(run(control))
+    assert [reply.data["text"] for reply in replies] == ["0", "1", "2", "3"]
+
+
+@both
+def test_a_late_refusal_without_an_id_is_of_no_request(is_async: bool, tmp_path: Path) -> None:
+    refusal = {"v": 1, "id": "", "do": "", "ok": False, "reason": "could not be read", "run": 1}
+    with daemon(tmp_path, lambda request, _: [refusal, done(request)]) as (control, _):
+        assert send(is_async, control).ok
+
+
 def test_keys_open_an_encrypted_daemon_and_no_other_does(tmp_path: Path) -> None:
     server, client = zmq.curve_keypair(), zmq.curve_keypair()
     with zmq.Context() as context, context.socket(zmq.ROUTER) as sock:

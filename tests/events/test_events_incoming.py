@@ -30,6 +30,16 @@ def test_what_the_codec_emits_passes_unchanged(topic: str) -> None:
     assert checked_map(topic, data) == data
 
 
+def test_values_that_no_calendar_or_text_takes_are_refused() -> None:
+    data = to_map(CONTACT, seq=3, board="TS1", unix_offset_s=1.7e9)
+    deep: Any = 1
+    for _ in range(1000):
+        deep = [deep]
+    for odd in ({"timestamp": -1e11}, {"state": deep}):
+        with pytest.raises(ContractError):
+            checked_map("contact", data | odd)
+
+
 @KINDS
 @given(data=st.data())
 @settings(deadline=None, max_examples=40)

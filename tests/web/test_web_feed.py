@@ -48,6 +48,17 @@ def test_events_and_live_messages_are_in_two_frames_and_in_one() -> None:
     assert feed.frames(NOW_S, 5.0) == (None, None, None)
 
 
+def test_after_the_clock_is_set_back_the_history_begins_anew() -> None:
+    feed = Feed()
+    for at_s in (NOW_S, NOW_S - 3600.0):
+        for n in range(100):
+            feed.take(0, message("scan", n, at_s + 0.1 * n))
+        feed.frames(at_s + 10.0, 0.0)
+        instants = [row[2]["timestamp"] for row in rows(feed.history(at_s + 10.0, 0.0)) if row[1] == "scan"]
+        assert instants[0] == pytest.approx(at_s)
+        assert len(instants) > 50
+
+
 def test_a_frame_has_every_scan_and_the_newest_of_other_live_messages() -> None:
     feed = Feed()
     for n in range(3):

@@ -4,6 +4,7 @@ A command is sent once, as soon as the daemon is connected. Without a reply with
 been carried out, or not; the caller decides whether to send it again.
 """
 
+import asyncio
 import itertools
 import secrets
 import time
@@ -61,12 +62,12 @@ class _Request:
     def advance(self) -> Reply | None:
         """Send it as soon as that is possible; return the reply once it has arrived.
 
-        A request that could not be read is refused with an empty id.
+        A refusal with an empty id is not taken: it may be of an earlier request.
         """
         self._is_sent = self._is_sent or self._transport.send(self._payload, self._until_s)
         while (payload := self._transport.take_reply()) is not None:
             data = parse_map(payload, "reply")
-            if not isinstance(data, Malformed) and data.get("id") in (self._id, ""):
+            if not isinstance(data, Malformed) and data.get("id") == self._id:
                 return Reply(data.get("ok") is True, str(data.get("reason", "")), data)
         return None
 
@@ -98,6 +99,7 @@ class _Connected:
         self._who = who
         self._name = secrets.token_hex(4)  # a relay of several clients tells them apart by their ids
         self._numbers = itertools.count(1)
+        self._one_at_a_time = asyncio.Lock()  # of tasks: a reply is read by whoever looks first
         if control is not None:
             self._endpoint = control
         elif endpoint is not None:
@@ -193,14 +195,15 @@ class AsyncCommander(_Connected):
 
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply, one at a time; errors as for `Commander.send`."""
-        request = self._request(do, arguments, timeout_s)
-        poller = zmq.asyncio.Poller()
-        for pollable in self._transport.pollables:
-            is_socket = isinstance(pollable, zmq.Socket)
-            poller.register(zmq.asyncio.Socket(shadow=pollable) if is_socket else pollable, zmq.POLLIN)
-        while (reply := request.advance()) is None:
-            await poller.poll(request.wait_ms())
-        return reply
+        async with self._one_at_a_time:
+            request = self._request(do, arguments, timeout_s)
+            poller = zmq.asyncio.Poller()
+            for pollable in self._transport.pollables:
+                is_socket = isinstance(pollable, zmq.Socket)
+                poller.register(zmq.asyncio.Socket(shadow=pollable) if is_socket else pollable, zmq.POLLIN)
+            while (reply := request.advance()) is None:
+                await poller.poll(request.wait_ms())
+            return reply
 
     async def announce_motion(
         self,

@@ -88,7 +88,7 @@ def _json_line(message: Message, is_recovered: bool) -> str:
     mark = {"recovered": True} if is_recovered else {}
     try:
         return json.dumps({"topic": message.topic, **mark, **message.data}, allow_nan=False)
-    except (TypeError, ValueError):  # bytes, ext or NaN, which tactiled never sends
+    except (TypeError, ValueError, RecursionError):  # bytes, ext, NaN or depth, which tactiled never sends
         raise ContractError(f"{message.topic} contains a value that JSON cannot represent") from None
 
 

@@ -6,6 +6,7 @@ field that `types` declares is there, has its type, and is small enough to be sq
 
 import dataclasses
 import math
+import reprlib
 from collections.abc import Callable, Mapping
 from typing import Any, get_args, get_origin
 
@@ -15,8 +16,8 @@ from tactiled.events.types import EVENT_TYPES, Event
 
 # No quantity of a message is larger in its unit; `UNKNOWN_SD_N` and unknown clocks are 1e9.
 _LARGEST = 1e15
-# Epoch seconds up to the year 5138, which every calendar function takes.
-_LATEST_S = 1e11
+# Epoch seconds of the years 68 and 5138, between which every calendar function takes them.
+_EARLIEST_S, _LATEST_S = -6e10, 1e11
 
 _Check = Callable[[Any], bool]
 
@@ -40,7 +41,7 @@ def checked_map(topic: str, data: Mapping[str, Any]) -> dict[str, Any]:
             if value is dataclasses.MISSING:
                 raise ContractError(f"{topic}: {key} is missing")
         elif not is_valid(value):
-            raise ContractError(f"{topic}: {key} is {value!r:.40}")
+            raise ContractError(f"{topic}: {key} is {reprlib.repr(value):.40}")
         found[key] = value
     for keys in _EQUALLY_LONG.get(topic, ()):
         if len({found[key] if type(found[key]) is int else len(found[key]) for key in keys}) > 1:
@@ -63,7 +64,7 @@ def _are_numbers(value: Any) -> bool:
 
 
 def _is_instant(value: Any) -> bool:
-    return _is_number(value) and abs(value) <= _LATEST_S
+    return _is_number(value) and _EARLIEST_S <= value <= _LATEST_S
 
 
 def _is_count(value: Any) -> bool:

@@ -1,6 +1,5 @@
 """Commands of the page, handed on to the daemon of its endpoint."""
 
-import asyncio
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -38,17 +37,15 @@ class DaemonCommands:
         self._endpoint = endpoint
         self._keys = keys
         self._commander: AsyncCommander | None = None
-        self._one_at_a_time = asyncio.Lock()
 
     async def send(self, do: str, fields: Mapping[str, Any], timeout_s: float = TIMEOUT_S) -> Reply:
         """Send a command and return the reply; a daemon that does not answer is a refusal with the reason."""
-        async with self._one_at_a_time:
-            try:
-                if self._commander is None:
-                    self._commander = AsyncCommander(self._endpoint, _WHO, keys=self._keys)
-                return await self._commander.send(do, timeout_s, **fields)
-            except OperatorError as error:
-                return Reply(False, str(error), {})
+        try:
+            if self._commander is None:
+                self._commander = AsyncCommander(self._endpoint, _WHO, keys=self._keys)
+            return await self._commander.send(do, timeout_s, **fields)
+        except OperatorError as error:
+            return Reply(False, str(error), {})
 
     async def settings(self, board: str) -> dict[str, Any] | None:
         """Return what the buttons of a board show; None where the daemon does not say."""
@@ -56,7 +53,9 @@ class DaemonCommands:
         found = reply.data.get("settings")
         if not isinstance(found, dict) or not found:
             return None
-        grip = found.get("detect", {}).get("grip", {})
+        detect = found.get("detect")
+        grip = detect.get("grip") if isinstance(detect, dict) else None
+        grip = grip if isinstance(grip, dict) else {}
         return {
             "board": board,
             "speed_mm_s": found.get("speed_mm_s", 0.0),

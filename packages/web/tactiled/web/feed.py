@@ -8,6 +8,7 @@ daemon there are ``geometry`` (see `board_geometry`), ``notice`` (lost messages,
 whatever the number of browsers. Readings are 32-bit floats; what no page shows is left out.
 """
 
+import math
 import struct
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -80,7 +81,7 @@ class Feed:
         if isinstance(item, Message | Recovered):
             message = item.message if isinstance(item, Recovered) else item
             key = (source, message.board, message.topic)
-            is_thinned = message.timestamp - self._thinned_s.get(key, -1.0) < _THIN_S
+            is_thinned = self._is_thinned(key, message.timestamp)
             if message.topic in LIVE and message.topic != "scan" and is_thinned and message is item:
                 # Of several between two frames the newest is sent; no other one is checked or packed.
                 self._replaceable[key] = message
@@ -106,10 +107,14 @@ class Feed:
         if topic in _NEWEST and topic != "contact":
             return
         if topic in LIVE:
-            if entry.timestamp - self._thinned_s.get(key, -1.0) < _THIN_S:
+            if self._is_thinned(key, entry.timestamp):
                 return
             self._thinned_s[key] = entry.timestamp
         self._history.append(entry)
+
+    def _is_thinned(self, key: tuple[int, str, str], timestamp: float) -> bool:
+        """Return True for a message that the history does not need; a clock may be set back by any time."""
+        return -HISTORY_S <= timestamp - self._thinned_s.get(key, -math.inf) < _THIN_S
 
     def boards(self) -> list[tuple[int, str]]:
         """Return source and board of each status that has come."""
@@ -151,8 +156,8 @@ class Feed:
         self.add(source, "notice", {"board": board, "timestamp": instant_s, "kind": kind, "words": words})
 
     def _forget(self, now_unix_s: float) -> None:
-        """Drop what is older than the timeline."""
-        while self._history and self._history[0].timestamp < now_unix_s - HISTORY_S:
+        """Drop what is older than the timeline, or ahead of it after the clock was set back."""
+        while self._history and abs(self._history[0].timestamp - now_unix_s) > HISTORY_S:
             self._history.popleft()
 
     def _message(self, source: int, message: Message, *, recovered: bool) -> None:
