@@ -86,7 +86,8 @@ def recover(file: Path, out: Path | None, min_free_mb: float) -> None:
     """Copy all whole chunks of a cut or damaged recording into a new file; the original is only read.
 
     For a record DIRECTORY, recover every unfinished recording that no recorder is writing, and replace the
-    originals; the daemon does the same when it begins to record. Exit code 1 if one could not be recovered.
+    originals; the daemon does the same when it begins to record. An original with damage before its end is
+    kept as NAME.active.damaged. Exit code 1 if one could not be recovered.
 
     Example: tactiled recover slide.mcap.active
     """

@@ -4,7 +4,8 @@ MCAP is a magic, then records (one byte of opcode, eight of length, the body), m
 that ends early, or whose end is garbage after a power cut, can be read up to its last whole chunk. A damaged
 chunk costs itself: reading resumes where its length points, or, where its head is damaged, at the next
 head of a chunk. Damage in an index behind a chunk costs nothing. A finished file repeats its schemas and
-channels after the data, so they survive the loss of the chunk in which they first appeared.
+channels after the data, so they survive the loss of the chunk in which they first appeared. In an unfinished
+file, those of reads and inputs do, because the metadata names them.
 """
 
 import json
@@ -24,6 +25,7 @@ from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from tactiled.outside import shown
+from tactiled.recording import contents
 from tactiled.recording.contents import Input
 
 _READERS: dict[int, Callable[[ReadDataStream], McapRecord]] = {
@@ -49,6 +51,13 @@ MOST_CHUNK_BYTES = 1 << 23
 _MOST_RECORD_BYTES = MOST_CHUNK_BYTES + (1 << 16)  # with the head of a chunk, and data that do not compress
 # Index of half a million chunks, six days at one each second; without its index a file can be read, too.
 _MOST_SUMMARY_BYTES = 1 << 26
+FIRST_CHANNELS = [
+    (
+        Schema(k, schema.text.encode(), "ros2msg", schema.name),
+        Channel(k, topic, "cdr", {"origin": "pipeline"}, k),
+    )
+    for k, topic, schema in ((1, contents.RAW_TOPIC, contents.RAW), (2, contents.INPUT_TOPIC, contents.INPUT))
+]
 # What the libraries raise on damaged records; RuntimeError is that of lz4.
 FAULTS = (
     McapError, ValueError, EOFError, struct.error, zstandard.ZstdError, MemoryError, OverflowError,
@@ -158,7 +167,11 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
             is_readable = is_trusted or (opcode == Opcode.METADATA and length <= _MOST_METADATA_BYTES)
             records = _records(opcode, begin + stream.read(length - len(begin))) if is_readable else []
             is_damaged = not (records or is_trusted)
-            yield from (record for record in records if isinstance(record, Metadata))
+            for record in records:
+                if isinstance(record, Metadata):
+                    if not channels and record.metadata.get("channels") == contents.FIRST_CHANNELS:
+                        _entries([one for pair in FIRST_CHANNELS for one in pair], schemas, channels)
+                    yield record
             entries = _entries(records, schemas, channels)
             extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
             n_damaged += 0 if records or is_damaged else end - at

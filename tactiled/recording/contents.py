@@ -84,7 +84,8 @@ class Header:
     def to_metadata(self) -> dict[str, str]:
         """MCAP metadata with a checksum, because MCAP has none for metadata."""
         text = _HEADER.dump_json(self).decode()
-        return {"version": __version__, "header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+        checksum = hashlib.sha256(text.encode()).hexdigest()
+        return {"version": __version__, "channels": FIRST_CHANNELS, "header": text, "sha256": checksum}
 
     @staticmethod
     def from_metadata(metadata: Mapping[str, str]) -> "Header":
@@ -167,6 +168,7 @@ INPUT = Schema("Input", fields_of(Input))
 TOPICS = "/tactile/"
 RAW_TOPIC = f"{TOPICS}raw"
 INPUT_TOPIC = f"{TOPICS}input"
+FIRST_CHANNELS = f"{RAW_TOPIC} {INPUT_TOPIC}"  # topics of the channels 1 and 2, named in the metadata
 
 
 _READ = struct.Struct("<4sddI")  # of `RAW`: head, arrival_s, unix_offset_s, bytes of the data

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from tactiled.recording.writer import ACTIVE, is_being_written
+from tactiled.recording.writer import ACTIVE, DAMAGED, is_being_written
 
 _FINISHED = re.compile(r"tactile-\d{8}T\d{6}\.\d{3}Z(\.\d{3,})?\.mcap")
 _MB = 1e6
@@ -19,7 +19,7 @@ _MB = 1e6
 
 @dataclass(frozen=True)
 class Finished:
-    """Finished recording."""
+    """Finished recording, or the original of one that was recovered from a damaged file."""
 
     path: Path
     size_mb: float  # 10^6 bytes
@@ -35,7 +35,7 @@ def finished(directory: Path) -> list[Finished]:
     """List the finished recordings in a directory; `OSError` when it cannot be read."""
     found = []
     for path in directory.iterdir():
-        if _FINISHED.fullmatch(path.name):
+        if _FINISHED.fullmatch(path.name.removesuffix(ACTIVE + DAMAGED)):
             with contextlib.suppress(FileNotFoundError):  # removed by another process meanwhile
                 status = path.stat()
                 if stat.S_ISREG(status.st_mode):

@@ -8,18 +8,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, Message, Metadata
-from mcap.records import Schema as SchemaRecord
+from mcap.records import Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks
+from tactiled.recording.chunks import FIRST_CHANNELS, ChannelMessage, Damage, Extent, chunks
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
 from tactiled.recording.reader import Reached, open_recording, read_header
 from tactiled.recording.session import free_mb
-from tactiled.recording.writer import ACTIVE, sync_directory
+from tactiled.recording.writer import ACTIVE, DAMAGED, sync_directory
 from tactiled.version import __version__
 
 
@@ -32,6 +31,7 @@ class RecoveryResult:
     duration_s: float  # from the first to the last saved message
     extent: Extent  # what could be read of the original
     sync_s: float  # longest time of data that the recorder had not yet synced to disk
+    kept: Path | None = None  # the original under its new name, where it was to be replaced but is damaged
 
     @property
     def lost_bytes(self) -> int:
@@ -44,6 +44,8 @@ class RecoveryResult:
         damaged = replace(self.extent, is_complete=True).words()
         if damaged:
             span += f"; in the original {damaged} (replay reports where)"
+        if self.kept is not None:
+            span += f"; the original is kept as {self.kept.name}"
         if self.extent.is_complete:
             return f"{self.path}: {span}; {'the end is complete' if damaged else 'nothing is missing'}"
         torn = f"an incomplete chunk of {self.lost_bytes} bytes" if self.lost_bytes else "no incomplete chunk"
@@ -64,6 +66,7 @@ def recover(
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
     replace_original : bool
         Remove the original once the new file is on disk, and copy its modification time to the new file.
+        An original with damage before its end is kept, as ``NAME.active.damaged``.
 
     Raises
     ------
@@ -71,7 +74,7 @@ def recover(
         The original is being written, nothing can be saved, or the new file cannot be written.
     """
     out = out or default_name(path)
-    extent = Extent()
+    extent, kept = Extent(), None
     with open_recording(path) as stream:
         if path.name.endswith(ACTIVE):
             _claim(stream, path, must_lock=replace_original)
@@ -87,14 +90,18 @@ def recover(
             if replace_original:
                 written_ns = os.fstat(stream.fileno()).st_mtime_ns
                 os.utime(out, ns=(written_ns, written_ns))
-                path.unlink()
+                if extent.is_damaged:
+                    kept = path.rename(path.with_name(path.name + DAMAGED))
+                else:
+                    path.unlink()
         except OSError as error:
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
-    return RecoveryResult(out, copy.messages, (copy.last_ns - copy.first_ns) / 1e9, extent, header.sync_s)
+    duration_s = (copy.last_ns - copy.first_ns) / 1e9
+    return RecoveryResult(out, copy.messages, duration_s, extent, header.sync_s, kept)
 
 
 def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tuple[bool, str]]:
-    """Recover the unfinished recordings of earlier runs one by one, replacing the originals.
+    """Recover the unfinished recordings of earlier runs one by one, replacing all originals without damage.
 
     Files with other names than the daemon's are left alone.
 
@@ -163,6 +170,8 @@ class _Copy:
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library=f"tactiled {__version__} recover")
         self._writer.add_metadata(contents.METADATA, header.to_metadata())
+        for schema, channel in FIRST_CHANNELS:
+            self._channel_id(schema, channel)
 
     def take(self, found: list[ChannelMessage] | Metadata | Damage) -> None:
         if isinstance(found, Damage):
@@ -178,8 +187,7 @@ class _Copy:
 
     def _mark(self, damage: Damage) -> None:
         """Mark in the new file where data is missing."""
-        schema = SchemaRecord(0, contents.INPUT.text.encode(), "ros2msg", contents.INPUT.name)
-        channel = Channel(0, contents.INPUT_TOPIC, "cdr", {"origin": "pipeline"}, 0)
+        schema, channel = FIRST_CHANNELS[1]
         stamp_ns = int(damage.first_unix_s * 1e9)
         data = contents.INPUT.encode(vars(damage.mark()))
         self._write(schema, channel, Message(0, stamp_ns, data, stamp_ns, 0))
@@ -191,16 +199,20 @@ class _Copy:
         self.last_ns = max(self.last_ns, log_ns)
         self.messages += 1
 
-    def _write(self, schema: SchemaRecord, channel: Channel, message: Message) -> None:
+    def _write(self, schema: Schema, channel: Channel, message: Message) -> None:
+        self._writer.add_message(
+            self._channel_id(schema, channel), message.log_time, message.data, message.publish_time,
+            message.sequence,
+        )  # fmt: skip
+
+    def _channel_id(self, schema: Schema, channel: Channel) -> int:
         key = f"{channel.topic} {channel.metadata.get('origin')}"
         if key not in self._channels:
             schema_id = self._writer.register_schema(schema.name, schema.encoding, schema.data)
             self._channels[key] = self._writer.register_channel(
                 channel.topic, channel.message_encoding, schema_id, channel.metadata
             )
-        self._writer.add_message(
-            self._channels[key], message.log_time, message.data, message.publish_time, message.sequence
-        )
+        return self._channels[key]
 
 
 @contextlib.contextmanager

@@ -17,6 +17,7 @@ from tactiled.recording.contents import Header, Input, Origin, Read, RecordedEve
 from tactiled.version import __version__
 
 ACTIVE = ".active"
+DAMAGED = ".damaged"  # behind it: the original of a recovered file, which could not be read whole
 _CHUNK_BYTES = (
     256 * 1024
 )  # readers decompress one chunk at a time; at usual rates the sync closes chunks sooner
@@ -107,7 +108,7 @@ class RecordingWriter:
         self.close()
 
     def _begin(self) -> None:
-        """Write and sync the description and channels before any data."""
+        """Write and sync the description before any data; the first chunk then describes the channels."""
         self._writer.start(profile="ros2", library=f"tactiled {__version__}")
         self._writer.add_metadata(contents.METADATA, self._header.to_metadata())
         self._raw = self._channel(contents.RAW_TOPIC, contents.RAW, "pipeline")

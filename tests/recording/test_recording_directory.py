@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from recordings import HEADER, items, noise_read
+from recordings import HEADER, items, noise_read, record, simulated_reads
 
 from tactiled.errors import DataError
 from tactiled.recording.contents import Read
 from tactiled.recording.directory import Finished, finished, new_name, remove_surplus, surplus, unfinished
 from tactiled.recording.recover import recover_directory
-from tactiled.recording.writer import ACTIVE, RecordingWriter
+from tactiled.recording.writer import ACTIVE, DAMAGED, RecordingWriter
 
 files_of = st.lists(
     st.builds(
@@ -101,6 +101,27 @@ def test_unfinished_files_are_recovered_and_files_being_written_are_not(tmp_path
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(
         ["mine.mcap" + ACTIVE, name(0), name(1) + ACTIVE, name(2)]
     )
+
+
+def test_a_damaged_original_is_kept_until_retention_removes_it(tmp_path: Path) -> None:
+    reads = simulated_reads(2.0)
+    sizes = record(tmp_path / "whole.mcap", reads)
+    data = bytearray((tmp_path / "whole.mcap").read_bytes()[: sizes[-1]])
+    data[data.index(b"zstd") + 30] ^= 0xFF  # in the first chunk
+    active = tmp_path / (name(0) + ACTIVE)
+    active.write_bytes(data)
+    ((good, words),) = recover_directory(tmp_path)
+    kept = tmp_path / (name(0) + ACTIVE + DAMAGED)
+    assert good
+    assert f"the original is kept as {kept.name}" in words
+    assert kept.read_bytes() == data
+    found = [item for item in items(tmp_path / name(0)) if isinstance(item, Read)]
+    assert len(found) > len(reads) // 2
+    assert found == reads[50 : 50 + len(found)]
+    assert not list(recover_directory(tmp_path))
+    place_file(tmp_path / name(1), 10, active_s := kept.stat().st_mtime + 1.0)
+    remove_surplus(tmp_path, 1e-6, active_s)
+    assert {path.name for path in tmp_path.iterdir()} == {"whole.mcap", name(1)}
 
 
 def test_a_file_without_room_for_its_copy_or_with_a_finished_one_beside_it_is_left(tmp_path: Path) -> None:
