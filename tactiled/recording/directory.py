@@ -73,8 +73,17 @@ def surplus(files: Iterable[Finished], keep_mb: float, now_unix_s: float) -> lis
 
 
 def remove_surplus(directory: Path, keep_mb: float, now_unix_s: float) -> list[Finished]:
-    """Remove the `surplus` of a directory; `OSError` when it cannot be read, or a file not be removed."""
+    """Remove the `surplus` of a directory; `OSError` when it cannot be read, or a file not be removed.
+
+    A file that cannot be removed does not keep the others from being removed.
+    """
     removed = surplus(finished(directory), keep_mb, now_unix_s)
+    fault: OSError | None = None
     for file in removed:
-        file.path.unlink(missing_ok=True)
+        try:
+            file.path.unlink(missing_ok=True)
+        except OSError as error:
+            fault = fault or error
+    if fault is not None:
+        raise fault
     return removed

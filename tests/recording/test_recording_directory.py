@@ -68,6 +68,24 @@ def test_only_finished_recordings_that_the_daemon_named_are_removed(tmp_path: Pa
     assert [file.path.name for file in finished(tmp_path)] == [name(3)]
 
 
+def test_a_file_that_cannot_be_removed_does_not_keep_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for k in range(4):
+        place_file(tmp_path / name(k), 1_000_000, 1000.0 + k)
+    unlink = Path.unlink
+
+    def refuse_one(path: Path, missing_ok: bool = False) -> None:
+        if path.name == name(0):
+            raise PermissionError(1, "Operation not permitted", str(path))
+        unlink(path, missing_ok)
+
+    monkeypatch.setattr(Path, "unlink", refuse_one)
+    with pytest.raises(PermissionError):
+        remove_surplus(tmp_path, 1.5, 2000.0)
+    assert {path.name for path in tmp_path.iterdir()} == {name(0), name(3)}
+
+
 def leave_unfinished(path: Path, n_reads: int) -> bytes:
     """What a recorder that was killed leaves behind; gives its bytes."""
     writer = RecordingWriter(path, HEADER)
