@@ -22,7 +22,7 @@ from tactiled.events.types import Event
 from tactiled.received import Output
 from tactiled.recording.contents import Header, Input, Read
 from tactiled.recording.directory import new_name, remove_surplus
-from tactiled.recording.writer import RecordingWriter
+from tactiled.recording.writer import RecordingWriter, is_taken
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Hello
 
@@ -77,7 +77,7 @@ class RecordingProgress:
     """State of a recording."""
 
     state: RecordingState  # in ``"no-room"`` and ``"failed"`` nothing is recorded; the recorder retries
-    reason: str  # empty while recording
+    reason: str  # empty while recording; in ``"off"``, why the last part could not be finished
     file: str  # finished name of the part being written; empty where there is none
     parts: int  # number of parts begun so far
     bytes_written: int  # total over all parts, without data that waits for the next sync
@@ -133,6 +133,8 @@ class RecordingSession:
         self._board = "" if assumed is None else assumed.board_serial
         self._missing = (0, 0)  # reads and bytes not yet marked in the file
         self._unix_offset_s = 0.0  # of the newest entry
+        # Reads and bytes written or marked since the last sync, and how many of these reads were written
+        self._unsynced, self._unsynced_reads = (0, 0), 0
         self._path: Path | None = None  # of the first part of the recording; None: none runs
         self._writer: RecordingWriter | None = None
         self._bytes_before = 0
@@ -155,11 +157,13 @@ class RecordingSession:
     def end(self, now_s: float, dropped: tuple[int, int] = (0, 0)) -> None:
         """Finish the recording, after `dropped` more reads and bytes."""
         if self._path is not None:
-            reads, n_bytes = self._missing[0] + dropped[0], self._missing[1] + dropped[1]
-            if reads:
-                self._write(lambda writer: self._mark(writer, now_s, reads, n_bytes), now_s)
-            if self._writer is None or self._leave(now_s):
-                self._note(state="off", reason="")
+            self._missing = _sum(self._missing, dropped)
+            if self._missing[0]:
+                self._write(lambda writer: self._mark(writer, now_s, *self._missing), now_s)
+            is_finished = self._writer is None or self._leave(now_s)
+            if not is_finished:
+                logger.error("recording: not finished: %s", self.progress.reason)
+            self._note(state="off", reason="" if is_finished else self.progress.reason)
             self._path = None
 
     def tick(self, now_s: float) -> None:
@@ -172,28 +176,35 @@ class RecordingSession:
             if self._writer is None:
                 self._open(self._path, now_s)
             elif self._write(RecordingWriter.sync, now_s):
+                self._unsynced, self._unsynced_reads = (0, 0), 0
                 self._check(self._path, self._writer, now_s)
         self._note()
 
     def take(self, entry: RecordEntry, now_s: float) -> None:
         """Write one entry after a mark for missing reads; count it as missing if that fails."""
         self._unix_offset_s = entry.unix_offset_s
-        reads, n_bytes = self._missing[0] + entry.dropped[0], self._missing[1] + entry.dropped[1]
-        if self._path is not None and self._write(
-            lambda writer: self._append(writer, entry, reads, n_bytes), now_s
-        ):
-            self._missing = (reads, n_bytes) if entry.cause is None else (0, 0)
+        self._missing = _sum(self._missing, entry.dropped)
+        if entry.dropped[0] and entry.hello is not None:  # which may have been among the dropped reads
+            self._board = entry.hello.board_serial
+        if self._path is not None and self._write(lambda writer: self._append(writer, entry), now_s):
+            if entry.cause is not None:
+                self._unsynced = _sum(self._unsynced, self._missing, entry.weight)
+                self._unsynced_reads += entry.weight[0]
+                self._missing = (0, 0)
         else:
-            more_reads, more_bytes = entry.weight
-            self._missing = (reads + more_reads, n_bytes + more_bytes)
-            self.dropped += more_reads
+            self._missing = _sum(self._missing, entry.weight)
+            self.dropped += entry.weight[0]
+            for output in entry.outputs:
+                if isinstance(output, Hello):
+                    self._board = output.board_serial
             if self._path is not None:
                 self.dropped_because = self.progress.reason
         if entry.cause is not None and entry.hello is not self._header.hello:
             self._header = replace(self._header, hello=entry.hello)
 
-    def _append(self, writer: RecordingWriter, entry: RecordEntry, reads: int, n_bytes: int) -> None:
+    def _append(self, writer: RecordingWriter, entry: RecordEntry) -> None:
         cause, offset_s = entry.cause, entry.unix_offset_s
+        reads, n_bytes = self._missing
         now_s = 0.0 if cause is None else cause.arrival_s if isinstance(cause, Read) else cause.time_s
         if cause is not None and reads:
             self._mark(writer, now_s, reads, n_bytes)
@@ -229,12 +240,14 @@ class RecordingSession:
             room_mb = free_mb(path.parent)
             is_resuming = self.progress.state == "no-room"
             if room_mb < self._params.min_free_mb * (_ROOM_FACTOR if is_resuming else 1.0):
-                if not is_resuming:
-                    self._lack_room(path, room_mb)
+                self._lack_room(path, room_mb)
                 return
             header = replace(self._header, part=self._header.part + 1)
-            self._writer = RecordingWriter(part_path(path, header.part), header)
-        except DataError as error:
+            number = header.part
+            while number > 1 and is_taken(part_path(path, number)):
+                number += 1
+            self._writer = RecordingWriter(part_path(path, number), header)
+        except (DataError, OSError) as error:
             self._fail(str(error), now_s)
             return
         self._header = replace(header, fresh=False)
@@ -282,21 +295,30 @@ class RecordingSession:
             return False
         self._bytes_before += writer.size_bytes
         self._writer = None
+        self._unsynced, self._unsynced_reads = (0, 0), 0
         return True
 
     def _lack_room(self, path: Path, room_mb: float) -> None:
-        reason = (
-            f"{path.parent}: {room_mb:.0f} MB free, less than record.min_free_mb = "
-            f"{self._params.min_free_mb:g}; recording continues when there is more space"
+        reason = (  # without the free space of now, because each new reason is logged
+            f"{path.parent}: the free space fell below record.min_free_mb = {self._params.min_free_mb:g}; "
+            f"recording continues above {self._params.min_free_mb * _ROOM_FACTOR:g} MB"
         )
         self._note(state="no-room", reason=reason, free_mb=room_mb)
 
     def _fail(self, reason: str, now_s: float) -> None:
-        """Abandon the open part after a failed write, and schedule a new part."""
+        """Abandon the open part after a failed write, and schedule a new part.
+
+        All reads since the last sync count as missing, although some may be on the disk.
+        """
         if self._writer is not None:
             self._writer.abandon()
             self._bytes_before += self._writer.size_bytes
             self._writer = None
+        if self._unsynced_reads:
+            self.dropped += self._unsynced_reads
+            self.dropped_because = reason
+        self._missing = _sum(self._missing, self._unsynced)
+        self._unsynced, self._unsynced_reads = (0, 0), 0
         self._due_s = now_s + RETRY_S
         self._note(state="failed", reason=reason)
 
@@ -331,6 +353,10 @@ class RecordingSession:
         if fault and fault != self._retain_fault:
             logger.warning("old recordings cannot be removed: %s", fault)
         self._retain_fault = fault
+
+
+def _sum(*counts: tuple[int, int]) -> tuple[int, int]:
+    return sum(reads for reads, _ in counts), sum(n_bytes for _, n_bytes in counts)
 
 
 def part_path(path: Path, part: int) -> Path:

@@ -1,6 +1,7 @@
 """Writer of one recording file, named `FILE.active` until it is finished."""
 
 import contextlib
+import errno
 import fcntl
 import os
 from pathlib import Path
@@ -86,6 +87,8 @@ class RecordingWriter:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
             os.fsync(self._stream.fileno())
+            if self.path.exists():  # it came after the start
+                raise FileExistsError(errno.EEXIST, f"{self.path.name} exists already")
             self.active.rename(self.path)
             sync_directory(self.path.parent)
         finally:
@@ -155,6 +158,11 @@ def _refused(active: Path, error: OSError) -> DataError:
         f"{active}: cannot be written ({error.strerror}); choose a place that has room and that "
         "this user may write to"
     )
+
+
+def is_taken(path: Path) -> bool:
+    """Return True where a recording of this name exists, finished or not."""
+    return path.exists() or path.with_name(path.name + ACTIVE).exists()
 
 
 def is_being_written(active: Path) -> bool:

@@ -1,6 +1,7 @@
 """A recording in parts: each part stands alone, together they are one; a disk that refuses is survived."""
 
 import contextlib
+import errno
 import os
 import resource
 import subprocess
@@ -13,13 +14,14 @@ from recordings import HEADER, items, simulated_reads
 
 from tactiled.pipeline import Pipeline
 from tactiled.recording import session as session_module
-from tactiled.recording.contents import Header, Read, load_board
+from tactiled.recording.contents import Header, Input, Read, RecordedEvent, load_board
 from tactiled.recording.reader import read_header
 from tactiled.recording.recover import recover
 from tactiled.recording.session import RETRY_S, RecordEntry, RecordingSession, RecordParams, part_path
 from tactiled.recording.steps import Replay
+from tactiled.recording.writer import RecordingWriter
 from tactiled.wire.codec import Encoder
-from tactiled.wire.frames import Scan
+from tactiled.wire.frames import Hello, Scan
 
 NO_GUARD = {"min_free_mb": 0.0}
 
@@ -120,10 +122,13 @@ def test_recording_pauses_on_a_full_disk_and_continues(
     room_mb = 499.0
     assert write_all(target, [noise(10, 3.5)]) == [True]  # seen only when it is synced
     assert state(target) == "no-room"
-    assert "499 MB free, less than record.min_free_mb = 500" in target.progress.reason
+    assert "the free space fell below record.min_free_mb = 500; " in target.progress.reason
+    assert target.progress.free_mb == 499.0
     assert (tmp_path / "a.mcap").exists()
     room_mb = 540.0  # not yet a tenth more
+    reason = target.progress.reason
     assert write_all(target, [noise(10, 5.0), noise(10, 6.0)]) == [False, False]
+    assert (target.progress.free_mb, target.progress.reason) == (540.0, reason)
     room_mb = 560.0
     assert write_all(target, [noise(10, 7.5), noise(10, 8.0)]) == [False, True]
     assert (state(target), target.progress.reason) == ("recording", "")
@@ -133,7 +138,7 @@ def test_recording_pauses_on_a_full_disk_and_continues(
     room_mb = 1.0
     from_the_start = new(tmp_path / "b.mcap", RecordParams(), 0.0)
     assert state(from_the_start) == "no-room"
-    assert "1 MB free, less than record.min_free_mb = 500" in from_the_start.progress.reason
+    assert "recording continues above 550 MB" in from_the_start.progress.reason
     room_mb = 549.0
     assert write_all(from_the_start, [noise(10, 1.5), noise(10, 2.0)]) == [False, False]
     room_mb = 551.0
@@ -225,3 +230,81 @@ def test_a_directory_that_goes_away_is_a_failure_that_ends(tmp_path: Path) -> No
     assert write_all(target, [noise(10, 2.5 + RETRY_S), noise(10, 3.0 + RETRY_S)]) == [False, True]
     target.end(20.0)
     assert state(target) == "off"
+
+
+def refuse(*_: object) -> None:
+    raise OSError(errno.EIO, "Input/output error")
+
+
+def test_a_failed_sync_loses_all_reads_since_the_last_one_and_counts_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = new(tmp_path / "a.mcap", RecordParams(sync_s=1.0, **NO_GUARD))
+    reads = [noise(10, k * 0.1) for k in range(16)]
+    target.take(RecordEntry(reads[0], (), None, "", 0.0, (3, 30)), 0.0)  # 3 were dropped by the queue
+    assert all(write_all(target, reads[1:10]))
+    with monkeypatch.context() as then:
+        then.setattr(RecordingWriter, "sync", refuse)
+        target.tick(1.0)
+    assert (state(target), target.dropped) == ("failed", 10)
+    assert "Input/output error" in target.dropped_because
+    target.tick(1.0 + RETRY_S)
+    assert all(write_all(target, [noise(10, 11.1)]))
+    target.end(12.0)
+    assert not items(recover(tmp_path / "a.mcap.active").path)
+    mark, _ = items(tmp_path / "a.002.mcap")
+    assert isinstance(mark, Input)
+    assert (mark.name, mark.values()) == ("dropped", {"reads": 13, "bytes": 130})
+
+
+def test_the_board_is_known_after_its_hello_was_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The hello falls into a time without room, or into reads that the queue dropped."""
+    reads = simulated_reads(1.0)
+    room_mb = 0.0
+    monkeypatch.setattr(session_module, "free_mb", lambda _: room_mb)
+    for case in ("no-room", "dropped"):
+        room_mb = 0.0 if case == "no-room" else 1000.0
+        target = new(tmp_path / f"{case}.mcap", RecordParams(sync_s=0.1), reads[0].arrival_s)
+        pipeline = Pipeline(HEADER.source.layout, HEADER.source.array)
+        dropped = (0, 0)
+        for read in reads:
+            outputs = pipeline.receive_data(read.data, read.arrival_s)
+            is_hello = any(isinstance(output, Hello) for output in outputs)
+            if is_hello and case == "dropped":
+                dropped = (1, len(read.data))
+                continue
+            entry = RecordEntry(read, outputs, pipeline.hello, "", 0.0, dropped)
+            target.take(entry, read.arrival_s)
+            room_mb = 1000.0 if is_hello else room_mb
+            target.tick(read.arrival_s)
+            dropped = (0, 0)
+        target.end(9.0)
+        found = items(tmp_path / f"{case}.mcap")
+        assert {item.board for item in found if isinstance(item, RecordedEvent)} == {"TS0001"}
+
+
+def test_a_part_whose_name_is_taken_gets_the_next_number(tmp_path: Path) -> None:
+    (tmp_path / "a.002.mcap").write_bytes(b"mine")
+    (tmp_path / "a.003.mcap.active").write_bytes(b"mine")
+    target = new(tmp_path / "a.mcap", RecordParams(max_file_s=1.0, sync_s=0.1, **NO_GUARD))
+    reads = [noise(10, k * 0.1) for k in range(25)]
+    assert all(write_all(target, reads))
+    target.end(3.0)
+    parts = [tmp_path / name for name in ("a.mcap", "a.004.mcap", "a.005.mcap")]
+    assert [read_header(part).part for part in parts] == [1, 2, 3]
+    assert [item for part in parts for item in items(part)] == reads
+    assert (tmp_path / "a.002.mcap").read_bytes() == b"mine"
+
+
+def test_a_recording_that_cannot_be_finished_is_off_and_says_why(tmp_path: Path) -> None:
+    target = new(tmp_path / "a.mcap", RecordParams(**NO_GUARD))
+    assert all(write_all(target, [noise(10, 0.1)]))
+    (tmp_path / "a.mcap").write_bytes(b"mine")  # another program took the name
+    target.end(1.0)
+    assert state(target) == "off"
+    assert "a.mcap exists already; recover its data" in target.progress.reason
+    assert target.dropped == 1
+    assert (tmp_path / "a.mcap").read_bytes() == b"mine"
+    assert len(reads_of(tmp_path / "a.mcap.active")) == 1

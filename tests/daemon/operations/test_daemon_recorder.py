@@ -146,8 +146,9 @@ def test_a_disk_that_fails_later_is_reported_and_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
+        empty = report(recorder).bytes_written
         recorder.record(read(0), (), None)
-        until(lambda: report(recorder).bytes_written > 0)
+        until(lambda: report(recorder).bytes_written > empty)  # it is synced
 
         def broken(_: int) -> None:
             raise OSError(30, "Read-only file system")
@@ -158,14 +159,14 @@ def test_a_disk_that_fails_later_is_reported_and_retried(
         assert "Read-only file system" in report(recorder).reason
         for k in range(2, 12):
             recorder.record(read(k), (), None)
-        until(lambda: report(recorder).reads_waiting == 0 and recorder.reads_dropped >= 10)
+        until(lambda: recorder.reads_dropped >= 11)
+    assert recorder.reads_dropped == 11  # with the one that was not synced, which may be in the file
     assert caplog.text.count("not recording") == 1
     assert "Read-only file system" in caplog.text
     monkeypatch.undo()
     saved = recover(tmp_path / "a.mcap.active")
     kept = [item for item in items(saved.path) if isinstance(item, Read)]
-    assert kept[0] == read(0)
-    assert len(kept) + recorder.reads_dropped == 12
+    assert kept in ([read(0)], [read(0), read(1)])
 
 
 @pytest.mark.parametrize(
@@ -281,7 +282,7 @@ def test_a_disk_without_room_at_the_start_is_recorded_onto_when_there_is_room(
     params = RecordParams(sync_s=0.05, min_free_mb=500, directory=str(tmp_path))
     with Recorder(params, HEADER) as recorder:
         assert report(recorder).state == "no-room"
-        assert "100 MB free, less than record.min_free_mb = 500" in report(recorder).reason
+        assert "the free space fell below record.min_free_mb = 500" in report(recorder).reason
         room_mb = 600.0
         until(lambda: report(recorder).state == "recording")
         assert recorder.switch(False, None) == ""
