@@ -86,7 +86,7 @@ class Decoder:
             return Corrupt("value", len(body))
         if message.name == "hello":
             fields["streaming"] = bool(fields.get("streaming", 0))
-            hello = Hello(**fields)
+            hello = Hello(**{"protocol_version": self.layout.file.protocol_version, **fields})
             return hello if _credible(hello) else Corrupt("value", len(body))
         if message.name == "acknowledge":
             fields["command"] = self._commands.get(fields["command"], f"0x{fields['command']:02x}")
@@ -150,7 +150,7 @@ class Encoder:
                 padded[places] = values[name]
                 values[name] = padded
             try:
-                row[name] = _to_wire(values[name], per_unit, message.dtype[name])
+                row[name] = _to_wire(values[name], per_unit, message.dtype[name], may_lack=name == "counts")
             except (OverflowError, ValueError, TypeError) as error:
                 raise ContractError(f"{message.name}.{name}: {error}") from None
         return row.tobytes()
@@ -190,8 +190,8 @@ def _credible(hello: Hello) -> bool:
     )
 
 
-def _to_wire(value: Any, per_unit: int, dtype: np.dtype[Any]) -> Any:
-    """Wire value of a field; raises ValueError where the value does not fit."""
+def _to_wire(value: Any, per_unit: int, dtype: np.dtype[Any], *, may_lack: bool) -> Any:
+    """Wire value of a field; ValueError where it does not fit, or is NaN where no value may lack."""
     base = dtype.base
     if base.kind == "S":
         text = str(value)
@@ -205,6 +205,7 @@ def _to_wire(value: Any, per_unit: int, dtype: np.dtype[Any]) -> Any:
         raise ValueError(f"has shape {scaled.shape}, not {dtype.shape}")
     limits = np.finfo(base) if base.kind == "f" else np.iinfo(base)
     wire = scaled if base.kind == "f" else np.rint(scaled)
-    if not np.all((wire >= float(limits.min)) & (wire <= float(limits.max))):  # NaN does not fit either
+    fits = (wire >= float(limits.min)) & (wire <= float(limits.max))  # NaN does not fit either
+    if not np.all(fits | np.isnan(wire) if may_lack and base.kind == "f" else fits):
         raise ValueError(f"{value!r} does not fit {limits.min}..{limits.max}")
     return wire

@@ -110,7 +110,7 @@ class LineFramer(Framer):
         try:
             text = line.decode("ascii").strip()
             parts = text.split() if self._separator in " \t" else text.split(self._separator)
-            values = [float(part) for part in parts]
+            values = [float(part.replace("_", "x")) for part in parts]  # Python allows _ between digits
         except ValueError:
             return None
         return np.array(values, dtype=self._dtype).tobytes() if len(values) == self._n_values else None

@@ -104,7 +104,8 @@ class CobsFramer(Framer):
         self._order = layout.file.byte_order
         # Size of the frames of each type, with checksum. Checking the type before the rest makes the search a
         # hundred times cheaper on a line that is stuck at 0x01. Bytes that are the type of a message, without
-        # an end, cost most: 70 us each.
+        # an end, cost most: 70 us each with 36 channels, and 0.9 ms each with 2048, which is more than the
+        # 87 us that a byte takes at 115,200 baud.
         self._sizes = {
             type_: 1 + message.dtype.itemsize + _TAIL for type_, message in layout.incoming(direction).items()
         }

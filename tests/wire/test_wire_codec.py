@@ -13,7 +13,7 @@ from tactiled.wire import cobs
 from tactiled.wire.codec import Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
 from tactiled.wire.framing import crc16
-from tactiled.wire.layout import compile_layout
+from tactiled.wire.layout import compile_layout, load_layout
 from tactiled.wire.schema import LayoutFile
 
 SCAN = Scan(1, np.arange(36), ticks=2, flags=0)
@@ -96,3 +96,22 @@ def test_float_fields_carry_no_nan_further() -> None:
         assert decode(layout, sealed(body[:-2].replace(struct.pack("<f", 100.0), struct.pack("<f", bad))))[
             0
         ] == [Corrupt("value", len(body) - 2)]
+
+
+def test_a_hello_without_a_version_has_that_of_its_layout() -> None:
+    document = tomlfile.read(resources.shipped("protocols", "board-v1.toml"))
+    document["protocol_version"] = 2
+    hello = document["messages"][1]
+    hello["fields"] = [field for field in hello["fields"] if field["name"] != "protocol_version"]
+    layout = compile_layout(tomlfile.parse(document, LayoutFile, "second"))
+    sent = dataclasses.replace(HELLO, protocol_version=2)
+    assert decode(layout, Encoder(layout).encode(sent))[0] == [sent]
+
+
+def test_a_missing_reading_is_nan_on_the_line() -> None:
+    layout = load_layout("magnetometers-5")
+    scan = Scan(0, np.array([float("nan"), *range(14)]))
+    data = Encoder(layout).encode(scan)
+    assert scan in decode(layout, 5 * data)[0]
+    with pytest.raises(ContractError, match=r"(?s)scan\.counts: .* does not fit"):
+        Encoder(layout).encode(Scan(0, np.full(15, float("inf"))))

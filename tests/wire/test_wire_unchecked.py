@@ -99,10 +99,11 @@ def test_lost_or_added_bytes_cost_one_frame(at: int, n: int, is_lost: bool) -> N
     assert all(row in rows for row in got)
 
 
-def test_lines_give_numbers_and_refuse_what_is_none() -> None:
+@pytest.mark.parametrize("damaged", [b"3o2.0", b"30_2.0"])
+def test_lines_give_numbers_and_refuse_what_is_none(damaged: bytes) -> None:
     rows = [[float(i + 100 * k) for i in range(15)] for k in range(6)]
     texts = [",".join(f"{value:.1f}" for value in row).encode() + CRLF for row in rows]
-    texts[3] = texts[3].replace(b"302.0", b"3o2.0")
+    texts[3] = texts[3].replace(b"302.0", damaged)
     texts.insert(5, b"hello\n")
     items, decoder = decode(LINES, b"".join(texts))
     assert scans_of(items) == [rows[1], rows[2], rows[4], rows[5]]
