@@ -278,7 +278,7 @@ def _run_whole(
 ) -> Iterator[Event]:
     """Run the rows of a table, or the messages of a bag, through the detectors."""
     _, time_s, readings = whole
-    _check_range(path, readings, log.array)
+    _check_range(path, time_s, readings, log.array)
     log.add_scans(time_s, readings)
     _check_sliding(path, log.first_s, log.last_s, choices.sliding)
     items = to_blocks(time_s, readings, rate_hz, log.array.in_range(readings))
@@ -301,7 +301,7 @@ def _check_sliding(path: Path, first_s: float, last_s: float, sliding: KnownSlid
     )
 
 
-def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
+def _check_range(path: Path, time_s: FloatArray, readings: FloatArray, array: Array) -> None:
     """Refuse readings that are far outside the range of the array: they are in another unit."""
     low, high, unit = array.low, array.high, array.unit
     margin = _NO_READING_PART * (high - low)
@@ -311,7 +311,7 @@ def _check_range(path: Path, readings: FloatArray, array: Array) -> None:
     row, channel = impossible[0].tolist()
     of = {"V": "volts", "N": "newtons", "count": "counts"}.get(unit, unit)
     raise DataError(
-        f"{path}: row {row + 1}, channel {channel}: {readings[row, channel]:g} {unit}, but "
+        f"{path}: at {time_s[row]:.10g} s, channel {channel}: {readings[row, channel]:g} {unit}, but "
         f"{array.name} reads {low:g} to {high:g} {unit}; are these {of}? If not, say so in the array file "
         '(unit = "count" and range = [0, 65535], for example; --array FILE.toml). '
         "If that is no reading, leave the cell empty"

@@ -345,8 +345,9 @@ def test_readings_beyond_the_range_name_the_key_to_set(
 ) -> None:
     time_s, volts = press_and_slide(load_array("wang2019-3x3"), 100.0, 0.0)
     volts[41, 7] = reading
+    volts[3] = np.nan  # a row without a reading is left out
     write_csv(tmp_path / "log.csv", time_s[:100], volts[:100])
-    says = r'row 42, channel 7: .* V, but .* -8 to 8 V; are these volts\? .*unit = "count" and range'
+    says = r'at 100\.41 s, channel 7: .* V, but .* -8 to 8 V; are these volts\? .*unit = "count" and range'
     with pytest.raises(DataError, match=says):
         detect_file(tmp_path / "log.csv")
     assert capsys.readouterr().out == ""

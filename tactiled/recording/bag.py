@@ -220,25 +220,27 @@ def _read(
 def _times(
     path: Path, topic: str, stamps_ns: Sequence[int], log_ns: Sequence[int], rate_hz: float | None
 ) -> FloatArray:
-    """Return the times of the messages in seconds (n,)."""
+    """Return the times of the messages in seconds (n,), which differ by more than float64 rounds."""
+    log_s: FloatArray = np.array(log_ns) * 1e-9
     if len(stamps_ns) == len(log_ns):
-        if (row := _first_not_growing(stamps_ns)) is None:
-            return np.array(stamps_ns) * 1e-9
+        stamps_s: FloatArray = np.array(stamps_ns) * 1e-9
+        if (row := _first_not_growing(stamps_s)) is None:
+            return stamps_s
         logger.warning(
             "%s: header stamps of %s do not grow at message %d; times of recording are used", path, topic, row
         )
-    if (row := _first_not_growing(log_ns)) is None:
-        return np.array(log_ns) * 1e-9
+    if (row := _first_not_growing(log_s)) is None:
+        return log_s
     if rate_hz is None:
         raise DataError(
             f"{path}: times of {topic} do not grow at message {row}; space the messages evenly with --rate HZ"
         )
-    return log_ns[0] * 1e-9 + np.arange(len(log_ns)) / rate_hz
+    return np.asarray(log_s[0] + np.arange(len(log_s)) / rate_hz)
 
 
-def _first_not_growing(times_ns: Sequence[int]) -> int | None:
+def _first_not_growing(times_s: FloatArray) -> int | None:
     """Return the number, from 1, of the first message that is not later than the one before it."""
-    backwards = np.flatnonzero(np.diff(times_ns) <= 0)
+    backwards = np.flatnonzero(np.diff(times_s) <= 0)
     return int(backwards[0]) + 2 if backwards.size else None
 
 

@@ -23,6 +23,10 @@ _FOLLOW = 0.1
 _USUAL, _UNEVEN = 0.9, 1.5
 _MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans differ from a whole one
 
+# Rows after a stall, for each scan that seemed missing in it, by which a host has caught up if it reads twice
+# as fast as the sensor scans.
+_CATCH_UP = 2
+
 _LEAST_AGREED = 0.8  # a rate that is given, over that of the stamps: waiting times would be wrong by as much
 
 _FEWEST = 20  # changes, by which the rate of the sensor is known
@@ -194,8 +198,9 @@ def _steps(time_s: FloatArray, rate_hz: float, spacing: Spacing) -> NDArray[np.i
     """Return the scan periods (n,) from the row before to each row, 1 where none is missing.
 
     Rows are compared with a schedule that follows their stamps slowly: a stamp that jitters by less than half
-    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. In an
-    uneven log, scans are missing where a step is half as long again as the longest usual one.
+    a period is no missing scan, nor is there one where the stated rate is wrong by a few percent. Rows that
+    come late, and then faster than the schedule, waited in the host and are not missing. In an uneven log,
+    scans are missing where a step is half as long again as the longest usual one.
     """
     steps = np.ones(len(time_s), dtype=np.int64)
     if spacing.longest_s > spacing.period_s:
@@ -205,11 +210,17 @@ def _steps(time_s: FloatArray, rate_hz: float, spacing: Spacing) -> NDArray[np.i
         return steps
     spacing_s = 1 / rate_hz
     expected_s = float(time_s[0]) - spacing_s
+    late_row = last_row = 0  # the newest one with missing scans before it, and the last that may have waited
     for row, stamp_s in enumerate(time_s.tolist()):
         expected_s += spacing_s
         n_missing = round((stamp_s - expected_s) * rate_hz)
         if n_missing > 0:
-            steps[row] += n_missing
-            expected_s += n_missing * spacing_s
+            late_row, last_row = row, row + _CATCH_UP * n_missing
+        elif row <= last_row:
+            n_missing = max(n_missing, 1 - int(steps[late_row]))
+        else:
+            n_missing = 0
+        steps[late_row] += n_missing
+        expected_s += n_missing * spacing_s
         expected_s += _FOLLOW * (stamp_s - expected_s)
     return steps

@@ -287,7 +287,7 @@ def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Seque
         ]
         if not matching:
             raise DataError(f"{path}: no column {pattern!r} of --columns; the header has {', '.join(header)}")
-        chosen += matching
+        chosen += [k for k in matching if k not in chosen]
     return chosen
 
 
@@ -295,7 +295,7 @@ def _number(cell: str, path: Path, line: int) -> float:
     if not cell.strip():
         return float("nan")
     try:
-        return float(cell)
+        return float(cell.replace("_", "x"))  # Python allows _ between digits
     except ValueError:
         comma = "; write decimals with a point" if "," in cell else ""
         raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
@@ -308,7 +308,7 @@ def _counts(header: Sequence[str]) -> bool:
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell.replace(",", "."))
+        float(cell.replace(",", ".").replace("_", "x"))
     except ValueError:
         return False
     return True

@@ -114,6 +114,9 @@ def test_times_that_do_not_grow_need_a_rate(tmp_path: Path) -> None:
         read_bag(path, "/array")
     time_s, _ = read_bag(path, "/array", rate_hz=50.0)
     assert time_s - time_s[0] == pytest.approx(np.arange(20) / 50, abs=1e-6)
+    bunched[7] = bunched[6] + 100  # float64 seconds since 1970 do not tell 100 ns
+    with pytest.raises(DataError, match="times of /array do not grow at message 8"):
+        read_bag(write_bag(tmp_path / "close", readings(), StoragePlugin.MCAP, bunched), "/array")
     time_s, _ = read_bag(path, "/joints.position")  # headers grow
     assert np.diff(time_s) == pytest.approx(np.full(19, 0.02), abs=1e-6)
 

@@ -54,6 +54,7 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
         ("time_s,a\n0,1\n", "at least two"),
         ("time_s,a\n0,1\n0.1\n", "line 3 has 1 cells"),
         ("time_s,a\n0,1\n0.1,x\n", "line 3: 'x' is not a number"),
+        ("time_s,a\n0,1\n0.1,1_5\n", "line 3: '1_5' is not a number"),
         ("time_s;a\n0;1\n0;0,5\n", "line 3: '0,5' is not a number; write decimals with a point"),
         ("0.0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names above it"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
@@ -235,6 +236,8 @@ def test_columns_are_chosen_by_name_and_times_have_a_unit(tmp_path: Path) -> Non
     time_s, volts = read_table(path, TableOptions(columns=("a", "b*"), time_unit="ms"))
     assert time_s == pytest.approx([0.0, 0.01, 0.02])
     assert volts.tolist() == [[3.0, 1.0, 2.0], [6.0, 4.0, 5.0], [9.0, 7.0, 8.0]]
+    _, volts = read_table(path, TableOptions(columns=("a", "[ab]*"), time_unit="ms"))
+    assert volts[0].tolist() == [3.0, 1.0, 2.0]  # each once
     with pytest.raises(DataError, match=r"no column 'c' of --columns; the header has note, t, b2, b1, a"):
         read_table(path, TableOptions(columns=("c",), time_unit="ms"))
     with pytest.raises(DataError, match=r"times named time, t, timestamp or stamp need a unit"):
@@ -290,3 +293,24 @@ def test_steps_of_two_lengths_are_no_gaps_and_a_pause_is_one(seed: int) -> None:
     blocks = [item for item in items if isinstance(item, ScanBlock)]
     np.testing.assert_array_equal(np.concatenate([block.time_s for block in blocks]), time_s)
     assert abs(blocks[0].rate_hz * float(np.delete(steps_s, 200).mean()) - 1) < 0.01
+
+
+@pytest.mark.parametrize("catch_up_s", [2.5e-4, 4e-3])
+def test_rows_that_wait_in_the_host_are_not_missing_but_those_lost_behind_them_are(catch_up_s: float) -> None:
+    """The host reads nothing for 0.2 s, then all rows that wait, then 10 rows are lost."""
+    rng = np.random.default_rng(0)
+    instants_s = np.arange(500) / 100
+    free_s = instants_s[220] + np.arange(60) * catch_up_s
+    stamps_s = instants_s + rng.normal(0, 2e-4, 500)
+    stamps_s[200:260] = np.maximum(free_s, instants_s[200:260] + 1e-3)
+    lost = np.delete(np.arange(500), slice(300, 310))
+    volts = rng.normal(0, 1, (500, 4))
+    valid = np.ones_like(volts, dtype=np.bool_)
+    (block,) = to_blocks(stamps_s, volts, None, valid)
+    assert isinstance(block, ScanBlock)
+    assert block.index[-1] == 499
+    items = to_blocks(stamps_s[lost], volts[lost], None, valid[lost])
+    assert [item.n_missing for item in items if isinstance(item, Gap)] == [10]
+    last = items[-1]
+    assert isinstance(last, ScanBlock)
+    assert last.index[-1] == 499
