@@ -201,6 +201,11 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
             yield _damage(extent, n_damaged, newest_ns or end_ns, end_ns)
 
 
+def topics_of_summary(stream: BinaryIO) -> set[str]:
+    """Return the topics that a finished file names in its summary; none of any other file."""
+    return {one.topic for one in _summary(stream, stream.seek(0, 2)) if isinstance(one, Channel)}
+
+
 def _entries(
     records: Sequence[McapRecord], schemas: dict[int, Schema], channels: dict[int, Channel]
 ) -> list[ChannelMessage]:

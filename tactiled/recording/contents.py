@@ -89,10 +89,10 @@ class Header:
 
     @staticmethod
     def from_metadata(metadata: Mapping[str, str]) -> "Header":
-        """Parse MCAP metadata; `KeyError` or `ValueError` where it is not a valid description."""
+        """Parse MCAP metadata; `DataError` where it is damaged, `KeyError` or `ValueError` if not valid."""
         text = metadata["header"]
         if metadata["sha256"] != hashlib.sha256(text.encode()).hexdigest():
-            raise ValueError("the description is damaged")
+            raise DataError("the description is damaged")
         header = _HEADER.validate_json(text)
         in_frames, in_array = header.source.layout.n_channels, header.source.array_file.n_channels
         if in_frames != in_array:  # before anything of its size is made
@@ -149,6 +149,13 @@ class Input:
         if not isinstance(loaded, dict):
             raise DataError(f"input {shown(self.name)}: its arguments are no JSON object")
         return loaded
+
+    def count(self, name: str) -> int:
+        """Return an argument that is a number; `DataError` where a recording of others has none."""
+        value = self.values().get(name)
+        if not isinstance(value, int):
+            raise DataError(f"input {shown(self.name)}: it does not state the number of {name}")
+        return value
 
 
 @dataclass(frozen=True)

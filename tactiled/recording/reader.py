@@ -14,7 +14,7 @@ from mcap.records import Metadata
 from tactiled.errors import DataError
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
-from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks
+from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks, topics_of_summary
 from tactiled.recording.contents import Header, Input, Item, Read
 
 logger = logging.getLogger(__name__)
@@ -61,13 +61,14 @@ def read_header(path: Path) -> Header:
     for metadata in _descriptions(path):
         try:
             return Header.from_metadata(metadata)
-        except (KeyError, ValueError) as error:  # damaged: a finished file has a copy
-            fault = fault or f"{type(error).__name__}: {str(error).splitlines()[0]}"
-    if fault:
-        raise DataError(
-            f"{path}: a recording of another tactiled version, which this one cannot read ({fault})"
-        )
-    raise DataError(f"{path}: not a recording of tactiled, or cut before its description")
+        except DataError as error:  # damaged: a finished file has a copy
+            fault = fault or str(error)
+        except (KeyError, ValueError) as error:
+            fault = fault or (
+                "a recording of another tactiled version, which this one cannot read "
+                f"({type(error).__name__}: {str(error).splitlines()[0]})"
+            )
+    raise DataError(f"{path}: {fault or 'not a recording of tactiled, or cut before its description'}")
 
 
 def is_recording(path: Path) -> bool:
@@ -78,12 +79,16 @@ def is_recording(path: Path) -> bool:
     DataError
         It cannot be opened.
     """
+    with open_recording(path) as stream:
+        topics = topics_of_summary(stream)
+    if topics and not any(topic.startswith(contents.TOPICS) for topic in topics):
+        return False  # without reading it whole
     return any(True for _ in _descriptions(path))
 
 
 def _descriptions(path: Path) -> Iterator[dict[str, str]]:
     with open_recording(path) as stream:
-        for found in chunks(stream, Extent()):
+        for found in readable_chunks(path, stream, Extent()):
             if isinstance(found, Metadata) and found.name == contents.METADATA:
                 yield found.metadata
 
@@ -148,7 +153,7 @@ def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterat
 
 def _read(path: Path, extent: Extent, reached: Reached | None, *, with_events: bool) -> Iterator[Item]:
     with open_recording(path) as stream:
-        for found in chunks(stream, extent):
+        for found in readable_chunks(path, stream, extent):
             if reached is not None:
                 reached(extent.share_read)
             if isinstance(found, Damage):
@@ -169,5 +174,15 @@ def open_recording(path: Path) -> BinaryIO:
     """Open a file read-only; `DataError` when it cannot be opened."""
     try:
         return path.open("rb")
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def readable_chunks(
+    path: Path, stream: BinaryIO, extent: Extent
+) -> Iterator[list[ChannelMessage] | Metadata | Damage]:
+    """Yield the `chunks` of a file; `DataError` where the disk does not give them."""
+    try:
+        yield from chunks(stream, extent)
     except OSError as error:
         raise DataError(f"{path}: cannot be read: {error.strerror}") from None

@@ -13,10 +13,10 @@ from mcap.writer import CompressionType, Writer
 
 from tactiled.errors import DataError
 from tactiled.recording import contents
-from tactiled.recording.chunks import FIRST_CHANNELS, ChannelMessage, Damage, Extent, chunks
+from tactiled.recording.chunks import FIRST_CHANNELS, ChannelMessage, Damage, Extent
 from tactiled.recording.contents import Header
 from tactiled.recording.directory import unfinished
-from tactiled.recording.reader import Reached, open_recording, read_header
+from tactiled.recording.reader import Reached, open_recording, read_header, readable_chunks
 from tactiled.recording.session import free_mb
 from tactiled.recording.writer import ACTIVE, DAMAGED, sync_directory
 from tactiled.version import __version__
@@ -82,7 +82,7 @@ def recover(
         try:
             with _finished_file(out) as target:
                 copy = _Copy(target, header)
-                for found in chunks(stream, extent):
+                for found in readable_chunks(path, stream, extent):
                     copy.take(found)
                     if reached is not None:
                         reached(extent.share_read)
@@ -90,12 +90,16 @@ def recover(
             if replace_original:
                 written_ns = os.fstat(stream.fileno()).st_mtime_ns
                 os.utime(out, ns=(written_ns, written_ns))
+        except OSError as error:
+            raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+        if replace_original:
+            try:
                 if extent.is_damaged:
                     kept = path.rename(path.with_name(path.name + DAMAGED))
                 else:
                     path.unlink()
-        except OSError as error:
-            raise DataError(f"{out}: cannot be written: {error.strerror}") from None
+            except OSError as error:
+                raise DataError(f"{path}: cannot be removed: {error.strerror}; recovered as {out}") from None
     duration_s = (copy.last_ns - copy.first_ns) / 1e9
     return RecoveryResult(out, copy.messages, duration_s, extent, header.sync_s, kept)
 

@@ -35,9 +35,9 @@ class ReplayComparison:
     def compare(self, step: ReplayStep) -> None:
         """Compare the next step; after the first that cannot be compared, none is."""
         if isinstance(step.cause, Input) and step.cause.name == "dropped":
-            self.dropped_reads += step.cause.values()["reads"]
+            self.dropped_reads += step.cause.count("reads")
         elif isinstance(step.cause, Input) and step.cause.name == "damaged":
-            self.damaged_bytes += step.cause.values()["bytes"]
+            self.damaged_bytes += step.cause.count("bytes")
         if self.dropped_reads or self.damaged_bytes or self.difference:
             return
         for now, live in zip_longest(step.now, step.live):

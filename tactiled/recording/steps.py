@@ -61,10 +61,12 @@ class Replay:
         parts = in_order(paths)
         for (_, before), (path, header) in pairwise(parts):
             if (header.run, header.part) != (before.run, before.part + 1):
-                raise DataError(
-                    f"{path}: this is part {header.part}, and part {header.part - 1} of its run was not "
-                    "given: give consecutive parts of one recording, each once"
-                )
+                fault = f"this is part {header.part}, and part {header.part - 1} of its run was not given"
+                if (header.run, header.part) == (before.run, before.part):
+                    fault = f"part {header.part} of its run was given twice"
+                elif header.run != before.run:
+                    fault = "this is another recording than the file before it"
+                raise DataError(f"{path}: {fault}: give consecutive parts of one recording, each once")
         self._reached = reached
         self.header: Header = parts[0][1]
         self.extents = {path: Extent() for path, _ in parts}

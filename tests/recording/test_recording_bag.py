@@ -16,6 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.recording import reader
 from tactiled.recording.bag import is_bag, read_bag
 from tactiled.recording.table import TableOptions
 from tactiled.samples.block import ScanBlock
@@ -253,3 +254,13 @@ def test_a_bag_is_told_from_a_table_and_from_a_recording(tmp_path: Path) -> None
     assert [is_bag(path) for path in (other, tmp_path, tmp_path / "one.bag", tmp_path / "one.db3")] == [
         True
     ] * 4
+
+
+def test_a_finished_mcap_of_others_is_told_by_its_summary(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its chunks are not read for that."""
+    messages = [b"\0\1\0\0" + struct.pack("<I4f", 4, *row) for row in readings()]
+    path = write_mcap(tmp_path / "x.mcap", messages, "float32[] counts")
+    monkeypatch.setattr(reader, "chunks", lambda *_: pytest.fail("the chunks are read"))
+    assert is_bag(path)

@@ -1,13 +1,18 @@
 """A recording cut at any byte gives all that was synced before the cut, and nothing else."""
 
 import contextlib
+import errno
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from recordings import HEADER, items, record, simulated_reads
 
 from tactiled.errors import DataError
+from tactiled.recording import reader
+from tactiled.recording.chunks import Extent, chunks
 from tactiled.recording.contents import Item, Read
 from tactiled.recording.reader import read_header
 from tactiled.recording.recover import default_name, recover
@@ -126,3 +131,31 @@ def test_a_file_that_is_no_recording_is_refused(tmp_path: Path) -> None:
             recover(tmp_path / name)
     with pytest.raises(DataError, match="No such file"):
         recover(tmp_path / "none")
+
+
+def test_an_error_names_the_file_that_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = RecordingWriter(tmp_path / "a.mcap", HEADER)
+    writer.read(Read(1.0, 0.0, b"x"))
+    writer.sync()
+    writer.abandon()
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    def unreadable(stream: BinaryIO, extent: Extent) -> Iterator[object]:
+        yield next(chunks(stream, extent))  # the description
+        refuse()
+
+    with monkeypatch.context() as then:
+        then.setattr(reader, "chunks", unreadable)
+        for read in (recover, items):
+            with pytest.raises(DataError, match=r"a\.mcap\.active: cannot be read: Input/output error"):
+                read(writer.active)
+    assert not (tmp_path / "a.mcap").exists()
+    with monkeypatch.context() as then:
+        then.setattr(Path, "unlink", refuse)
+        with pytest.raises(
+            DataError, match=r"a\.mcap\.active: cannot be removed: .*; recovered as .*a\.mcap"
+        ):
+            recover(writer.active, replace_original=True)
+    assert len(items(tmp_path / "a.mcap")) == 1

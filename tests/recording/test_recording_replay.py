@@ -166,8 +166,11 @@ def test_parts_lost_ports_and_commands_are_replayed(tmp_path: Path, reads: list[
     assert replay(shuffled, lambda _: None) == verdict
     with pytest.raises(DataError, match=r"a\.003\.mcap: this is part 3, and part 2 of its run was not given"):
         replay([parts[2], parts[0]], lambda _: None)
-    with pytest.raises(DataError, match="each once"):
+    with pytest.raises(DataError, match="part 1 of its run was given twice"):
         replay([parts[0], parts[0]], lambda _: None)
+    record(tmp_path / "other.mcap", reads[:5])
+    with pytest.raises(DataError, match=r"other\.mcap: this is another recording than the file before it"):
+        replay([parts[0], tmp_path / "other.mcap"], lambda _: None)
 
 
 def test_scans_have_the_announced_motion_that_they_had_live(
@@ -338,3 +341,10 @@ def test_a_recording_that_begins_again_marks_only_its_own_dropped_reads(
     assert found == reads[3:5]
     assert isinstance(mark, Input)
     assert (mark.name, mark.values()) == ("dropped", {"reads": 5, "bytes": 99})
+
+
+def test_a_mark_without_a_number_of_reads_is_refused(tmp_path: Path, reads: list[Read]) -> None:
+    with RecordingWriter(tmp_path / "a.mcap", HEADER) as writer:
+        writer.input(Input(reads[0].arrival_s, UNIX_OFFSET_S, "dropped"))
+    with pytest.raises(DataError, match="'dropped': it does not state the number of reads"):
+        replay([tmp_path / "a.mcap"], lambda _: None)
