@@ -158,8 +158,8 @@ class RecordingSession:
         """Finish the recording, after `dropped` more reads and bytes."""
         if self._path is not None:
             self._missing = _sum(self._missing, dropped)
-            if self._missing[0]:
-                self._write(lambda writer: self._mark(writer, now_s, *self._missing), now_s)
+            if self._missing[0] and self._write(lambda w: self._mark(w, now_s, *self._missing), now_s):
+                self._missing = (0, 0)
             is_finished = self._writer is None or self._leave(now_s)
             if not is_finished:
                 logger.error("recording: not finished: %s", self.progress.reason)
