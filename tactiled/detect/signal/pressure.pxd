@@ -6,7 +6,7 @@ cdef extern from "math.h" nogil:
 
 cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
 cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, _STOPPED
-cdef long LEAST_SIDES, _GROUP_SCANS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
+cdef long LEAST_SIDES, _GROUP_SCANS, _GROUPS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
 
 
 cdef class Hold:
@@ -19,11 +19,21 @@ cdef class Hold:
     cpdef double rounded(self, double reading)
 
 
+cdef class Quietest:
+    cdef public long n_wanted
+    cdef public double[::1] power, sum
+    cdef public long long[::1] n
+    cdef public unsigned char[::1] is_mean
+
+    cpdef take(self, long c, double power)
+
+
 cdef class RestNoise:
     cdef public long n_channels, n_scans, n_known, n_mean, n_summed, n_means
     cdef public double early, most_wander
     cdef public bint is_early
-    cdef public double[::1] steps, bends, own, least_power, least_step, early_noise, noise, means, slow_power, wander
+    cdef public Quietest quietest, slowest
+    cdef public double[::1] steps, bends, own, least_step, early_noise, noise, means, wander
     cdef public long long[::1] n_good
     cdef public unsigned char[::1] ok
 

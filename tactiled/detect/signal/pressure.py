@@ -25,6 +25,9 @@ LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be
 READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
 _UNKNOWN = 2.0**READING_BITS  # derived: full scale, in steps: no reading stands out of noise of that size
 _GROUP_SCANS = 16  # choice
+# derived: groups, of which a mean counts: chance states the noise of one group of white noise five times too
+# small in two hours at 100 Hz, and that of 128 scans less than two times in a year.
+_GROUPS = 8
 _SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
 _ROUNDING = 12.0  # derived: variance of rounding to a step q is q^2 / 12
 _MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
@@ -97,13 +100,36 @@ class Hold:
         return min(max(reading, -self.limit), self.limit) * self.steps_per_unit + _TO_WHOLE - _TO_WHOLE
 
 
+class Quietest:
+    """Least mean power of each channel over so many groups; of single groups until there is one.
+
+    The least of single groups falls without bound with time. Where it is the only one known, it is stated up
+    to two times too small.
+    """
+
+    def __init__(self, n_channels: int, n_wanted: int, most: float) -> None:
+        self.n_wanted, self.power = n_wanted, array("d", [most] * n_channels)
+        self.sum, self.n = array("d", bytes(8 * n_channels)), array("q", bytes(8 * n_channels))
+        self.is_mean = array("B", bytes(n_channels))
+
+    def take(self, c: int, power: float) -> None:
+        """Take the power of a group of one channel."""
+        self.sum[c] = self.sum[c] + power if self.n[c] > 0 else power
+        self.n[c] += 1
+        if self.n[c] == self.n_wanted:
+            allowed = 1.0 if self.is_mean[c] != 0 else _STATED_SMALL * _STATED_SMALL
+            self.power[c] = min(allowed * self.power[c], self.sum[c] / self.n_wanted)
+            self.n[c], self.is_mean[c] = 0, 1
+        elif self.is_mean[c] == 0:
+            self.power[c] = min(self.power[c], power)
+
+
 class RestNoise:
     """Noise of readings at rest, from second differences in groups of scans.
 
     Loads, creep and drift are straight lines over a few scans and leave second differences alone; contact and
-    sliding only add to the noise. The quietest group so far is therefore the noise at rest, whatever came
-    first. It is no less than the rounding noise of the smallest step between two readings. The minimum over
-    many groups of 16 scans is about half of the standard deviation.
+    sliding only add to the noise. The quietest groups so far are therefore the noise at rest, whatever came
+    first. It is no less than the rounding noise of the smallest step between two readings.
 
     Filtered readings wander slowly, and differ little from scan to scan. The same of eight means of some
     scans each therefore counts, too, where it is more than that of the scans; means of white noise are less.
@@ -135,10 +161,10 @@ class RestNoise:
         self.n_channels, self.early, self.n_mean, self.most_wander = n, early, n_mean, most_wander
         self.steps, self.ok = array("d", bytes(8 * n * _GROUP_SCANS)), array("B", bytes(n * _GROUP_SCANS))
         self.bends, self.own = array("d", bytes(8 * n * _GROUP_SCANS)), array("d", bytes(8 * _GROUP_SCANS))
-        self.least_power, self.least_step = array("d", [_UNKNOWN**2] * n), array("d", [_INFINITE] * n)
+        self.quietest, self.least_step = Quietest(n, _GROUPS, _UNKNOWN**2), array("d", [_INFINITE] * n)
         self.early_noise, self.noise = array("d", [_UNKNOWN] * n), array("d", [_UNKNOWN] * n)
         self.means, self.n_good = array("d", bytes(8 * n * _MEANS)), array("q", bytes(8 * n))
-        self.slow_power, self.wander = array("d", [_INFINITE] * n), array("d", bytes(8 * n))
+        self.slowest, self.wander = Quietest(n, _GROUPS * _MEANS, _INFINITE), array("d", bytes(8 * n))
         self.n_scans, self.n_known, self.is_early = 0, -1, True
         self.n_summed, self.n_means = 0, 0
 
@@ -171,16 +197,16 @@ class RestNoise:
             self.n_scans, self.is_early = 0, False
         n_known, can_tell, falls = 0, False, False
         for c in range(n):
-            is_own = self.least_power[c] < _UNKNOWN * _UNKNOWN
+            is_own = self.quietest.power[c] < _UNKNOWN * _UNKNOWN
             can_tell = can_tell or self.early_noise[c] < _UNKNOWN
             n_known += 1 if is_own else 0
             noise = self.early_noise[c]
             if is_own:
                 step = self.least_step[c] if self.least_step[c] < _INFINITE else 0.0
-                noise = sqrt(max(self.least_power[c], step * step / _ROUNDING))
+                noise = sqrt(max(self.quietest.power[c], step * step / _ROUNDING))
                 wandered = self.wander[c]
-                if self.slow_power[c] < _INFINITE:
-                    self.wander[c] = min(sqrt(self.slow_power[c]), self.most_wander)
+                if self.slowest.power[c] < _INFINITE:
+                    self.wander[c] = min(sqrt(self.slowest.power[c]), self.most_wander)
                 falls = falls or wandered > max(noise, self.wander[c])
                 noise = max(noise, self.wander[c])
             self.noise[c] = noise
@@ -210,7 +236,7 @@ class RestNoise:
                 first, second = self.means[k % _MEANS * n + c], self.means[(k + 1) % _MEANS * n + c]
                 bend = (second - first) - (self.means[(k + 2) % _MEANS * n + c] - second)
                 power += bend * bend
-            self.slow_power[c] = min(self.slow_power[c], power / (_MEANS - 2) / _SECOND_DIFFERENCE)
+            self.slowest.take(c, power / (_MEANS - 2) / _SECOND_DIFFERENCE)
 
     def _take_group(self) -> None:
         """Take what a whole group shows of the channels that it read."""
@@ -229,7 +255,7 @@ class RestNoise:
                     power += bend * bend
             if is_read:
                 power = power / (_GROUP_SCANS - 2) / _SECOND_DIFFERENCE
-                self.least_power[c] = min(self.least_power[c], power)
+                self.quietest.take(c, power)
                 self.least_step[c] = min(self.least_step[c], step)
 
     def _take_early(self) -> None:

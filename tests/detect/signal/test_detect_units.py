@@ -128,22 +128,34 @@ def test_the_rest_noise_is_that_before_a_contact_and_not_that_of_a_slide() -> No
     assert (found[3:15] == 50.0).all()  # no less than was said
     assert (found[15:] < 14.0).all()
     assert (found[15:] > 3.0).all()
-    assert (np.diff(found, axis=0) <= 0).all()
+    assert (
+        np.diff(np.delete(found, 127, axis=0), axis=0)[127:] <= 0
+    ).all()  # the mean of eight groups may be more
+
+
+def test_the_noise_at_rest_is_not_told_less_with_time() -> None:
+    """The least of single groups would be below 0.3 of the true noise."""
+    noise, _ = rest_noise(np.random.default_rng(4).normal(size=(100_000, 4)) * 1000.0, n_mean=16)
+    assert (noise[-1] > 500.0).all()
+    assert (noise[-1] < 1000.0).all()
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.02])
-def test_the_rest_noise_is_that_of_the_quietest_whole_group_and_of_medians_before(lost: float) -> None:
+def test_the_rest_noise_is_that_of_the_quietest_whole_groups_and_of_medians_before(lost: float) -> None:
     rng = np.random.default_rng(3)
     steps = np.rint(rng.choice([0.3, 5.0, 900.0], (1, 6)) * rng.normal(size=(160, 6)))
     ok: NDArray[np.bool_] = np.asarray(rng.random(steps.shape) >= lost)
     found, _ = rest_noise(steps, ok, early=0.01)
     groups, whole = steps.reshape(10, 16, 6), np.asarray(ok.reshape(10, 16, 6).all(axis=1))
     power = (np.diff(groups, 2, axis=1) ** 2).mean(axis=1) / 6  # of second differences of white noise
-    power = np.where(whole, power, np.inf)
+    least = [
+        min(4.0 * read[:7].min(), read[:8].mean()) if len(read) >= 8 else read.min()
+        for read in (power[whole[:, c], c] for c in range(6))
+    ]
     change = np.abs(np.diff(groups, axis=1))
     step = np.where((change > 0) & whole[:, np.newaxis], change, np.inf).min(axis=(0, 1))
     rounding = np.where(np.isfinite(step), step, 0.0) / np.sqrt(12)
-    np.testing.assert_allclose(found[-1], np.maximum(np.sqrt(power.min(axis=0)), rounding), rtol=1e-12)
+    np.testing.assert_allclose(found[-1], np.maximum(np.sqrt(least), rounding), rtol=1e-12)
     bend = np.abs(np.diff(steps[:10], 2, axis=0))
     bend[~(ok[2:10] & ok[1:9] & ok[:8])] = np.nan
     early_step = np.abs(np.diff(steps[:10], axis=0))[ok[1:10] & ok[:9]]
@@ -167,7 +179,8 @@ def test_readings_that_wander_are_as_noisy_as_their_means_and_white_ones_are_not
     means = wandering.reshape(125, 16, 6).mean(axis=1)
     bends = np.diff(means, 2, axis=0) ** 2 / 6
     windows = np.lib.stride_tricks.sliding_window_view(bends, 6, axis=0).mean(axis=-1)
-    np.testing.assert_allclose(slow[-1, 6:], np.sqrt(windows.min(axis=0)), rtol=1e-9)
+    least = np.minimum(4.0 * windows[:63].min(axis=0), windows[:64].mean(axis=0))
+    np.testing.assert_allclose(slow[-1, 6:], np.sqrt(least), rtol=1e-9)
     assert (slow[-1, 6:] > 10 * plain[-1, 6:]).all()
     bounded, _ = rest_noise(steps, n_mean=16, most=0.1)
     np.testing.assert_array_equal(bounded[-1], np.maximum(plain[-1], 0.1))
