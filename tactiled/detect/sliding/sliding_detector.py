@@ -95,6 +95,8 @@ class SlidingSlip:
             else:
                 self._state = what
                 self._touching = gate.touched_in(row)
+                if what == "none":
+                    events += self._changed(item, Change(row, False, 0.0, 0, is_gross=False))
             slides = True in self._open and self._state != "none"
             is_valid = not bool(item.late[row])
             events += self._publish(float(item.time_s[row]), "sliding" if slides else self._state, is_valid)

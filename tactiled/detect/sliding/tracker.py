@@ -118,22 +118,26 @@ def _spectra(readings: FloatArray, rounding_power: FloatArray) -> _Spectra:
 
 def _own_power(found: _Spectra, noise: FloatArray) -> FloatArray:
     """Power (bins,) over the noise that the strongest patterns of a window leave, mean over channels."""
-    z = found.z / np.sqrt(noise) @ _own_patterns(found, noise)
-    return np.asarray((np.abs(z) ** 2).mean(axis=1))
+    z, strongest = found.z / np.sqrt(noise), _strongest_patterns(found, noise)
+    own = z - z @ strongest @ strongest.T
+    return np.asarray((np.abs(own) ** 2).sum(axis=1) / (z.shape[1] - strongest.shape[1]))
 
 
-def _own_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
-    """Patterns (channels, channels - left out), over the noise, except the strongest."""
+def _strongest_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
+    """Strongest patterns (channels, left out) over the noise, from the Gram matrix of the smaller side."""
     z = found.z / np.sqrt(noise)
-    parts = np.concatenate([z.real, z.imag])
-    _, patterns = np.linalg.eigh(parts.T @ parts)
-    return np.asarray(patterns[:, : z.shape[1] - _n_patterns(z.shape[1])])
+    parts, n = np.concatenate([z.real, z.imag]), _n_patterns(z.shape[1])
+    if len(parts) >= z.shape[1]:
+        return np.asarray(np.linalg.eigh(parts.T @ parts)[1][:, z.shape[1] - n :])
+    patterns = parts.T @ np.linalg.eigh(parts @ parts.T)[1][:, len(parts) - n :]
+    return np.asarray(patterns / np.maximum(np.linalg.norm(patterns, axis=0), 1e-30))
 
 
 def _happens_once(found: _Spectra) -> bool:
     """Return True where most of what exceeds the noise is in one quarter of the window, as of a tap."""
     n = len(found.readings)
-    own = found.readings / np.sqrt(found.noise) @ _own_patterns(found, found.noise)
+    readings, strongest = found.readings / np.sqrt(found.noise), _strongest_patterns(found, found.noise)
+    own = readings - readings @ strongest @ strongest.T
     power = (own**2).mean(axis=1)[: n // 4 * 4].reshape(4, -1).mean(axis=1)
     # A quarter of exponentially distributed power is below 0.29 of its mean; a Hann window has 3/8 of n.
     noise = 1 / (-np.log(1 - _QUIET_PART) * 0.375 * n)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.sliding.tracker import travelling_line
+from tactiled.detect.sliding.tracker import _Spectra, _strongest_patterns, travelling_line
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -284,3 +284,23 @@ def test_contact_slides_as_long_as_a_gross_slip_is_open(seed: int) -> None:
     ]
     assert any(gross for _, gross, _ in ends)
     assert all(gross == slides for _, gross, slides in ends)
+
+
+@pytest.mark.parametrize("lift_s", [8.2, 8.6, 9.0])
+def test_a_slip_of_load_that_moves_ends_with_the_contact(lift_s: float) -> None:
+    moved = np.clip((np.arange(N) / RATE_HZ - 8) / 1.5, 0, 0.5)[:, np.newaxis] * np.linspace(-1, 1, 16)
+    block = hold(0, moved)
+    lifted = dataclasses.replace(
+        block, volts=np.where(block.time_s[:, np.newaxis] < lift_s, block.volts, 0.0)
+    )
+    onset, end = slips(detector().process(lifted))
+    assert (onset.state, end.state) == ("onset", "end")
+    assert lift_s <= end.detected_s < lift_s + 0.1
+
+
+def test_the_strongest_patterns_are_the_same_from_rows_as_from_channels() -> None:
+    z = np.random.default_rng(0).normal(size=(20, 60)) @ np.diag(np.r_[30, 20, 10, np.ones(57)]) + 0j
+    found = _Spectra(z, np.ones(60), z.real)
+    strongest = _strongest_patterns(found, found.noise)
+    expected = np.linalg.eigh(z.real.T @ z.real)[1][:, -3:]
+    np.testing.assert_allclose(np.abs(strongest.T @ expected), np.eye(3), atol=1e-9)
