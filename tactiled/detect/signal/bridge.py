@@ -7,6 +7,8 @@ the detectors, because the signal in them is unknown. Interpolated scans are nev
 counted.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
@@ -23,20 +25,20 @@ class GapBridge:
     def reset(self) -> None:
         """Forget everything seen."""
         self._last: ScanBlock | None = None
-        self._is_short = False  # the gap after it
+        self._gap: Gap | None = None  # after it, which may be bridged
 
     def process(self, item: ScanBlock | Gap) -> ScanBlock | Gap | None:
         """Return the item, None for a short gap, or the block after one with the missing scans before it."""
         last = self._last
         if isinstance(item, ScanBlock):
-            self._last, is_short, self._is_short = item, self._is_short, False
-            return _joined(last, item) if is_short and last is not None else item
-        self._is_short = (
-            last is not None and item.cause in LOSSES and 0 < item.n_missing <= BRIDGE_S * last.rate_hz
-        )
-        if self._is_short:
+            self._last, gap, self._gap = item, self._gap, None
+            return _joined(last, item) if gap is not None and last is not None else item
+        if self._gap is not None and item.cause in LOSSES:
+            item = replace(item, n_missing=self._gap.n_missing + item.n_missing)
+        if last is not None and item.cause in LOSSES and 0 < item.n_missing <= BRIDGE_S * last.rate_hz:
+            self._gap = item
             return None
-        self._last = None
+        self._last = self._gap = None
         return item
 
 

@@ -65,7 +65,7 @@ class SlipGate:
         self._speeds: list[tuple[int, float]] = []
         self._begin_index = 0
         self._looks_back_s = looks_back_s
-        self._past: deque[ScanBlock] = deque()
+        self._past: deque[tuple[ScanBlock, FloatArray]] = deque()
 
     def set_speed(self, speed_mm_s: float, from_index: int) -> None:
         """Set the speed from a scan on (from the next scan, if that one is past)."""
@@ -87,35 +87,37 @@ class SlipGate:
         slip : sequence of Event
             Events of the slip detector for the block; other topics are ignored.
         """
-        done = 0
+        done, speeds = 0, self._speeds_of(block)
         for change in slip:
             if not isinstance(change, SlipEvent):
                 continue
             scan = min(int(np.searchsorted(block.time_s, change.detected_s)), len(block) - 1)
             if scan > done:
-                yield from self._slid(block[done:scan])
+                yield from self._slid(block[done:scan], speeds[done:scan])
                 done = scan
             if change.state == "onset":
                 self.slip = change
                 self._begin_index = int(block.index[scan]) + round(self._settle_s * block.rate_hz)
                 yield SlipStart(int(block.index[scan]))
-                yield from self._before(change, block, scan)
+                yield from self._before(change, block, speeds, scan)
             elif self.slip is not None:
                 yield SlipEnd(float(block.time_s[scan]), block.rate_hz)
                 self.slip = None
-        yield from self._slid(block[done:])
-        self._keep(block)
+        yield from self._slid(block[done:], speeds[done:])
+        self._keep(block, speeds)
 
-    def _keep(self, block: ScanBlock) -> None:
+    def _keep(self, block: ScanBlock, speeds: FloatArray) -> None:
         """Keep the scans that a late detection may need."""
         if not self._looks_back_s:
             return
-        self._past.append(block)
+        self._past.append((block, speeds))
         first = int(block.index[-1]) - round(self._looks_back_s * block.rate_hz)
-        while self._past[0].index[-1] < first:
+        while self._past[0][0].index[-1] < first:
             self._past.popleft()
 
-    def _before(self, slip: SlipEvent, block: ScanBlock, scan: int) -> Iterator[SlidingScans]:
+    def _before(
+        self, slip: SlipEvent, block: ScanBlock, speeds: FloatArray, scan: int
+    ) -> Iterator[SlidingScans]:
         """Yield the scans before a detection in which the slip was under way for the settling time."""
         if not self._looks_back_s:
             return
@@ -124,21 +126,21 @@ class SlipGate:
         if from_s >= slip.detected_s:
             return
         self._begin_index = int(block.index[scan])
-        for old in [*self._past, *([block[:scan]] if scan else [])]:
+        for old, own in [*self._past, *([(block[:scan], speeds[:scan])] if scan else [])]:
             first = int(np.searchsorted(old.time_s, from_s))
             if first < len(old):
-                part = old[first:]
-                yield SlidingScans(part, np.full(len(part), self.speed_mm_s), are_past=True)
+                yield SlidingScans(old[first:], own[first:], are_past=True)
 
-    def _slid(self, block: ScanBlock) -> Iterator[SlidingScans]:
-        if self.slip is None and not self._speeds:
+    def _slid(self, block: ScanBlock, speeds: FloatArray) -> Iterator[SlidingScans]:
+        if self.slip is None:
             return
-        speeds_mm_s = self._speeds_of(block)
         wait = max(0, self._begin_index - int(block.index[0]))
-        if self.slip is not None and wait < len(block):
-            yield SlidingScans(block[wait:], speeds_mm_s[wait:])
+        if wait < len(block):
+            yield SlidingScans(block[wait:], speeds[wait:])
 
     def _speeds_of(self, block: ScanBlock) -> FloatArray:
+        if not self._speeds:
+            return np.full(len(block), self.speed_mm_s)
         starts = np.array([index for index, _ in self._speeds], dtype=np.int64)
         values = np.array([self.speed_mm_s, *(speed for _, speed in self._speeds)])
         speeds = values[np.searchsorted(starts, block.index, side="right")]

@@ -132,3 +132,13 @@ def test_a_scan_that_was_lost_has_no_grip_message() -> None:
     lost_s = set(BLOCK.time_s[700:704].tolist())
     assert len(of_s) > 100
     assert not lost_s & set(of_s)
+
+
+def test_two_gaps_in_a_row_are_one() -> None:
+    bridge = GapBridge()
+    bridge.process(BLOCK[:100])
+    assert bridge.process(Gap(4, "missing", 104)) is None
+    assert bridge.process(Gap(5, "corrupt", 109)) == Gap(9, "corrupt", 109)
+    after = bridge.process(BLOCK[109:110])
+    assert isinstance(after, ScanBlock)
+    assert len(after) == 1

@@ -1,6 +1,7 @@
 """Scans of settled slips, each with its speed, whatever the chunking."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,3 +87,13 @@ def test_after_close_nothing_is_passed_until_the_next_onset() -> None:
     gate.close()
     assert list(gate.pass_through(BLOCK[50:100], [])) == []
     assert gate.speed_mm_s == pytest.approx(1.0)
+
+
+def test_scans_before_the_detection_have_the_speed_of_their_time() -> None:
+    gate = SlipGate(0.1, 1.0, looks_back_s=1.005)
+    gate.set_speed(2.0, 100)
+    late = replace(slip("onset", 160), onset_s=float(BLOCK.time_s[20]))
+    assert not list(gate.pass_through(BLOCK[:150], []))
+    parts = [part for part in gate.pass_through(BLOCK[150:], [late]) if isinstance(part, SlidingScans)]
+    speeds = {i: v for p in parts if p.are_past for i, v in zip(p.block.index, p.speeds_mm_s, strict=True)}
+    assert speeds == {i: 1.0 if i < 100 else 2.0 for i in range(60, 160)}
