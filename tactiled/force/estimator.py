@@ -187,6 +187,7 @@ class ForceEstimator:
             for (least, most), is_known in zip(ranges, self._known, strict=True)
         ]
         self._beyond2 = (_BEYOND_SMOOTH if file.pairs is None else _BEYOND_PAIRS) ** 2
+        self._most_missing = _TOLERATED_MISSING * array.n_channels
         self._centre_mm = (float(array.x_mm.mean()), float(array.y_mm.mean()))
         self.reset()
 
@@ -198,15 +199,14 @@ class ForceEstimator:
         self._previous = np.zeros(self._array.n_channels)
 
     def tared(self) -> None:
-        """Take the present zero of the readings as exact: a tare has just set it."""
+        """Take the present zero of the readings as exact and as free of creep: a tare has just set it."""
+        self._model.reset()
         self._zero.reset()
 
     def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
         """Return an event for each scan."""
         if isinstance(item, Gap):
-            if item.cause in ("restart", "disconnect", "start"):
-                self._last_s = None  # the time in between is not known
-            return []
+            return []  # stamps are of the host: the next one tells how long it was
         n = len(item)
         steps_s = self._steps_s(item)
         complete: list[bool] = np.all(item.valid, axis=1).tolist()
@@ -222,7 +222,9 @@ class ForceEstimator:
                 n_missing[scan] = int(np.count_nonzero(~valid))
                 readings = self._filled(readings, valid | at_limit)
             self._previous = readings
-            relative[scan] = self._zero.step(readings, step_s, is_complete=complete[scan])
+            # A contact loads more than a few missing channels do not show.
+            is_told = not saturated[scan] and n_missing[scan] <= self._most_missing
+            relative[scan] = self._zero.step(readings, step_s, is_complete=is_told)
             touched_s.append(self._zero.touched_s)
         features = self._model.features(relative, steps_s)
         values = times_each(self._matrix, features)
@@ -280,7 +282,7 @@ class ForceEstimator:
             saturated=saturated,
             beyond_range=excess > 1.0,
             channels_missing=estimate.n_missing,
-            valid=not is_late and estimate.n_missing <= _TOLERATED_MISSING * self._array.n_channels,
+            valid=not is_late and estimate.n_missing <= self._most_missing,
             late=is_late,
         )
 
@@ -332,11 +334,13 @@ class ForceEstimator:
 
     def _missing_variance(self, features: FloatArray, valid: NDArray[np.bool_]) -> list[float]:
         """Variance of fx, fy and fz by the channels that were replaced or are saturated."""
-        kinds = len(features) // len(valid)
-        absent = np.tile(~valid, kinds)
-        parts = self._model.weights[:3, : len(absent)] * (features[: len(absent)] * absent)
-        own = parts.reshape(3, kinds, len(valid)).sum(axis=1)
-        return [float(v) for v in ((_MISSING_PART * own) ** 2).sum(axis=1)]
+        first, second = self._model.channels
+        variances: list[float] = []
+        for part in self._model.weights[:3] * features:
+            own = np.bincount(first, part, len(valid))
+            own += np.bincount(second, np.where(first == second, 0.0, part), len(valid))
+            variances.append(float(((_MISSING_PART * own[~valid]) ** 2).sum()))
+        return variances
 
 
 ForceSource = ForceEstimator | UncalibratedForce

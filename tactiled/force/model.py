@@ -95,6 +95,8 @@ class PairsModel:
     ----------
     weights : (6 + 3 taxels, features) float64
         fx, fy, fz, tx, ty, tz, then fx, fy, fz of all taxels.
+    channels : (2, features) int64
+        Channels that each feature is of, twice the same one but for products.
     """
 
     def __init__(self, array: Array, params: PairsModelParams) -> None:
@@ -106,7 +108,9 @@ class PairsModel:
             uncoupling(array, params.taxel_crosstalk, params.neighbour_crosstalk) if has_crosstalk else None
         )
         self._mean = taxel_means(array)
+        self.channels = np.tile(np.arange(n), (2, N_KINDS))
         self._reading, self._load = np.array(params.curve.reading), np.array(params.curve.load)
+        self._slope = float(np.diff(self._load)[-1] / np.diff(self._reading)[-1])  # beyond the curve
         self._time_s = np.array([state.time_s for state in params.creep])[:, np.newaxis]
         self._gain = np.array([state.gain for state in params.creep])
         self._unloading = params.unloading
@@ -126,6 +130,7 @@ class PairsModel:
         """
         reading = readings if self._uncouple is None else times_each(self._uncouple, readings)
         load = np.interp(reading, self._reading, self._load)
+        load += self._slope * np.maximum(reading - self._reading[-1], 0.0)
         if self._unloading:
             for scan in load:
                 self._unload(scan)
@@ -142,7 +147,8 @@ class PairsModel:
         own = times(self._mean, load)
         np.maximum(self._peak, own, out=self._peak)
         self._peak[own < _RELEASED * self._peak] = 0.0
-        load /= 1.0 + self._unloading * (1.0 - own / np.maximum(self._peak, 1e-9))
+        part = np.where(self._peak > 0.0, own / np.maximum(self._peak, 1e-9), 1.0)
+        load /= 1.0 + self._unloading * (1.0 - part)
 
     def _creep(self, load: FloatArray, mean: FloatArray, step_s: float) -> None:
         """Correct the loads (channels,) of a scan for creep, and set the means of their taxels."""
@@ -156,6 +162,8 @@ class FeatureMaker:
 
     Attributes
     ----------
+    channels : (2, features) int64
+        See `PairsModel`.
     taxel : (features,) int64
         Taxel that each feature belongs to.
     """
@@ -167,9 +175,10 @@ class FeatureMaker:
         self._pairs = product_pairs(array) if params.has_products else np.zeros((0, 2), dtype=np.int64)
         self._time_s = np.array(params.creep_s)[:, np.newaxis]
         self._n_states = len(params.creep_s)
-        blocks = [array.channel_taxel] * (2 if self._squares else 1)
-        blocks.append(array.channel_taxel[self._pairs[:, 0]])
-        self.taxel = np.concatenate([*blocks, *[array.channel_taxel] * self._n_states])
+        each = np.tile(np.arange(array.n_channels), (2, 1))
+        own = [each] * (2 if self._squares else 1)
+        self.channels = np.concatenate([*own, self._pairs.T, *[each] * self._n_states], axis=1)
+        self.taxel = array.channel_taxel[self.channels[0]]
         self._relaxed = np.zeros((self._n_states, array.n_channels))
 
     def reset(self) -> None:
@@ -202,7 +211,7 @@ class SmoothModel:
         totals = np.array(params.weights)
         own = np.equal.outer(np.arange(array.n_taxels), maker.taxel)
         self.weights = np.ascontiguousarray(np.concatenate([totals, *(own * row for row in totals[:3])]))
-        self.reset, self.features = maker.reset, maker.features
+        self.reset, self.features, self.channels = maker.reset, maker.features, maker.channels
 
 
 def bent(readings: FloatArray, curve: Curve, zero: FloatArray) -> FloatArray:

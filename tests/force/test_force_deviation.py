@@ -158,6 +158,21 @@ def test_half_of_what_missing_channels_would_add_is_uncertain() -> None:
     assert deviations(event) == pytest.approx(expected(forces, 1.0, missing2=missing2, features=filled))
 
 
+@pytest.mark.parametrize("part", ["squares", "products", "creep"])
+def test_a_missing_channel_is_uncertain_in_every_feature(part: str) -> None:
+    """Half of 0.4 newtons of one channel of a taxel: of its square, of three products, or of its creep."""
+    first = {"squares": N, "products": 2 * N, "creep": 2 * N + 54}[part]
+    n = {"squares": N, "products": 54, "creep": N}[part]
+    weights = np.zeros((6, 3 * N + 54))
+    weights[2, first : first + n] = 0.4 / 3.0 if part == "products" else 0.4
+    smooth = SmoothModelParams(
+        scale=[1.0] * N, has_squares=True, has_products=True, creep_s=[1e-6], weights=weights.tolist()
+    )
+    valid = np.arange(N) != 3
+    event = force(calibration(smooth=smooth, uncertainty=NOTHING), np.ones(N), valid=valid)
+    assert event.fz_sd_n == pytest.approx(math.sqrt(0.2**2 + (0.03 * event.fz_n) ** 2 / 1800), rel=1e-3)
+
+
 def test_a_taxel_without_a_reading_has_the_mean_of_the_array() -> None:
     valid = ARRAY.channel_taxel != 4
     event = force(calibration(), valid=valid)
@@ -219,18 +234,22 @@ def creeping() -> CalibrationFile:
     return calibration(smooth=smooth, uncertainty=NOTHING)
 
 
-@pytest.mark.parametrize(
-    ("cause", "waits_s"), [("missing", 5.0), ("restart", 1.0), ("disconnect", 1.0), ("start", 1.0)]
-)
-def test_creep_goes_on_while_scans_are_missing_unless_the_time_is_not_known(
-    cause: str, waits_s: float
-) -> None:
+@pytest.mark.parametrize("cause", ["missing", "restart", "disconnect", "start"])
+def test_creep_goes_on_while_scans_are_missing(cause: str) -> None:
     estimator = ForceEstimator(ARRAY, creeping())
     ones = np.ones((1, N))
     estimator.process(regular_block(ones, 1.0))
     estimator.process(Gap(1, cause, 4))  # type: ignore[arg-type]
     (event,) = estimator.process(regular_block(ones, 1.0, start_s=5.0, index=5))
-    assert event.fz_n == pytest.approx(1 - math.exp(-(1.0 + waits_s) / 10.0))
+    assert event.fz_n == pytest.approx(1 - math.exp(-(1.0 + 5.0) / 10.0))
+
+
+def test_a_tare_ends_creep() -> None:
+    estimator = ForceEstimator(ARRAY, creeping())
+    estimator.process(regular_block(np.ones((100, N)), 1.0))
+    estimator.tared()
+    (event,) = estimator.process(regular_block(np.zeros((1, N)), 1.0, start_s=100.0, index=100))
+    assert event.fz_n == 0.0
 
 
 @pytest.mark.parametrize("step_s", [0.3, 1.0, 1.45, 1.55])

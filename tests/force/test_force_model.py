@@ -110,11 +110,17 @@ def test_a_load_that_has_fallen_counts_less_until_the_touch_ends() -> None:
     assert load(0.5) == pytest.approx(1.0)  # the largest so far: nothing to correct
     assert load(0.25) == pytest.approx(0.5 / 1.25)  # at half of it, half of 0.5
     assert load(0.6) == pytest.approx(1.2)
-    assert load(0.0) == pytest.approx(0.0)  # released: the peak is forgotten
+    assert load(0.01) == pytest.approx(0.02)  # released: the peak is forgotten
     assert load(0.25) == pytest.approx(0.5)
     model.features(np.full((1, N), 1.0), [0.01])
     model.reset()
     assert load(0.25) == pytest.approx(0.5)
+
+
+def test_the_last_slope_of_the_curve_goes_on_beyond_it() -> None:
+    """From (1, 2) to (3, 3), a load of 0.5 for each unit of reading."""
+    features = pairs_model().features(np.full((1, N), 5.0), [0.01])
+    assert_allclose(features[0, :N], 4.0)
 
 
 def test_totals_and_moments_are_sums_over_the_channels() -> None:
