@@ -20,6 +20,7 @@ from tactiled.detect.grooves.estimator import JointTexture, WindowFit
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.window_fits import fit_line, fit_wave, fit_wave_or_line
 from tactiled.detect.signal.bridge import GapBridge
+from tactiled.detect.signal.contact_gate import levels_fault
 from tactiled.detect.signal.slip_gate import KnownSliding, KnownSlips
 from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S, SlidingSlip
 from tactiled.detect.worker import InPlace, Worker
@@ -82,16 +83,19 @@ class DetectParams(Params):
         ------
         ConfigError
             The setting needs shear and load, and the array does not measure both; or the unit of the array is
-            not that of its thresholds.
+            not that of its thresholds; or a contact would be released above the level where it begins.
         """
         made = factories(self.setting)
         if made.needs_shear and not array.measures_ratio:
-            fault = f"needs channels of shear and load: {array.name} lacks them"
+            fault = f"setting: {self.setting} needs channels of shear and load: {array.name} lacks them"
         elif made.unit not in ("", array.unit):
-            fault = f"has thresholds in {made.unit}: the readings of {array.name} are in {array.unit}"
+            fault = f"setting: {self.setting} has thresholds in {made.unit}: the readings of {array.name} are"
+            fault += f" in {array.unit}"
+        elif fault := levels_fault(array, self.grip.contact):
+            fault = f"grip.contact: {fault}"
         else:
             return
-        raise ConfigError(source, [f"detect.setting: {self.setting} {fault}"])
+        raise ConfigError(source, [f"detect.{fault}"])
 
     def unread(self) -> list[str]:
         """Return the keys that differ from their defaults but the setting ignores, as in ``grip.gross_p``."""

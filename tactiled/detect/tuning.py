@@ -58,6 +58,7 @@ class StartZero:
     def __init__(self, first_s: float) -> None:
         self._first_s = first_s
         self._held: list[ScanBlock | Gap] = []
+        self._n_wanted = 0  # scans that are still missing
         self.zero: FloatArray | None = None
         self.known_s = -np.inf
 
@@ -66,15 +67,19 @@ class StartZero:
         if self._first_s == 0 or self.zero is not None:
             return [item]
         if not self._held:  # the zero is that of the first readings
-            is_read = np.zeros(1) if isinstance(item, Gap) else item.valid.any(axis=1)
-            if isinstance(item, Gap) or not is_read.any():
+            if isinstance(item, Gap):  # what came before, with another zero, ends here
+                return [item]
+            is_read = item.valid.any(axis=1)
+            if not is_read.any():
                 return []
             item = item[int(is_read.argmax()) :]
+            self._n_wanted = max(1, round(self._first_s * item.rate_hz))
         self._held.append(item)
-        blocks = [held for held in self._held if isinstance(held, ScanBlock)]
-        n_wanted = max(1, round(self._first_s * blocks[0].rate_hz))
-        if sum(map(len, blocks)) < n_wanted:
+        self._n_wanted -= 0 if isinstance(item, Gap) else len(item)
+        if self._n_wanted > 0:
             return []
+        blocks = [held for held in self._held if isinstance(held, ScanBlock)]
+        n_wanted = sum(map(len, blocks)) + self._n_wanted
         valid = np.concatenate([block.valid for block in blocks])[:n_wanted]
         readings = np.where(valid, np.concatenate([block.volts for block in blocks])[:n_wanted], np.nan)
         seen = valid.any(axis=0)
@@ -94,15 +99,17 @@ class _Interval:
 
     def announced(self, now_s: float, duration_s: float) -> "_Interval":
         """Return an interval that starts now; while this one is running, its end is replaced."""
+        if duration_s == 0 and self.left_s(now_s) == 0:
+            return self  # nothing to end
         return _Interval(self.from_s if self.left_s(now_s) > 0 else now_s, now_s + duration_s)
 
     def left_s(self, now_s: float) -> float:
         """Return the remaining time."""
         return max(0.0, self.until_s - now_s)
 
-    def overlaps(self, from_s: float, until_s: float) -> bool:
-        """Return True if a span of time overlaps the interval."""
-        return from_s <= self.until_s and until_s >= self.from_s
+    def covers(self, *times_s: float) -> bool:
+        """Return True if one of the instants is within the interval."""
+        return any(self.from_s <= time_s <= self.until_s for time_s in times_s)
 
 
 class TunedSuite:
@@ -195,11 +202,13 @@ class TunedSuite:
         return in_order(events, forces)
 
     def _without_stuck(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
-        """Return the item with the readings of stuck channels marked as not valid."""
+        """Return the item without the readings of stuck channels, which say nothing: not even saturation."""
         if isinstance(item, Gap):
             return item
-        stuck = self._stuck.process(self._quantiser.process(item).steps)
-        return replace(item, valid=item.valid & ~stuck) if stuck.any() else item
+        stuck = self._stuck.process(self._quantiser.process(item).steps) & item.valid
+        if not stuck.any():
+            return item
+        return replace(item, volts=np.where(stuck, np.nan, item.volts), valid=item.valid & ~stuck)
 
     def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
         """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
@@ -314,6 +323,7 @@ class TunedSuite:
             place[key] = value
         try:
             params = tomlfile.parse(document, DetectParams, "")
+            params.check_array(self._array, "")
         except ConfigError as error:
             return "; ".join(error.faults), []
         if params == self.params:
@@ -345,7 +355,7 @@ class TunedSuite:
                 self._in_contact = event.state != "none"
             elif isinstance(event, SlipEvent) and (reason := self._suppressed(event)):
                 event = replace(event, valid=False, suppressed=reason)
-            elif isinstance(event, GripEvent) and self._inhibited.overlaps(event.time_s, event.time_s):
+            elif isinstance(event, GripEvent) and self._inhibited.covers(event.time_s):
                 event = replace(event, valid=False, suppressed="inhibit")
             out.append(event)
         return out
@@ -360,9 +370,9 @@ class TunedSuite:
             reason = "" if self._slip_is_published else self._slip_suppressed
             self._slip_is_published, self._slip_suppressed = False, ""
             return reason
-        if self._inhibited.overlaps(slip.onset_s, slip.detected_s):
+        if self._inhibited.covers(slip.onset_s, slip.detected_s):
             reason = "inhibit"
-        elif slip.kind == "incipient" and self._load_changes.overlaps(slip.onset_s, slip.detected_s):
+        elif slip.kind == "incipient" and self._load_changes.covers(slip.onset_s, slip.detected_s):
             reason = "load-change"
         self._slip_is_published |= not reason
         self._slip_suppressed = reason or self._slip_suppressed

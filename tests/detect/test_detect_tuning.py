@@ -318,3 +318,49 @@ def test_grip_messages_leave_the_other_events_alone(with_grip: list[Event]) -> N
     without = DetectParams(texture=SELDOM, grip=GripParams(publish=False))
     assert others == TunedSuite(WANG, without).process(TOUCH)
     assert [e.evidence_s for e in with_grip] == sorted(e.evidence_s for e in with_grip)
+
+
+@pytest.mark.parametrize(
+    ("from_s", "duration_s", "hidden"), [(2.0, 0.0, ""), (1.9, 0.05, ""), (1.9, 0.15, "load-change")]
+)
+def test_a_slip_is_suppressed_only_if_it_begins_or_is_detected_in_the_interval(
+    from_s: float, duration_s: float, hidden: str
+) -> None:
+    found = SlipEvent(
+        time_s=1.8, state="onset", kind="incipient", onset_s=1.8, onset_sd_s=0.1, direction_deg=0.0,
+        direction_sd_deg=1.0, confidence=1.0, taxels=(), detector="grip", statistic=1.0, threshold=0.0,
+        valid=True, detected_s=2.0,
+    )  # fmt: skip
+    tuned = TunedSuite(WANG, DetectParams(), build=lambda *_: Says([found]))  # type: ignore[arg-type]
+    tuned.expect_load_change(from_s, duration_s)
+    (said,) = tuned.process(TOUCH)
+    assert isinstance(said, SlipEvent)
+    assert said.suppressed == hidden
+
+
+class Says:
+    """Suite that gives the same events for every item, and keeps the items."""
+
+    def __init__(self, events: list[Event]) -> None:
+        self.events, self.items = events, list[ScanBlock | Gap]()
+
+    def process(self, item: ScanBlock | Gap) -> list[Event]:
+        self.items.append(item)
+        return self.events
+
+
+def test_a_gap_after_another_board_reaches_the_detectors_while_its_zero_is_awaited() -> None:
+    says, gap = Says([]), Gap(0, "disconnect", 300)
+    array = replace(WANG, zero_first_s=0.3)
+    tuned = TunedSuite(array, DetectParams(), build=lambda *_: says)  # type: ignore[arg-type]
+    tuned.process(rest())
+    tuned.forget_zero()
+    tuned.process(gap)
+    assert says.items[1:] == [gap]
+
+
+def test_a_level_of_contact_below_that_of_release_is_refused() -> None:
+    tuned = suite()
+    reason, _ = tuned.set_thresholds({"grip.contact.contact_volts": 0.1})
+    assert "contact_volts (0.1) must be above release_volts (0.15)" in reason
+    assert tuned.params == suite().params

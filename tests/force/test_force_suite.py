@@ -77,3 +77,24 @@ def test_forces_do_not_depend_on_chunks_when_a_new_clock_fit_moves_the_times(siz
     tuned = suite()
     parts = [forces(tuned.process(block[first : first + size])) for first in range(0, 400, size)]
     assert list(itertools.chain.from_iterable(parts)) == whole
+
+
+def test_a_stuck_channel_is_missing_and_not_saturated() -> None:
+    """It stays at its largest calibrated reading while the press ends."""
+    top = float(load_calibration("wang2019-3x3").largest_reading[0])
+    readings = (
+        volts(900, 0.0) + np.interp(np.arange(900), [0, 100, 500, 700], [0, top, top, 0])[:, np.newaxis]
+    )
+    readings[400:, 0] = top
+    last = forces(suite().process(regular_block(readings, 100.0)))[-1]
+    assert (last.channels_missing, last.saturated) == (1, False)
+    assert abs(last.fz_n) < 0.1
+
+
+def test_the_zero_is_followed_beside_a_dead_channel() -> None:
+    """Drift of 30 mV in 2000 s, which as a force is 1.3 N."""
+    readings = volts(2000) + 0.03 * np.linspace(0, 1, 2000)[:, np.newaxis]
+    valid = np.ones(readings.shape, dtype=np.bool_)
+    valid[:, 3] = False
+    force = ForceEstimator(ARRAY, load_calibration("wang2019-3x3"))
+    assert abs(force.process(regular_block(readings, 1.0, valid=valid))[-1].fz_n) < 0.2

@@ -90,6 +90,17 @@ def _levels(array: Array, params: ContactParams) -> tuple[Levels, float]:
     return Levels(*given, least_contact), early / CONTACT_SDS
 
 
+def levels_fault(array: Array, params: ContactParams) -> str:
+    """Return why levels, given or of the array file, cannot be used together; empty if they can."""
+    levels, _ = _levels(array, params)
+    if not 0.0 < levels.contact <= levels.release:
+        return ""
+    return (
+        f"contact_volts ({levels.contact:g}) must be above release_volts ({levels.release:g}); "
+        f"where one is left out, it is that of array {array.name}"
+    )
+
+
 class ContactTracker(Pressure):
     """Contact gate of an array at a scan rate: `measure` takes a block, and `step` each of its scans."""
 
