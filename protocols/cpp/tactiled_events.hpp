@@ -217,7 +217,8 @@ struct Grip {
     static constexpr const char* UNIT_RELATIVE = "relative";
     std::string unit;
     // Load at which utilisation would be 0.7 if friction were friction_low and shear were larger by the
-    // uncertainty of its zero, in unit. In the state unknown, at least the present load.
+    // uncertainty of its zero, in unit. In the state unknown, at least the present load. It says how far the
+    // load is from a safe one, and is no grip to command: a firmer grip also changes the shear.
     double needed_load = 0.0;
     // none: the contact has ended; unknown: the contact may hold or slide, because its beginning was not
     // seen or its load is too small for an estimate; sticking: at most a tenth of the area slips; partial:
