@@ -94,10 +94,15 @@ class ControllerOfCpp:
         return float(self.process.stdout.readline())
 
 
-@pytest.mark.parametrize("restarts", [False, True])
-def test_the_controller_of_cpp_holds_as_that_of_python(tmp_path: Path, restarts: bool) -> None:
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     need_native()
-    program = compile_program(tmp_path, Path(__file__).with_name("hold.cpp"), "-std=c++17", f"-I{HEADERS}")
+    source = Path(__file__).with_name("hold.cpp")
+    return compile_program(tmp_path_factory.mktemp("hold"), source, "-std=c++17", f"-I{HEADERS}")
+
+
+@pytest.mark.parametrize("restarts", [False, True])
+def test_the_controller_of_cpp_holds_as_that_of_python(program: Path, restarts: bool) -> None:
     scenes, array = [hold(seed) for seed in range(500, 502)], load_array("wang2019-3x3")
     with ExitStack() as stack:
         controllers = [ControllerOfCpp(program, stack) for _ in scenes]
