@@ -68,13 +68,14 @@ public:
             board_ = grip.board;
         contact_s_ = grip.timestamp;
         touched_s_ = std::min(touched_s_, grip.timestamp);
+        // An incipient slip makes the state partial, also of a contact whose beginning nobody saw.
+        if (grip.state != Grip::STATE_UNKNOWN && grip.state != Grip::STATE_PARTIAL)
+            most_unseen_n_ = INF;
+        else if (grip.state == Grip::STATE_UNKNOWN && grip.valid && most_unseen_n_ == INF)
+            most_unseen_n_ = GRASP_MOST * command_n_;
         if (grip.timestamp < touched_s_ + PRESS_S || !grip.valid || grip.late || grip.load < 1 / MOST)
             return command_n_;
-        if (grip.state != Grip::STATE_UNKNOWN)
-            most_unseen_n_ = INF;
-        else if (most_unseen_n_ == INF)
-            most_unseen_n_ = GRASP_MOST * command_n_;
-        if (!(0 < present_n && present_n < MOST))
+        if (!(1 / MOST < present_n && present_n < MOST))
             present_n = newtons_per_reading_ > 0 ? newtons_per_reading_ * grip.load : command_n_;
         const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
@@ -139,6 +140,10 @@ private:
     // True where each number that is used is possible; friction is of a contact alone.
     static bool is_usable(const Grip &grip)
     {
+        const std::string states[] = {Grip::STATE_NONE, Grip::STATE_STICKING, Grip::STATE_PARTIAL,
+                                      Grip::STATE_GROSS, Grip::STATE_UNLOADING, Grip::STATE_UNKNOWN};
+        if (std::find(std::begin(states), std::end(states), grip.state) == std::end(states))
+            return false;
         for (double number : {grip.timestamp, grip.shear_x, grip.shear_y, grip.load})
             if (!(std::abs(number) < MOST))
                 return false;

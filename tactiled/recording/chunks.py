@@ -96,6 +96,9 @@ class Extent:
     is_complete: bool = False  # the end-of-data record was found: nothing is cut off
     damages: list[Damage] = field(default_factory=list)  # unreadable stretches before the end
     orphans: int = 0  # messages whose channel is unknown, because its description is lost
+    lost_chunks: int = (
+        0  # whole chunks whose data are damaged, also at the end of a file that was not finished
+    )
 
     @property
     def share_read(self) -> float:
@@ -174,7 +177,9 @@ def chunks(stream: BinaryIO, extent: Extent) -> Iterator[list[ChannelMessage] | 
                     yield record
             entries = _entries(records, schemas, channels)
             extent.orphans += sum(isinstance(record, Message) for record in records) - len(entries)
-            n_damaged += 0 if records or is_damaged else end - at
+            if not records and not is_damaged:
+                n_damaged += end - at
+                extent.lost_chunks += 1
         if is_damaged:
             next_at = _next_chunk(stream, at + 1, size)
             if next_at < 0:

@@ -66,7 +66,7 @@ def recover(
         Default: the name without ``.active``; of other files, ``NAME.recovered.mcap``.
     replace_original : bool
         Remove the original once the new file is on disk, and copy its modification time to the new file.
-        An original with damage before its end is kept, as ``NAME.active.damaged``.
+        An original with damage is kept, as ``NAME.active.damaged``, unless only its last chunk is not whole.
 
     Raises
     ------
@@ -94,7 +94,7 @@ def recover(
             raise DataError(f"{out}: cannot be written: {error.strerror}") from None
         if replace_original:
             try:
-                if extent.is_damaged:
+                if extent.is_damaged or extent.lost_chunks:
                     kept = path.rename(path.with_name(path.name + DAMAGED))
                 else:
                     path.unlink()

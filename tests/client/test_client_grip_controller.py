@@ -105,7 +105,7 @@ def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
 
 
 @given(
-    st.sampled_from(["timestamp", "shear_x", "shear_y", "load", "friction", "friction_low"]),
+    st.sampled_from(["timestamp", "shear_x", "shear_y", "load", "friction", "friction_low", "state"]),
     st.sampled_from([math.nan, math.inf, -math.inf, 1.7e308, "1", None, [1.0]]),
 )
 def test_values_that_are_no_numbers_change_nothing_then_or_later(name: str, number: Any) -> None:
@@ -165,8 +165,8 @@ def test_a_contact_that_flickers_is_the_same_object() -> None:
     assert controller.take(grip(1.1, state="gross"), 6.0) >= grip_controller.GRASP_AGAIN * 6.0
 
 
-@pytest.mark.parametrize("reading", [0.0, -12.0, math.nan, math.inf])
-def test_a_gripper_without_a_reading_keeps_its_hold_and_answers_a_slip(reading: float) -> None:
+@pytest.mark.parametrize("reading", [0.0, -12.0, math.nan, math.inf, 5e-324, None, "6"])
+def test_a_gripper_without_a_reading_keeps_its_hold_and_answers_a_slip(reading: Any) -> None:
     controller = pressed()
     held_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
     after = played(controller, [grip(6.0 + k / 100) for k in range(300)], reading)
@@ -253,10 +253,12 @@ def test_the_example_is_short_and_imports_the_client_alone() -> None:
     assert len(lines) <= 60
 
 
-def test_shear_that_grows_with_the_grip_does_not_tighten_it_without_end() -> None:
+@pytest.mark.parametrize("states", [("unknown",), ("unknown", "partial")])
+def test_shear_that_grows_with_the_grip_does_not_tighten_it_without_end(states: tuple[str, ...]) -> None:
     """A contact that nobody saw begin, in which pressing makes shear of a quarter of the load."""
     controller, present_n = GripController(start_n=6.0), 6.0
     for k in range(1000):
-        message = grip(k / 100, load=present_n, shear=0.25 * present_n, friction_low=0.2, state="unknown")
+        state = states[k // 40 % len(states)]
+        message = grip(k / 100, load=present_n, shear=0.25 * present_n, friction_low=0.2, state=state)
         present_n += 0.5 * (controller.take(message, present_n) - present_n)
     assert 6.0 < present_n < 1.75 * 6.0

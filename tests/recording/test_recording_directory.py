@@ -121,6 +121,16 @@ def test_unfinished_files_are_recovered_and_files_being_written_are_not(tmp_path
     )
 
 
+def test_an_original_whose_last_chunk_is_whole_and_damaged_is_kept(tmp_path: Path) -> None:
+    sizes = record(tmp_path / "whole.mcap", simulated_reads(2.0))
+    data = bytearray((tmp_path / "whole.mcap").read_bytes()[: sizes[-1]])
+    data[data.rindex(b"zstd") + 30] ^= 0xFF
+    active = tmp_path / (name(0) + ACTIVE)
+    active.write_bytes(data)
+    assert [is_recovered for is_recovered, _ in recover_directory(tmp_path)] == [True]
+    assert (tmp_path / (name(0) + ACTIVE + DAMAGED)).read_bytes() == data
+
+
 def test_a_damaged_original_is_kept_until_retention_removes_it(tmp_path: Path) -> None:
     reads = simulated_reads(2.0)
     sizes = record(tmp_path / "whole.mcap", reads)

@@ -42,7 +42,7 @@ def nodes_of_boards(context: LaunchContext) -> list[LifecycleNode]:
             parameters=[{"board": ParameterValue(board, value_type=str)} | values | flags],
             output="screen",
         )
-        for board in boards.split(",")
+        for board in map(str.strip, boards.split(","))
     ]
 
 

@@ -157,7 +157,9 @@ class Session:
         """Handle an answer of the board to a command."""
         stop = self._last_stop
         if stop is not None and (answer.command, answer.token) == ("stop", stop.token):
-            if answer.result != "busy":
+            if answer.result == "busy":
+                self._last_stop = self._asking.new_command("stop")
+            else:
                 self._last_stop, self._stop_again_s = None, math.inf
             return []
         if answer.command == "ping" and answer.result == "unknown_command":
@@ -208,7 +210,7 @@ class Session:
             if self._last_stop is None or now_s < self._stop_again_s:
                 return []
             self._stop_again_s = now_s + ANSWER_S
-            return [self._last_stop]  # with its token: a late answer to any of them counts
+            return [self._last_stop]  # with its token where the answer was lost: protocols/board.md
         if self._running and now_s >= self._scan_s + self.silence_s:
             self._running, self._stalled = False, True
             self._streaming = self._hello_shows_ready = False

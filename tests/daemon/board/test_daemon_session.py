@@ -390,7 +390,11 @@ def test_the_last_stop_is_repeated_until_it_is_answered() -> None:
     assert not bench.session.is_stopping
     stops = [command for command in bench.sent if command.name == "stop"]
     assert len(stops) == 6  # every 0.2 s, and the last one is answered
-    assert len({command.token for command in stops}) == 1
+    tokens = [command.token for command in stops]
+    assert (
+        len(set(tokens[:4])) == 1
+    )  # lost, or answered for the first time: the board may have carried it out
+    assert len(set(tokens[3:])) == 3  # after "busy", a new one
 
 
 def test_firmware_without_hello_and_commands_runs_when_scans_come() -> None:

@@ -16,7 +16,9 @@ A controller is for one grasp with one board: make a new one for the next grasp.
 import math
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
+
+from tactiled.events.types import GripState
 
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
 PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
@@ -48,6 +50,7 @@ _EASE_PER_S = 4.0  # rate at which the grip in excess is eased
 _STEADY, _STEADY_S = 0.03, 0.1  # a grip that has changed by less than this part for this time is steady
 _UNSTEADY = 1.2  # newtons over readings of a changing grip, over those of a steady one, at most
 GONE_S = 0.2  # without contact after a valid `none`: the object has left the hand
+_STATES = frozenset(get_args(GripState))
 _MOST = 1e50  # numbers beyond, and loads below its inverse, are no readings: quotients stay finite
 BLIND = 1.3  # times the grip that was wanted last, while tactile data are stale
 
@@ -64,7 +67,9 @@ class _Seen(NamedTuple):
 def _is_usable(grip: Mapping[str, Any]) -> bool:
     """Return True where each field that is used has a possible value; friction is of a contact alone."""
     try:
-        is_typed = isinstance(grip["valid"], bool) and isinstance(grip["late"], bool)
+        is_typed = (
+            isinstance(grip["valid"], bool) and isinstance(grip["late"], bool) and grip["state"] in _STATES
+        )
         numbers = (grip[name] for name in ("timestamp", "shear_x", "shear_y", "load"))
         if not is_typed or not all(abs(number) < _MOST for number in numbers):
             return False
@@ -154,14 +159,15 @@ class GripController:
         self._left_s, self._board = math.inf, self._board or board
         self._contact_s = grip["timestamp"]
         self._touched_s = min(self._touched_s, grip["timestamp"])
+        # An incipient slip makes the state partial, also of a contact whose beginning nobody saw.
+        if grip["state"] not in ("unknown", "partial"):
+            self._most_unseen_n = math.inf
+        elif grip["state"] == "unknown" and grip["valid"] and self._most_unseen_n == math.inf:
+            self._most_unseen_n = _GRASP_MOST * self.command_n
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] < 1 / _MOST:
             return self.command_n
-        if grip["state"] != "unknown":
-            self._most_unseen_n = math.inf
-        elif self._most_unseen_n == math.inf:
-            self._most_unseen_n = _GRASP_MOST * self.command_n
-        if not 0 < present_n < _MOST:
+        if not isinstance(present_n, int | float) or not 1 / _MOST < present_n < _MOST:
             present_n = self._newtons_per_reading * grip["load"] or self.command_n
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
