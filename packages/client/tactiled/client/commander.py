@@ -194,7 +194,10 @@ class AsyncCommander(_Connected):
     """Send commands to a daemon from asyncio; parameters and errors as for `Commander`."""
 
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
-        """Send a request and wait for the reply, one at a time; errors as for `Commander.send`."""
+        """Send a request and wait for the reply; errors as for `Commander.send`.
+
+        Requests of several tasks go one at a time; `timeout_s` counts from the turn of each.
+        """
         async with self._one_at_a_time:
             request = self._request(do, arguments, timeout_s)
             poller = zmq.asyncio.Poller()
