@@ -82,16 +82,21 @@ def test_all_entries_are_in_the_file(tmp_path: Path) -> None:
     assert recorder.reads_dropped == 0
 
 
+def overflow(recorder: Recorder, disk: StuckDisk) -> None:
+    """Record more reads than the queue takes, while the disk is stuck: `record` returns all the same."""
+    recorder.record(read(0), (), None)
+    assert disk.entered.wait(PATIENCE_S)
+    for k in range(1, 201):
+        recorder.record(read(k), (), None)
+
+
 def test_a_stuck_disk_delays_nothing_and_the_loss_is_marked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         disk = StuckDisk(monkeypatch)
-        recorder.record(read(0), (), None)
-        assert disk.entered.wait(PATIENCE_S)
-        for k in range(1, 201):
-            recorder.record(read(k), (), None)  # returns, though nothing is written
+        overflow(recorder, disk)
         dropped = recorder.reads_dropped
         assert dropped >= 150
         assert report(recorder).reads_dropped == dropped
@@ -114,10 +119,7 @@ def test_a_loss_at_the_end_of_the_recording_is_marked(
     monkeypatch.setattr(recorder_module, "_QUEUE_ITEMS", 50)
     with Recorder(PARAMS, HEADER, tmp_path / "a.mcap") as recorder:
         disk = StuckDisk(monkeypatch)
-        recorder.record(read(0), (), None)
-        assert disk.entered.wait(PATIENCE_S)
-        for k in range(1, 201):
-            recorder.record(read(k), (), None)
+        overflow(recorder, disk)
         disk.free.set()
         until(lambda: not is_switched_off or recorder.switch(False, None) == "")
     *got, mark = items(tmp_path / "a.mcap")
