@@ -56,7 +56,7 @@ def draw_log(
     textures = [e for e in events if isinstance(e, TextureEvent)]
     answers = [e for e in textures if e.status == "ok"]
     grips = [e for e in events if isinstance(e, GripEvent)]
-    spread = np.nan_to_num(np.nanstd(np.where(np.isfinite(volts), volts, 0.0), axis=0))
+    spread = np.ma.masked_invalid(volts).std(axis=0).filled(0.0)
     taxel = int(np.argmax(np.bincount(array.channel_taxel, spread, array.n_taxels)))
     channels = np.flatnonzero(array.channel_taxel == taxel)[: len(CHANNELS)]
     rows = ["rr"] + ["gg"] * bool(grips) + ["pa"] * bool(answers)
@@ -143,7 +143,7 @@ def _draw_onset(
     onset_s = truth.onsets_s[0] if truth is not None and truth.onsets_s else first.onset_s
     near = (time_s > onset_s - 0.1) & (time_s < onset_s + 0.25)
     for color, channel in zip(CHANNELS, channels, strict=False):
-        change = volts[near, channel] - volts[near, channel][0]
+        change = volts[near, channel] - volts[near, channel][:1]
         axis.plot(1e3 * (time_s[near] - onset_s), 1e3 * change, ".-", color=color, lw=0.9, ms=4)
     if is_known:
         axis.axvline(0, color=TRUTH, lw=2.5, alpha=0.6, label="true: a tenth slips")

@@ -59,6 +59,26 @@ def test_a_log_with_refused_grooves_shows_slips_and_the_reason(tmp_path: Path, f
         assert len(axis.lines) <= 5 + 3  # channels, and marks of one slip
 
 
+def test_the_taxel_that_moves_most_is_drawn_whatever_is_missing(
+    tmp_path: Path, figures: list[Figure]
+) -> None:
+    volts = 5.0 + sheared(0.3)
+    volts[:, 8:] = 6.0
+    volts[::10, 12:16] = np.nan
+    draw_log(tmp_path / "a.png", ARRAY, TIME_S, volts, [], "a")
+    assert figures[0].get_suptitle().startswith("a: taxel 0 of")
+
+
+def test_a_slip_without_a_scan_near_its_onset_is_drawn(tmp_path: Path, figures: list[Figure]) -> None:
+    onset = SlipEvent(
+        time_s=2.25, state="onset", kind="gross", onset_s=2.25, onset_sd_s=0.1, direction_deg=0.0,
+        direction_sd_deg=180.0, confidence=1.0, taxels=(4,), detector="test", statistic=2.0, threshold=1.0,
+        valid=True, detected_s=3.0,
+    )  # fmt: skip
+    draw_log(tmp_path / "a.png", ARRAY, TIME_S[::50], sheared(0.3)[::50], [onset], "a")
+    assert [axis.get_title() for axis in figures[0].axes] == ["", "first gross slip"]
+
+
 def test_a_log_with_margins_has_a_row_for_them_and_for_the_truth(
     tmp_path: Path, figures: list[Figure]
 ) -> None:
