@@ -16,21 +16,22 @@ from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import TactiledError
+from tactiled.events.incoming import checked_map
 from tactiled.recording.session import RecordParams
 
 _STATUS_S = 0.5  # a running daemon sends five in that time
 
 
 def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
-    """Status of the daemon on these endpoints; None where there is none."""
+    """Status of the daemon on these endpoints; None where there is none, or no status as we declare it."""
     for endpoint in publish.endpoints:
         if publish.is_guarded(endpoint):
             continue
         with contextlib.suppress(TactiledError), Subscription(_filled(endpoint), ("status",)) as status:
             until_s = time.monotonic() + _STATUS_S
-            while (item := status.next_item(until_s)) is not None:
+            while time.monotonic() < until_s and (item := status.next_item(until_s)) is not None:
                 if isinstance(item, Message):
-                    return item.data
+                    return checked_map("status", item.data)
     return None
 
 

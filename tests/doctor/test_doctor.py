@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import msgpack
 import pytest
 import zmq
 from commands import call
@@ -264,6 +265,28 @@ def test_endpoints_bound_by_another_program_fail(setup: Setup) -> None:
     assert "in use" in fault
     assert [finding.verdict for finding in unasked].count("warn") == 1
     assert failed(unasked) == []
+
+
+def test_statuses_of_a_foreign_publisher_are_no_daemon(tmp_path: Path) -> None:
+    publish = PublishParams(endpoints=[f"ipc://{tmp_path}/events.ipc"])
+    status = {"v": 1, "seq": 0, "run": 0, "board": "x", "timestamp": 0.0}
+    is_over = threading.Event()
+
+    def flood() -> None:
+        with zmq.Context() as context, context.socket(zmq.PUB) as foreign:
+            foreign.bind(publish.endpoints[0])
+            while not is_over.is_set():
+                for payload in (b"\xff", msgpack.packb(status)):
+                    foreign.send_multipart([b"tactile/x/status", payload])
+                time.sleep(1e-4)
+
+    thread = threading.Thread(target=flood)
+    thread.start()
+    try:
+        assert running_daemon(publish) is None
+    finally:
+        is_over.set()
+        thread.join()
 
 
 def test_a_daemon_that_reads_another_port_is_a_failure(tmp_path: Path) -> None:
