@@ -51,6 +51,15 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
     _write_manifest(root, plan, written)
 
 
+def written_for(name: str, root: Path) -> dict[str, str]:
+    """Return the files that `write` wrote for a board, with their digests; errors as for `remove`."""
+    manifest = _under(root, f"/etc/tactiled/{name_of(name)}.setup.json")
+    if not manifest.exists():
+        known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
+        raise OperatorError(f"{name}: not set up here; set up: {', '.join(known) or 'nothing'}")
+    return _read_manifest(root, name)
+
+
 def remove(name: str, root: Path, say: Say) -> None:
     """Remove what `write` wrote for a board, except for files that were edited since.
 
@@ -62,11 +71,7 @@ def remove(name: str, root: Path, say: Say) -> None:
     OperatorError
         The name is none, nothing was set up under it, or a file cannot be removed.
     """
-    manifest = _under(root, f"/etc/tactiled/{name_of(name)}.setup.json")
-    written = _read_manifest(root, name)
-    if not manifest.exists():
-        known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
-        raise OperatorError(f"{name}: not set up here; set up: {', '.join(known) or 'nothing'}")
+    written = written_for(name, root)
     others = _written_for_others(root, name)
     for name_of_file, digest in sorted(written.items()):
         path = _under(root, name_of_file)
@@ -79,7 +84,7 @@ def remove(name: str, root: Path, say: Say) -> None:
         else:
             _unlink(path)
             say(f"removed    {name_of_file}")
-    _unlink(manifest)
+    _unlink(_under(root, f"/etc/tactiled/{name}.setup.json"))
     state = _under(root, f"/var/lib/tactiled/{name}")
     with contextlib.suppress(OSError):  # there is none, or one with recordings
         state.rmdir()

@@ -6,8 +6,7 @@ from pathlib import Path
 import click
 
 from tactiled.doctor.finding import as_text
-from tactiled.outside import name_of
-from tactiled.setup.apply import remove, run_commands, write
+from tactiled.setup.apply import remove, run_commands, write, written_for
 from tactiled.setup.find import examine, find_ports, port_at
 from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
@@ -57,7 +56,7 @@ def run_setup(
 
 def run_remove(name: str, root: Path) -> None:
     """Undo the setup of a board; errors as for `remove`."""
-    name_of(name)  # before it is in the name of a unit
+    written_for(name, root)  # before a unit is stopped, which somebody else may have made
     if root == Path("/"):
         run_commands((("systemctl", "disable", "--now", f"tactiled@{name}.service"),), _say)
     remove(name, root, _say)

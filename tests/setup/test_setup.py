@@ -232,6 +232,14 @@ def test_removal_of_what_is_no_name_touches_nothing(tmp_path: Path, name: str) -
     assert tree(tmp_path) == before
 
 
+def test_a_unit_of_somebody_else_is_not_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
+    run: list[tuple[str, ...]] = []
+    monkeypatch.setattr(setup_run, "run_commands", lambda commands, _: run.extend(commands))
+    with pytest.raises(OperatorError, match="not set up here"):
+        setup_run.run_remove("made-by-hand", Path("/"))
+    assert run == []
+
+
 @pytest.mark.parametrize(
     "listed",
     [b"\xff\x00", b"[]", b"[" * 50_000, b'{"/etc/passwd": "0"}', b'{"/etc/tactiled/../passwd": "0"}'],
