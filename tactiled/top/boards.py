@@ -92,6 +92,15 @@ class BoardView:
             if topic in self.newest and self.newest[topic]["run"] != run:
                 del self.newest[topic]
 
+    def drop_ended(self, status: Mapping[str, Any]) -> None:
+        """Forget a slip and a contact that a later status does not have: their end was lost, or came late."""
+        at_s = status["timestamp"]
+        if self.slip is not None and not status["slipping"] and self.slip["detected"] <= at_s:
+            self.slip = None
+        contact = self.newest.get("contact")
+        if contact is not None and contact["state"] != status["contact"] and contact["timestamp"] <= at_s:
+            del self.newest["contact"]
+
     def current(self, topic: str) -> Mapping[str, Any] | None:
         """Return the newest message of a topic that comes with each scan; None where it has ended."""
         message, scan = self.newest.get(topic), self.newest.get("scan")
@@ -176,6 +185,8 @@ class BoardViews:
             board.geometry = geometry_of(data, self._array)
         if message.topic in ("status", "scan"):
             board.drop_other_runs(data["run"])
+        if message.topic == "status":
+            board.drop_ended(data)
         board.newest[message.topic] = data
         if message.topic == "slip":
             board.slip = None if data["state"] == "end" else data

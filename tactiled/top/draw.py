@@ -32,6 +32,7 @@ _OTHERS = 3  # boards: as many lines as leave the array in sight of 24
 _LEAST = 0.03  # of full colour: a shear below has no direction, as on the page
 _CELL = (9, 2)  # columns and lines of a taxel where there is room
 _ARRAY_LINES = 10
+_NARROW = 60  # columns: on fewer, the facts stand below the array, as they have no room beside it
 
 
 def draw(
@@ -53,6 +54,8 @@ def draw(
     full = 1.0 if board.geometry is None else (board.geometry["high"] - board.geometry["low"]) / 2 / part
     left = _array(board, live, max(20, width // 2 - 4), full)
     right = _facts(board, live, full)
+    if width < _NARROW:
+        left, right = [*left, *right], []
     beside = max(24, *(line.cell_len for line in left)) + 1
     lines = [*_sentence(board, now_unix_s, width), _name(board, full)]
     for other in others[:_OTHERS]:
@@ -104,10 +107,11 @@ def _sentence(board: BoardView, now_unix_s: float, width: int) -> list[Text]:
         said = verdict(board, now_unix_s)
         is_calm = said.level in ("free", "good")  # else a warning on the host can wait
         second = lamp.words if is_calm and lamp.words else said.sure
-        words = [said.sentence, *wrap(second, max(20, width - 14))][:_SENTENCE_LINES]
+        paragraphs = [said.sentence, second]
         style = _LEVELS.get(said.level, _CALM if lamp.state == "FRESH" else _LATE)
     else:
-        words, style = wrap(lamp.words, max(20, width - 14))[:_SENTENCE_LINES], _OLD
+        paragraphs, style = [lamp.words], _OLD
+    words = [line for each in paragraphs for line in wrap(each, max(20, width - 14))][:_SENTENCE_LINES]
     beside = [f" {_LAMPS[lamp.state]} {lamp.state:8}  ", f" {age_in_words(lamp.age_s):>10}  "]
     rows = zip_longest(beside, words, fillvalue="")
     return [Text(f"{left:13}{right}".ljust(width), style) for left, right in rows]

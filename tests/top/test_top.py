@@ -21,7 +21,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from message_strategies import instances
-from messages import SLIP, STATUS, anything
+from messages import CONTACT, SLIP, STATUS, anything
 from pages import robot
 from patience import PATIENCE_S
 from verdicts import AT_S, CASES, Case
@@ -91,7 +91,7 @@ def test_the_lamp_follows_the_instants_in_the_messages(
 
 
 @pytest.mark.parametrize("name", shipped_names("config/arrays"))
-@pytest.mark.parametrize("size", [(80, 24), (200, 60), (40, 10)])
+@pytest.mark.parametrize("size", [(80, 24), (200, 60), (40, 10), (40, 24)])
 @pytest.mark.parametrize("after_s", [0.05, 9.0])
 def test_every_array_fits_every_screen(name: str, size: tuple[int, int], after_s: float) -> None:
     views = views_of(name)
@@ -100,7 +100,10 @@ def test_every_array_fits_every_screen(name: str, size: tuple[int, int], after_s
     assert len(lines) == size[1]
     assert max(line.cell_len for line in lines) <= size[0]
     words = "\n".join(line.plain for line in lines)
-    assert ("Slipping towards +x +y" in words) == (after_s < 1.0) or size[0] == 40
+    said = " ".join(line.plain[13:].strip() for line in lines[:3])
+    assert ("Slipping towards +x +y for 17 min: tighten" in said) == (after_s < 1.0)
+    if after_s < 1.0 and size[1] >= 24:
+        assert "rate  100.0 Hz" in words
     assert "keys" in words
 
 
@@ -194,6 +197,19 @@ def test_newtons_are_those_of_a_calibration(fields: dict[str, Any], words: str) 
     views.take(message(ForceEvent(time_s=NOW_S, fx_n=3.0, fy_n=4.0, fz_n=12.0, **sds, **fields)))
     text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 100, 24, ""))
     assert f"force  {words}" in text
+
+
+def test_a_slip_and_a_contact_whose_ends_were_lost_end_with_the_next_status() -> None:
+    views = views_of()
+    board = views.boards["TS1"]
+    views.take(message(replace(CONTACT, time_s=NOW_S, state="sliding")))
+    views.take(message(replace(SLIP, time_s=NOW_S + 0.1, onset_s=NOW_S, detected_s=NOW_S + 0.1)))
+    views.take(message(replace(STATUS, time_s=NOW_S + 0.05, contact="none", slipping=False), 1))
+    assert board.slip is not None  # said before the slip
+    views.take(message(replace(STATUS, time_s=NOW_S + 0.15, contact="sliding", slipping=True), 2))
+    assert verdict(board, NOW_S + 0.2).sentence.startswith("Slipping")
+    views.take(message(replace(STATUS, time_s=NOW_S + 0.25, contact="none", slipping=False), 3))
+    assert verdict(board, NOW_S + 0.3).sentence == "Nothing touches the skin"
 
 
 def of_run(run: int, event: Event, seq: int = 0) -> Message:
