@@ -54,7 +54,9 @@ def test_a_calibration_needs_a_reference_or_the_guide(tmp_path: Path) -> None:
         ("t,fz\n1,2\n", "the header needs time_s"),
         (GOOD.replace("0.3,3", "0.3,3,1"), "has 3 cells"),
         (GOOD.replace("0.3,3", "0.3,three"), "'three' is not a number"),
-        (GOOD.replace("0.3,3", "0.9,3"), "does not grow"),
+        (GOOD.replace("0.1,1", "0.1,").replace("0.3,3", "0.9,3"), "line 6: time_s does not grow"),
+        (GOOD.replace("0.3,3", "0.3," + 9000 * "x"), "'x{60}'... is not a number"),
+        ("t\x1b[2J,fz_n\n1,2\n", r"it has 't\\x1b\[2J'"),
         ("time_s,fz_n\n1.0,2\n", "at least 20"),
     ],
 )
