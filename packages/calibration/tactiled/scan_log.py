@@ -19,6 +19,8 @@ from tactiled.recording.table import TableOptions
 from tactiled.recording.whole import read_whole
 from tactiled.samples.block import Gap, ScanBlock
 
+_SET_BACK_S = 1.0  # a clock that is corrected by less costs a few scans
+
 
 @dataclass(frozen=True, eq=False)
 class ScanLog:
@@ -90,13 +92,18 @@ class LiveScans:
         self.readings: list[FloatArray] = []  # (channels,) each
 
     def listen(self, seconds: float) -> None:
-        """Keep the scans of the next `seconds`."""
+        """Keep the scans of the next `seconds`; `DataError` where their times go back."""
         until_s = time.monotonic() + seconds
         while (item := self._subscription.next_item(until_s)) is not None:
             message = item.message if isinstance(item, Recovered) else item
             if isinstance(message, Message) and (message.topic, message.board) == ("scan", self.board):
                 scan = message.data
-                if not self._time_s or scan["timestamp"] > self._time_s[-1]:
+                back_s = self._time_s[-1] - scan["timestamp"] if self._time_s else -1.0
+                if back_s > _SET_BACK_S:
+                    raise DataError(
+                        f"the clock of the daemon's host was set back by {back_s:.1f} s; try again"
+                    )
+                if back_s < 0.0:
                     self._time_s.append(scan["timestamp"])
                     self.readings.append(np.where(scan["valid"], scan["volts"], np.nan))
             elif isinstance(item, Stale):

@@ -5,6 +5,7 @@ The guide keeps the information of a linear map of the readings, and asks for th
 would be known least.
 """
 
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tactiled.array import Array, FloatArray
+from tactiled.calibrate.data import start_zero
 from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError
 from tactiled.scan_log import LiveScans
@@ -76,13 +78,12 @@ class Guide:
 
     def add(self, readings: FloatArray) -> None:
         """Take the scans (n, channels) of about a second; NaN where missing."""
-        known = np.nan_to_num(readings)
         if self._zero is None:
-            first = known[:_QUIET_SCANS]
-            self._zero = np.median(first, axis=0) if self._array.zero_first_s else self._array.zero
-            change = np.diff(known, axis=0)
+            first = readings[:_QUIET_SCANS]
+            self._zero = start_zero(np.zeros(len(first)), first, self._array)
+            change = np.diff(np.nan_to_num(first - self._zero), axis=0)
             self._noise = float(np.median(change.std(axis=0)) / np.sqrt(2)) if len(change) > 1 else 0.0
-        relative = known - self._zero
+        relative = np.nan_to_num(readings - self._zero)
         # Neighbouring scans are nearly the same: a second counts as one look at each of its directions.
         self._information += relative.T @ relative / max(len(relative), 1)
         responses = relative @ self._patterns.T
@@ -148,8 +149,8 @@ def record_guided(
     the first one of the daemon is taken. `DataError` or `ConfigError` where there is no daemon, no board or
     no scan, or the array is not known here.
     """
-    if log.suffix != ".npz" or not log.parent.is_dir():
-        raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists, to be written"])
+    if log.suffix != ".npz" or not os.access(log.parent, os.W_OK):
+        raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists and may be written"])
     with Subscription(endpoint, ("scan", "info"), board=board or None, keys=keys) as subscription:
         scans = LiveScans(subscription, endpoint, array, report)
         guide = Guide(scans.array)
@@ -169,8 +170,11 @@ def record_guided(
                 report(f"{elapsed_s:4.0f} s  {motion} (now {100 * advice.worst:.0f} %)")
                 said = motion
     recorded = scans.log()
-    np.savez_compressed(log, time_s=recorded.time_s, volts=recorded.readings)
-    lacking = "" if is_good else f"; still lacking: {advice.motion}"
+    try:
+        np.savez_compressed(log, time_s=recorded.time_s, volts=recorded.readings)
+    except OSError as error:
+        raise DataError(f"{log}: cannot be written: {error.strerror}") from None
+    lacking = f"; still lacking: {advice.motion}" if advice.motion else ""
     report(f"{log}: {len(recorded.time_s)} scans{lacking}. Stop the record of the force sensor.")
     duration_s = float(recorded.time_s[-1] - recorded.time_s[0])
-    return GuidedLog(len(recorded.time_s), duration_s, "" if is_good else advice.motion)
+    return GuidedLog(len(recorded.time_s), duration_s, advice.motion)
