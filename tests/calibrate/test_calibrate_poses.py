@@ -63,6 +63,12 @@ def test_poses_in_any_order_give_the_same_errors_and_no_creep() -> None:
     assert np.sqrt((other.left_out**2).mean()) == pytest.approx(np.sqrt((found.left_out**2).mean()), rel=0.1)
 
 
+def test_poses_in_order_of_their_force_show_no_drift() -> None:
+    readings, values = poses()
+    order = np.argsort(values[:, 2])
+    assert fitted(chip(), readings[order], values[order]).file.uncertainty.walk_n == [0.0, 0.0, 0.0]
+
+
 def test_a_pose_that_lacks_in_one_file_moves_no_other() -> None:
     readings, values = poses()
     rows = np.arange(len(values), dtype=np.float64)

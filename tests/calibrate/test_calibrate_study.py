@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, TaxelChannel, build, load_array
-from tactiled.calibrate.data import ReferenceTable
+from tactiled.calibrate.checks import check_reference
+from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log
+from tactiled.calibrate.pairs import PairsFitter, _peaks
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
 from tactiled.emulator.rig.motion import Loads
 from tactiled.emulator.rig.reference import ReferenceSensor
@@ -300,3 +302,29 @@ def test_a_free_array_has_no_force_where_the_model_is_wrong() -> None:
     error, sd = errors(found, rig, replace(test, readings=readings))
     assert (np.abs(error) < Z90 * sd)[:, 2].mean() > 0.75
     assert abs(error[:, 2].mean()) < 0.05
+
+
+def test_the_size_of_a_press_does_not_depend_on_how_long_nothing_touches() -> None:
+    _, run, _ = rig_run()
+    rest = np.resize(run.readings[:20], (20 * len(run.readings), ARRAY.n_channels))
+    units = []
+    for readings in (run.readings, np.concatenate([run.readings, rest])):
+        log = bin_log(np.arange(len(readings)) / 100, readings, ARRAY)
+        reference = AlignedReference(table(run), log)
+        fitter = PairsFitter(ARRAY, log, reference, 0.0, reference.inside(0.0, 0.0))
+        units.append(fitter._unit)  # noqa: SLF001  all of its numbers are in this unit
+    assert units[0] == pytest.approx(units[1], rel=0.01)
+
+
+def test_taxels_of_two_pads_at_one_place_bear_a_force() -> None:
+    places = [{"x_mm": 0.0, "y_mm": 0.0, "pad": pad} for pad in (0, 1)]
+    file = {"name": "two", "unit": "N", "range": [0, 10], "zero": 0.0, "taxels": places}
+    array = build(ArrayFile.model_validate(file | {"taxel_channels": [{"name": "z", "kind": "normal"}]}))
+    values = np.full((2, 6), np.nan)
+    values[:, 2] = 0.0, 30.0
+    check_reference(ReferenceTable(np.arange(2.0), values), array)
+
+
+def test_a_taxel_that_was_let_go_has_no_peak_but_its_load() -> None:
+    load = np.array([[1.0], [0.5], [0.01], [0.008]])
+    assert _peaks(load).ravel().tolist() == [1.0, 1.0, 0.01, 0.008]

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
-from tactiled.calibrate.data import ReferenceTable, bin_log, pose_log, start_zero
+from tactiled.calibrate.clock import align
+from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log, pose_log, start_zero
 from tactiled.calibrate.folds import segments
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
 from tactiled.calibrate.uncertainty import axis_uncertainty
@@ -95,6 +96,30 @@ def test_records_of_one_clock_are_not_moved() -> None:
     assert (found.late_s, found.late_sd_s) == (0.0, 0.0)
     with pytest.raises(DataError, match="overlap"):
         calibrate(SKIN, time_s + 500.0, readings, reference(), Identity("skin"), is_same_clock=True)
+
+
+def test_records_that_overlap_at_one_offset_only_are_aligned() -> None:
+    time_s = np.arange(0.0, 100.0, 0.03)
+    log = bin_log(time_s, np.outer(presses_n(time_s), np.ones(SKIN.n_channels)), SKIN)
+    table = reference()
+    table.values[:, 2] = presses_n(np.maximum(table.time_s - 94.98, 0.0))
+    found = align(log, AlignedReference(table, log), SKIN, 99.98)
+    assert found.late_s == pytest.approx(94.98)
+    assert 0.0 < found.sd_s < 0.02
+
+
+@pytest.mark.parametrize("bunch", [1, 16], ids=["even stamps", "stamps in bunches"])
+def test_a_hole_in_the_reference_covers_no_bin_and_late_stamps_are_no_hole(bunch: int) -> None:
+    time_s = np.arange(0.0, 20.0, 0.01)
+    log = bin_log(time_s, np.zeros((len(time_s), SKIN.n_channels)), SKIN)
+    table = reference(seconds=20.0, rate_hz=500.0)
+    late_s = 0.002 * (np.arange(len(table.time_s)) % bunch)  # stamps of a bunch are 0.01 ms apart
+    stamps_s = table.time_s - late_s + 0.005 * late_s
+    keep = (stamps_s < 5.0) | (stamps_s > 8.0)
+    inside = AlignedReference(ReferenceTable(stamps_s[keep], table.values[keep]), log).inside(0.0, 0.0)
+    assert not inside[(log.end_s > 5.0) & (log.start_s < 8.0)].any()
+    away = (log.end_s < 4.9) | (log.start_s > 8.1)  # the last bunch before the hole is stamped early
+    assert inside[away][1:-2].all()
 
 
 @pytest.mark.parametrize("curve", ["log", "inverse"])
@@ -186,6 +211,11 @@ def test_a_press_is_never_half_in_a_fold() -> None:
     for press in range(10):
         inside = (time_s // PRESS_S == press) & (outputs[:, 2] > 1.0)
         assert len(set(segment[inside].tolist())) == 1
+
+
+@pytest.mark.parametrize("n", range(1, 13))
+def test_the_shortest_record_has_a_bin_in_every_segment(n: int) -> None:
+    assert np.bincount(segments(np.ones((n, 6)), [2], 1.0)).min() > 0
 
 
 def test_a_walk_of_the_error_is_found_and_none_is_made_up() -> None:

@@ -58,11 +58,9 @@ def _area_mm2(array: Array) -> float:
     if not array.has_places:
         return 400.0 * array.n_taxels
     x, y = array.x_mm, array.y_mm
-    pitch = 10.0
-    if array.n_taxels > 1:
-        distance = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
-        np.fill_diagonal(distance, np.inf)
-        pitch = float(distance.min())
+    apart = np.hypot(np.subtract.outer(x, x), np.subtract.outer(y, y))
+    apart = apart[apart > 0]  # taxels of two pads may have the same place, each on its own
+    pitch = float(apart.min()) if apart.size else 10.0
     return float((np.ptp(x) + pitch) * (np.ptp(y) + pitch))
 
 

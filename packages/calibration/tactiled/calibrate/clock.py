@@ -100,13 +100,13 @@ def _sd_s(lags_s: FloatArray, correlations: FloatArray, n_independent: float) ->
     The log likelihood of a linear regression is ``-n/2 log(1 - r^2)`` for n independent residuals; taken as
     weights of the offsets it has this standard deviation. What the grid of offsets rounds off comes on top.
     """
-    known = np.isfinite(correlations)
+    step_s, known = float(lags_s[1] - lags_s[0]), np.isfinite(correlations)
     unlikely = n_independent / 2 * np.log(np.maximum(1 - correlations[known] ** 2, 1e-12))
     weights = np.exp(unlikely.min() - unlikely)
     lags_s = lags_s[known]
     mean_s = np.average(lags_s, weights=weights)
     variance = float(np.average((lags_s - mean_s) ** 2, weights=weights))
-    return math.sqrt(variance + float(lags_s[1] - lags_s[0]) ** 2 / 12)
+    return math.sqrt(variance + step_s**2 / 12)
 
 
 def _explained(log: BinnedLog, reference: AlignedReference, rows: NDArray[np.bool_]) -> Match:

@@ -39,7 +39,7 @@ def segments(outputs: FloatArray, used: list[int], step_s: float) -> NDArray[np.
         out[a:b] = number + (np.arange(b - a) * parts) // max(b - a, 1)
         number += parts
     if number < _FOLDS:
-        return np.arange(n) * _PIECES // max(n, 1)
+        return np.arange(n) * min(_PIECES, n) // max(n, 1)
     return out
 
 

@@ -82,7 +82,9 @@ class PairsFitter:
         self._mean = taxel_means(array)
         self._quiet = quiet_bins(log) & rows
         self._used = reference.outputs
-        self._unit = float(np.quantile(log.readings.max(axis=1), 0.95))
+        # Of the bins in which something touches: most of a log may be a rest.
+        part = 0.05 * float((~quiet_bins(log)).mean())
+        self._unit = float(np.quantile(log.readings.max(axis=1), 1 - part))
         self._step = max(_STEP_NOISES * float(np.median(log.noise)), 0.003 * self._unit)
 
     def _features(self, physics: dict[str, float], readings: FloatArray) -> FloatArray:
@@ -285,5 +287,5 @@ def _peaks(load: FloatArray) -> FloatArray:
     for k, row in enumerate(load):
         peak = np.maximum(peak, row)
         peak[row < 0.02 * peak] = 0.0
-        out[k] = peak
+        out[k] = np.where(peak > 0.0, peak, row)
     return out

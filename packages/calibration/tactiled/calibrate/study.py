@@ -135,6 +135,7 @@ def calibrate(
     ranges = [(float(column.min()), float(column.max())) for column in shown[:, :3].T]
     rms = [float(value) if k in used else None for k, value in enumerate(_rms(best.left_out)[:3])]
     size = np.abs(log.readings)
+    walk_n = [0.0] * 3 if are_poses else force_walk(best.left_out, log.middle_s[rows], segment)
     file = CalibrationFile(
         name=identity.name,
         array=array.name,
@@ -149,7 +150,7 @@ def calibrate(
         ),
         largest_reading=np.maximum(size[rows].max(axis=0), _LEAST_READING * _largest(log)).tolist(),
         **{best.name: best.table},
-        uncertainty=_stated(best, axes, log, force_walk(best.left_out, log.middle_s[rows], segment)),
+        uncertainty=_stated(best, axes, log, walk_n),
     )
     return CalibrationStudy(
         file=file,
