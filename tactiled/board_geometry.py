@@ -75,9 +75,9 @@ def _from_info(info: Mapping[str, Any]) -> dict[str, Any]:
     n_taxels = max(1, int(info.get("taxels", 1)))
     found = [_CHANNEL_NAME.match(name) for name in names]
     taxel_of_channel = [min(int(match[1]), n_taxels - 1) if match else 0 for match in found]
-    weights = np.zeros((n_taxels, len(names)))
-    weights[taxel_of_channel, range(len(names))] = 1.0
-    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
+    channels_of: list[list[int]] = [[] for _ in range(n_taxels)]
+    for channel, taxel in enumerate(taxel_of_channel):
+        channels_of[taxel].append(channel)
     x_mm, y_mm = list(info.get("x_mm", ())), list(info.get("y_mm", ()))
     return {
         "array": str(info.get("array_id", "")),
@@ -92,7 +92,7 @@ def _from_info(info: Mapping[str, Any]) -> dict[str, Any]:
         "high": 8.0,
         "zero": [0.0] * len(names),
         "zero_first_s": 0.0,
-        "pressure": _sparse(weights),
+        "pressure": [[[channel, 1 / len(own)] for channel in own] for own in channels_of],
         "shear_x": [[] for _ in range(n_taxels)],
         "shear_y": [[] for _ in range(n_taxels)],
         "words": f"array {info.get('array_id')!r} does not ship with tactiled: give --array FILE for shear",

@@ -32,7 +32,7 @@ _OTHERS = 3  # boards: as many lines as leave the array in sight of 24
 _LEAST = 0.03  # of full colour: a shear below has no direction, as on the page
 _CELL = (9, 2)  # columns and lines of a taxel where there is room
 _ARRAY_LINES = 10
-_NARROW = 60  # columns: on fewer, the facts stand below the array, as they have no room beside it
+_FACTS = 36  # columns that the facts need beside the array; where there are fewer, they stand below it
 
 
 def draw(
@@ -54,9 +54,9 @@ def draw(
     full = 1.0 if board.geometry is None else (board.geometry["high"] - board.geometry["low"]) / 2 / part
     left = _array(board, live, max(20, width // 2 - 4), full)
     right = _facts(board, live, full)
-    if width < _NARROW:
-        left, right = [*left, *right], []
     beside = max(24, *(line.cell_len for line in left)) + 1
+    if beside + _FACTS > width:
+        left, right = [*left, *right], []
     lines = [*_sentence(board, now_unix_s, width), _name(board, full)]
     for other in others[:_OTHERS]:
         lines.append(Text(f" {other.name:10.10} ", "dim") + _sentence(other, now_unix_s, width)[0])
@@ -179,7 +179,7 @@ def _array(board: BoardView, live: bool, width: int, full: float) -> list[Text]:
     lines: list[Text] = []
     for row in grid[:_ARRAY_LINES]:
         first, second = Text(), Text()
-        for taxel in row:
+        for taxel in row[:width]:  # of three letters each at least: more have no room on the screen
             if taxel is None:
                 first, second = (line.append(" " * (cell + 1)) for line in (first, second))
                 continue
@@ -201,23 +201,26 @@ def _array(board: BoardView, live: bool, width: int, full: float) -> list[Text]:
 
 
 def _grid(geometry: dict[str, Any]) -> list[list[int | None]]:
-    """Taxels by row from the largest y to the smallest, and by column; a square where places are unknown."""
+    """Taxels by row from the largest y on, as many rows as are drawn; a square where places are unknown."""
     n_taxels = len(geometry["pressure"])
     if not geometry["has_places"]:
         side = math.ceil(math.sqrt(n_taxels))
         taxels: list[int | None] = [*range(n_taxels), *[None] * (side * side - n_taxels)]
         return [taxels[start : start + side] for start in range(0, side * side, side)]
     columns, rows = _steps(geometry["x_mm"]), _steps(geometry["y_mm"])
-    grid: list[list[int | None]] = [[None] * (max(columns) + 1) for _ in range(max(rows) + 1)]
+    top, width = max(rows), max(columns) + 1
+    grid: list[list[int | None]] = [[None] * width for _ in range(min(top + 1, _ARRAY_LINES))]
     for taxel, (column, row) in enumerate(zip(columns, rows, strict=True)):
-        grid[max(rows) - row][column] = taxel
+        if top - row < len(grid):
+            grid[top - row][column] = taxel
     return grid
 
 
 def _steps(places_mm: Sequence[float]) -> list[int]:
     """Index of each place among the different places."""
-    known = sorted({round(place, 3) for place in places_mm})
-    return [known.index(round(place, 3)) for place in places_mm]
+    rounded = [round(place, 3) for place in places_mm]
+    index = {place: number for number, place in enumerate(sorted({*rounded}))}
+    return [index[place] for place in rounded]
 
 
 def _style(share: float, live: bool, slips: bool) -> str:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import termios
 import time
+import tracemalloc
 from collections.abc import Mapping
 from dataclasses import replace
 from fcntl import ioctl
@@ -54,6 +55,18 @@ def info(name: str) -> Message:
             volts_per_count=1.0, channel_offset_s=(0.0,) * array.n_channels, tactiled_version="0",
         )
     )  # fmt: skip
+
+
+def scattered(n_taxels: int) -> Message:
+    """An array that does not ship, whose taxels all have another x and another y."""
+    places = tuple(np.random.default_rng(0).permutation(n_taxels).astype(float).tolist())
+    event = InfoEvent(
+        time_s=NOW_S, board_serial="TS1", firmware_version="1", protocol="board-v1", protocol_version=1,
+        array_id="mine", channels=4 * n_taxels, taxels=n_taxels, x_mm=places, y_mm=places[::-1],
+        channel_names=tuple(f"t{k // 4}.R{k % 4}" for k in range(4 * n_taxels)), rate_hz=100.0,
+        volts_per_count=1.0, channel_offset_s=(0.0,) * 4 * n_taxels, tactiled_version="0",
+    )  # fmt: skip
+    return message(event)
 
 
 def scan(n_channels: int, time_s: float = NOW_S) -> ScanEvent:
@@ -114,6 +127,20 @@ def test_a_load_that_may_be_hidden_stands_beside_the_contact() -> None:
         views.take(message(replace(STATUS, time_s=NOW_S, contact="none", hidden_below=below)))
         text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, ""))
         assert ("contact  none, told from 450 " in text) == is_shown
+
+
+def test_the_largest_array_takes_little_memory_and_leaves_room_for_the_numbers() -> None:
+    made = scattered(4096)
+    views = BoardViews()
+    tracemalloc.start()
+    views.take(made)
+    views.take(message(replace(STATUS, time_s=NOW_S)))
+    views.take(message(scan(4 * 4096)))
+    text = "\n".join(line.plain for line in draw(views.boards["TS1"], NOW_S + 0.05, 80, 24, ""))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 50e6
+    assert "rate  100.0 Hz" in text
 
 
 @pytest.mark.parametrize("case", CASES)
