@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +85,7 @@ def _draw_taxel(
     channels = np.flatnonzero(array.channel_taxel == taxel)
     axis.add_patch(Circle(place, radius_mm, fc="white", ec=NEUTRAL, lw=0.8, zorder=2))
     for channel in channels.tolist():
-        color = _color(array, channel)
+        color = _colors(array)[channel]
         kind, sign = array.channel_kind[channel], array.sign[channel]
         azimuth_deg = float(array.azimuth_deg[channel])
         if kind == "normal":
@@ -136,9 +137,12 @@ def _own_name(array: Array, channel: int) -> str:
     return array.channel_name[channel].split(".", 1)[-1]
 
 
-def _color(array: Array, channel: int) -> str:
-    names = list(dict.fromkeys(_own_name(array, each) for each in range(array.n_channels)))
-    return CHANNELS[names.index(_own_name(array, channel)) % len(CHANNELS)]
+@lru_cache(maxsize=1)
+def _colors(array: Array) -> list[str]:
+    """Return the colour of each channel: one for each name."""
+    names = [_own_name(array, channel) for channel in range(array.n_channels)]
+    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return [CHANNELS[number[name] % len(CHANNELS)] for name in names]
 
 
 def _legend(array: Array) -> list[Line2D]:
@@ -155,7 +159,7 @@ def _legend(array: Array) -> list[Line2D]:
             "side": f"{name}: side at {array.azimuth_deg[channel]:g}\N{DEGREE SIGN}, {rises} with load",
         }.get(kind, f"{name}: shear, rises with motion\nof the skin along the arrow")
         marker = "o" if kind == "normal" else "s" if kind == "side" else ">"
-        entries[name] = Line2D([], [], ls="", marker=marker, color=_color(array, channel), label=words)
+        entries[name] = Line2D([], [], ls="", marker=marker, color=_colors(array)[channel], label=words)
     numbers = "bold: taxel"
     if array.n_taxels <= _MOST_NUMBERED:
         numbers += "\nsmall: channel, in wire order;\nwith \N{MINUS SIGN}: the reading falls with load"

@@ -35,6 +35,20 @@ def test_every_shipped_array_is_drawn(tmp_path: Path) -> None:
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_names_of_channels_are_compared_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Once for each channel, the picture of 4096 taxels took minutes for its colours."""
+    array, names = load_array("xyz-counts-4x4"), []
+    of_channel = array_map._own_name  # noqa: SLF001  counted
+
+    def own_name(array: Array, channel: int) -> str:
+        names.append(of_channel(array, channel))
+        return names[-1]
+
+    monkeypatch.setattr(array_map, "_own_name", own_name)
+    array_map.draw_array(tmp_path / "a.png", array, ["contact: not measured"])
+    assert len(names) <= 2 * array.n_channels
+
+
 def test_arrows_point_where_motion_raises_the_reading(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
