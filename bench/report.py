@@ -116,9 +116,11 @@ def median_aim(
 
 
 def never(name: str, happened: int | Sequence[bool]) -> Aim:
-    """Aim that something did not happen, as a count or in any of the cases."""
-    words = f"{happened}" if isinstance(happened, int) else ratio(happened)
-    return aim(name, "none", words, happened == 0 if isinstance(happened, int) else not any(happened))
+    """Aim that something did not happen, as a count or in any of the cases; without cases it is open."""
+    if isinstance(happened, int):
+        return aim(name, "none", f"{happened}", happened == 0)
+    is_met = len(happened) > 0 and not any(happened)
+    return aim(name, "none", ratio(happened), is_met, is_open=not happened)
 
 
 class Table(str):

@@ -240,12 +240,16 @@ def _agrees(one: Found) -> bool:
 
 
 def _below_ridge(one: Found) -> bool:
+    if one.ours.n_refused:
+        return False
     pairs = zip(one.ours.of_logs, one.rule.of_logs, strict=True)
     holds = all((np.abs(inside - 0.9) <= 0.05).all() for inside in one.ours.inside)
     return holds and all((ours < ridge).all() for ours, ridge in pairs)
 
 
 def _at_most_trees(one: Found) -> bool:
+    if one.ours.n_refused:
+        return False
     pairs = zip(one.ours.of_logs, one.trees.of_logs, strict=True)
     return all(bool((ours <= trees).all()) for ours, trees in pairs)
 

@@ -130,7 +130,9 @@ def _over_bound(name: str, quantity: Quantity, trials: TrialSet, words: str) -> 
 
 def _held(name: str, quantity: Quantity, trials: TrialSet) -> Aim:
     # The sigma of intervals that hold what they should: those measured are too few to say how far they stray.
-    part, sd = trials.within(quantity), np.sqrt(_HELD[0] * (1 - _HELD[0]) / max(len(trials.ok), 1))
+    if not trials.ok:
+        return aim(name, "93 to 97 %", "nothing answered", False, is_open=True)
+    part, sd = trials.within(quantity), np.sqrt(_HELD[0] * (1 - _HELD[0]) / len(trials.ok))
     off = max(_HELD[0] - part, part - _HELD[1])
     return aim(name, "93 to 97 %", f"{100 * part:.1f} %", off <= 0, is_open=bool(off <= _SURE * sd))
 
@@ -145,5 +147,6 @@ def _rarely_wrong(name: str, trials: TrialSet) -> Aim:
 
 def _rarely_followed(name: str, trials: TrialSet) -> Aim:
     """Judge the rate alone: answers of one slide are not independent."""
-    is_met, words = trials.n_wrong <= _WRONG * len(trials.ok), f"{trials.n_wrong} of {len(trials.ok)}"
+    is_met = len(trials.ok) > 0 and trials.n_wrong <= _WRONG * len(trials.ok)
+    words = f"{trials.n_wrong} of {len(trials.ok)}"
     return aim(name, _IN_1000, words, is_met, is_open=not trials.ok)

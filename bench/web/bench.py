@@ -211,8 +211,10 @@ def cost_table(costs: Mapping[str, PageCost]) -> str:
 
 def aims(demo: PageCost, verdicts: PageCost, slow: PageCost) -> list[Aim]:
     """Judge what was measured in the demo, in a scene of many verdicts, and over a slow link."""
-    delay_s = np.concatenate([demo.delay_s, verdicts.delay_s])
-    delay_ms = 1e3 * float(np.quantile(delay_s, 0.99)) if delay_s.size else float("nan")
+    never_s = np.full(demo.unseen + verdicts.unseen, np.inf)
+    delay_s = np.concatenate([demo.delay_s, verdicts.delay_s, never_s])
+    # Not interpolated: between a number and infinity there is none.
+    delay_ms = 1e3 * float(np.quantile(delay_s, 0.99, method="higher")) if delay_s.size else float("nan")
     fresh = f"{100 * slow.fresh_part:.0f} %"
     return [
         at_most("bytes to one browser, demo", 25.0, demo.kb_s, ".1f", " kB/s"),

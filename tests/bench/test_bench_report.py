@@ -33,6 +33,7 @@ def test_aims_are_judged() -> None:
         median_aim("ratio", 2.0, [1.0, 4.0, 3.0], ".1f", is_least=True),
         never("misses", [False, True]),
         never("misses", 0),
+        never("misses", []),
         aim("enough cases", "10", "2", False, is_open=True),
     ]
     assert [list(row.values()) for row in aims_table(aims, "quick").rows] == [
@@ -42,6 +43,7 @@ def test_aims_are_judged() -> None:
         ["ratio", "at least 2", "met: 3.0 (1.0 to 4.0)"],
         ["misses", "none", "MISSED: 1 of 2"],
         ["misses", "none", "met: 0"],
+        ["misses", "none", "open: 0 of 0"],
         ["enough cases", "10", "open: 2"],
     ]
     assert aims_table(aims, "quick").splitlines()[0].split() == ["|", "aim", "|", "limit", "|", "quick", "|"]

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from bench.__main__ import bench
 from bench.recordings import ours
-from bench.recordings.bench import Contacts, Decisions, Periods, check_range
+from bench.recordings.bench import _AIMS, Contacts, Decisions, Errors, Found, Periods, check_range
 from bench.recordings.catalogue import how_to_get, sources
 from bench.recordings.log import Log, numbered, pressure_profile, rows, tensor
 from bench.recordings.rules import (
@@ -221,6 +221,20 @@ def test_counts_name_what_was_asked() -> None:
     assert str(Periods.count([grating, grating, grating], [4.1, 9.0, 0.0])) == "1 of 3 right, 1 wrong"
     assert str(Periods.count([log(), log()], [4.1, 0.0])) == "1 of 2 with a period"
     assert str(Decisions.count([log(True), log(), log()], [True, True, False])) == "1 of 1, 1 of 2 false"
+
+
+def test_a_force_that_is_refused_meets_no_aim() -> None:
+    """Errors of the other logs say nothing of it, and of no log they are all as small as one likes."""
+    small, large = np.full(1, 0.01), np.full(1, 0.02)
+    aims = {source: is_met for _, _, source, question, is_met in _AIMS if question in ("force", "poses")}
+    for name, is_met in aims.items():
+        source = next(one for one in sources() if one.name == name)
+        good = Errors([small], [np.full(1, 0.9)])
+        one = Found(source, "force", 1, good, Errors([large]), Errors([large]))
+        assert is_met(one)
+        nothing = Errors([])
+        assert not is_met(one._replace(ours=replace(good, n_refused=1)))
+        assert not is_met(one._replace(ours=replace(nothing, n_refused=1), rule=nothing, trees=nothing))
 
 
 def test_without_data_the_command_says_how_to_get_them(tmp_path: Path) -> None:

@@ -72,6 +72,10 @@ def test_aims_that_are_met() -> None:
     assert not any("MISSED" in measured for measured in words.values())
 
 
+def test_aims_without_answers_are_open() -> None:
+    assert all(words.startswith("open") for words in aims([refused(RIGHT)] * 40).values())
+
+
 def test_few_windows_leave_aims_open() -> None:
     words = aims([trial(over_bound=1.3)] * 4)
     assert words["angle: error over its bound, speed known"].startswith("open")

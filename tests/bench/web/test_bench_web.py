@@ -28,3 +28,4 @@ def test_verdicts_that_never_came_are_told() -> None:
     empty = replace(COST, delay_s=np.array([]), unseen=3)
     assert "0, 3 never shown" in cost_table({"demo": empty})
     assert verdicts(empty, empty, COST)[2] == "MISSED"
+    assert verdicts(replace(COST, unseen=3), COST, COST)[2] == "MISSED"  # of 199: more than one in a hundred
