@@ -55,7 +55,7 @@ _LINES = (
     LineConditions(
         "16 ms bunches, 50 ppm, host wakes 5 ms late", 50.0, FaultParams(bunch_s=0.016), wake_s=0.005
     ),
-    LineConditions("the same, clock 1 % fast", -10_000.0, FaultParams(bunch_s=0.016), wake_s=0.005),
+    LineConditions("the same, clock 1 % slow", -10_000.0, FaultParams(bunch_s=0.016), wake_s=0.005),
 )
 
 

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from bench.clock import LineConditions, timing
+from bench.clock import _LINES, LineConditions, timing
+from tactiled.emulator.board.scanning import Crystal
 from tactiled.emulator.line.faults import FaultParams
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
 from tactiled.samples.envelope import Band, lines_through
@@ -247,6 +248,14 @@ def test_a_busy_host_does_not_make_sigma_smaller_than_the_error(drift_ppm: float
         assert np.sqrt(np.mean(errors**2)) < 1.5
         assert np.mean(errors > 5.0) == 0.0
         assert np.median(sd_s[1000:]) < 0.3e-3
+
+
+def test_the_bench_says_which_way_a_clock_is_off() -> None:
+    """Its error without pings is four times as large behind a slow clock as behind a fast one."""
+    (line,) = (one for one in _LINES if "1 %" in one.name)
+    counted_s = Crystal(0.0, line.drift_ppm, tick_s=1e-6, bits=32).board_s(100.0)
+    assert counted_s == pytest.approx(99.0)
+    assert "slow" in line.name
 
 
 def test_pings_that_are_answered_no_more_leave_the_bounds_to_the_reads() -> None:
