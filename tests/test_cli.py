@@ -70,6 +70,7 @@ def test_help_of_each_verb_has_an_example(tactiled: Tactiled, verb: str) -> None
         (["emulate", "--scene", "none", "--link", "x"], "demo"),
         (["emulate", "--scene", "bad.toml", "--link", "x"], "period_mm"),
         (["emulate", "--protocol", "none", "--link", "x"], "board-v1"),
+        (["emulate", "--seed", "-1", "--link", "x"], "--seed"),
         (["emulate", "--rig", "/dev/null"], "--rig: /dev/null: File exists; name a folder"),
         (["listen", "nonsense"], "nonsense"),
         (["listen", "--topic", "slipp"], "no topic slipp; there are: slip"),

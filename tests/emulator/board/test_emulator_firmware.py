@@ -229,6 +229,22 @@ def test_a_power_up_rate_that_does_not_fit_is_refused() -> None:
         Bench(rate_hz=200.0)
 
 
+@pytest.mark.parametrize(
+    ("params", "finding"),
+    [
+        ({"channel_step_s": 1e-3}, "channel_step_s: a scan of 0.035 s is longer than a period of 0.01 s"),
+        ({"rate_hz": 0.05}, "rate_hz: 0.05 scans a second are less than 0.1"),
+        ({"channel_step_s": 2e-3, "rate_hz": 1.0}, "hello.channel_offset_s"),
+        ({"adc_reference_v": 100.0}, "hello.adc_reference_v: 100.0 does not fit"),
+        ({"board_serial": "TS\u00e9"}, "hello.board_serial: .* is not printable ASCII"),
+    ],
+)
+def test_a_board_that_its_hello_cannot_tell_is_refused_at_once(params: dict[str, Any], finding: str) -> None:
+    """Such a port once appeared, and its program ended 50 ms later."""
+    with pytest.raises(ConfigError, match=finding):
+        Bench(**params)
+
+
 def test_an_unknown_command_is_refused_and_noise_is_ignored() -> None:
     bench = Bench()
     bench.until(0.5)

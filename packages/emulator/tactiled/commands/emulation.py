@@ -51,7 +51,9 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 @click.option("--array", help="Shipped array or TOML file. [default: that of the scene or of the layout]")
 @click.option("--board", type=FILE, help="TOML file of the board: serial number, rate, crystal, ...")
 @click.option("--faults", type=FILE, help="TOML file of the faults on the serial line.")
-@click.option("--seed", default=0, show_default=True, help="Random seed of the faults.")
+@click.option(
+    "--seed", default=0, show_default=True, type=click.IntRange(0), help="Random seed of the faults."
+)
 @click.option("--scans", is_flag=True, help="Report the true instant of each scan.")
 @click.option("--control", help="Accept grip commands of a controller at unix:///PATH.")
 @click.option(

@@ -30,7 +30,7 @@ import numpy as np
 
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import Crystal, Scanning, ScanSource, ScanTruth
-from tactiled.errors import ConfigError
+from tactiled.errors import ConfigError, ContractError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Frame, Hello, Scan
 from tactiled.wire.layout import Layout
@@ -52,8 +52,8 @@ class Outgoing(NamedTuple):
 class Board:
     """An emulated board, whose source is read in scene time and which calls `on_scan` for each scan instant.
 
-    The constructor raises `ConfigError` where the rate after power-up, that of `hello`, does not fit the
-    line.
+    The constructor raises `ConfigError` where the board cannot keep the rate after power-up, that of `hello`,
+    or the layout cannot carry what `hello` says.
     """
 
     def __init__(
@@ -79,8 +79,7 @@ class Board:
         self._offset_s = np.array(hello.channel_offset_s or [0.0] * layout.n_channels)
         self._sequence_bits = layout.bits("scan", "sequence") or 16
         self._boot_bits = layout.bits("hello", "boot_count") or 16
-        if not self._fits(hello.rate_hz):
-            fault = f"rate_hz: {hello.rate_hz:g} scans a second do not fit {layout.file.baud} baud"
+        if fault := self._misfit(hello.rate_hz):
             raise ConfigError("board", [fault])
         # True instant of scene time 0, which is the first start.
         self.scene_start_s: float | None = None
@@ -90,6 +89,11 @@ class Board:
         self._scanning: Scanning | None = None
         self._boot_count = hello.boot_count % (1 << self._boot_bits)
         self._power_up(power_up_s, params.start_ticks, params.start_sequence)
+        if layout.has("hello"):
+            try:
+                self._encoder.encode(self._present(power_up_s))
+            except ContractError as error:
+                raise ConfigError("board", [str(error)]) from None
 
     @property
     def running(self) -> bool:
@@ -174,7 +178,7 @@ class Board:
             self._scanning = None
             self._next_hello_s = now_s + HELLO_PERIOD_S
         elif command.name == "set_rate":
-            if command.rate_hz is None or not self._fits(command.rate_hz):
+            if command.rate_hz is None or self._misfit(command.rate_hz):
                 return "bad_argument"
             self._rate_hz = command.rate_hz
             if self._scanning is not None:
@@ -222,15 +226,23 @@ class Board:
         self._index += 1
         self._sequence = (self._sequence + 1) % (1 << self._sequence_bits)
 
-    def _fits(self, rate_hz: float) -> bool:
-        """Return whether frames at this rate fit the line, and the sampling of a scan its period."""
-        frame_s = 10 * self._layout.wire_bytes("scan") / self._layout.file.baud
-        longest_s = max(frame_s / _LINE_SHARE, float(self._offset_s.max()))
-        return rate_hz >= _SLOWEST_HZ and rate_hz * longest_s <= 1.0
+    def _misfit(self, rate_hz: float) -> str:
+        """Say why the board cannot keep a rate; empty where it can."""
+        baud, last_s = self._layout.file.baud, float(self._offset_s.max())
+        if rate_hz < _SLOWEST_HZ:
+            return f"rate_hz: {rate_hz:g} scans a second are less than {_SLOWEST_HZ:g}"
+        if rate_hz * 10 * self._layout.wire_bytes("scan") / baud > _LINE_SHARE:
+            return f"rate_hz: {rate_hz:g} scans a second do not fit {baud} baud"
+        if rate_hz * last_s > 1.0:
+            return f"channel_step_s: a scan of {last_s:g} s is longer than a period of {1 / rate_hz:g} s"
+        return ""
+
+    def _present(self, now_s: float) -> Hello:
+        state = {"boot_count": self._boot_count, "rate_hz": self._rate_hz, "streaming": self.running}
+        return Hello(**vars(self._hello) | state | {"ticks": self._ticks(now_s)})
 
     def _send_hello(self, now_s: float) -> None:
-        state = {"boot_count": self._boot_count, "rate_hz": self._rate_hz, "streaming": self.running}
-        self._send(Hello(**vars(self._hello) | state | {"ticks": self._ticks(now_s)}), now_s)
+        self._send(self._present(now_s), now_s)
 
     def _acknowledge(self, command: Command, result: str, now_s: float) -> None:
         if self._layout.has("acknowledge") and result in self._layout.file.results:
