@@ -168,11 +168,58 @@ def test_grooves_as_deep_as_the_bump_are_refused() -> None:
     [
         ({"phases": [PRESS, {"kind": "rotate", "duration_s": 1, "angle_deg": 9}]}, "cannot play a rotate"),
         ({"held_object": {}}, "cannot play a held object"),
+        ({"touching": [4]}, "cannot play touching"),
+        ({"load_gradient_per_mm": [0.0, 0.1]}, "cannot play load_gradient_per_mm"),
     ],
 )
 def test_motion_that_needs_mechanics_is_refused_on_signal(change: dict[str, Any], finding: str) -> None:
     with pytest.raises(ValueError, match=finding):
         Scene.model_validate({"name": "t", "contact": "signal", "phases": [PRESS], **change})
+
+
+def test_a_held_object_that_nothing_grips_is_refused() -> None:
+    with pytest.raises(ValueError, match="held_object: nothing grips it"):
+        scene({"kind": "rest", "duration_s": 1.0}, held_object={})
+
+
+def test_slips_stay_known_after_a_look_back() -> None:
+    """A look back beyond the newest 10 s steps the contact from its beginning again."""
+    truth = Truth(scene(PRESS, HOLD, SLIDE, HOLD | {"duration_s": 12.0}))
+    slips = truth.slips
+    assert len(slips) == 1
+    truth.state(np.array([0.5]))
+    assert truth.slips == slips
+    truth.state(np.array([16.5]))
+    assert truth.slips == slips
+
+
+GROOVES = {"kind": "grooves", "period_mm": 1.2}
+FAST = {"on": "load_n", "amplitude": 2.0, "start_s": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("plate", "extra", "finding"),
+    [
+        (EVEN, {"shape": "sine", "frequency_hz": 200.0}, "frequency_hz: this contact plays 50 Hz at most"),
+        (GROOVES, {"shape": "sine"}, "frequency_hz: this contact plays 12.5 Hz at most"),
+        (EVEN, {"shape": "pulse", "duration_s": 0.002}, "duration_s: this contact plays pulses of 0.01 s"),
+    ],
+)
+def test_a_disturbance_that_falls_between_the_steps_of_a_contact_is_refused(
+    plate: dict[str, Any], extra: dict[str, Any], finding: str
+) -> None:
+    """A sine at half of the rate of the steps was not there at all, and nothing said so."""
+    with pytest.raises(ConfigError, match=rf"disturbances\[0\]\.{finding}"):
+        contact(scene(PRESS, HOLD, surface=plate, disturbances=[FAST | extra]))
+
+
+@pytest.mark.parametrize(
+    "extra", [{"shape": "sine", "frequency_hz": 50.0}, {"shape": "pulse", "duration_s": 0.01}]
+)
+def test_the_fastest_disturbances_reach_the_skin(extra: dict[str, Any]) -> None:
+    truth = Truth(scene(PRESS, HOLD, disturbances=[FAST | extra]))
+    load_n = truth.state(np.arange(1.0, 2.0, 1e-4)).load_n
+    assert load_n.max() == pytest.approx(17.0, abs=0.3)
 
 
 @pytest.mark.parametrize("model", ["signal", "mechanics"])

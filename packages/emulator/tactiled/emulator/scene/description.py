@@ -75,6 +75,8 @@ class Scene(Params):
     def _held(self) -> Self:
         """Refuse phases that do not fit a held object, that need one, or that signals cannot prescribe."""
         held = self.held_object
+        if held is not None and not any(getattr(phase, "force_n", None) for phase in self.phases):
+            raise ValueError("held_object: nothing grips it; add a press")
         if held is not None and isinstance(self.surface, GroovedPlate):
             raise ValueError('surface: a held object has a flat one; give kind = "flat"')
         for index, phase in enumerate(self.phases):
@@ -100,6 +102,8 @@ class Scene(Params):
         """Part of the scene that cannot be prescribed; empty where there is none."""
         reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, RotatePhase | LoadPhase)]
         reasons += ["a held object"] * (self.held_object is not None)
+        reasons += ["touching"] * bool(self.touching)
+        reasons += ["load_gradient_per_mm"] * any(self.load_gradient_per_mm)
         return reasons[0] if reasons else ""
 
     @property

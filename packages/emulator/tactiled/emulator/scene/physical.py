@@ -9,6 +9,7 @@ from tactiled.emulator.mechanics.base import TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.periodic import Periodic
 from tactiled.emulator.mechanics.stepper import GridInterpolator
+from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.held import HeldMotion
 from tactiled.emulator.scene.loading import CreepLag
 from tactiled.emulator.scene.motion import SceneMotion
@@ -18,6 +19,10 @@ from tactiled.errors import ConfigError
 
 _SCAN_S = 0.01  # computed at once where a controller may change the grip
 _BLOCK_S = 0.16  # computed at once otherwise: some scans, and a short pause of a real-time loop
+# Least steps of the grid in a period of a sine, and in a pulse. Between steps contacts are interpolated: that
+# takes a twentieth of such a sine and a seventh of such a pulse; of a sine of two steps nothing is left.
+_SINE_STEPS, _PULSE_STEPS = 8, 4
+_ROUNDING = 1e-9
 # Columns of `ContactStepper` after those of channels and taxels.
 _SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _WHOLE = 0, 1, slice(2, 4), slice(4, 6), 6, 7
 
@@ -61,7 +66,7 @@ class PhysicalContact:
 
     @property
     def watch(self) -> SlipEpisodeTracker:
-        """Slip up to `played_s`."""
+        """Slip as far as the contact was ever computed; a look back does not shorten it."""
         return self._source.watch
 
     @property
@@ -134,18 +139,19 @@ class ContactStepper:
             taxel_mm = self._middle_mm + self._from_middle
             self.held = HeldMotion(scene, scene.held_object, flat, self._share, taxel_mm, self._offset_mm[0])
             self.step_s = self.held.step_s
+        _check_grid(scene, self.step_s)
         self._lag = CreepLag(self.step_s, scene.electronics.creep_time_s)
+        self.watch = SlipEpisodeTracker()
         self.reset()
 
     def reset(self) -> None:
-        """Return to scene time 0."""
+        """Return to scene time 0; what `watch` has found stays."""
         for model in self.models:
             model.reset()
         self._is_fresh = [True] * len(self.models)
         self._k = 0
         self._before_mm: FloatArray | None = None
         self._lag.reset()
-        self.watch = SlipEpisodeTracker()
         if self.held:
             self.held.reset()
 
@@ -206,6 +212,21 @@ class ContactStepper:
             ],
             axis=1,
         )
+
+
+def _check_grid(scene: Scene, step_s: float) -> None:
+    """Raise `ConfigError` for a disturbance that is too fast for the grid of the contact model."""
+    for number, extra in enumerate(scene.disturbances):
+        place, fault = f"disturbances[{number}]", ""
+        if extra.on == "temperature_k":  # is not stepped
+            continue
+        if extra.shape == "sine" and extra.frequency_hz * step_s * _SINE_STEPS > 1 + _ROUNDING:
+            most_hz = 1 / (step_s * _SINE_STEPS)
+            fault = f"{place}.frequency_hz: this contact plays {most_hz:g} Hz at most"
+        elif extra.shape == "pulse" and extra.duration_s < step_s * _PULSE_STEPS * (1 - _ROUNDING):
+            fault = f"{place}.duration_s: this contact plays pulses of {step_s * _PULSE_STEPS:g} s at least"
+        if fault:
+            raise ConfigError(f"scene {scene.name}", [fault])
 
 
 def _slipping_share(felt: TaxelForces) -> FloatArray:

@@ -36,9 +36,13 @@ class SlipEpisode:
 
 
 class SlipEpisodeTracker:
-    """Find slip episodes in grid rows, which come in order, any number at a time."""
+    """Find slip episodes in grid rows, which come in order, any number at a time.
+
+    Rows that come again, because a scene is played anew for a look back, change nothing.
+    """
 
     def __init__(self) -> None:
+        self._until_s = -math.inf
         self.episodes: list[SlipEpisode] = []  # the newest ones; the last may continue
         self._last = (0.0, 0.0, 0.0, 0.0)  # instant, share, x, y
         self._low_s = self._low_n = self._peak_n = 0.0
@@ -54,6 +58,9 @@ class SlipEpisodeTracker:
         """Follow rows (n,) with the size of the total tangential load and the place (n, 2) of the skin."""
         columns = (time_s, share, load_n, shear_n, way_mm[:, 0], way_mm[:, 1])
         for t, s, load, shear, x, y in zip(*(column.tolist() for column in columns), strict=True):
+            if t <= self._until_s:
+                continue
+            self._until_s = t
             self._follow_load(t, shear, _GROWS * load)
             self._follow_share(t, s, x, y)
             self._last = (t, s, x, y)
