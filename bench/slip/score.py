@@ -69,8 +69,8 @@ def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
     ]
 
 
-def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
-    """Return the onsets of both kinds in an hour in which nothing slips."""
+def false_onsets(reported: Sequence[Reported]) -> tuple[int, float]:
+    """Return the onsets of both kinds while nothing slips, and the hours in which nothing does."""
     n, hours = 0, 0.0
     for case, events in reported:
         nothing = case.nothing
@@ -78,7 +78,7 @@ def false_onsets_per_hour(reported: Sequence[Reported]) -> float:
         for event in events:
             row = round((event.detected_s - float(case.block.time_s[0])) * case.block.rate_hz)
             n += event.state == "onset" and bool(nothing[row])
-    return n / max(hours, 1e-9)
+    return n, hours
 
 
 def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
@@ -118,6 +118,11 @@ def _direction(reported: Sequence[Reported]) -> str:
     return f"{np.median(off_deg):.1f} deg, {ratio(off_deg <= sd_deg)} inside, {reversed_.sum()} reversed"
 
 
+def _onsets(reported: Sequence[Reported]) -> str:
+    n, hours = false_onsets(reported)
+    return f"{n / hours:.0f} ({n} in {hours:.3f} h)" if hours else NONE
+
+
 def _usual(reported: Sequence[Reported], *, falls: bool = False) -> list[Reported]:
     """Return the cases but those whose friction falls at constant load, or these."""
     return [one for one in reported if one.case.is_falling == falls]
@@ -126,7 +131,7 @@ def _usual(reported: Sequence[Reported], *, falls: bool = False) -> list[Reporte
 _MS = f"{1e3 * AHEAD_S:.0f} ms"
 QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
     f"slow slips reported {_MS} ahead": lambda found: ratio(slow_reported_ahead(_usual(found))),
-    "onsets an hour where nothing slips": lambda found: f"{false_onsets_per_hour(found):.0f}",
+    "onsets an hour where nothing slips": _onsets,
     "gross reported in 100 ms": lambda found: ratio(gross_reported(_usual(found), 0.1)),
     "gross reported in 300 ms": lambda found: ratio(gross_reported(_usual(found), 0.3)),
     "gross reported in 300 ms where friction falls": lambda found: ratio(

@@ -12,7 +12,7 @@ from bench.slip.score import (
     QUESTIONS,
     directions,
     ended_while_it_slides,
-    false_onsets_per_hour,
+    false_onsets,
     gross_reported,
     reported_early,
     rests_called_gross,
@@ -50,7 +50,7 @@ TRUE = [event("incipient", 2.5), event("gross", 4.01), event("gross", 6.05, "end
 def test_events_of_the_truth_answer_every_question() -> None:
     reported = [Reported(case(), TRUE), Reported(case(slips=False), [])]
     assert slow_reported_ahead(reported) == [True]
-    assert false_onsets_per_hour(reported) == 0
+    assert false_onsets(reported)[0] == 0
     assert gross_reported(reported, 0.1) == [True]
     assert reported_early(reported) == [False]
     assert rests_called_gross(reported) == [False]
@@ -67,7 +67,8 @@ def test_no_events_miss_everything() -> None:
 def test_events_at_the_wrong_time_count_against_the_detector() -> None:
     early = Reported(case(), [event("incipient", 1.0), event("gross", 3.0), event("gross", 5.0, "end")])
     nothing_s = float(case().nothing.sum()) / RATE_HZ
-    assert false_onsets_per_hour([early]) == pytest.approx(3600 / nothing_s)
+    assert false_onsets([early]) == (1, pytest.approx(nothing_s / 3600))
+    assert QUESTIONS["onsets an hour where nothing slips"]([early]) == "876 (1 in 0.001 h)"
     assert reported_early([early]) == [True]
     assert ended_while_it_slides([early]) == [True]
     turned = Reported(case(), [*early.events, event("incipient", 5.05)])
