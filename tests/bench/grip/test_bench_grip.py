@@ -1,16 +1,17 @@
 """Worlds and scores of the grip bench against what is known of them."""
 
 import dataclasses
+from collections import Counter
 
 import numpy as np
 import pytest
 
 from bench.grip.bench import ANNOUNCED, KNOWN, LEARNT, LEFT_OUT, aims
 from bench.grip.cost import ScanCost
-from bench.grip.hands import count_reports
+from bench.grip.hands import Minute, _event_row, count_reports
 from bench.grip.judge import Course, course, score
 from bench.worlds.laws import USUAL, Population, draw_worlds
-from bench.worlds.world import World
+from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.detect.contact.grip_detector import GripParams
 
 
@@ -81,7 +82,15 @@ def test_hands_that_hold_stay_where_they_are_planned() -> None:
     for world in worlds:
         assert not world.slips
         assert 0.05 < world.utilisation.max() < 0.4
-        assert count_reports(world).hours == pytest.approx(9.7 / 3600, rel=0.05)
+        found = count_reports(world)
+        assert found.hours == pytest.approx(9.7 / 3600, rel=0.05)
+        before_s = float(np.argmax(world.utilisation >= INCIPIENT_USED)) / world.rate_hz or 10.0
+        assert found.unslipped_hours == pytest.approx((before_s - 0.3) / 3600, abs=0.2 / 3600)
+
+
+def test_false_onsets_are_counted_by_the_hours_in_which_they_can_be_false() -> None:
+    one = Minute("rest", 1.0, 0.1, Counter(balanced=1), Counter(balanced=2))
+    assert _event_row("rest", [one])["balanced"] == "10.0 / 2.0"
 
 
 def test_every_aim_judges_the_worst_generator(worlds: list[World]) -> None:
