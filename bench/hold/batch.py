@@ -82,8 +82,8 @@ class HeldBatch:
 
     @property
     def shear_n(self) -> FloatArray:
-        """Friction on each object (e, 2), against its motion over the skin."""
-        return np.stack([-self._friction_n.real, -self._friction_n.imag], axis=-1)
+        """Friction on the skin (e, 2), against its motion over each object."""
+        return np.stack([self._friction_n.real, self._friction_n.imag], axis=-1)
 
     def command(self, grip_n: FloatArray) -> None:
         """Command the grip of each gripper (e,); NaN leaves it as it is."""

@@ -35,7 +35,7 @@ class Played:
 
     volts: FloatArray  # (n, channels)
     load_n: FloatArray  # (n,)
-    shear_n: FloatArray  # (n, 2)
+    shear_n: FloatArray  # (n, 2): friction on the skin, against its motion
     friction: FloatArray  # (n,): coefficient that the contact bears at rest
     slides: NDArray[np.bool_]  # (n,): all of the contact slides
 

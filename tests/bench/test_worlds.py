@@ -144,7 +144,7 @@ def test_readings_of_grasps_tell_the_friction_that_they_are_said_to(grasps: list
         load = (world.array.normal_weights() @ world.block.volts[tells].T).sum(axis=0)
         used = np.hypot(*shear) / load / world.friction[tells]
         assert np.median(np.abs(used - world.utilisation[tells])) < 0.03
-        turned = np.degrees(np.arctan2(-shear[1], -shear[0])) - world.direction_deg[tells]
+        turned = np.degrees(np.arctan2(shear[1], shear[0])) - world.direction_deg[tells]
         assert np.median(np.abs((turned + 180) % 360 - 180)) < 8
 
 
