@@ -13,6 +13,7 @@ from bench.slip.gratings import GRATINGS_FROM, LENGTH_S, read_grating, rows
 from bench.slip.minutes import MINUTES_FROM, minute_rows, read_minute
 from bench.slip.score import AHEAD_S, SLOW_S, settings_table
 from bench.worlds.generators import draw
+from bench.worlds.world import INCIPIENT_USED
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
@@ -35,8 +36,9 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"({seeds_in_words(n_worlds, PLATES_FROM)}). Slow slips take {SLOW_S:g} s or more "
         "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
         f'{1e3 * AHEAD_S:.0f} ms before the slip becomes gross. "Nothing slips": less than a tenth of the '
-        "area slips, and no more of it did in the last 0.1 s. Rests: cases without gross slip. Ended: an end "
-        "was reported while all of the contact slid, and no new slip within 0.1 s. Inside: errors of "
+        "area slips, and no more of it did in the last 0.1 s; a tenth counts as slipping from a utilisation "
+        f"of {INCIPIENT_USED:.3f} on, also while the contact rests. Rests: cases without gross slip. Ended: "
+        "an end was reported while all of the contact slid, and no new slip within 0.1 s. Inside: errors of "
         "direction within one stated standard deviation. Reversed: an error beyond 90 deg with a standard "
         "deviation below 30 deg. The head of a column has the probabilities from which incipient and gross "
         "slip are reported."
