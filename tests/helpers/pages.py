@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +16,16 @@ from patience import PATIENCE_S
 from playwright.sync_api import Page, expect
 from stage import stage
 
+CHROMIUM = shutil.which("chromium")
+CHROMIUM_ARGUMENTS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
 NO_CHROMIUM = "needs chromium: sudo apt install chromium"
 LIVE_S = 1.0  # of a play that has been: a page shows the last second as it comes
 CONFIG = """\

@@ -5,10 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pages import NO_CHROMIUM, Robot, robot
+from pages import CHROMIUM, CHROMIUM_ARGUMENTS, NO_CHROMIUM, Robot, robot
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-
-from bench.web.bench import CHROMIUM, CHROMIUM_ARGUMENTS
 
 expect.set_options(timeout=60_000)  # a loaded machine takes that long to start a daemon
 

@@ -11,9 +11,9 @@ import pytest
 from pages import Robot, robot
 from patience import PATIENCE_S
 from playwright.sync_api import Page, WebSocketRoute, expect
+from slow_link import slow_link
 from stage import stage
 
-from bench.web.link import link
 from tactiled.client import Message, Subscription
 
 pytestmark = pytest.mark.system
@@ -173,7 +173,7 @@ def test_every_slip_message_is_on_the_page(live: Robot, page: Page) -> None:
 def test_a_slow_link_shows_fresh_data(page: Page, tmp_path: Path) -> None:
     with robot(tmp_path) as made, ExitStack() as stack:
         made.endpoint = f"ipc://{tmp_path}/stage.ipc"
-        slow = stack.enter_context(link(made.serve(), bytes_s=50_000))
+        slow = stack.enter_context(slow_link(made.serve(), bytes_s=50_000))
         page.goto(slow.url)
         expect(page.locator("#link-words")).to_have_text("page connected")
         # From now on, not from before the server and the page were there: its pause is of no board.

@@ -1,4 +1,4 @@
-"""Link between a browser and a page server: it counts what the browser gets, and may be slow."""
+"""Slow link between a browser and a page server, which counts what the browser gets."""
 
 import asyncio
 import threading
@@ -20,7 +20,7 @@ class Link:
 
 
 @contextmanager
-def link(url: str, bytes_s: float = float("inf")) -> Iterator[Link]:
+def slow_link(url: str, bytes_s: float) -> Iterator[Link]:
     """Forward connections to the server of a page, with at most `bytes_s` bytes a second to each browser."""
     loop = asyncio.new_event_loop()
     counted = Link("")

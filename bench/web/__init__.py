@@ -1,1 +1,0 @@
-"""Cost and delay of the live page in a real browser."""
