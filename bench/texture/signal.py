@@ -27,7 +27,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from tactiled.array import Array, FloatArray
 
@@ -137,16 +136,11 @@ def draw_wave(rng: np.random.Generator) -> Wave:
 
 
 def draw_grating(
-    array: Array,
-    rng: np.random.Generator,
-    window_s: float,
-    snr_db: float,
-    min_periods: float = 0.0,
-    most_hz: float = _MOST_HZ,
+    array: Array, rng: np.random.Generator, window_s: float, snr_db: float, min_periods: float = 0.0
 ) -> Grating:
-    """Draw a window with at least so many periods, and no faster ripple."""
+    """Draw a window with at least so many periods."""
     wave = draw_wave(rng)
-    while not min_periods / window_s <= abs(wave.frequency_hz) < most_hz:
+    while abs(wave.frequency_hz) < min_periods / window_s:
         wave = draw_wave(rng)
     sensed = sensed_by(array, rng, snr_db)
     slope = _LARGEST_DRIFT * AMPLITUDE_VOLTS * rng.uniform(-1, 1, array.n_channels)
@@ -159,17 +153,12 @@ def scan_times_s(window_s: float) -> FloatArray:
     return np.arange(round(window_s * RATE_HZ)) / RATE_HZ
 
 
-def readings(grating: Grating, rng: np.random.Generator, memory: float = 0.0) -> FloatArray:
-    """Volts (n, channels): drift, wave, and noise (an autoregression of order 1; of memory 0 it is white)."""
+def readings(grating: Grating, rng: np.random.Generator) -> FloatArray:
+    """Volts (n, channels): drift, wave and white noise."""
     sensed, time_s = grating.sensed, grating.time_s
     ripple = wave_volts(grating.wave, sensed, time_s)
     volts = grating.drift[:, 0] + np.outer(time_s, grating.drift[:, 1]) + ripple
-    noise = rng.standard_normal(volts.shape)
-    if memory:
-        fresh = np.sqrt(1 - memory**2)
-        noise[1:] *= fresh  # the first is drawn from the steady state, so that all have one variance
-        noise = lfilter([1.0], [1.0, -memory], noise, axis=0)
-    return np.asarray(volts + sensed.noise_volts * noise)
+    return np.asarray(volts + sensed.noise_volts * rng.standard_normal(volts.shape))
 
 
 def wave_volts(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> FloatArray:

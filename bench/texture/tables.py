@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from bench.report import NONE, Aim, Table, aim, grouped, never, rms, table
-from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial, noise_name
+from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
 CONFIDENCE = 0.95  # of the largest rate that is not excluded
@@ -74,13 +74,11 @@ _OVER_BOUND = 1.1
 _HELD = (0.93, 0.97)  # of 95 % intervals, on white noise
 _WRONG = 1e-3  # of answers
 _SURE = 2.0  # standard errors
-_IN_1000 = f"at most {1e3 * _WRONG:g} in 1000"
 
 
 def aims(found: Found) -> list[Aim]:
     """Judge the trials of all parts."""
     whole = [t for t in found["grid"] if t.periods >= MIN_PERIODS]
-    slides = TrialSet(found["tracks"])
     over, held = [], []
     for quantity in QUANTITIES:
         for is_known, speed in SPEEDS.items():
@@ -88,21 +86,10 @@ def aims(found: Found) -> list[Aim]:
             over.append(_near_the_bound(f"{quantity}: error over its bound, {speed}", quantity, some))
             own = TrialSet(t for t in found["grid"] if t.is_speed_known == is_known)
             held.append(_held(f"{quantity}: truth within 95 % intervals, {speed}", quantity, own))
-        words = f"{len(slides.bounded)} windows"
-        over.append(
-            _over_bound(f"{quantity}: error over its bound, followed slides", quantity, slides, words)
-        )
-    noises = grouped([*found["grid"], *found["coloured noise"]], lambda t: t.noise)
-    white = noise_name(0.0)
-    followed = grouped(found["tracks"], lambda t: white if t.noise == white else "coloured noise")
     return [
         *over,
         *held,
-        *(_rarely_wrong(f"wrong answers, {noise}", TrialSet(some)) for noise, some in noises.items()),
-        *(
-            _rarely_followed(f"the same, followed slides, {n}", TrialSet(some))
-            for n, some in followed.items()
-        ),
+        _rarely_wrong("wrong answers, white noise", TrialSet(found["grid"])),
         never("surfaces without grooves: answered", [t.is_wrong for t in found["grooveless"]]),
     ]
 
@@ -113,19 +100,13 @@ def _near_the_bound(name: str, quantity: Quantity, some: Sequence[Trial]) -> Aim
     parts |= {f"{db:g} dB": TrialSet(of) for db, of in grouped(some, lambda t: t.snr_db).items()}
     parts = {part: trials for part, trials in parts.items() if trials.right}
     worst = max(parts, key=lambda part: parts[part].over_bound(quantity), default="")
-    words = f"{worst}; all {TrialSet(some).over_bound(quantity):.2f}"
-    return _over_bound(name, quantity, parts.get(worst, TrialSet(())), words)
-
-
-def _over_bound(name: str, quantity: Quantity, trials: TrialSet, words: str) -> Aim:
-    limit = f"at most {_OVER_BOUND:g}"
+    limit, trials = f"at most {_OVER_BOUND:g}", parts.get(worst, TrialSet(()))
     if not trials.bounded:
         return aim(name, limit, "nothing answered", False, is_open=True)
     error = trials.over_bound(quantity)
+    words = f"{error:.2f} ({worst}; all {TrialSet(some).over_bound(quantity):.2f})"
     least = error * (1 - _SURE / np.sqrt(2 * len(trials.bounded)))
-    return aim(
-        name, limit, f"{error:.2f} ({words})", error <= _OVER_BOUND, is_open=bool(least <= _OVER_BOUND)
-    )
+    return aim(name, limit, words, error <= _OVER_BOUND, is_open=bool(least <= _OVER_BOUND))
 
 
 def _held(name: str, quantity: Quantity, trials: TrialSet) -> Aim:
@@ -142,11 +123,4 @@ def _rarely_wrong(name: str, trials: TrialSet) -> Aim:
     words = f"{trials.n_wrong} of {len(trials.ok)} ({100 * CONFIDENCE:.0f} %: below "
     words += f"{1e3 * trials.most_wrong:.2f} in 1000)"
     is_open = trials.n_wrong <= _WRONG * len(trials.ok)
-    return aim(name, _IN_1000, words, trials.most_wrong <= _WRONG, is_open=is_open)
-
-
-def _rarely_followed(name: str, trials: TrialSet) -> Aim:
-    """Judge the rate alone: answers of one slide are not independent."""
-    is_met = len(trials.ok) > 0 and trials.n_wrong <= _WRONG * len(trials.ok)
-    words = f"{trials.n_wrong} of {len(trials.ok)}"
-    return aim(name, _IN_1000, words, is_met, is_open=not trials.ok)
+    return aim(name, f"at most {1e3 * _WRONG:g} in 1000", words, trials.most_wrong <= _WRONG, is_open=is_open)

@@ -1,7 +1,5 @@
 """The bound against numbers that were found without it and laws that it must obey; drawn signals."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +13,6 @@ from bench.texture.signal import (
     Grating,
     Wave,
     bound,
-    draw_grating,
     draw_wave,
     readings,
     sensed_by,
@@ -126,17 +123,6 @@ def test_signal_is_its_own_model() -> None:
     snr = (ripple**2).mean(axis=0) / sensed.noise_volts**2
     assert 10 * np.log10(snr) == pytest.approx(np.full(36, 20.0), abs=0.3)
     assert np.ptp(turns(wave, sensed, time_s)[:, 0]) == pytest.approx(wave.frequency_hz * 19.99)
-
-
-@pytest.mark.parametrize("memory", [0.0, 0.9, 0.97])
-def test_noise_remembers_and_keeps_its_size(memory: float) -> None:
-    drawn = draw_grating(ARRAY, np.random.default_rng(0), 20.0, 0.0)
-    flat = replace(drawn.sensed, amplitude_volts=np.zeros(36))
-    still = replace(drawn, sensed=flat, drift=np.zeros((36, 2)))
-    noise = readings(still, np.random.default_rng(1), memory) / drawn.sensed.noise_volts
-    assert np.sqrt((noise**2).mean()) == pytest.approx(1, abs=0.1)
-    assert (noise[1:] * noise[:-1]).mean() == pytest.approx(memory, abs=0.1)
-    assert np.sqrt((noise[0] ** 2).mean()) == pytest.approx(1, abs=0.4)  # steady from the first scan on
 
 
 @given(st.integers(0, 500))

@@ -12,13 +12,11 @@ from bench.texture.trials import Estimate, Trial
 NAN = float("nan")
 
 
-def trial(
-    noise: str = "white noise", *, over_bound: float = 1.0, over_sd: float = 1.0, known: bool = True
-) -> Trial:
+def trial(*, over_bound: float = 1.0, over_sd: float = 1.0) -> Trial:
     """Answer in a window of 2 s with five periods at 20 dB."""
     period = Estimate(1e-3 * over_bound, 1e-3 * abs(over_bound) / over_sd, 1e-3)
     angle = Estimate(0.1 * over_bound, 0.1 * abs(over_bound) / over_sd, 0.1)
-    return Trial(noise, 2.0, known, "ok", period, angle, snr_db=20.0, periods=5.0)
+    return Trial(2.0, True, "ok", period, angle, snr_db=20.0, periods=5.0)
 
 
 def off(base: Trial, period_mm: float, angle_deg: float, sd_deg: float = 0.1) -> Trial:
@@ -49,15 +47,9 @@ def test_rate_that_is_not_excluded() -> None:
     assert TrialSet([]).most_wrong == 1.0
 
 
-def aims(grid: Sequence[Trial], **parts: Sequence[Trial]) -> Mapping[str, str]:
-    """Measured words by aim; the grid stands for speed known and not, and for coloured noise."""
-    found: dict[str, Sequence[Trial]] = {
-        "grid": [*grid, *(replace(t, is_speed_known=False) for t in grid)],
-        "coloured noise": [replace(t, noise="AR(1), 0.9") for t in grid],
-        "grooveless": [],
-        "tracks": list(grid),
-    }
-    found |= {name.replace("_", " "): trials for name, trials in parts.items()}
+def aims(grid: Sequence[Trial], grooveless: Sequence[Trial] = ()) -> Mapping[str, str]:
+    """Measured words by aim; the grid stands for speed known and not."""
+    found = {"grid": [*grid, *(replace(t, is_speed_known=False) for t in grid)], "grooveless": grooveless}
     return {aim.name: f"{aim.verdict}: {aim.words}" for aim in tables.aims(found)}
 
 
@@ -66,9 +58,7 @@ def test_aims_that_are_met() -> None:
     words = aims(held)
     assert words["angle: error over its bound, speed known"] == "met: 1.00 (2 s; all 1.00)"
     assert words["angle: truth within 95 % intervals, speed known"] == "met: 95.0 %"
-    assert words["wrong answers, AR(1), 0.9"] == "met: 0 of 3000 (95 %: below 1.00 in 1000)"
-    assert words["angle: error over its bound, followed slides"] == "met: 1.00 (3000 windows)"
-    assert words["the same, followed slides, white noise"] == "met: 0 of 3000"
+    assert words["wrong answers, white noise"] == "met: 0 of 6000 (95 %: below 0.50 in 1000)"
     assert not any("MISSED" in measured for measured in words.values())
 
 
@@ -79,15 +69,13 @@ def test_aims_without_answers_are_open() -> None:
 def test_few_windows_leave_aims_open() -> None:
     words = aims([trial(over_bound=1.3)] * 4)
     assert words["angle: error over its bound, speed known"].startswith("open")
-    assert words["wrong answers, AR(1), 0.9"].startswith("open")
+    assert words["wrong answers, white noise"].startswith("open")
 
 
 def test_aims_that_are_missed() -> None:
     far = [trial(over_bound=1.3, over_sd=2.5)] * 500 + [WRONG] * 2
-    flat = replace(WRONG, noise="flat plate")
-    words = aims(far, grooveless=[flat])
+    words = aims(far, grooveless=[WRONG])
     assert words["angle: error over its bound, speed known"].startswith("MISSED")
     assert words["angle: truth within 95 % intervals, speed known"].startswith("MISSED")
     assert words["wrong answers, white noise"].startswith("MISSED")
-    assert words["the same, followed slides, white noise"].startswith("MISSED")
     assert words["surfaces without grooves: answered"] == "MISSED: 1 of 1"
