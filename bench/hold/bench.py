@@ -1,16 +1,16 @@
-"""``./run bench hold``: drops, grip force and reaction of grasp controllers on objects that they do not know.
+"""``./run bench hold``: drops, grip force and reaction of a grasp controller on unknown objects.
 
 Objects, grippers and events are drawn from a seed (`families.holding`). Simulated time uses the emulator's
 contact model and electronics in arrays (`batch`), the detector scan by scan, and `GripController` of the
 client. The controller's numbers were set on seeds from 500; what is printed is measured on others.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from bench.hold.play import DOWN_S, RESTART_S, Controller, GraspResult, TightenOnSlip, Topic, play
+from bench.hold.play import DOWN_S, RESTART_S, GraspResult, play
 from bench.report import (
     BENCH_WORKERS,
     NONE,
@@ -33,7 +33,6 @@ from tactiled.progress import ProgressBar
 REPORTED_FROM = 10_000
 N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
 _BATCH = 40  # grasps that are simulated at once, and by one process
-_TIGHTER = (1.2, 1.5, 2.0)
 _PARTS = (0.7, 0.85, 1.0, 1.15)  # of the controller's own target
 _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
 RESTARTED = f"margin, target {TARGET:g}, restart"
@@ -41,12 +40,10 @@ _DECIDES = 600  # grasps without a drop show with 95 % that fewer than 0.5 % are
 
 
 class Arm(NamedTuple):
-    """A way of holding: name in a table, controller from a number, what that hears, and number of grasps."""
+    """Grasps by one target: name in a table, target, and number of grasps."""
 
     words: str
-    make: Callable[[float], Controller]
-    number: float
-    topic: Topic
+    target: float
     n: int
     restarts: bool = False  # the daemon is started anew while the object hangs
 
@@ -54,12 +51,9 @@ class Arm(NamedTuple):
 def arms(quick: bool) -> list[Arm]:
     """List what is compared."""
     n, n_margin = (N_QUICK,) * 2 if quick else (N_OTHERS, N_MARGIN)
-    slips = [
-        Arm(f"times {times:g} at each slip event", TightenOnSlip, times, "slip", n) for times in _TIGHTER
-    ]
     targets = {round(TARGET * part, 2): n_margin if part == 1.0 else n for part in _PARTS}
-    margins = [Arm(_margin(of), GripController, of, "grip", each) for of, each in targets.items()]
-    return [*slips, *margins, Arm(RESTARTED, GripController, TARGET, "grip", n, restarts=True)]
+    margins = [Arm(_margin(of), of, each) for of, each in targets.items()]
+    return [*margins, Arm(RESTARTED, TARGET, n, restarts=True)]
 
 
 def _margin(target: float) -> str:
@@ -68,13 +62,13 @@ def _margin(target: float) -> str:
 
 def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     """Play grasps of some seeds."""
-    controllers = [arm.make(arm.number) for _ in seeds]
+    controllers = [GripController(arm.target) for _ in seeds]
     scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
-    return play(scenes, array, controllers, arm.topic, restarts=arm.restarts).results()
+    return play(scenes, array, controllers, restarts=arm.restarts).results()
 
 
 def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
-    """Drops over grip of tightening on slip events, and of the margin.
+    """Drops and grip of the margin, by its target.
 
     Quick: 40 grasps of each instead of 120 or 1000.
     """

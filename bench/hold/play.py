@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
 from tactiled.array import Array, FloatArray
 from tactiled.client.subscriber import STALE_AFTER_S
-from tactiled.detect.base import Detector
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import LIFTED_S, START_N
@@ -24,19 +23,9 @@ RESTART_S, DOWN_S = LIFTED_S + 0.1, 1.0
 _BEFORE_S = 0.1
 _TIGHTER = 1.05
 
-Topic = Literal["grip", "slip"]
-
-
-def messages_of(
-    detector: Detector, topic: Topic, scan: int, volts: FloatArray
-) -> Sequence[Mapping[str, Any]]:
-    """Return the messages of a scan (1, channels)."""
-    events = detector.process(regular_block(volts, RATE_HZ, start_s=scan / RATE_HZ, index=scan))
-    return [to_map(x, seq=0, board="", unix_offset_s=0.0) for x in events if x.topic == topic]
-
 
 class Controller(Protocol):
-    """Grasp controller: a message and the present force to a command."""
+    """Grasp controller: a `grip` message and the present force to a command."""
 
     def take(self, message: Mapping[str, Any], present_n: float) -> float:
         """Return the force to command (N)."""
@@ -45,24 +34,6 @@ class Controller(Protocol):
     def blind(self) -> float:
         """Return the force to command (N) while data are stale."""
         ...
-
-
-class TightenOnSlip:
-    """Grip that each onset of slip multiplies."""
-
-    def __init__(self, times: float) -> None:
-        self._times = times
-        self._force_n = START_N
-
-    def take(self, message: Mapping[str, Any], _present_n: float) -> float:
-        """Return the force to command (N)."""
-        if message["state"] == "onset" and message["valid"]:
-            self._force_n = min(self._force_n * self._times, MOST_N)
-        return self._force_n
-
-    def blind(self) -> float:
-        """Return the force to command (N) while data are stale: as before."""
-        return self._force_n
 
 
 def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
@@ -138,11 +109,10 @@ def play(
     scenes: Sequence[Scene],
     array: Array,
     controllers: Sequence[Controller],
-    topic: Topic,
     *,
     restarts: bool = False,
 ) -> Episodes:
-    """Play grasps with a controller for each, which gets the messages of a topic.
+    """Play grasps with a controller for each.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
     The gripper's own delay follows.
@@ -162,7 +132,7 @@ def play(
     sent = command.copy()
     for scan in range(batch.n_scans):
         if scan in (0, down.stop):
-            detectors = [build_suite(array, DetectParams(), topics=(topic,)) for _ in scenes]
+            detectors = [build_suite(array, DetectParams(), topics=("grip",)) for _ in scenes]
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)
@@ -171,8 +141,11 @@ def play(
                 command[e] = controllers[e].blind()
             if scan in down:
                 continue
-            for message in messages_of(detectors[e], topic, scan, volts[e : e + 1]):
-                command[e] = controllers[e].take(message, float(batch.grip_n[e]))
+            block = regular_block(volts[e : e + 1], RATE_HZ, start_s=scan / RATE_HZ, index=scan)
+            for event in detectors[e].process(block):
+                if event.topic == "grip":
+                    message = to_map(event, seq=0, board="", unix_offset_s=0.0)
+                    command[e] = controllers[e].take(message, float(batch.grip_n[e]))
         batch.command(sent)
         sent = command.copy()
         slides[scan] = (batch.sliding > ALL_SLIDES) & (batch.grip_n > 0)

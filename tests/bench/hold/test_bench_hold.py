@@ -9,7 +9,7 @@ import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import aims
-from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, TightenOnSlip, least_n, play
+from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, least_n, play
 from tactiled.array import load_array
 from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.emulator.scene.contact import make_contact
@@ -92,7 +92,7 @@ class Listener:
 
 def test_a_daemon_that_restarts_is_silent_and_then_does_not_know_the_contact() -> None:
     listener = Listener()
-    episodes = play([hold(500)], ARRAY, [listener], "grip", restarts=True)
+    episodes = play([hold(500)], ARRAY, [listener], restarts=True)
     times_s = [at_s for at_s, _ in listener.heard]
     silent = int(np.argmax(np.diff(times_s)))
     assert times_s[silent] < RESTART_S <= times_s[silent] + 1 / RATE_HZ
@@ -102,13 +102,6 @@ def test_a_daemon_that_restarts_is_silent_and_then_does_not_know_the_contact() -
     assert listener.heard[silent + 1][1] == "unknown"
     scan = round((RESTART_S + DOWN_S) * RATE_HZ) - 1
     assert episodes.command_n[scan, 0] == 21.0
-
-
-def test_slip_events_tighten() -> None:
-    onset = {"state": "onset", "valid": True}
-    controller = TightenOnSlip(1.5)
-    assert controller.take(onset, 6.0) == pytest.approx(9.0)
-    assert controller.take(onset | {"valid": False}, 9.0) == controller.take({"state": "end"}, 9.0) == 9.0
 
 
 def test_aims_are_judged_on_drops_and_on_what_held() -> None:
