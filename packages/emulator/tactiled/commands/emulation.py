@@ -40,7 +40,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 @click.command()
 @click.option(
     "-s", "--scene", default="demo", show_default=True,
-    help="Shipped scene, TOML file, plate of the paper, or FAMILY-SEED.",
+    help="Shipped scene, TOML file, or FAMILY-SEED.",
 )  # fmt: skip
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
 @click.option("--tcp", help="Listen on host:port instead; the daemon connects to socket://host:port.")

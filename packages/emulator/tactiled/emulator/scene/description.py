@@ -114,36 +114,7 @@ class Scene(Params):
         """Copy with top-level keys changed, checked as a file is: ``scene.with_changes(seed=7)``."""
         return tomlfile.parse(self.model_dump() | changes, Scene, f"variation of scene {self.name}")
 
-    def with_surface(self, **surface: object) -> "Scene":
-        """Copy on another plate: ``with_surface(period_mm=1.2, angle_deg=30)`` or ``with_surface()``.
-
-        Groove parameters make grooves, with the scene's own as defaults; without parameters the plate is
-        flat. Grooves of single phases are changed where there are some, else the plate of the whole scene.
-        """
-        document = self.model_dump()
-        places = [p for p in document["phases"] if p["surface"] and p["surface"]["kind"] == "grooves"]
-        for place in places or [document]:
-            known = place["surface"] if place["surface"]["kind"] == "grooves" else {"kind": "grooves"}
-            place["surface"] = known | surface if surface else {"kind": "flat"}
-        return tomlfile.parse(document, Scene, f"variation of scene {self.name}")
-
 
 def load_scene(name_or_path: str) -> Scene:
     """Load a scene by shipped name (``demo``) or path; `ConfigError` has all faults of the file."""
     return tomlfile.load(resources.find(name_or_path, "config/scenes"), Scene)
-
-
-def paper_scenes() -> dict[str, Scene]:
-    """The protocols of the 2019 paper by name: slip twice, and each period and angle of its table 2.
-
-    Groove scenes are named ``<experiment|simulation>-d<period>-a<angle>``.
-    """
-    scenes = {name: load_scene(name) for name in ("flat-experiment", "flat-simulation")}
-    for kind in ("experiment", "simulation"):
-        base = load_scene(f"grooves-{kind}")
-        table = [(period, 0) for period in (0.9, 1.2, 1.5)] + [(1.2, angle) for angle in (15, 30, 45, 60)]
-        for period_mm, angle_deg in table:
-            name = f"{kind}-d{period_mm:.2f}-a{angle_deg}"
-            varied = base.with_surface(period_mm=period_mm, angle_deg=angle_deg)
-            scenes[name] = varied.with_changes(name=name)
-    return scenes

@@ -242,11 +242,7 @@ def unit_vector(direction_deg: float) -> complex:
 
 def speed_knots(slide: SlidePhase) -> list[tuple[float, float]]:
     """Speed of a slide as a polyline of (seconds into the phase, mm/s)."""
-    end = slide.duration_s
-    if slide.profile:
-        knots = list(slide.profile)
-        return knots if knots[-1][0] == end else [*knots, (end, knots[-1][1])]
-    speed = slide.speed_mm_s or 0.0
+    end, speed = slide.duration_s, slide.speed_mm_s
     # Rounding must not leave a last piece of zero length.
     times = {t for t in (0.0, slide.ramp_s) if t < end - 1e-6} | {end}
     return [(t, speed * t / slide.ramp_s if t < slide.ramp_s else speed) for t in sorted(times)]

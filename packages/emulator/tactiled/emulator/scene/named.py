@@ -1,9 +1,9 @@
-"""Scenes by name: shipped, from a file, of the paper, or of a random family."""
+"""Scenes by name: shipped, from a file, or of a random family."""
 
 import re
 
 from tactiled import resources
-from tactiled.emulator.scene.description import Scene, load_scene, paper_scenes
+from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.families import FAMILIES
 from tactiled.errors import ConfigError
 
@@ -14,7 +14,6 @@ def scene_names() -> dict[str, list[str]]:
     """Names that `named_scene` knows, by kind."""
     return {
         "shipped": resources.shipped_names("config/scenes"),
-        "paper": [name for name in paper_scenes() if "-d" in name],
         "family": [f"{name}-SEED" for name in FAMILIES],
     }
 
@@ -22,8 +21,7 @@ def scene_names() -> dict[str, list[str]]:
 def named_scene(name: str) -> Scene:
     """Find a scene by name; `ConfigError` if there is none, or its file has faults.
 
-    It is shipped (``demo``), a TOML file (``my/scene.toml``), a plate of the paper's table 2
-    (``experiment-d1.20-a45``), or of a family with a seed (``stick-slip-7``).
+    It is shipped (``demo``), a TOML file (``my/scene.toml``), or of a family with a seed (``stick-slip-7``).
     """
     if resources.is_name(name) and name not in resources.shipped_names("config/scenes"):
         found = _NUMBERED.fullmatch(name)
@@ -31,5 +29,4 @@ def named_scene(name: str) -> Scene:
             return FAMILIES[found["family"]](int(found["seed"]))
         kinds = "; ".join(f"{kind}: {', '.join(names)}" for kind, names in scene_names().items())
         raise ConfigError("--scene", [f"no scene {name!r}; there are: {kinds}; or give a TOML file"])
-    # The dot in a name of the paper's scenes would be taken for a file extension.
-    return paper_scenes()[name] if name in paper_scenes() else load_scene(name)
+    return load_scene(name)

@@ -1,6 +1,5 @@
 """Parts of a scene: plates, phases, disturbances, a held object."""
 
-import itertools
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -94,24 +93,12 @@ class SlidePhase(PhaseBase):
     """The skin moves over the surface under constant load; a reversal is a second slide."""
 
     kind: Literal["slide"]
-    speed_mm_s: float | None = Field(default=None, gt=0, le=1000)
+    speed_mm_s: float = Field(gt=0, le=1000)
     direction_deg: float = Field(default=0.0, ge=-360, le=360, description="from +x towards +y")
     ramp_s: float = Field(default=0.0, ge=0, le=86400, description="time to reach the speed, linearly from 0")
-    profile: list[tuple[float, Annotated[float, Field(ge=0, le=1000)]]] = Field(
-        default=[], description="instead of a speed: pairs of seconds into the phase and mm/s"
-    )
 
     @model_validator(mode="after")
-    def _one_speed(self) -> Self:
-        if (self.speed_mm_s is None) == (not self.profile):
-            raise ValueError("give either speed_mm_s or profile")
-        if self.profile and self.ramp_s:
-            raise ValueError("ramp_s belongs to speed_mm_s, not to a profile")
-        times = [t for t, _ in self.profile]
-        if times and (times[0] != 0 or any(b - a < _SHORTEST_S for a, b in itertools.pairwise(times))):
-            raise ValueError(f"profile times must begin at 0 and grow by at least {_SHORTEST_S} s")
-        if times and times[-1] > self.duration_s:
-            raise ValueError(f"profile goes on to {times[-1]} s, the phase only to {self.duration_s} s")
+    def _possible_ramp(self) -> Self:
         if self.ramp_s > self.duration_s or 0 < self.ramp_s < _SHORTEST_S:
             raise ValueError(f"ramp_s must be 0, or from {_SHORTEST_S} s to the length of the phase")
         return self
