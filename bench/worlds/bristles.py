@@ -139,7 +139,7 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         "x": x, "y": y, "mu": mu, "surface": rng.normal(size=(side**2, _SURFACE)),
         "arm_mm": np.array([centre[0] + arm[0], centre[1] + arm[1]]),
     }  # fmt: skip
-    drawn = Drawn("bristles", shape, hand, seed, side, pitch, rng)
+    drawn = Drawn("bristles", hand, seed, side, pitch, rng)
     return PressedScene(drawn, held, table, arrays, scalars)
 
 

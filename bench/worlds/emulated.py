@@ -81,7 +81,6 @@ def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played,
     surface = scene.surface
     return World(
         generator=generator,
-        law=scene.description,
         hand=hand,
         seed=seed,
         rate_hz=RATE_HZ,

@@ -322,7 +322,6 @@ def _measured(
     return World(
         generator="laws",
         seed=v["seed"],
-        law=v["law"],
         hand=v["hand"],
         rate_hz=rate_hz,
         array=square_array(kind, _SIDE, 3.7),

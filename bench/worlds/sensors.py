@@ -54,7 +54,6 @@ class Drawn:
     """Names of a world, and the generator of its random numbers."""
 
     generator: str
-    law: str
     hand: str
     seed: int
     side: int
@@ -125,7 +124,6 @@ def measure(drawn: Drawn, forces: Forces) -> World:
         friction = np.where(forces.touching, ratio * forces.limit / forces.load.sum(axis=1), np.nan)
     return World(
         generator=drawn.generator,
-        law=drawn.law,
         hand=drawn.hand,
         seed=drawn.seed,
         rate_hz=rate_hz,

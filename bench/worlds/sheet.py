@@ -83,7 +83,7 @@ def _draw(seed: int, minutes: float, hands: tuple[str, ...]) -> PressedScene:
         # A load that falls, or moves, would take it beyond.
         scalars |= {"relaxes": 0.0, "moves": 0.0}
     arrays = {"x": x, "y": y, "adhesion": adhesion, "to_taxels": near / near.sum(axis=0)}
-    return PressedScene(Drawn("sheet", shape, hand, seed, side, pitch, rng), held, table, arrays, scalars)
+    return PressedScene(Drawn("sheet", hand, seed, side, pitch, rng), held, table, arrays, scalars)
 
 
 def _simulate(scenes: list[PressedScene]) -> list[Forces]:

@@ -93,7 +93,7 @@ def _world(seed: int, minutes: float, hands: tuple[str, ...]) -> World:
     side, pitch = int(rng.choice([2, 3, 3, 3, 3, 4, 4])), rng.uniform(3.0, 4.5)
     contact = _draw(rng, law, hand == "grooves", side, pitch)
     pieces = draw_pieces(rng, hand, 60 * minutes)
-    drawn = Drawn("strokes", law, hand, seed, side, pitch, rng, is_ideal=rng.random() < _IDEAL)
+    drawn = Drawn("strokes", hand, seed, side, pitch, rng, is_ideal=rng.random() < _IDEAL)
     creep = 0.0 if drawn.is_ideal else max(rng.uniform(-0.04, 0.06), 0.0)
     tremor = np.cumsum(rng.normal(size=sum(map(len, pieces))))
     tremor *= max(rng.uniform(-_TREMOR, _TREMOR), 0.0) / np.abs(tremor).max()

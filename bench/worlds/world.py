@@ -15,10 +15,8 @@ INCIPIENT_USED = 1 - 0.9**1.5  # a tenth of a ball's area slips: sticking share 
 class World:
     """One drawn scene with its truth at every scan."""
 
-    # generator, law, hand: physics; contact law or shape of the object; what the hand does
     generator: str
-    law: str
-    hand: str
+    hand: str  # what it does
     seed: int
     rate_hz: float
     array: Array

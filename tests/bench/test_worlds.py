@@ -164,7 +164,7 @@ def test_an_ideal_sensor_reads_the_forces_and_nothing_else() -> None:
         usual_n=45.0,
         static_friction=1.0,
     )
-    world = measure(Drawn("strokes", "ramp", "press", 0, 3, 4.0, rng, is_ideal=True), forces)
+    world = measure(Drawn("strokes", "press", 0, 3, 4.0, rng, is_ideal=True), forces)
     last = world.block.volts[-20:].mean(axis=0)
     loads, shears = world.array.normal_weights() @ last, world.array.shear_weights() @ last
     np.testing.assert_allclose(loads / loads.sum(), np.arange(1, 10) / 45, atol=2e-3)
