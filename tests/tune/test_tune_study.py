@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from random_scenes import arm_acceleration
 from scipy.stats import poisson
 
 from bench.worlds.emulated import play
@@ -17,7 +18,7 @@ from tactiled.array import Array, load_array
 from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
-from tactiled.emulator.scene.families import QUIET
+from tactiled.emulator.scene.families.parts import begin, hold_phase
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import DataError
 from tactiled.events.types import ScanEvent
@@ -187,11 +188,11 @@ def test_a_recording_that_was_ended_regularly_gives_the_scans_that_were_live(tmp
     assert block.channel_offset_s.tolist() == list(hello.channel_offset_s)
 
 
-def first_seconds(seed: int) -> Scene:
-    """`persistent-contact` without its two minutes of creep."""
-    document = QUIET["persistent-contact"](seed).model_dump()
-    document["phases"][-1]["duration_s"] = 5.0
-    return Scene.model_validate(document)
+def undisturbed(seed: int) -> Scene:
+    """A press and a hold."""
+    _, scene = begin("persistent-contact", seed)
+    scene["phases"] += [hold_phase(5.0)]
+    return Scene.model_validate(scene)
 
 
 def with_noise(scene: Scene, noise_v: float) -> Scene:
@@ -206,7 +207,7 @@ def with_noise(scene: Scene, noise_v: float) -> Scene:
 def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A contact that nothing disturbs, then an arm that starts and stops; nothing slips in either."""
     noise_v = 1e-3
-    scenes = {"persistent-contact": first_seconds, "arm-acceleration": QUIET["arm-acceleration"]}
+    scenes = {"persistent-contact": undisturbed, "arm-acceleration": arm_acceleration}
     for name, family in scenes.items():
         volts = play(with_noise(family(2), noise_v), ARRAY).volts
         np.savez(tmp_path / f"{name}.npz", time_s=np.arange(len(volts)) / 100.0, volts=volts)

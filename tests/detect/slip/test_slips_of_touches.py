@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import random_scenes
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from touches import LSB, Touch, slip_detector, uneven_friction
@@ -16,7 +17,7 @@ from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.suite import DetectParams, factories
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.families import FAMILIES, parts
+from tactiled.emulator.scene.families import parts
 from tactiled.emulator.scene.truth import Truth
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -142,7 +143,7 @@ TOLD_LATE = pytest.mark.xfail(strict=True, reason="its onset is told up to 65 ms
     [(201, 0.3e-3), (201, 10e-3), *(pytest.param(203, noise, marks=LATE) for noise in (0.3e-3, 10e-3))],
 )
 def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -> None:
-    block, truth = seen(FAMILIES["steady-slide"], seed, noise)
+    block, truth = seen(random_scenes.steady_slide, seed, noise)
     (slip,) = truth.slips
     assert slip.shear_s is not None
     assert slip.gross_s is not None
@@ -155,7 +156,7 @@ def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -
     [(201, 0.3e-3), (201, 10e-3), (203, 0.3e-3), pytest.param(203, 10e-3, marks=TOLD_LATE)],
 )
 def test_a_physical_slide_has_its_instants_and_direction(seed: int, noise: float) -> None:
-    block, truth = seen(FAMILIES["steady-slide"], seed, noise)
+    block, truth = seen(random_scenes.steady_slide, seed, noise)
     (slip,) = truth.slips
     assert slip.shear_s is not None
     assert slip.gross_s is not None
@@ -169,18 +170,18 @@ def test_a_physical_slide_has_its_instants_and_direction(seed: int, noise: float
 
 
 def test_a_load_below_the_friction_limit_is_never_gross() -> None:
-    block, truth = seen(FAMILIES["load-and-back"], 202, 1e-3)
+    block, truth = seen(random_scenes.load_and_back, 202, 1e-3)
     assert truth.slips == []
     assert all(e.kind == "incipient" for e in slips(detect(block)))
 
 
 def test_taps_are_nothing() -> None:
-    block, _ = seen(FAMILIES["taps"], 201, 1e-3)
+    block, _ = seen(random_scenes.taps, 201, 1e-3)
     assert slips(detect(block, "fast")) == []
 
 
 def test_a_grip_that_changes_is_nothing() -> None:
-    block, truth = seen(FAMILIES["grip-changes"], 201, 1e-3)
+    block, truth = seen(random_scenes.grip_changes, 201, 1e-3)
     taken_up_s = sum(phase.duration_s for phase in truth.scene.phases[:3])
     assert [e for e in slips(detect(block)) if e.state == "onset" and e.onset_s > taken_up_s] == []
 
@@ -367,14 +368,14 @@ def test_a_load_that_comes_to_rest_is_not_gross(part: float, seed: int) -> None:
 
 def test_a_load_that_a_grip_brings_is_not_gross() -> None:
     """Nor is what an arm brings: `test_tune_study` has it."""
-    block, truth = seen(FAMILIES["inclined-load"], 201, 0.3e-3)
+    block, truth = seen(random_scenes.inclined_load, 201, 0.3e-3)
     assert truth.slips == []
     assert all(e.kind == "incipient" for e in slips(detect(block)))
 
 
 @pytest.mark.xfail(strict=True, reason="gross slip of a slow pull is told 2.3 s too early")
 def test_a_slow_pull_beyond_friction_is_gross() -> None:
-    block, truth = seen(FAMILIES["creep-into-slip"], 201, 0.3e-3)
+    block, truth = seen(random_scenes.creep_into_slip, 201, 0.3e-3)
     (slip,) = truth.slips
     gross = next(e for e in slips(detect(block)) if e.kind == "gross")
     assert slip.gross_s is not None

@@ -4,16 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from tactiled.emulator.scene.families import FAMILIES
+from tactiled.emulator.scene.families.holding import hold
 from tactiled.emulator.scene.named import named_scene, scene_names
 from tactiled.errors import ConfigError
 
 
 def test_scenes_of_each_kind_are_found_by_name() -> None:
-    names = scene_names()
-    for name in names["shipped"] + [f"{family}-3" for family in FAMILIES]:
+    *shipped, grasp = scene_names()
+    for name in shipped:
         assert named_scene(name).name == name
-    assert named_scene("stick-slip-7") == FAMILIES["stick-slip"](7)
+    assert grasp == "hold-SEED"
+    assert named_scene("hold-7") == hold(7)
 
 
 def test_a_scene_is_read_from_a_file(tmp_path: Path) -> None:
@@ -22,7 +23,7 @@ def test_a_scene_is_read_from_a_file(tmp_path: Path) -> None:
     assert named_scene(str(file)).name == "mine"
 
 
-@pytest.mark.parametrize("name", ["dmeo", "taps", "taps-x", "nothing-3", "taps-99999999999"])
+@pytest.mark.parametrize("name", ["dmeo", "hold-x", "nothing-3", "hold-99999999999"])
 def test_an_unknown_scene_is_refused_with_all_names(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"no scene '{name}'.*demo.*stick-slip-SEED"):
+    with pytest.raises(ConfigError, match=rf"no scene '{name}'.*demo.*hold-SEED"):
         named_scene(name)

@@ -40,7 +40,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
 @click.command()
 @click.option(
     "-s", "--scene", default="demo", show_default=True,
-    help="Shipped scene, TOML file, or FAMILY-SEED.",
+    help="Shipped scene, TOML file, or hold-SEED.",
 )  # fmt: skip
 @click.option("--link", type=FILE, help="Name under which the emulated serial port appears.")
 @click.option("--tcp", help="Listen on host:port instead; the daemon connects to socket://host:port.")
@@ -80,7 +80,7 @@ def emulate(
 ) -> None:
     """Emulate a board: play a scene on a pty or TCP port, and print its ground truth to stdout.
 
-    An unknown scene name prints all known names. stick-slip-7 is seed 7 of the family stick-slip.
+    An unknown scene name prints all known names. hold-7 is the random grasp of seed 7.
 
     Example: tactiled emulate --scene demo --link /tmp/board
 

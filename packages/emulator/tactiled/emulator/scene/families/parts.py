@@ -27,15 +27,6 @@ def begin(name: str, seed: int) -> tuple[np.random.Generator, Document]:
     return rng, scene
 
 
-def begin_quiet(name: str, seed: int, hold_s: float = 0.0) -> tuple[np.random.Generator, Document]:
-    """Begin a scene with a held object whose weight is a small part of the friction limit."""
-    rng, scene = begin(name, seed)
-    scene["held_object"] = {"mass_kg": log_uniform(rng, 0.1, 0.5)}
-    scene["phases"] += [load_phase(rng, scene, 0.5, rng.uniform(0.05, 0.2))]
-    scene["phases"] += [hold_phase(hold_s)] if hold_s else []
-    return rng, scene
-
-
 def made(scene: Document) -> Scene:
     """Check a document and make the scene of it."""
     return Scene.model_validate(scene)
