@@ -14,7 +14,6 @@ from tactiled.emulator.mechanics.base import Readout, Surface, TaxelForces
 from tactiled.emulator.mechanics.lumped import Lumped, indentation_mm, load_n
 from tactiled.emulator.scene.description import load_scene
 from tactiled.emulator.scene.truth import Truth
-from tactiled.errors import ConfigError
 from tactiled.resources import shipped
 
 SIDES = np.array([180.0, 270.0, 0.0, 90.0])  # R1 to R4 of the shipped array
@@ -248,8 +247,3 @@ def test_reset_is_new() -> None:
     again = skin.run(value, base, DT_S)
     for name, rows in vars(first).items():
         np.testing.assert_array_equal(rows, vars(again)[name])
-
-
-def test_grooves_are_refused_with_the_reason() -> None:
-    with pytest.raises(ConfigError, match=r"cannot play grooves .* use periodic, compliance or auto"):
-        Lumped(Surface(0.6, 1.2, 0.0, 0.1), SIDES, 9)

@@ -30,7 +30,6 @@ from tactiled.array import FloatArray
 from tactiled.emulator.mechanics.base import BUMP_MM, Readout, Surface, TaxelForces, TaxelModel
 from tactiled.emulator.mechanics.sides import growth, mean_side_weights
 from tactiled.emulator.mechanics.unevenness import friction_factor
-from tactiled.errors import ConfigError
 
 # Fit to finite elements of one taxel (config/contact/fem-*-load.json, 0.03 to 0.25 mm): from 0.3 to 2.3 N
 # the error is within 7 %.
@@ -84,10 +83,6 @@ class Lumped(TaxelModel):
     def __init__(
         self, surface: Surface, azimuth_deg: FloatArray, n_taxels: int, readout: Readout = "edge"
     ) -> None:
-        if surface.depth_mm > 0:
-            why = "a load curve has no ridges"
-            fault = f"contact: lumped cannot play grooves ({why}); use periodic, compliance or auto"
-            raise ConfigError("scene", [fault])
         self._surface = surface
         self._is_uneven, self._falls = np.any(surface.unevenness), np.any(surface.static_ratio != 1.0)
         # Of all taxels, or of each (t,): friction over that of the surface; may be changed between steps.
