@@ -7,12 +7,7 @@ from tactiled.config import Setup, default_config, load_config
 from tactiled.doctor.abilities import abilities
 from tactiled.doctor.board import check_board
 from tactiled.doctor.finding import Finding
-from tactiled.doctor.host import (
-    check_daemon,
-    check_disk,
-    check_endpoints,
-    running_daemon,
-)
+from tactiled.doctor.host import check_daemon, check_disk, check_endpoints, running_daemon
 from tactiled.doctor.port import check_port
 from tactiled.doctor.unplugged import check_keys
 from tactiled.errors import ConfigError

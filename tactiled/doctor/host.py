@@ -84,10 +84,8 @@ def check_disk(record: RecordParams) -> list[Finding]:
         words = "no such directory"
         remedy = f"sudo install -d -o USER {directory} (the unit makes its own), or change record.directory"
     elif not os.access(directory, os.W_OK | os.X_OK):
-        words, remedy = (
-            "this user may not write there",
-            f"make it writable for the daemon's user: ls -ld {directory}",
-        )
+        words = "this user may not write there"
+        remedy = f"make it writable for the daemon's user: ls -ld {directory}"
     else:
         free_mb, least_mb = shutil.disk_usage(directory).free / 1e6, record.min_free_mb
         words, remedy = f"{free_mb:.0f} MB free, recording stops below {least_mb:g} MB", ""

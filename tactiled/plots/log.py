@@ -108,25 +108,24 @@ def _spans(slips: Sequence[SlipEvent], last_s: float) -> Iterator[_SlipSpan]:
 
 def _mark_slips(axis: Axes, spans: Sequence[_SlipSpan], truth: KnownTruth | None, origin_s: float) -> None:
     """Shade each slip from onset to end, darker up to its detection, and the true slips."""
-    seen: set[str] = set()
-
-    def once(label: str) -> str | None:
-        if label in seen:
-            return None
-        seen.add(label)
-        return label
-
+    shaded = ("true: shear begins to gross slip", "gross slip", "incipient slip", "onset to detection")
+    once = {label: label for label in shaded}  # in the legend
     for begin_s, gross_s in truth.spans_s if truth is not None else ():
-        label = once("true: shear begins to gross slip")
+        label = once.pop(shaded[0], None)
         axis.axvspan(begin_s - origin_s, gross_s - origin_s, color=TRUTH, alpha=0.5, lw=0, label=label)
     for span in spans:
         kind = "gross slip" if span.is_gross else "incipient slip"
         begin, detected, end = span.onset_s - origin_s, span.detected_s - origin_s, span.end_s - origin_s
         if end > begin:
             axis.axvspan(
-                begin, end, color=SLIP, alpha=0.16 if span.is_gross else 0.07, lw=0, label=once(kind)
+                begin,
+                end,
+                color=SLIP,
+                alpha=0.16 if span.is_gross else 0.07,
+                lw=0,
+                label=once.pop(kind, None),
             )
-        axis.axvspan(begin, detected, color=SLIP, alpha=0.6, lw=0.6, label=once("onset to detection"))
+        axis.axvspan(begin, detected, color=SLIP, alpha=0.6, lw=0.6, label=once.pop(shaded[3], None))
 
 
 def _draw_onset(

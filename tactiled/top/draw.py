@@ -90,14 +90,11 @@ def age_in_words(age_s: float | None) -> str:
     """Return an age in ms, s, min or h."""
     if age_s is None:
         return "-"
-    for most_s, unit_s, form in (
-        (1.0, 1e-3, "{:.0f} ms"),
-        (100.0, 1.0, "{:.1f} s"),
-        (6000.0, 60.0, "{:.0f} min"),
-    ):
-        if age_s < most_s:
-            return form.format(max(0.0, age_s) / unit_s)
-    return f"{age_s / 3600:.1f} h"
+    if age_s < 1.0:
+        return f"{1000 * max(0.0, age_s):.0f} ms"
+    if age_s < 100.0:
+        return f"{age_s:.1f} s"
+    return f"{age_s / 60:.0f} min" if age_s < 6000.0 else f"{age_s / 3600:.1f} h"
 
 
 def _sentence(board: BoardView, now_unix_s: float, width: int) -> list[Text]:
@@ -132,36 +129,32 @@ def _facts(board: BoardView, live: bool, full: float) -> list[Text]:
     """Return lines of a name and a value."""
     status, felt, geometry = board.newest.get("status", {}), board.felt(), board.geometry
     unit = "" if geometry is None else geometry["unit"]
-    rows: list[tuple[str, str]] = []
-
-    def add(name: str, words: str) -> None:
-        rows.append((name, words))
-
+    rows: dict[str, str] = {}
     if status.get("contact") == "none" and live and (below := status["hidden_below"]):
-        add("contact", f"none, told from {below:.3g} {unit}")
+        rows["contact"] = f"none, told from {below:.3g} {unit}"
     if felt is not None and geometry is not None:
         shear_x, shear_y = float(felt.shear_x.sum()), float(felt.shear_y.sum())
-        add("load", f"{felt.load.sum():z.2f} {unit}" if live else "-")
+        rows["load"] = f"{felt.load.sum():z.2f} {unit}" if live else "-"
         if geometry["has_shear"]:
             arrow = _arrow(shear_x, shear_y, _LEAST * full * len(felt.load))
-            add("shear", f"{math.hypot(shear_x, shear_y):.2f} {unit} {arrow}" if live else "-")
+            rows["shear"] = f"{math.hypot(shear_x, shear_y):.2f} {unit} {arrow}" if live else "-"
     force, grip, texture = board.current("force"), board.current("grip"), board.newest.get("texture")
     if force is not None and live:
-        add("force", force_words(force))
+        rows["force"] = force_words(force)
     if grip is not None and grip["state"] != "none" and live:
         used, low, high = (100 * grip[f"utilisation{end}"] for end in ("", "_low", "_high"))
-        add("friction used", f"{used:.0f} % ({low:.0f} to {high:.0f})")
+        rows["friction used"] = f"{used:.0f} % ({low:.0f} to {high:.0f})"
     if texture is not None and live:
-        add("grooves", texture_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: "))
+        rows["grooves"] = texture_words(texture).removeprefix("grooves ").removeprefix("no groove estimate: ")
     if status:
-        add("rate", f"{status['rate_hz']:.1f} Hz, {lost_words(status)}")
+        rows["rate"] = f"{status['rate_hz']:.1f} Hz, {lost_words(status)}"
         sd_ms = 1000 * status["clock_sd_s"]
         known = f"± {sd_ms:.2f} ms, {status['clock_rate_ppm']:z.0f} ppm"
-        add("clock", known if sd_ms < 1e6 else "not known")
-        add("loop lag", f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path")
+        rows["clock"] = known if sd_ms < 1e6 else "not known"
+        rows["loop lag"] = f"{1000 * status['loop_lag_s']:.1f} ms, {status.get('path', 'unknown')} path"
     if (recording := board.newest.get("recording")) is not None:
-        add("recording", f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB")
-    return [Text(f"{name:>13}  ", "dim").append(words) for name, words in rows]
+        rows["recording"] = f"{recording['state']} {recording['bytes_written'] / 1e6:.1f} MB"
+    return [Text(f"{name:>13}  ", "dim").append(words) for name, words in rows.items()]
 
 
 def _array(board: BoardView, live: bool, width: int, full: float) -> list[Text]:
@@ -184,12 +177,11 @@ def _array(board: BoardView, live: bool, width: int, full: float) -> list[Text]:
                 first, second = (line.append(" " * (cell + 1)) for line in (first, second))
                 continue
             style = _style(load[taxel] / full, live, taxel in slipping)
-            number = f"{load[taxel]:.2f}" if felt is not None and live else "-"
             mark = "!" if taxel in slipping else "·" if taxel in touched else " "
-            shown = felt if live else None
-            arrow = (
-                " " if shown is None else _arrow(shown.shear_x[taxel], shown.shear_y[taxel], _LEAST * full)
-            )
+            number, arrow = "-", " "
+            if felt is not None and live:
+                number = f"{load[taxel]:.2f}"
+                arrow = _arrow(felt.shear_x[taxel], felt.shear_y[taxel], _LEAST * full)
             if wide:
                 first.append(f"{number:^{cell}}", style).append(" ")
                 second.append(f"{mark + ' ' + arrow:^{cell}}", style).append(" ")

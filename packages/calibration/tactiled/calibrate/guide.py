@@ -37,11 +37,6 @@ class Advice:
     motion: str  # empty where nothing is lacking
     sd: dict[str, float]  # relative standard deviations: "normal", "shear x", "shear y", "taxel 0", ...
 
-    @property
-    def worst(self) -> float:
-        """Largest relative standard deviation."""
-        return max(self.sd.values())
-
 
 class Guide:
     """Information about the sensitivities of an array, updated with each second of scans.
@@ -167,7 +162,7 @@ def record_guided(
             is_good = not advice.motion and elapsed_s >= _LEAST_S
             motion = advice.motion or "go on pressing"
             if motion != said and not is_good:
-                report(f"{elapsed_s:4.0f} s  {motion} (now {100 * advice.worst:.0f} %)")
+                report(f"{elapsed_s:4.0f} s  {motion} (now {100 * max(advice.sd.values()):.0f} %)")
                 said = motion
     recorded = scans.log()
     try:

@@ -11,7 +11,7 @@ from tactiled.force.model import N_KINDS
 _POOR = 0.15  # relative standard deviation of a sensitivity above which a motion is asked for
 _LITTLE_SHEAR = 0.1  # of the largest normal force
 _LITTLE_SD = 0.05  # relative standard deviation at which so little shear is enough
-_WORDS = ("shear x", "shear y", "normal force")
+_WORDS, _FORCES = ("shear x", "shear y", "normal force"), ("shear", "shear", "normal force")
 _MOTION = ("push sideways along x, both ways", "push sideways along y, both ways", "press")
 
 
@@ -49,11 +49,7 @@ def verdict(data: FitData, best: FittedModel, covariance: list[FloatArray]) -> l
     for k in known:
         is_little = k < 2 and largest[k] < _LITTLE_SHEAR * max(largest[2], 1e-9)
         if relative[k] > _POOR or (is_little and (not is_pairs or relative[k] > _LITTLE_SD)):
-            what = (
-                f"no shear beyond {largest[k]:.2g} N along {'xy'[k]}"
-                if k < 2
-                else (f"no normal force beyond {largest[k]:.2g} N")
-            )
+            what = f"no {_FORCES[k]} beyond {largest[k]:.2g} N" + f" along {'xy '[k]}" * (k < 2)
             how_well = "is poorly known"
             if is_pairs:
                 how_well = f"has {100 * relative[k]:.0f} % sd" if relative[k] < 1 else "is not known"
