@@ -33,7 +33,9 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
     if not np.isfinite(readings).any():
         raise DataError("the log has no valid reading: check --columns")
     n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
-    rest = np.array([_median(one[:n_first], one) for one in readings.T])
+    parts = (np.ma.masked_invalid(part) for part in (readings[:n_first], readings))
+    first, whole = (np.ma.filled(np.ma.median(p, axis=0), np.nan) for p in parts)  # type: ignore[no-untyped-call]
+    rest = np.nan_to_num(np.where(np.isnan(first), whole, first))  # 0 of a channel without a reading
     return [
         _rate(time_s, readings),
         _range(array, readings),
@@ -41,15 +43,6 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
         _zero(array, time_s, readings, rest),
         _signs(array, readings - rest),
     ]
-
-
-def _median(first: FloatArray, whole: FloatArray) -> float:
-    """Median of the known readings at the beginning of a channel, else of all of them; 0 for none."""
-    for part in (first, whole):
-        known = part[np.isfinite(part)]
-        if known.size:
-            return float(np.median(known))
-    return 0.0
 
 
 def _rate(time_s: FloatArray, readings: FloatArray) -> Finding:
@@ -83,10 +76,7 @@ def _range(array: Array, readings: FloatArray) -> Finding:
 
 
 def _dead(array: Array, readings: FloatArray) -> Finding:
-    changes = np.array(
-        [np.ptp(one[np.isfinite(one)]) if np.isfinite(one).any() else 0.0 for one in readings.T]
-    )
-    dead = np.flatnonzero(changes == 0)
+    dead = np.flatnonzero(np.ma.filled(np.ma.ptp(np.ma.masked_invalid(readings), axis=0), 0.0) == 0)
     if not dead.size:
         return Finding("log: channels", "ok", "every channel changes")
     words = f"never change: {_names(array, dead)}"

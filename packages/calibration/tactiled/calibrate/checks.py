@@ -101,13 +101,11 @@ def check_signs(
         return
     # A response to motion of the skin along +x is a force of the object along -x.
     felt = -log.readings[rows] @ weights.T
-    outputs = outputs[rows]
+    outputs, size = outputs[rows], 0.0
     if 2 in used:  # a tilted reference shows a part of the normal force as shear
         normal = outputs[:, 2]
         felt, size = _without(felt, normal), float(np.ptp(normal))
         outputs = np.concatenate([_without(outputs[:, :2], normal), outputs[:, 2:]], axis=1)
-    else:
-        size = 0.0
     for axis, name in ((0, "fx_n"), (1, "fy_n")):
         if axis not in used or np.ptp(outputs[:, axis]) < _LEAST_SHEAR * size:
             continue

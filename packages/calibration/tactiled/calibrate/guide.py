@@ -42,14 +42,6 @@ class Guide:
     """Information about the sensitivities of an array, updated with each second of scans.
 
     `DataError` where the array has no channel whose kind is known to respond to pressure or shear.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tactiled.array import load_array
-    >>> guide = Guide(load_array("load-cell"))
-    >>> guide.advice().motion
-    'press hard, and let go, at several places'
     """
 
     def __init__(self, array: Array) -> None:
