@@ -60,6 +60,9 @@ class BoardView:
     slip: Mapping[str, Any] | None = None
     """Newest onset of a slip that has not ended."""
     events: deque[ListedEvent] = field(default_factory=lambda: deque(maxlen=_EVENTS))
+    zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    zero_scans: list[float] = field(default_factory=list)
+    """Instants of the scans whose mean is the zero, where the array has that of its first scans."""
 
     def lamp(self, now_unix_s: float) -> Lamp:
         """Judge how old the data are at an instant, by the instants in the messages."""
@@ -110,12 +113,25 @@ class BoardView:
         allowed_s = max(_SILENT_S, _PERIODS / rate_hz if rate_hz > 0 else 0.0)
         return message if scan["timestamp"] - message["timestamp"] <= allowed_s else None
 
+    def describe(self, geometry: dict[str, Any]) -> None:
+        """Take another array."""
+        self.geometry, self.zero, self.zero_scans = geometry, np.array(geometry["zero"]), []
+
+    def learn_zero(self, scan: Mapping[str, Any]) -> None:
+        """Average a scan into the zero, if that is of the first scans, which are the first of this view."""
+        at_s, first = scan["timestamp"], self.zero_scans
+        if self.geometry is None or len(scan["volts"]) != len(self.zero):
+            return
+        if at_s - (first or [at_s])[0] < self.geometry["zero_first_s"]:
+            first.append(at_s)
+            self.zero += (np.array(scan["volts"]) - self.zero) / len(first)
+
     def felt(self) -> Felt | None:
         """Return load and shear of the newest scan; None without a scan or an array."""
         scan, geometry = self.newest.get("scan"), self.geometry
-        if scan is None or geometry is None or len(scan["volts"]) != len(geometry["zero"]):
+        if scan is None or geometry is None or len(scan["volts"]) != len(self.zero):
             return None
-        readings = np.where(scan["valid"], np.array(scan["volts"]) - geometry["zero"], 0.0)
+        readings = np.where(scan["valid"], np.array(scan["volts"]) - self.zero, 0.0)
         return Felt(*(_weighted(geometry[name], readings) for name in ("pressure", "shear_x", "shear_y")))
 
 
@@ -182,11 +198,13 @@ class BoardViews:
     def _message(self, board: BoardView, message: Message) -> None:
         data = message.data
         if message.topic == "info" and board.newest.get("info", {}).get("array_id") != data["array_id"]:
-            board.geometry = geometry_of(data, self._array)
+            board.describe(geometry_of(data, self._array))
         if message.topic in ("status", "scan"):
             board.drop_other_runs(data["run"])
         if message.topic == "status":
             board.drop_ended(data)
+        elif message.topic == "scan":
+            board.learn_zero(data)
         board.newest[message.topic] = data
         if message.topic == "slip":
             board.slip = None if data["state"] == "end" else data

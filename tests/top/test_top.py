@@ -188,6 +188,19 @@ def test_colours_stand_for_the_same_load_whatever_is_pressed() -> None:
     assert colour(0.05, 4) != colour(0.05, 32)
 
 
+def test_the_first_scans_are_the_zero_of_an_array_that_has_no_other() -> None:
+    array = load_array("xyz-counts-4x4")
+    assert array.zero_first_s > 0
+    views = BoardViews()
+    views.take(info(array.name))
+    for k in range(60):
+        volts = (8000.0 + 100.0 * (k >= 50),) * array.n_channels
+        views.take(message(replace(scan(array.n_channels, NOW_S + k / 100), volts=volts), k))
+        felt = views.boards["TS1"].felt()
+        assert felt is not None
+        assert felt.load.sum() == pytest.approx(1600.0 * (k >= 50))
+
+
 def test_stale_numbers_are_not_shown() -> None:
     board = views_of().boards["TS1"]
     fresh, stale = (

@@ -148,7 +148,7 @@ def calibrate(
         residuals=Residuals(
             fx_n=rms[0], fy_n=rms[1], fz_n=rms[2], baseline_fz_n=float(baseline[2]) if 2 in used else None
         ),
-        largest_reading=np.maximum(size[rows].max(axis=0), _LEAST_READING * _largest(log)).tolist(),
+        largest_reading=np.maximum(size[rows].max(axis=0), _LEAST_READING * size.max()).tolist(),
         **{best.name: best.table},
         uncertainty=_stated(best, axes, log, walk_n),
     )
@@ -238,14 +238,10 @@ def force_walk(left_out: FloatArray, time_s: FloatArray, segment: NDArray[np.int
     return walks
 
 
-def _largest(log: BinnedLog) -> float:
-    return max(float(np.abs(log.readings).max()), 1e-9)
-
-
 def _sensitivity(best: FittedModel, log: BinnedLog) -> FloatArray:
     """Rms change (3,) of fx, fy, fz for independent errors of 1 of the zeros of all channels."""
     rng = np.random.default_rng(0)
-    size = _PROBED * _largest(log)
+    size = _PROBED * max(float(np.abs(log.readings).max()), 1e-9)
     total = np.zeros(3)
     for _ in range(_PROBES):
         moved = best.moved(np.asarray(size * rng.standard_normal(log.readings.shape[1])))

@@ -22,11 +22,9 @@ from tactiled.cli.options import (
 from tactiled.progress import tell
 
 RATE = click.option(
-    "--rate",
-    "rate_hz",
-    type=click.FloatRange(min=0, min_open=True),
+    "--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True),
     help="Scans a second of a table without times.",
-)
+)  # fmt: skip
 
 
 @click.command()
@@ -45,20 +43,15 @@ RATE = click.option(
     "--same-clock", "is_same_clock", is_flag=True, help="Times of LOG and reference are of one clock."
 )
 @click.option(
-    "--poses",
-    "are_poses",
-    is_flag=True,
+    "--poses", "are_poses", is_flag=True,
     help="LOG and reference are static poses in any order; time_s is the number of the pose in both.",
-)
+)  # fmt: skip
 @TOPIC
 @click.option("--plot", type=FILE, help="Write a picture of the fit.")
 @click.option(
-    "--guide",
-    is_flag=False,
-    flag_value="tcp://127.0.0.1:9872",
-    metavar="[ENDPOINT]",
+    "--guide", is_flag=False, flag_value="tcp://127.0.0.1:9872", metavar="[ENDPOINT]",
     help="Record LOG (.npz) from a running daemon, and say which way to press next.",
-)
+)  # fmt: skip
 @click.option(
     "--guide-s", default=180.0, show_default=True, type=click.FloatRange(5, 3600), help="Longest recording."
 )

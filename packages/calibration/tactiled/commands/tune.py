@@ -13,9 +13,7 @@ from tactiled.progress import tell
 @click.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option(
-    "--quiet",
-    type=FILE,
-    help="File (recording, CSV, npz, bag) of an object held still, instead of a live hold.",
+    "--quiet", type=FILE, help="File (recording, CSV, npz, bag) of an object held still, not a live hold."
 )
 @click.option("--motion", type=FILE, help="File of the object moved as in normal work, without slip.")
 @click.option(
@@ -26,12 +24,9 @@ from tactiled.progress import tell
     "--quiet-s", default=20.0, show_default=True, type=click.FloatRange(5, 3600), help="Duration of the hold."
 )
 @click.option(
-    "--motion-s",
-    default=30.0,
-    show_default=True,
-    type=click.FloatRange(5, 3600),
+    "--motion-s", default=30.0, show_default=True, type=click.FloatRange(5, 3600),
     help="Duration of the motion.",
-)
+)  # fmt: skip
 @click.option(
     "--array", help="Array of a table or bag, or of a board whose array is not shipped: name or TOML file."
 )
