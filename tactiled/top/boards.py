@@ -20,6 +20,7 @@ _EVENTS = 50
 _MOST_BOARDS = 1000
 _SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _LATE_S = 0.16  # samples.late_after_s, and the interval of drawings of a page
+_OVERTAKEN_S = 1.0  # a status that was made before a slip may come after it over zenoh, by less than this
 _PERIODS = 3  # scan periods that are not late on a slow board
 _OF_NOW = ("contact", "texture", "grip", "force")
 LampState = Literal["FRESH", "LATE", "STALE", "NO BOARD"]
@@ -97,7 +98,7 @@ class BoardView:
 
     def drop_ended(self, status: Mapping[str, Any]) -> None:
         """Forget a slip and a contact that a later status does not have: their end was lost, or came late."""
-        at_s = status["timestamp"]
+        at_s = status["timestamp"] - _OVERTAKEN_S
         if self.slip is not None and not status["slipping"] and self.slip["detected"] <= at_s:
             self.slip = None
         contact = self.newest.get("contact")
