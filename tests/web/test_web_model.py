@@ -68,6 +68,32 @@ def test_a_restart_of_the_daemon_ends_what_its_last_run_said(opened: Page) -> No
     assert model(opened, 'status(1, 10.1, "holding"); return known().length') == 5
 
 
+def test_a_slip_and_a_contact_whose_ends_were_lost_end_with_the_next_status(opened: Page) -> None:
+    act = """
+      const say = (at, contact, slipping) => {
+        board.take("status", { ...common(1, at), contact, slipping, rate_hz: 100 });
+        const said = verdict(board, at).sentence;
+        return [board.slip !== null, board.touch?.state ?? null, board.slips[0].to, said];
+      };
+      return [say(10.05, "none", false), say(11.5, "holding", true), say(11.6, "none", false)];"""
+    early, going, ended = model(opened, act)
+    assert early[:3] == [True, "holding", None]  # a status that was made before the slip
+    assert going[:3] == [True, "holding", None]
+    assert ended == [False, None, 11.6, "Nothing touches the skin"]
+
+
+def test_a_clock_that_is_set_back_does_not_freeze_the_page(opened: Page) -> None:
+    """What the page had kept lies in the future then, and its newest scan would be fresh for ever."""
+    act = """
+      const at = (seq, s) => board.take("scan", { ...common(1, s), seq, index: seq, volts: [], valid: [] });
+      at(1, 20); at(2, 20.01); at(3, 20); at(4, 20.005);  // corrected by some milliseconds
+      const corrected = board.newestScan.timestamp;
+      at(2, 5); const sentAgain = board.newestScan.timestamp; // by a server to which the page connects anew
+      at(5, 5); at(6, 5.01);
+      return [corrected, sentAgain, board.newestScan.timestamp];"""
+    assert model(opened, act) == [20.01, 20.01, 5.01]
+
+
 def test_forces_and_margins_that_come_no_more_are_not_shown(opened: Page) -> None:
     now = "return [board.grip, board.force].map((message) => board.current(message) !== null)"
     assert model(opened, f"scan(1, 10.2); {now}") == [True, True]

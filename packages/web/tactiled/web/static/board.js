@@ -13,6 +13,8 @@ const GAP_S = 0.2;               // scans of the history are 0.1 s and a period 
 const GAP_PERIODS = 2.5;         // slow boards
 const FORCE_COMES_S = 5;         // so long curves in newtons wait for the force of a scan: after a gap it comes later, and a server that was held up has the newest alone
 const FORCE_SENT_S = 1;          // of scans with which a daemon has sent a force, if it states any
+const OVERTAKEN_S = 1;           // by which a message of another topic, made later, may come before a status
+const SET_BACK_S = 1;            // of the clock; by less, it costs a few scans
 const CURRENT_S = 0.3;           // messages for each scan that are older than the newest scan by this have ended
 const CURRENT_PERIODS = 3;       // slow boards
 
@@ -58,7 +60,7 @@ export class BoardModel {
     switch (topic) {
       case "info": this.info = data; return null;
       case "geometry": this._geometry(data); return null;
-      case "status": this._dropOtherRuns(data.run); this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
+      case "status": this._dropOtherRuns(data.run); this._dropEnded(data); this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
       case "recording": this.recording = data; return null;
       case "settings": this.settings = data; return null;
       case "scan": if (!recovered) this._scan(data); return null;
@@ -84,6 +86,13 @@ export class BoardModel {
     for (const name of ["touch", "slip", "texture", "grip", "force"]) if (old(this[name])) this[name] = null;
   }
 
+  /** Forget a slip and a contact that a later status does not have: their end was lost. In a frame, a status comes after younger events. */
+  _dropEnded(status) {
+    const before = (at) => at < status.timestamp - OVERTAKEN_S;
+    if (this.slip !== null && status.slipping === false && before(this.slip.detected)) this._slip({ state: "end", timestamp: status.timestamp });
+    if (this.touch !== null && status.contact !== undefined && this.touch.state !== status.contact && before(this.touch.timestamp)) this.touch = null;
+  }
+
   /** A message that comes with each scan; null where it is not of the newest ones: its detector has ended. */
   current(message) {
     if (message === null || this.newestScan === null) return null;
@@ -98,7 +107,10 @@ export class BoardModel {
 
   _scan(scan) {
     const before = this.newestScan;
-    if (before !== null && before.run === scan.run && scan.timestamp <= before.timestamp) return;
+    if (before !== null && before.run === scan.run && scan.timestamp <= before.timestamp) {
+      if (!(scan.seq > before.seq && scan.timestamp < before.timestamp - SET_BACK_S)) return;
+      this.rewind(); // the clock of the host was set back: what lies ahead of it now would hide all that comes
+    }
     if (before !== null) {
       const why = before.run !== scan.run ? "new run of the daemon" : scan.index <= before.index ? "the board started anew" : "";
       if (why || scan.timestamp - before.timestamp > Math.max(GAP_S, GAP_PERIODS * this._period())) this._gap(before.timestamp, scan.timestamp, why);
