@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 from patience import PATIENCE_S
 
-from tactiled.emulator.line.faults import FaultParams
+from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.line.links import PtyLink, SocketLink, make_control_link, make_tcp_link
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import load_scene
@@ -203,6 +203,24 @@ def test_a_scene_slower_than_real_time_sends_each_scan_before_it_computes_the_ne
     kinds = [report["what"] for report in reports if report["what"] in ("scan", "sent")]
     # The last bytes of a scan may be on the line when the next scan instant is due, but no later.
     assert all("sent" in three for three in zip(kinds, kinds[1:], kinds[2:], strict=False))
+
+
+def test_a_board_is_powered_up_when_its_tables_are_solved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else the hellos and the faults of that time come at once, and the host is called too slow."""
+    at_s: dict[str, float] = {}
+
+    def report(what: dict[str, Any]) -> None:
+        at_s[what["what"]] = time.monotonic()
+        if what["what"] == "unplugged":
+            emulator.stop()
+
+    monkeypatch.setattr(Emulator, "_solve_tables", lambda _: time.sleep(1.2))
+    faults = FaultParams(at=[FaultAt(kind="unplug", at_s=1.0)])
+    emulator = Emulator(DEMO, V1, PtyLink(tmp_path / "board"), faults=faults, report=report)
+    emulator.run_until_signal()
+    assert at_s["unplugged"] - at_s["ready"] > 0.9
 
 
 def test_hosts_come_and_go_on_a_pty(tmp_path: Path) -> None:

@@ -65,17 +65,17 @@ class Emulator:
         self._scene = scene
         self._link = link
         self._report = report
-        self._port = EmulatedPort(
+        self._make_port = partial(
+            EmulatedPort,
             scene,
             layout,
-            power_up_s=time.monotonic(),
             board=board,
             faults=faults,
             seed=seed,
             on_scan=self._report_scan if with_scans else lambda _: None,
         )
         self._control = control
-        self._control_lines = ControlLines(self._port.contact)
+        self._power_up()
         self._faults_to_cause: deque[FaultKind] = deque()
         # Bytes of the host and faults that the board has not reached, with their instants, in order.
         self._inputs: deque[tuple[float, Callable[[float], None]]] = deque()
@@ -103,6 +103,7 @@ class Emulator:
         `ConfigError` where the link cannot be made.
         """
         self._solve_tables()
+        self._power_up()  # of a board that waited, hellos and faults would all come at once
         with _stopped_by_signals(self.stop):
             self.run()
 
@@ -125,6 +126,10 @@ class Emulator:
             os.close(self._wake_write)
         counts = vars(self._port.counts) | {"bytes_overflowed": self._bytes_overflowed}
         self._report({"what": "end", "counts": counts})
+
+    def _power_up(self) -> None:
+        self._port = self._make_port(power_up_s=time.monotonic())
+        self._control_lines = ControlLines(self._port.contact)
 
     def _solve_tables(self) -> None:
         """Play a scene over grooves once: tables that are not shipped, a minute each, are solved and kept."""
