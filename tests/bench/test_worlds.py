@@ -17,14 +17,14 @@ def grasps() -> list[World]:
 
 
 # Number of worlds, minutes: most generators play them together, plates one by one.
-_SIZES = {"bristles": (14, 0.2), "plates": (3, 0.12)}
+_SIZES = {"bristles": (14, 0.14), "plates": (3, 0.12)}
 
 
 @pytest.fixture(scope="module", params=NEW)
 def worlds(request: pytest.FixtureRequest) -> list[World]:
     if request.param == "grasps":
         return list(request.getfixturevalue("grasps"))
-    n, minutes = _SIZES.get(request.param, (8, 0.2))
+    n, minutes = _SIZES.get(request.param, (8, 0.1))
     return draw(request.param, range(n), minutes)
 
 

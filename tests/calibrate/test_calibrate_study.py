@@ -23,7 +23,7 @@ from tactiled.force.estimator import ForceEstimator
 from tactiled.samples.block import regular_block
 
 ARRAY = load_array("wang2019-3x3")
-SECONDS = 30.0
+SECONDS = 20.0
 Z90 = 1.645
 
 
@@ -147,7 +147,7 @@ def test_a_taxel_that_was_never_touched_says_so() -> None:
 def test_a_wrong_reference_is_refused_with_advice(
     change: Callable[[ReferenceTable], ReferenceTable], says: str
 ) -> None:
-    _, run, _ = rig_run()
+    _, run, _ = rig_run(seconds=30.0)
     with pytest.raises(DataError, match=says):
         study(run, change(table(run)))
 
@@ -296,7 +296,7 @@ def _afterglow(loads_n: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def test_a_free_array_has_no_force_where_the_model_is_wrong() -> None:
-    rig, run, test = rig_run()
+    rig, run, test = rig_run(seconds=30.0)
     found = study(run, table(run), _afterglow(run.loads.taxels_n, np.random.default_rng(8)))
     readings = _afterglow(test.loads.taxels_n, np.random.default_rng(8))
     error, sd = errors(found, rig, replace(test, readings=readings))

@@ -12,7 +12,7 @@ from tactiled.samples.clock import ClockFit, ClockParams
 
 RATES_HZ = (1.0, 10.0, 100.0, 1000.0, 5000.0, 20_000.0)
 WINDOW = 120
-DURATION_S = {1.0: 200.0, 10.0: 150.0, 100.0: 20.0, 1000.0: 6.0, 5000.0: 2.5, 20_000.0: 2.5}
+DURATION_S = {1.0: 130.0, 10.0: 125.0, 100.0: 20.0, 1000.0: 6.0, 5000.0: 2.5, 20_000.0: 2.1}
 
 
 class Counted(float):
