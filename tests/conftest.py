@@ -3,8 +3,8 @@
 Hypothesis draws the same examples on every machine, so that a failure comes from the change under test.
 ``./run test --hypothesis-profile explore`` draws new ones.
 
-Tests of real processes have the mark ``system``. A test that needs a host which keeps up with real time has the
-mark ``alone``, too.
+Tests of real processes have the mark ``system``. A test that needs a host which keeps up with real time has
+the mark ``alone``, too.
 
 A test fails when it leaves an asyncio task, a thread or a file descriptor behind. A test fails after 300 s
 (``timeout`` in pyproject.toml), one that runs real processes after 600 s, and one marked
