@@ -220,9 +220,8 @@ def test_the_example_says_what_is_wrong(example: list[str | Path]) -> None:
     assert "nowhere: Invalid argument" in done.stderr
 
 
-def test_the_page_runs(built: Path, endpoint: str, tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "native.md").read_text()
-    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+def test_the_example_with_ctypes_runs(built: Path, endpoint: str, tmp_path: Path) -> None:
+    code = (ROOT / "examples" / "listen_ctypes.py").read_text()
     program = tmp_path / "listen.py"
     program.write_text(code.replace("libtactiled.so.0", str(built / "libtactiled.so")))
     listening = Program(sys.executable, program, endpoint)

@@ -56,7 +56,7 @@ def test_the_timing_budget_adds_up() -> None:
 
 
 def test_legacy_scan_by_hand() -> None:
-    """The frame as board.md describes it, put together without our codec."""
+    """The frame as legacy-9.toml describes it, put together without our codec."""
     body = struct.pack(">B9HHB", 0x53, *range(1000, 1009), 65535, 255)
     guarded = body + struct.pack(">H", binascii.crc_hqx(body, 0xFFFF))
     assert b"\0" not in guarded

@@ -1,4 +1,4 @@
-"""Programs in protocols/control.md run as they are printed."""
+"""Programs in protocols/control.md, and the example that it names, run as they are printed."""
 
 import asyncio
 import re
@@ -13,12 +13,13 @@ from tactiled import resources
 from tactiled.daemon.zmq.commands import MotionSenders
 from tactiled.daemon.zmq.requests import Motion
 
-SUBSCRIBER, COMMAND, MOTION = re.findall(
+SUBSCRIBER = (Path(__file__).parents[3] / "examples" / "fetch_missed.py").read_text()
+COMMAND, MOTION = re.findall(
     r"```python\n(.*?)```", resources.shipped("protocols", "control.md").read_text(), re.DOTALL
 )
 
 
-def test_the_subscriber_in_the_documentation_misses_nothing(tmp_path: Path) -> None:
+def test_the_subscriber_of_the_example_misses_nothing(tmp_path: Path) -> None:
     endpoint = f"ipc://{tmp_path}/events.ipc"
     script = SUBSCRIBER.replace("tcp://127.0.0.1:9872", endpoint).replace(
         "tcp://127.0.0.1:9873", f"ipc://{tmp_path}/control.ipc"
