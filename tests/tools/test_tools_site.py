@@ -27,8 +27,8 @@ def test_the_site_has_each_page_and_what_it_links_to_at_its_place() -> None:
 
 
 def test_a_link_to_a_folder_leads_to_the_page_of_its_files() -> None:
-    text = "[all](decisions) [one](slip.md#settings) [folder](../protocols/c/)"
-    expected = "[all](decisions/index.md) [one](slip.md#settings) [folder](../protocols/c/index.md)"
+    text = "[all](figures) [one](slip.md#settings) [folder](../protocols/c/)"
+    expected = "[all](figures/index.md) [one](slip.md#settings) [folder](../protocols/c/index.md)"
     assert with_links_to_pages(text, ROOT / "docs/trust.md") == expected
 
 

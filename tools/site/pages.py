@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-_PAGES = ("*.md", "docs/*.md", "docs/decisions/*.md", "protocols/*.md", "research/*.md")
+_PAGES = ("*.md", "docs/*.md", "protocols/*.md", "research/*.md")
 _LINK = re.compile(r"(\]\()(?!\w+:|#)([^)\s#]+)")  # of Markdown, to a file of the repository
 
 
