@@ -13,7 +13,7 @@ PRINTED = '{"topic": "slip", "kind": "gross", "direction_deg": 90.2, "valid": tr
 @pytest.mark.alone  # emulated boards in real time
 @pytest.mark.parametrize(
     ("page", "heading", "commands"),
-    [("first-steps.md", "First slip", 3), ("your-sensor.md", "4. A live board", 3)],
+    [("first-steps.md", "First slip", 3), ("your-sensor.md", "4. A live board", 2)],
 )
 def test_a_tutorial_prints_what_it_shows(page: str, heading: str, commands: int, tmp_path: Path) -> None:
     with Reader(tmp_path) as reader:
