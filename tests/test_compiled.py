@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from touches import Touch, run, splits
 
 from tactiled import compiled
-from tactiled.array import Array, load_array
+from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
 from tactiled.detect.contact.readings import TaxelReadings, response_weights
 from tactiled.detect.signal import front_end, pressure
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
@@ -107,44 +107,40 @@ def test_rounding_stuck_channels_and_filters(seed: int, n_channels: int, data: s
 @given(seed=st.integers(0, 2**32), is_field=st.booleans(), data=st.data())
 @settings(max_examples=15, deadline=None)
 def test_pressure(seed: int, is_field: bool, data: st.DataObject) -> None:
-    rng, n, taxels, sides = np.random.default_rng(seed), 40, 3, 4
-    n_mean, of_largest = int(rng.choice([0, 4])), float(rng.choice([0.0, 0.2]))
-    own, counts = np.arange(12), rng.integers(0, sides + 1, taxels)
+    rng, n, taxels = np.random.default_rng(seed), 40, 3
+    n_mean = int(rng.choice([0, 4]))
+    pad = build(
+        ArrayFile(
+            name="pad",
+            unit="uT" if is_field else "V",
+            range=(-1000.0, 1000.0),
+            taxels=[TaxelPlace(x_mm=k, y_mm=0.0, pad=k % 2) for k in range(taxels)],
+            channels=[
+                Channel(
+                    name=str(k),
+                    kind="shear_x" if is_field and k == 0 else "normal",
+                    sign=-1 if rng.random() < 0.5 else 1,
+                    taxel=int(rng.integers(taxels)),
+                )
+                for k in range(12)
+            ],
+        )
+    )
     volts = rng.integers(-1000, 1000, n * 12) / 4.0
     volts[rng.random(n * 12) < rng.choice([0.0, 0.01])] = rng.choice([np.nan, np.inf, 1e9])
     valid = (rng.random(n * 12) > rng.choice([0.0, 0.01])).astype(np.uint8)
     given_levels = rng.uniform(1, 100, 3) * rng.integers(0, 2, 3)
-    sign, line = rng.choice([-1.0, 1.0], 12), 2.0 * np.arange(5) - 4.0
     cuts = [0, *data.draw(splits(n)), n]
     gap = data.draw(st.sampled_from(cuts))  # before which scans are missing
     found = []
     for one in both(pressure):
         levels, rest = one.Levels(*given_levels, 1.0), one.RestNoise(12, 5.0, n_mean, 300.0)
-        of = one.Pressure(
-            one.Hold(12, 240.0, 4.0),
-            own,
-            counts,
-            sign,
-            np.ones(12),
-            line,
-            0.25,
-            0.5,
-            levels,
-            rest,
-            one.RestSwing(taxels, 7, 9),
-            is_field,
-            0.15,
-            0.01,
-            of_largest,
-            0.01,
-            0.3,
-            np.array([0, 1, 0]),
-            2,
-        )
+        swing = one.RestSwing(taxels, 7, 9)
+        of = one.Pressure(pad, 17.0, one.Hold(12, 240.0, 4.0), 0.25, levels, rest, swing, 2)
         answers: list[object] = []
         for start, end in itertools.pairwise(cuts):
             if start == gap:
-                of.skip(0.7, 0.2)
+                of.skip(20.0)
             flat, some = slice(start * 12, end * 12), end - start
             of.take(some, volts[flat], valid[flat])
             answers += [np.array(of.steps)[: some * 12], np.array(of.ok)[: some * 12]]

@@ -27,7 +27,6 @@ from tactiled.events.types import ContactEvent, ContactState
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
 
-_SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
 SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
 # is less.
@@ -42,20 +41,6 @@ _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # prior: of the noise before it is known, that wandering is at most: 1/128 of the range
 _WANDER_OF_EARLY = 0.5
 _SWING_S = 1.0  # choice: in which a swing at rest is looked for: one of 2 Hz shows both sides twice
-# tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
-# that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
-# silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
-# much. It is the set of a taxel, and the least contact as a part of the pad's largest load of late. For
-# the latter, 0.05, 0.1 and 0.15 were tried on recordings of foil, of lattices and of an optical finger.
-_SET_OF_LOAD = 0.15
-_SET_S = 30.0  # tuned: on eFlesh, too; creep has no single time, this one is between presses and holds
-_LARGEST_S = 300.0  # choice: what is done with an object takes minutes; 60 s and for ever were tried, too
-# choice: the largest load follows within this time and twenty scans, so that a reading that is wrong once
-# moves it by a twentieth
-_RISE_S, _RISE_OF_SCAN = 0.2, 0.05
-# prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
-# what is left of a load below this part of it is rather an object that was lost.
-_SET_OF_SHEARED = 0.05
 
 
 class ContactParams(Params):
@@ -108,40 +93,16 @@ class ContactTracker(Pressure):
         self._rate_hz = rate_hz
         grid = Quantiser(array)
         levels, early = _levels(array, params)
-        weights = array.normal_weights()
-        own = [np.flatnonzero(row) for row in weights]
-        counts = np.array([len(row) for row in own], dtype=np.int64)
-        # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
-        denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
-        most = max(1, *counts.tolist())
-        n = max(3, round(_SLOPE_WINDOW_S * rate_hz))
-        # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
-        line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
         n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
+        step = grid.volts_per_step
         super().__init__(
+            array,
+            rate_hz,
             grid.hold,
-            np.concatenate([np.resize(row, most) for row in own]).astype(np.int64),
-            counts,
-            np.sign(weights).sum(axis=0),  # a channel is of one taxel
-            np.rint(weights.sum(axis=0) * denominator),
-            line,
-            grid.volts_per_step,
-            grid.volts_per_step / denominator * rate_hz * 2 / float(line @ line),
+            step,
             levels,
-            RestNoise(
-                array.n_channels,
-                early / grid.volts_per_step,
-                n_mean,
-                _WANDER_OF_EARLY * early / grid.volts_per_step,
-            ),
+            RestNoise(array.n_channels, early / step, n_mean, _WANDER_OF_EARLY * early / step),
             RestSwing(array.n_taxels, max(3, round(_SWING_S * rate_hz)), round(array.zero_first_s * rate_hz)),
-            array.is_field,
-            0.0 if levels.all_given else _SET_OF_SHEARED if array.measures_ratio else _SET_OF_LOAD,
-            -math.expm1(-1.0 / (_SET_S * rate_hz)),
-            0.0 if levels.all_given or array.measures_ratio else _SET_OF_LOAD,
-            -math.expm1(-1.0 / (_LARGEST_S * rate_hz)),
-            min(-math.expm1(-1.0 / (_RISE_S * rate_hz)), _RISE_OF_SCAN),
-            np.unique(array.pad, return_inverse=True)[1].astype(np.int64),
             max(1, round(SETTLE_S * rate_hz)),
         )
 
@@ -163,8 +124,7 @@ class ContactTracker(Pressure):
 
     def interrupt(self, n_missing: int) -> None:
         """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
-        gap_s = n_missing / self._rate_hz
-        self.skip(math.exp(-gap_s / _SET_S), math.exp(-gap_s / _LARGEST_S))
+        self.skip(n_missing / self._rate_hz)
 
     def measure(self, block: ScanBlock) -> None:
         """Measure the pressure in each scan of a block."""

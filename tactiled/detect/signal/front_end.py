@@ -208,16 +208,9 @@ class Jumps:
         self.is_out = False
 
     def take(self, readings: Reals, first: int, loads: Reals, noise: Reals, is_pressed: bool) -> None:
-        """Take the readings of a scan; in a press, which moves taxels one by one, none is called a jump.
+        """Take the readings of a scan; before the press is over (`is_pressed`), none is called a jump.
 
-        Parameters
-        ----------
-        readings, noise : (channels,)
-        first : int
-            Where in `loads` those of the scan before begin.
-        loads : float64
-        is_pressed : bool
-            The press is over.
+        A press moves taxels one by one. The loads of the scan before begin at `first` of `loads`.
         """
         n, taxels, largest = self.n_channels, self.n_taxels, 0.0
         for c in range(n):
@@ -375,10 +368,6 @@ class NoiseFloor:
         No noise is below it.
     n_scans : float
         Averaging time in scans.
-
-    Attributes
-    ----------
-    sd : (channels,) array of float
     """
 
     def __init__(self, n_channels: int, n_levels: int, least: float, n_scans: float) -> None:

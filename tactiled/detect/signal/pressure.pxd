@@ -2,9 +2,10 @@
 
 cdef extern from "math.h" nogil:
     cpdef double exp(double x)
+    cpdef double expm1(double x)
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_SD, _SURELY, _STATED_SMALL
+cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_DOUBT, _STATED_SMALL
 cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, _STOPPED
 cdef long LEAST_SIDES, _GROUP_SCANS, _GROUPS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
 
@@ -97,7 +98,7 @@ cdef class Pressure:
 
     cpdef forget_contact(self)
 
-    cpdef skip(self, double set_kept, double largest_kept)
+    cpdef skip(self, double gap_s)
 
     cpdef take(self, long n, const double[::1] readings, const unsigned char[::1] valid)
 

@@ -7,11 +7,13 @@ and flat.
 
 from array import array
 from collections.abc import Sequence
-from math import exp, sqrt
+from math import exp, expm1, sqrt
 from typing import Any
 
-from tactiled.array import FloatArray
-from tactiled.detect.signal.front_end import Flags, Reals, Whole
+import numpy as np
+
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.front_end import Flags, Reals
 from tactiled.events.types import ContactState
 
 # derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
@@ -34,11 +36,10 @@ _MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
 # derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
 # of the true one once in 2,000 draws.
 _FEWEST = 8
-# derived: standard deviation of the logarithm of that median is this over the root of the second differences;
-# neighbours among them share readings, which counts for half of them.
-_LOG_SD = 1.63
+# derived: three standard deviations of the logarithm of that median, 1.63 each over the root of the second
+# differences; neighbours among them share readings, which counts for half of them.
+_LOG_DOUBT = 3.0 * 1.63
 _MOST_POOLED = 36  # choice: channels whose second differences are sorted: 500 tell their median to 7 %
-_SURELY = 3.0  # choice: standard deviations by which the noise of few may be stated too small
 # derived: the noise of groups is stated up to two times too small, and levels allow for that.
 _STATED_SMALL = 2.0
 _MEANS = 8  # choice: whose second differences tell how far readings wander at rest
@@ -62,6 +63,21 @@ _RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 
 _LOADING_OF_LOAD = 0.03
 _LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
 _LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
+_SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
+# tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
+# that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
+# silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
+# much. It is the set of a taxel, and the least contact as a part of the pad's largest load of late. For
+# the latter, 0.05, 0.1 and 0.15 were tried on recordings of foil, of lattices and of an optical finger.
+_SET_OF_LOAD = 0.15
+_SET_S = 30.0  # tuned: on eFlesh, too; creep has no single time, this one is between presses and holds
+_LARGEST_S = 300.0  # choice: what is done with an object takes minutes; 60 s and for ever were tried, too
+# choice: the largest load follows within this time and twenty scans, so that a reading that is wrong once
+# moves it by a twentieth
+_RISE_S, _RISE_OF_SCAN = 0.2, 0.05
+# prior: the same where shear over load says that a light load is held: solid rubber keeps a few percent, and
+# what is left of a load below this part of it is rather an object that was lost.
+_SET_OF_SHEARED = 0.05
 
 
 class Hold:
@@ -282,7 +298,7 @@ class RestNoise:
         common, allowed = 0.0, 0.0
         if n_all >= _FEWEST:
             common = _median_of_rounded(self.bends, n_all, half) / scale
-            allowed = min(exp(_SURELY * _LOG_SD / sqrt(n_all)) / _STATED_SMALL, 1.0)
+            allowed = min(exp(_LOG_DOUBT / sqrt(n_all)) / _STATED_SMALL, 1.0)
         for c in range(n):
             if n_all < _FEWEST:
                 self.early_noise[c] = _UNKNOWN
@@ -341,7 +357,6 @@ class RestSwing:
 
     Parameters
     ----------
-    n_taxels : int
     n_window : int
         Scans of a second.
     n_declared : int
@@ -437,6 +452,11 @@ class RestSwing:
                 self.power[k] = 0.0
 
 
+def _part(n_scans: float) -> float:
+    """Return the part of the way that an average over so many scans goes in one."""
+    return -expm1(-1.0 / n_scans)
+
+
 class Levels:
     """Levels of contact, release and loading, given or derived, in the unit of the array.
 
@@ -484,29 +504,10 @@ class Pressure:
 
     Parameters
     ----------
-    hold : Hold
-    own : (taxels * sides,) int64
-        Channels of each taxel; taxels with fewer repeat them.
-    counts : (taxels,) int64
-        Number of them.
-    sign, total_weights : (channels,) float64
-        Sign of the pressure; whole weights of the array's pressure.
-    line : (n,) float64
-        Whole weights of a least-squares slope.
-    levels : Levels
+    hold, levels : Hold, Levels
+        Of the array, whose readings have `volts_per_step`.
     rest, swing : RestNoise, RestSwing
         Noise that levels are derived from, and swing at rest; asked only where some are.
-    is_field : bool
-        The readings are those of a magnetic field, which a press may raise or lower.
-    set_of_load, set_per_scan : float
-        Part of a load that a press of any length leaves, and the part of the way to it in a scan.
-    of_largest : float
-        Least part of the largest load of a pad that is a contact.
-    forget_per_scan, rise_per_scan : float
-        Part of the largest load that is forgotten in a scan, and part of the way to a larger one that is
-        followed: a single wrong reading is none.
-    pads : (taxels,) int64
-        Pad of each taxel, from 0 on.
     n_settle : int
         Scans of a steady load that make a hold.
 
@@ -531,41 +532,46 @@ class Pressure:
 
     def __init__(
         self,
+        pad: Array,
+        rate_hz: float,
         hold: Hold,
-        own: Whole,
-        counts: Whole,
-        sign: FloatArray,
-        total_weights: FloatArray,
-        line: FloatArray,
         volts_per_step: float,
-        slope_scale: float,
         levels: Levels,
         rest: RestNoise,
         swing: RestSwing,
-        is_field: bool,
-        set_of_load: float,
-        set_per_scan: float,
-        of_largest: float,
-        forget_per_scan: float,
-        rise_per_scan: float,
-        pads: Whole,
         n_settle: int,
     ) -> None:
-        self.hold = hold
-        self.n_channels, self.n_taxels, self.n_sides = len(sign), len(counts), len(own) // len(counts)
-        self.own, self.counts, self.sign = array("q", own), array("q", counts), array("d", sign)
-        self.total_weights, self.line = array("d", total_weights), array("d", line)
-        self.volts_per_step, self.slope_scale = volts_per_step, slope_scale
-        self.levels, self.rest, self.swing = levels, rest, swing
-        squares = sum(weight * weight for weight in line.tolist())
-        self.slope_noise = slope_scale * sqrt(squares)  # of the slope, for noise of 1 of the total
-        self.totals = array("d", bytes(8 * (len(line) - 1)))
-        self.is_field, self.set_of_load, self.set_per_scan = is_field, set_of_load, set_per_scan
-        self.of_largest, self.forget_per_scan, self.rise_per_scan = of_largest, forget_per_scan, rise_per_scan
-        zeros = bytes(8 * len(counts))
+        weights = pad.normal_weights()
+        own = [np.flatnonzero(row) for row in weights]
+        counts = [len(row) for row in own]
+        self.hold, self.levels, self.rest, self.swing = hold, levels, rest, swing
+        self.n_channels, self.n_taxels, self.n_sides = pad.n_channels, pad.n_taxels, max(1, *counts)
+        self.own = array("q", np.concatenate([np.resize(row, self.n_sides) for row in own]).astype(np.int64))
+        self.counts = array("q", counts)
+        self.sign = array("d", np.sign(weights).sum(axis=0))  # a channel is of one taxel
+        # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
+        denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
+        self.total_weights = array("d", np.rint(weights.sum(axis=0) * denominator))
+        # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
+        n = max(3, round(_SLOPE_WINDOW_S * rate_hz))
+        line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
+        self.line, self.totals = array("d", line), array("d", bytes(8 * (n - 1)))
+        self.volts_per_step = volts_per_step
+        self.slope_scale = volts_per_step / denominator * rate_hz * 2 / float(line @ line)
+        # of the slope, for noise of 1 of the total
+        self.slope_noise = self.slope_scale * sqrt(sum(weight * weight for weight in line.tolist()))
+        self.is_field = pad.is_field
+        self.set_of_load = _SET_OF_SHEARED if pad.measures_ratio else _SET_OF_LOAD
+        self.of_largest = 0.0 if pad.measures_ratio else _SET_OF_LOAD
+        if levels.all_given:
+            self.set_of_load = self.of_largest = 0.0
+        self.set_per_scan, self.forget_per_scan = _part(_SET_S * rate_hz), _part(_LARGEST_S * rate_hz)
+        self.rise_per_scan = min(_part(_RISE_S * rate_hz), _RISE_OF_SCAN)
+        zeros = bytes(8 * pad.n_taxels)
         self.set, self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros), array("d", zeros)
         self.of_noise = array("d", zeros)  # levels of contact by noise alone
-        self.pads, self.n_pads = array("q", pads), max(pads) + 1
+        self.pads = array("q", np.unique(pad.pad, return_inverse=True)[1].astype(np.int64))
+        self.n_pads = max(self.pads) + 1
         self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
         self.is_begun, self.n_hidden, self.n_unread = False, 0, 0
         self.n_settle = n_settle
@@ -587,15 +593,15 @@ class Pressure:
         self.state, self.previous = none, none
         self.is_first, self.n_steady = True, 0
 
-    def skip(self, set_kept: float, largest_kept: float) -> None:
-        """Pass over missing scans, after which parts of the set and of the largest load are left."""
+    def skip(self, gap_s: float) -> None:
+        """Pass over missing scans: forget the contact; keep the noise, and what is left of the set."""
         self.is_begun, self.n_unread = False, 0
         self.rest.interrupt()
         self.swing.interrupt()
         for t in range(self.n_taxels):
-            self.set[t] *= set_kept
+            self.set[t] *= exp(-gap_s / _SET_S)
         for p in range(self.n_pads):
-            self.largest[p] *= largest_kept
+            self.largest[p] *= exp(-gap_s / _LARGEST_S)
         self.forget_contact()
 
     def take(self, n: int, readings: FloatArray, valid: Flags) -> None:

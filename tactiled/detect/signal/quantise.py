@@ -18,6 +18,8 @@ from tactiled.detect.signal.pressure import READING_BITS
 from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
 
+ROUNDING = 1.0 / 12  # derived: variance of rounding to a step
+
 
 @dataclass(frozen=True, eq=False)
 class HeldReadings:
@@ -53,10 +55,6 @@ class Quantiser:
         self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
         self.volts_per_step = self.full_scale_volts / 2**READING_BITS
         self._n_channels = array.n_channels
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the held readings."""
         self.hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
 
     def process(self, block: ScanBlock) -> HeldReadings:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import HeldReadings
+from tactiled.detect.signal.quantise import ROUNDING, HeldReadings
 from tactiled.detect.sliding.tracker import Change
 
 _HOP_S = 0.02  # choice: as the looks at a contact
@@ -56,7 +56,6 @@ HOLDS_MOVE = 450.0
 _MOVED = 2.0
 # prior: channels, and the part of the growth above which one of them is at fault
 _MANY, _MOST_OF_ONE = 4, 0.9
-_LEAST_NOISE = 1.0 / 12  # derived: variance of rounding to a step
 
 
 class GrowthTracker:
@@ -87,7 +86,7 @@ class GrowthTracker:
         self._unread = np.zeros(array.n_channels, dtype=np.int64)  # hops in a row with scans that it lacks
         self._lacks = np.zeros(array.n_channels, dtype=np.bool_)  # a scan of this hop
         self._n = 0  # hops
-        self._noise = np.full(array.n_channels, _LEAST_NOISE)
+        self._noise = np.full(array.n_channels, ROUNDING)
         self._growths = np.full((self._n_kept, len(halves)), np.nan)  # of the hold
         self._n_slow = 0
         self._since_slip = 10 * self._reach  # hops
@@ -166,7 +165,7 @@ class GrowthTracker:
         if self.slides or self._n < 3:
             return
         bend = self._means[-1] - 2 * self._means[-2] + self._means[-3]
-        power = np.maximum(bend**2 / 6, _LEAST_NOISE)
+        power = np.maximum(bend**2 / 6, ROUNDING)
         self._noise = self._noise + (power - self._noise) / min(self._n - 2, self._n_kept)
 
     def _growth(self, length: int) -> tuple[float, bool]:

@@ -28,9 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.swings import apart_from, swing_spectrum
+from tactiled.detect.grooves.swings import LEAST_CYCLES, apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
-from tactiled.detect.signal.quantise import HeldReadings
+from tactiled.detect.signal.quantise import ROUNDING, HeldReadings
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0  # choice
@@ -44,9 +44,6 @@ _KNOWN_HOPS = 4  # choice: at rest, before their mean counts
 _MEMORY_HOPS = 32  # choice: 8 s
 _STOPPED = 0.25  # prior: power of changes from scan to scan, over the median of the slide
 _STOPPED_HOPS = 2  # choice
-_LEAST_STEPS = 1.0 / 12  # derived: variance of rounding to whole steps
-_ROUNDING = 1.0 / 6  # derived: of the square of the smallest change: twice that of even rounding
-_LEAST_CYCLES = 3  # derived: a cubic trend leaves humps of fewer in the window
 _PATTERNS = 3  # derived: load, and tilt in two directions
 _CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
 _FEW = 4  # derived: channels, of which hum and roughness cannot be told apart
@@ -110,7 +107,7 @@ class _Spectra(NamedTuple):
 def _spectra(readings: FloatArray, rounding_power: FloatArray) -> _Spectra:
     """Compute spectra of readings (n, channels); `rounding_power` (channels,) is the least noise of each."""
     n, found = len(readings), swing_spectrum(readings)
-    z = found.values[_LEAST_CYCLES : n // 2]
+    z = found.values[LEAST_CYCLES : n // 2]
     power = np.sort(np.abs(z) ** 2, axis=0)[int(_QUIET_PART * len(z))]
     least = rounding_power * float((np.hanning(n) ** 2).sum())
     return _Spectra(z, np.maximum(power, np.maximum(least, 1e-12)), found.readings)
@@ -173,7 +170,7 @@ def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> f
 def _ripple_odds(found: _Spectra) -> float:
     """Log odds of sliding that the ripple of a window gives; 0 where no line travels."""
     size = np.maximum(found.readings.std(axis=0), np.sqrt(found.noise / len(found.z)))
-    line = travelling_line(found.z / size, _LEAST_CYCLES) - _LINE_AT_REST
+    line = travelling_line(found.z / size, LEAST_CYCLES) - _LINE_AT_REST
     return float(np.clip(_SLOPE * line, 0.0, _MOST))
 
 
@@ -274,8 +271,9 @@ class SlidingTracker:
         readings = readings[:, used]
         change = np.abs(np.diff(readings, axis=0))
         smallest = np.where(change > 0, change, np.inf).min(axis=0)
-        rounding = np.maximum(np.where(np.isfinite(smallest), smallest, 0.0) ** 2 * _ROUNDING, _LEAST_STEPS)
-        found = _spectra(readings, rounding)
+        # Twice that of even rounding to the smallest change.
+        rounding = np.where(np.isfinite(smallest), smallest, 0.0) ** 2 * (2 * ROUNDING)
+        found = _spectra(readings, np.maximum(rounding, ROUNDING))
         rest = self._rest
         noise = rest.noise(used, found.noise)
         gained = _NO_RIPPLE if swings else self._gained(found, noise)
