@@ -43,13 +43,8 @@ SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])  # choice
 # by 0.05 to 0.2 radians, more between channels than between taxels.
 _MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
 
-
-def _log_prior() -> FloatArray:
-    log = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
-    return np.asarray(log - np.logaddexp.reduce(log, axis=None))
-
-
-LOG_PRIOR = _log_prior()
+_LOG = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
+LOG_PRIOR = _LOG - np.logaddexp.reduce(_LOG, axis=None)
 """Logarithms of the prior probabilities of the standard deviations, (sigmas_c, sigmas_t)."""
 # physical: residuals are weighted by the inverse of noise and this variance to find the phase of a kind,
 # radians^2.
@@ -85,7 +80,6 @@ def weigh_waves(
     motion: WaveMotion,
     along: float,
     along_sd: float,
-    log_prior: FloatArray = LOG_PRIOR,
 ) -> StrayPosterior:
     """Weigh waves by the phases of one line.
 
@@ -100,8 +94,6 @@ def weigh_waves(
     along, along_sd : float
         Component of the wave vector along the motion, from frequency and speed, and its standard deviation
         apart from that of speed and direction; radians per millimetre.
-    log_prior : (sigmas_c, sigmas_t) float64
-        Logarithms of the probabilities of the standard deviations.
     """
     noise = variance / np.maximum(np.abs(z) ** 2, TINY)
     residual = _residuals(z, noise, layout, k)
@@ -143,7 +135,7 @@ def weigh_waves(
     log_gram = np.linalg.slogdet(gram)[1][..., np.newaxis] + np.log(spread)
     log = -0.5 * (quadratic + log_det[..., np.newaxis] + log_gram) - np.log(slack)
     error_if_alike = 1 - float(special.softmax(log[0, 0]).max())
-    log = log + log_prior[..., np.newaxis]
+    log = log + LOG_PRIOR[..., np.newaxis]
     of_wave = np.logaddexp.reduce(log, axis=(0, 1))
     weights = special.softmax(of_wave)
     likeliest = int(weights.argmax())

@@ -234,15 +234,13 @@ class JointTexture:
     def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
         """Fill the window up to each hop, answer what is due there, and hand over the next fit."""
         events: list[Event] = []
-        n_hop = self._n_scans(self._params.hop_s, block.rate_hz)
-        n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
-        done = 0
+        n_hop, done = max(1, round(self._params.hop_s * block.rate_hz)), 0
         while done < len(block):
             sign = np.sign(speeds[done])
             window = self._slip.window
             if window is None or sign != window.sign:
                 events += self._answer_before(int(block.index[done]), block)
-                window = self._begin_window(n_window, float(sign))
+                window = self._begin_window(block.rate_hz, float(sign))
             changes = np.flatnonzero(np.sign(speeds[done:]) != sign)
             n = min(n_hop - window.n_scans % n_hop, len(block) - done, *changes[:1].tolist())
             part = block[done : done + n]
@@ -257,21 +255,18 @@ class JointTexture:
                     self._slip.window = None
         return events
 
-    def _begin_window(self, n_scans: int, sign: float) -> SlideWindow:
+    def _begin_window(self, rate_hz: float, sign: float) -> SlideWindow:
+        n_scans = max(1, round(self._params.criteria.max_window_s * rate_hz))
         self._slip.window = SlideWindow(n_scans, self._widest * n_scans)
         self._slip.speed_sign = self._slip.speed_sign or sign
         return self._slip.window
 
     def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
         """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
-        n_window = self._n_scans(self._params.criteria.max_window_s, block.rate_hz)
         window = self._slip.window
         if window is None:
-            window = self._begin_window(n_window, float(np.sign(speeds[0])))
+            window = self._begin_window(block.rate_hz, float(np.sign(speeds[0])))
         window.append(block, speeds, self._full_scale_volts)
-
-    def _n_scans(self, duration_s: float, rate_hz: float) -> int:
-        return max(1, round(duration_s * rate_hz))
 
     def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
         """Hand the window to the worker, to track the wave of the last answer or to fit anew."""

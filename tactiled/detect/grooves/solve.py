@@ -218,7 +218,8 @@ class WaveSolver:
         phase = self._first_phase(equations, k, phase_rate) if phase is None else phase
         for step in range(steps + 1):
             slack = self._slack(k)
-            off = self._off(k, phase_rate, slack)
+            # Distance from the phase rate of a known motion, in units of the slack.
+            off = (phase_rate - k @ self._window.tie) / np.where(slack > 0, slack, 1.0) * (slack > 0)
             here = PlaneWaves(k, phase_rate, gain=unread, covariance=unread, phase=phase)
             near = self._near(equations, here)
             normal, gradient = self._normal(near, slack)
@@ -240,10 +241,6 @@ class WaveSolver:
         return PlaneWaves(
             k, phase_rate, gain, to_phase_rate @ covariance @ to_phase_rate.transpose(0, 2, 1), phase
         )
-
-    def _off(self, k: FloatArray, phase_rate: FloatArray, slack: FloatArray) -> FloatArray:
-        """Distance of phase rates from those of a known motion, in units of the slack: (starts,)."""
-        return np.asarray((phase_rate - k @ self._window.tie) / np.where(slack > 0, slack, 1.0) * (slack > 0))
 
     def _to_phase_rate(self, slack: FloatArray) -> FloatArray:
         """Matrix from (kx, ky, phase rate in units of slack) to (kx, ky, phase rate): (starts, 3, 3)."""

@@ -1,11 +1,14 @@
 """Whether phases tell one wave from all others, and its posterior beside dense matrices of the same model."""
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from gratings import ARRAY, Grating, Slide, fit, grid, known
 from scipy import linalg, stats
 
 from tactiled.array import Array
+from tactiled.detect.grooves import ambiguity
 from tactiled.detect.grooves.ambiguity import LOG_PRIOR, SIGMAS_C, SIGMAS_T, has_baseline, weigh_waves
 from tactiled.detect.grooves.model import ChannelLayout, WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import Refusal
@@ -82,8 +85,8 @@ def test_weights_and_covariance_are_those_of_the_dense_gaussian_model(
     """Unknown phases and corrections of k as Gaussians of huge variance in one dense covariance matrix."""
     z = phasors(np.random.default_rng(1), sigma_c, sigma_t)
     k = np.stack([TRUE, RIVAL])
-    prior = at(sigma_c, sigma_t)
-    found = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, motion, float(TRUE[0]), 0.05, prior)
+    with mock.patch.object(ambiguity, "LOG_PRIOR", at(sigma_c, sigma_t)):
+        found = weigh_waves(z, np.full(36, 1e-4), CENTRED, k, motion, float(TRUE[0]), 0.05)
 
     same = CENTRED.taxel[:, np.newaxis] == CENTRED.taxel
     noise = np.diag(1e-4 / np.abs(z) ** 2 + sigma_c**2) + sigma_t**2 * same
