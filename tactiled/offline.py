@@ -11,10 +11,9 @@ from typing import Any
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
 from tactiled import tomlfile
-from tactiled.array import Array
+from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
@@ -26,7 +25,6 @@ from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.log_summary import LogTally, summary
 from tactiled.pipeline import Pipeline, check_hello
-from tactiled.plots import PICTURES
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.spacing import to_blocks
@@ -42,7 +40,6 @@ logger = logging.getLogger(__name__)
 
 OFFLINE_TOPICS = (*DETECTED_TOPICS, "force")
 
-FloatArray = NDArray[np.float64]
 _PART_SCANS = 1000  # ten seconds of the published board
 # Inputs of a recording that are no settings of detectors, which the command line sets. Motion of the hand was
 # measured, as the readings were.
@@ -149,8 +146,6 @@ def detect_file(
     Every event is a JSON line; without `as_json` there are lines for people (`EventLines`).
     """
     choices = choices or Choices()
-    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
-        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
     log, messages = detect_messages(path, array, rate_hz, choices, reached)
     log.keeps_events = plot is not None
     lines = EventLines("{:8.3f} s".format, choices.topics)

@@ -16,12 +16,7 @@ _STARTS = "the daemon starts without recording, and records as soon as this has 
 
 
 def check_files(setup: Setup, source: str) -> list[str]:
-    """Check the keys and the record directory that a configuration names, and what its setting reads.
-
-    Returns
-    -------
-    list of str
-        Warnings: the daemon starts in spite of them.
+    """Return warnings on keys, record directory and setting of a configuration, which the daemon starts with.
 
     Raises
     ------

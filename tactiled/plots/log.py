@@ -40,15 +40,7 @@ def draw_log(
 ) -> None:
     """Draw the readings of a taxel, the margin to slip, groove estimates and the first slip, gross if one is.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, or another format that matplotlib derives from the suffix.
-    time_s : (n,) float64
-    volts : (n, channels) float64
-        In the unit of the array.
-    events : sequence of Event
-        Events of this log, on the same clock.
+    Events and `time_s` (n,) are on the same clock; `volts` (n, channels) are in the unit of the array.
     """
     origin_s, last_s = float(time_s[0]), float(time_s[-1])
     slips = [e for e in events if isinstance(e, SlipEvent)]

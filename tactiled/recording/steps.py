@@ -44,13 +44,6 @@ class Replay:
     paths : sequence of Path
         One file, or consecutive parts of one recording, in any order.
 
-    Attributes
-    ----------
-    header : Header
-        Header of the first part.
-    extents : mapping of Path to Extent
-        Readable extent of each file, once it has been read.
-
     Raises
     ------
     DataError
@@ -68,8 +61,8 @@ class Replay:
                     fault = "this is another recording than the file before it"
                 raise DataError(f"{path}: {fault}: give consecutive parts of one recording, each once")
         self._reached = reached
-        self.header: Header = parts[0][1]
-        self.extents = {path: Extent() for path, _ in parts}
+        self.header: Header = parts[0][1]  # of the first part
+        self.extents = {path: Extent() for path, _ in parts}  # readable part of each file, once it is read
         self.pipeline = Pipeline(self.header.source.layout, self.header.source.array, self.header.pipeline)
 
     def __iter__(self) -> Iterator[ReplayStep]:

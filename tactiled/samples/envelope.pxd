@@ -7,7 +7,7 @@ cdef extern from "math.h":
 
 
 cdef class Line:
-    cdef public double x0, x1, y0, y1, var00, var01, var11, slope
+    cdef public double x0, x1, y0, var00, var01, var11, slope
 
     cpdef double at(self, double x)
     cpdef double variance_at(self, double x)

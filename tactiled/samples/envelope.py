@@ -25,17 +25,12 @@ class Line:
         Mean heights there.
     var00, var01, var11 : float
         Covariance of the heights.
-
-    Attributes
-    ----------
-    slope : float
-        Mean slope.
     """
 
     def __init__(
         self, x0: float, x1: float, y0: float, y1: float, var00: float, var01: float, var11: float
     ) -> None:
-        self.x0, self.x1, self.y0, self.y1 = x0, x1, y0, y1
+        self.x0, self.x1, self.y0 = x0, x1, y0
         self.var00, self.var01, self.var11 = var00, var01, var11
         self.slope = (y1 - y0) / (x1 - x0)
 
