@@ -17,7 +17,6 @@ from tactiled.cli.options import (
     Names,
     need_extra,
     need_named,
-    need_picture,
     need_readable,
     need_toml,
 )
@@ -172,7 +171,6 @@ def detect(
     need_toml(choices["config"])
     if plot is not None:
         need_extra("matplotlib", "plot", "detect --plot")
-        need_picture(plot)
     if to is not None:
         need_table(to, plot)
     from tactiled.detect.signal.slip_gate import KnownSliding
