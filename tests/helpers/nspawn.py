@@ -54,7 +54,8 @@ def make_all(root: Path, wheels: Path) -> None:
         download_pins(wheels)
         for version in (OLD, NEW):
             make_wheels(wheels, version)
-            make_package(wheels, version)
+        make_package(wheels)
+        make_upgrade(wheels)
         debian.result()
 
 
@@ -178,10 +179,22 @@ def wait_until(reached: Callable[[], bool], what: str, limit_s: float = COMMAND_
     return time.monotonic() - began_s
 
 
-def make_package(wheels: Path, version: str) -> None:
-    """The Debian package of a version whose wheels are there, in a folder beside them."""
-    build = [str(CHECKOUT / "packages/debian/build"), "--version", version, "--wheels", str(wheels)]
+def make_package(wheels: Path) -> None:
+    """The Debian package of the old version, in a folder beside its wheels."""
+    build = [str(CHECKOUT / "packages/debian/build"), "--version", OLD, "--wheels", str(wheels)]
     subprocess.run([*build, "--out", str(wheels / "packages")], check=True, timeout=DOWNLOAD_S)
+
+
+def make_upgrade(wheels: Path) -> None:
+    """The old package as one of the new version; to install and compile all of it again takes a minute."""
+    (old,) = (wheels / "packages").glob(f"tactiled_{OLD}_*.deb")
+    tree, new = wheels / "upgrade", old.with_name(old.name.replace(OLD, NEW))
+    subprocess.run(["dpkg-deb", "--raw-extract", old, tree], check=True, timeout=DOWNLOAD_S)
+    for path in (tree / "DEBIAN/control", *tree.glob("opt/tactiled/lib/*/site-packages/tactiled/version.py")):
+        path.write_text(path.read_text().replace(OLD, NEW))
+    build = ["dpkg-deb", "--root-owner-group", "-Znone", "--build", tree, new]
+    subprocess.run(build, check=True, timeout=DOWNLOAD_S)
+    shutil.rmtree(tree)
 
 
 def _or_cannot(what: str, command: list[str]) -> None:
