@@ -34,8 +34,14 @@ def threads_of_blas(before: str, then: str) -> list[int]:
     return threads
 
 
-@pytest.mark.parametrize("before", ["", "import numpy, scipy.linalg"])
-@pytest.mark.parametrize("then", ["import tactiled.pipeline", "import tactiled.emulator.simulate"])
+@pytest.mark.parametrize(
+    ("before", "then"),
+    [
+        ("", "import tactiled.pipeline"),
+        ("import numpy, scipy.linalg", "import tactiled.pipeline"),
+        ("import numpy, scipy.linalg", "import tactiled.emulator.simulate"),
+    ],
+)
 def test_every_blas_has_one_thread_even_where_numpy_was_there_before(before: str, then: str) -> None:
     threads = threads_of_blas(before, then + "\nimport scipy.optimize, scipy.sparse.linalg")
     assert threads

@@ -6,9 +6,8 @@ import pytest
 from tactiled.wire.codec import Decoder
 
 
-@pytest.mark.parametrize("seed", range(0, 100, 50))
-def test_streams_of_the_fuzzer_pass(seed: int) -> None:
-    assert sum(fuzz.check(seed + k) for k in range(50)) > 10_000
+def test_streams_of_the_fuzzer_pass() -> None:
+    assert sum(map(fuzz.check, range(20))) > 4000
 
 
 def test_a_law_that_is_broken_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:

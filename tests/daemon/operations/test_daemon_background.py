@@ -118,6 +118,11 @@ def reads() -> list[Read]:
     return simulated_reads(20.0)
 
 
+@pytest.fixture(scope="module")
+def in_place(reads: list[Read]) -> list[Event]:
+    return events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
+
+
 @pytest.fixture(params=[1, 2])
 def cores(request: pytest.FixtureRequest) -> Iterator[int]:
     """Threads that begin in the test run on so many cores, where there are as many."""
@@ -128,8 +133,7 @@ def cores(request: pytest.FixtureRequest) -> Iterator[int]:
 
 
 @pytest.mark.usefixtures("cores")
-def test_events_are_those_of_fits_in_place(reads: list[Read]) -> None:
-    in_place = events_of(Pipeline(SOURCE.layout, SOURCE.array, PARAMS), reads)
+def test_events_are_those_of_fits_in_place(reads: list[Read], in_place: list[Event]) -> None:
     assert any(isinstance(e, TextureEvent) and e.status == "ok" for e in in_place)
     with BackgroundWorker() as background:
         pipeline = Pipeline(SOURCE.layout, SOURCE.array, PARAMS, worker=background)

@@ -30,7 +30,7 @@ ROUNDING_S = 1e-9  # an onset is a mean of instants
 
 @pytest.fixture(scope="module", params=sorted(GENERATORS))
 def worlds(request: pytest.FixtureRequest) -> list[World]:
-    n, minutes = (3, 0.12) if request.param == "plates" else (4, 0.2)  # plates are played one by one
+    n, minutes = (3 if request.param == "plates" else 4), 0.12  # plates are played one by one
     found = draw(request.param, range(7000, 7000 + n), minutes, HANDS[request.param])
     assert any(world.slips for world in found)
     return found

@@ -285,10 +285,9 @@ def moves(direction_deg: float) -> FloatArray:
     return np.asarray(-np.cos(np.radians(direction_deg - ARRAY.azimuth_deg)))
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 50.0])
-def test_a_slip_that_lasts_ten_minutes_is_told_for_all_of_them(rate_hz: float) -> None:
+def test_a_slip_that_lasts_ten_minutes_is_told_for_all_of_them() -> None:
     touch = Touch(uneven=0.05, shear_takes_s=0.2, noise=2e-3, slide_s=4, stop_s=604, lift_s=606, end_s=607)
-    events = slips(detect(touch.block(ARRAY, rate_hz)))
+    events = slips(detect(touch.block(ARRAY, 20.0)))
     begins = [e.detected_s for e in events if (e.state, e.kind) == ("onset", "gross")]
     ends = [e.time_s for e in events if (e.state, e.kind) == ("end", "gross")]
     assert sum(ends) - sum(begins) > 0.95 * 600
@@ -350,9 +349,7 @@ def resting(seed: int, part: float) -> Scene:
     ("part", "seed"),
     [
         (0.3, 201),
-        (0.5, 202),
         (0.6, 203),
-        (0.7, 204),
         pytest.param(0.75, 205, marks=NEAR_LIMIT),
     ],
 )
