@@ -269,7 +269,7 @@ def layouts(tmp_path_factory: pytest.TempPathFactory) -> list[Layout]:
 
 @needs_compiled
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_frames_are_those_of_python(layouts: list[Layout], data: st.DataObject) -> None:
     layout = data.draw(st.sampled_from(layouts))
     readers = [None, *(one.GoodScans for one in both(good_scans))]

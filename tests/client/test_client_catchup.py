@@ -243,7 +243,7 @@ steps = st.lists(
 
 
 @given(steps=steps)
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 def test_within_the_store_everything_comes_once_and_in_order(steps: list[str]) -> None:
     world = World()
     world.play("heard", "contact", *steps, "answered", "status", "answered")
@@ -255,7 +255,7 @@ def test_within_the_store_everything_comes_once_and_in_order(steps: list[str]) -
 
 
 @given(steps=steps, restarts=st.lists(st.integers(0, 79), max_size=2))
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 def test_with_a_small_store_every_message_is_delivered_or_counted_as_lost(
     steps: list[str], restarts: list[int]
 ) -> None:

@@ -148,7 +148,7 @@ def test_a_mean_pressure_below_zero_is_no_load_that_shear_could_be_compared_with
     n_missing=st.sampled_from([1, 4, 20, 150]),
     speed_mm_s=st.sampled_from([0.0, 1.0, 50.0]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_any_course_of_loads_gives_finite_events(
     array: Array,
     setting: str,

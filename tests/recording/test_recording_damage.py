@@ -182,7 +182,7 @@ def test_damage_costs_one_chunk_where_the_wall_clock_was_set_back(tmp_path: Path
     assert kept == reads[: hit * READS] + reads[(hit + 1) * READS :]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_any_byte_of_the_file_may_flip(
     small: tuple[Path, bytes, list[Item], list[int]], data: st.DataObject

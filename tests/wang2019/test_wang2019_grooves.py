@@ -92,7 +92,7 @@ def test_table_of_the_paper_within_the_stated_resolution(period_mm: float, angle
     speed_mm_s=st.sampled_from([1.0, 3.0]),
     seed=st.integers(0, 1000),
 )
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_motion_any_angle_within_four_sigma(
     period_mm: float, angle_deg: float, direction_deg: float, speed_mm_s: float, seed: int
 ) -> None:

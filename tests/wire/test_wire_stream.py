@@ -107,7 +107,7 @@ def damaged(draw: st.DrawFn, layout: Layout) -> tuple[list[Frame], bytes]:
 
 @pytest.mark.parametrize("layout", [BOARD_V1, LEGACY_9], ids=["board-v1", "legacy-9"])
 @given(data=st.data())
-@settings(deadline=None, max_examples=400)
+@settings(deadline=None, max_examples=100)
 def test_a_damaged_frame_costs_itself_only(layout: Layout, data: st.DataObject) -> None:
     others, stream = data.draw(damaged(layout))
     without(decode(layout, stream)[0], others)

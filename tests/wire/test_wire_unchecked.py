@@ -58,7 +58,7 @@ def streams(draw: st.DrawFn) -> bytes:
 
 
 @given(stream=streams(), data=st.data())
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=60)
 def test_any_split_of_terminated_frames_gives_the_same(stream: bytes, data: st.DataObject) -> None:
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=8))
     whole, _ = decode(MAGNETS, stream)

@@ -217,7 +217,7 @@ fields = st.dictionaries(
         max_size=10,
     )
 )
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_any_bytes_are_answered_once_and_never_raise(payloads: list[bytes]) -> None:
     desk = Desk()
     for payload in payloads:
@@ -239,7 +239,7 @@ VALIDATORS = {name: schema(name) for name in ("request", "reply")}
 @example(do="motion", extra={"time_s": {0: None}}, with_example=True)
 @example(do="motion", extra={"time_s": None, "sent_s": None}, with_example=True)
 @given(do=st.sampled_from(sorted(REQUESTS)), extra=fields, with_example=st.booleans())
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=60)
 def test_the_schema_and_the_daemon_agree_on_what_a_request_is(
     do: str, extra: dict[str, Any], with_example: bool
 ) -> None:

@@ -148,7 +148,7 @@ def test_stated_sigma_is_the_inverse_of_the_fisher_information() -> None:
     speed=st.sampled_from([0.0, 1e-6, 1.0, 1e4]),
     direction_sd_deg=st.sampled_from([0.0, 5.0, 180.0]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_anything_gives_finite_numbers_or_a_refusal(
     seed: int, n: int, size: float, bad: float, speed: float, direction_sd_deg: float
 ) -> None:

@@ -98,7 +98,7 @@ def test_lost_scans_with_true_times_and_a_channel_that_dies_leave_the_answer_rig
     frequency=st.floats(1e-3, 1e3),
     speed=st.sampled_from([0.0, 1e-6, 1.0, 1e4]),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_anything_gives_finite_numbers_or_nothing(
     seed: int, n: int, size: float, bad: float, frequency: float, speed: float
 ) -> None:

@@ -100,7 +100,7 @@ def test_the_clock_may_read_anything() -> None:
     trend_order=st.sampled_from([1, 3, 8]),
     max_harmonics=st.sampled_from([1, 3, 6]),
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_windows_that_leave_nothing_to_solve_for_are_answered_or_refused(
     what: str, n: int, size: float, seed: int, speed: float, trend_order: int, max_harmonics: int
 ) -> None:
