@@ -192,7 +192,7 @@ def make_upgrade(wheels: Path) -> None:
     subprocess.run(["dpkg-deb", "--raw-extract", old, tree], check=True, timeout=DOWNLOAD_S)
     for path in (tree / "DEBIAN/control", *tree.glob("opt/tactiled/lib/*/site-packages/tactiled/version.py")):
         path.write_text(path.read_text().replace(OLD, NEW))
-    build = ["dpkg-deb", "--root-owner-group", "-Znone", "--build", tree, new]
+    build = ["dpkg-deb", "--root-owner-group", "-Znone", "--build", str(tree), str(new)]
     subprocess.run(build, check=True, timeout=DOWNLOAD_S)
     shutil.rmtree(tree)
 
