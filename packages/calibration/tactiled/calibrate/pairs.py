@@ -82,8 +82,8 @@ class PairsFitter:
         self._mean = taxel_means(array)
         self._quiet = quiet_bins(log) & rows
         self._used = reference.outputs
-        # Of the bins in which something touches: most of a log may be a rest.
-        part = 0.05 * float((~quiet_bins(log)).mean())
+        # Most of a log may be a rest: at least the median of the bins in which something touches.
+        part = min(0.05, 0.5 * float((~quiet_bins(log)).mean()))
         self._unit = float(np.quantile(log.readings.max(axis=1), 1 - part))
         self._step = max(_STEP_NOISES * float(np.median(log.noise)), 0.003 * self._unit)
 
