@@ -12,7 +12,7 @@ from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-_FILTER = ("tactiled/detect", "bench/worlds", "config/learnt")
+_FILTER = ("tactiled/detect", "bench/worlds", "packages/emulator", "config/learnt")
 
 
 class Bench(NamedTuple):
