@@ -13,7 +13,7 @@
   the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
   the window is full and after every further full length, and at the end of a slip that had no answer.
 * A period without an angle (`period_only`) is reported where the window before had the same line, and not a
-  refusal.
+  refusal; windows with too few periods are passed over.
 """
 
 from collections import deque
@@ -78,7 +78,7 @@ class SlideWindow:
         self.newest_is_answer = False  # of what was reported
         self.last: Outcome = Refusal("no-slip")
         self.tracked: GrooveAnswer | None = None  # the answer whose wave the next fit may track
-        self.line_hz = 0.0  # of the newest fit that was not late; 0 unless it was a period without an angle
+        self.line_hz = 0.0  # of the newest fit that tells; 0 unless it was a period without an angle
 
     def append(self, block: ScanBlock, speeds_mm_s: FloatArray, full_scale_volts: float) -> None:
         """Append scans and the speed at each; readings beyond the converter's range are not used."""
@@ -333,7 +333,8 @@ class JointTexture:
                 window.tracked = pending.tracked
             else:
                 window.tracked = fit if isinstance(fit, GrooveAnswer) and window.newest_is_answer else None
-                window.line_hz = fit.frequency_hz if isinstance(fit, PeriodOnly) else 0.0
+                if fit.status != "too-few-periods":  # such a window is too short to say anything of the line
+                    window.line_hz = fit.frequency_hz if isinstance(fit, PeriodOnly) else 0.0
             if fit.status == "too-few-periods" and pending.is_full:
                 window.widen()
             if isinstance(fit, NewPattern):

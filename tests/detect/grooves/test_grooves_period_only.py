@@ -273,11 +273,11 @@ def test_a_log_of_a_slow_slide_is_answered_from_a_longer_window() -> None:
 def test_a_line_is_reported_where_the_window_before_has_it_too() -> None:
     block = ridges(17, {4.0: 1.0}, seconds=4.0)
     params = JointParams(speed_mm_s=10.0, settle_s=0.0, answer_after_s=0.0)
-    fits = iter([3.0, 9.0, 9.01, 20.0, 9.01, 0.0, 9.02, 9.03])
+    fits = iter([3.0, 9.0, 9.01, 20.0, 9.01, 0.0, 9.02, -1.0, 9.03])
 
     def fit(_window: FitWindow) -> Outcome:
-        if (at := next(fits, 0.0)) == 0.0:
-            return Refusal("low-snr")
+        if (at := next(fits, 0.0)) <= 0.0:
+            return Refusal("low-snr" if at == 0.0 else "too-few-periods")  # the latter says nothing of a line
         period = Candidate(period_mm=10 / at, angle_deg=0.0, weight=1.0)
         return PeriodOnly(frequency_hz=at, snr_db=0.0, gratings=(period,))
 
