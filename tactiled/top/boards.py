@@ -62,8 +62,10 @@ class BoardView:
     """Newest onset of a slip that has not ended."""
     events: deque[ListedEvent] = field(default_factory=lambda: deque(maxlen=_EVENTS))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    zero_scans: list[float] = field(default_factory=list)
-    """Instants of the scans whose mean is the zero, where the array has that of its first scans."""
+    zero_scans: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Number of scans of each channel whose mean is the zero, where the array has that of its first scans."""
+    zero_begins: tuple[int, float] | None = None
+    """Run of the daemon and instant of the first of these scans."""
 
     def lamp(self, now_unix_s: float) -> Lamp:
         """Judge how old the data are at an instant, by the instants in the messages."""
@@ -104,6 +106,9 @@ class BoardView:
         contact = self.newest.get("contact")
         if contact is not None and contact["state"] != status["contact"] and contact["timestamp"] <= at_s:
             del self.newest["contact"]
+        texture = self.newest.get("texture")
+        if texture is not None and status["contact"] == "none" and texture["timestamp"] <= at_s:
+            del self.newest["texture"]
 
     def current(self, topic: str) -> Mapping[str, Any] | None:
         """Return the newest message of a topic that comes with each scan; None where it has ended."""
@@ -116,21 +121,30 @@ class BoardView:
 
     def describe(self, geometry: dict[str, Any]) -> None:
         """Take another array."""
-        self.geometry, self.zero, self.zero_scans = geometry, np.array(geometry["zero"]), []
+        self.geometry, self.zero, self.zero_begins = geometry, np.array(geometry["zero"]), None
+        self.zero_scans = np.zeros(len(self.zero), np.int64)
 
     def learn_zero(self, scan: Mapping[str, Any]) -> None:
-        """Average a scan into the zero, if that is of the first scans, which are the first of this view."""
-        at_s, first = scan["timestamp"], self.zero_scans
+        """Average a scan into the zero, if that is of the first scans that nothing touches in a run."""
         if self.geometry is None or len(scan["volts"]) != len(self.zero):
             return
-        if at_s - (first or [at_s])[0] < self.geometry["zero_first_s"]:
-            first.append(at_s)
-            self.zero += (np.array(scan["volts"]) - self.zero) / len(first)
+        if self.zero_begins is not None and self.zero_begins[0] != scan["run"]:
+            self.describe(self.geometry)
+        if self.newest.get("status", {}).get("contact", "none") != "none":
+            return
+        self.zero_begins = self.zero_begins or (scan["run"], scan["timestamp"])
+        if scan["timestamp"] - self.zero_begins[1] < self.geometry["zero_first_s"]:
+            is_valid = np.array(scan["valid"])
+            self.zero_scans += is_valid
+            change = (np.array(scan["volts"]) - self.zero) / np.maximum(self.zero_scans, 1)
+            self.zero += np.where(is_valid, change, 0.0)
 
     def felt(self) -> Felt | None:
-        """Return load and shear of the newest scan; None without a scan or an array."""
+        """Return load and shear of the newest scan; None without a scan, an array or its zero."""
         scan, geometry = self.newest.get("scan"), self.geometry
         if scan is None or geometry is None or len(scan["volts"]) != len(self.zero):
+            return None
+        if geometry["zero_first_s"] > 0 and self.zero_begins is None:  # something touched the skin since then
             return None
         readings = np.where(scan["valid"], np.array(scan["volts"]) - self.zero, 0.0)
         return Felt(*(_weighted(geometry[name], readings) for name in ("pressure", "shear_x", "shear_y")))

@@ -108,20 +108,6 @@ def test_records_that_overlap_at_one_offset_only_are_aligned() -> None:
     assert 0.0 < found.sd_s < 0.02
 
 
-@pytest.mark.parametrize("bunch", [1, 16], ids=["even stamps", "stamps in bunches"])
-def test_a_hole_in_the_reference_covers_no_bin_and_late_stamps_are_no_hole(bunch: int) -> None:
-    time_s = np.arange(0.0, 20.0, 0.01)
-    log = bin_log(time_s, np.zeros((len(time_s), SKIN.n_channels)), SKIN)
-    table = reference(seconds=20.0, rate_hz=500.0)
-    late_s = 0.002 * (np.arange(len(table.time_s)) % bunch)  # stamps of a bunch are 0.01 ms apart
-    stamps_s = table.time_s - late_s + 0.005 * late_s
-    keep = (stamps_s < 5.0) | (stamps_s > 8.0)
-    inside = AlignedReference(ReferenceTable(stamps_s[keep], table.values[keep]), log).inside(0.0, 0.0)
-    assert not inside[(log.end_s > 5.0) & (log.start_s < 8.0)].any()
-    away = (log.end_s < 4.9) | (log.start_s > 8.1)  # the last bunch before the hole is stamped early
-    assert inside[away][1:-2].all()
-
-
 @pytest.mark.parametrize("curve", ["log", "inverse"])
 def test_a_resistive_cell_follows_the_curve_of_its_divider(curve: str) -> None:
     cell = replace(CELL, unit="V", zero_first_s=1.0)

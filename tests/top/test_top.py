@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from fcntl import ioctl
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -201,6 +201,29 @@ def test_the_first_scans_are_the_zero_of_an_array_that_has_no_other() -> None:
         assert felt.load.sum() == pytest.approx(1600.0 * (k >= 50))
 
 
+def test_the_zero_is_of_good_readings_in_a_run_while_nothing_touches() -> None:
+    array, views = load_array("xyz-counts-4x4"), BoardViews()
+    views.take(info(array.name))
+    bad = np.arange(array.n_channels) == int(np.flatnonzero(array.normal_weights()[0])[0])
+
+    def load(run: int, at_s: float, count: float) -> float | None:
+        is_bad = bad & (round(100 * at_s) % 3 == 0)
+        volts, valid = np.where(is_bad, 0.0, count).tolist(), (~is_bad).tolist()
+        made = replace(scan(array.n_channels, NOW_S + at_s), volts=tuple(volts), valid=tuple(valid))
+        views.take(of_run(run, made, round(100 * at_s)))
+        felt = views.boards["TS1"].felt()
+        return None if felt is None else float(felt.load.sum())
+
+    def say(run: int, at_s: float, contact: Literal["none", "holding"]) -> None:
+        views.take(of_run(run, replace(STATUS, time_s=NOW_S + at_s, contact=contact), round(10 * at_s)))
+
+    assert [load(1, k / 100, 8000.0) for k in range(40)] == pytest.approx([0.0] * 40)
+    say(2, 1.0, "holding")
+    assert load(2, 1.0, 9000.0) is None  # what it reads is not its zero
+    say(2, 2.0, "none")
+    assert [load(2, 2.0 + k / 100, 8500.0) for k in range(40)] == pytest.approx([0.0] * 40)
+
+
 def test_stale_numbers_are_not_shown() -> None:
     board = views_of().boards["TS1"]
     fresh, stale = (
@@ -248,8 +271,10 @@ def test_a_slip_and_a_contact_whose_ends_were_lost_end_with_the_next_status() ->
     assert board.slip is not None  # the slip was published after this status, and overtook it
     views.take(message(replace(STATUS, time_s=NOW_S + 1.2, contact="sliding", slipping=True), 2))
     assert verdict(board, NOW_S + 1.2).sentence.startswith("Slipping")
+    views.take(message(TextureEvent(time_s=NOW_S + 0.2, status="low-snr", answered_s=NOW_S + 0.2)))
     views.take(message(replace(STATUS, time_s=NOW_S + 1.3, contact="none", slipping=False), 3))
     assert verdict(board, NOW_S + 1.3).sentence == "Nothing touches the skin"
+    assert "texture" not in board.newest
 
 
 def of_run(run: int, event: Event, seq: int = 0) -> Message:

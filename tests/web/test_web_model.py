@@ -75,8 +75,11 @@ def test_a_slip_and_a_contact_whose_ends_were_lost_end_with_the_next_status(open
         const said = verdict(board, at).sentence;
         return [board.slip !== null, board.touch?.state ?? null, board.slips[0].to, said];
       };
-      return [say(10.05, "none", false), say(11.5, "holding", true), say(11.6, "none", false)];"""
-    early, going, ended = model(opened, act)
+      board.texture = { timestamp: 10.2, status: "low-snr" };
+      const said = [say(10.05, "none", false), say(11.5, "holding", true), say(11.6, "none", false)];
+      return [...said, board.texture];"""
+    early, going, ended, texture = model(opened, act)
+    assert texture is None
     assert early[:3] == [True, "holding", None]  # a status that was made before the slip
     assert going[:3] == [True, "holding", None]
     assert ended == [False, None, 11.6, "Nothing touches the skin"]

@@ -18,8 +18,7 @@ from tactiled.calibrate.folds import segments
 from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS, Curve, PairsModelParams, SmoothModelParams
 
-BIN_HZ = 25.0  # presses of a person rise in `_RISE_S` and more; shorter bins only add rows
-_RISE_S = 0.2
+BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
 # A curve is tried where no reading falls below so many standard deviations of the noise that the lowest ones
 # have: nearer to 0 it bends by the noise. That of a resistor falls with its reading.
 _LEAST_NOISES, _LOWEST = 10.0, 0.05  # the second: quantile of the readings
@@ -252,8 +251,6 @@ class AlignedReference:
         values = np.where(np.isfinite(table.values), table.values, 0.0)
         areas = (values[1:] + values[:-1]) / 2 * spacing_s[:, np.newaxis]
         self._integral = np.concatenate([np.zeros((1, len(OUTPUTS))), np.cumsum(areas, axis=0)])
-        is_hole = spacing_s > np.quantile(spacing_s, _USUAL) + _RISE_S  # a press may begin or end in it
-        self._missing_s = np.concatenate([[0.0], np.cumsum(spacing_s * is_hole)])
         self._table = table
         self.outputs = table.outputs
         self.sample_s = float(np.median(spacing_s))
@@ -276,8 +273,7 @@ class AlignedReference:
     def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:
         """Return True (n,) for bins that the reference covers."""
         start, end = self._ends_s(late_s, drift)
-        missing_s = np.interp([start, end], self._time_s, self._missing_s)
-        return np.asarray((start >= 0.0) & (end <= self._time_s[-1]) & (missing_s[0] == missing_s[1]))
+        return np.asarray((start >= 0.0) & (end <= self._time_s[-1]))
 
     def _at(self, time_s: FloatArray) -> FloatArray:
         columns = [np.interp(time_s, self._time_s, column) for column in self._integral.T]

@@ -136,7 +136,7 @@ def record_guided(
     the first one of the daemon is taken. `DataError` or `ConfigError` where there is no daemon, no board or
     no scan, or the array is not known here.
     """
-    if log.suffix != ".npz" or not os.access(log.parent, os.W_OK):
+    if log.suffix != ".npz" or not log.parent.is_dir() or not os.access(log.parent, os.W_OK):
         raise ConfigError("command line", [f"{log}: name an .npz in a folder that exists and may be written"])
     with Subscription(endpoint, ("scan", "info"), board=board or None, keys=keys) as subscription:
         scans = LiveScans(subscription, endpoint, array, report)

@@ -229,7 +229,7 @@ class Board:
     def _misfit(self, rate_hz: float) -> str:
         """Say why the board cannot keep a rate; empty where it can."""
         baud, last_s = self._layout.file.baud, float(self._offset_s.max())
-        if rate_hz < _SLOWEST_HZ:
+        if not rate_hz >= _SLOWEST_HZ:  # also NaN, where a layout has floats
             return f"rate_hz: {rate_hz:g} scans a second are less than {_SLOWEST_HZ:g}"
         if rate_hz * 10 * self._layout.wire_bytes("scan") / baud > _LINE_SHARE:
             return f"rate_hz: {rate_hz:g} scans a second do not fit {baud} baud"

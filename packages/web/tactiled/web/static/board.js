@@ -91,6 +91,7 @@ export class BoardModel {
     const before = (at) => at < status.timestamp - OVERTAKEN_S;
     if (this.slip !== null && status.slipping === false && before(this.slip.detected)) this._slip({ state: "end", timestamp: status.timestamp });
     if (this.touch !== null && status.contact !== undefined && this.touch.state !== status.contact && before(this.touch.timestamp)) this.touch = null;
+    if (this.texture !== null && status.contact === "none" && before(this.texture.timestamp)) this.texture = null;
   }
 
   /** A message that comes with each scan; null where it is not of the newest ones: its detector has ended. */
@@ -174,9 +175,10 @@ export class BoardModel {
   }
 
   _learnZero(scan) {
-    if (this.zeroFrom === null) { this.zeroFrom = scan.timestamp; this.zeroCount = 0; }
-    this.zeroCount += 1;
-    scan.volts.forEach((v, c) => { this.zero[c] += (v - this.zero[c]) / this.zeroCount; });
+    if (this.zeroFrom === null) { this.zeroFrom = scan.timestamp; this.zeroScans = this.zero.map(() => 0); }
+    scan.volts.forEach((v, c) => {
+      if (scan.valid[c]) this.zero[c] += (v - this.zero[c]) / (this.zeroScans[c] += 1);
+    });
   }
 
   _point(scan, load, shear) {
