@@ -25,6 +25,7 @@ from tactiled.events.types import (
     ForceEvent,
     InfoEvent,
     ScanEvent,
+    SlipEvent,
     StatusEvent,
 )
 from tactiled.pipeline import Pipeline
@@ -143,6 +144,7 @@ class Stage:
         for run in itertools.count(1):  # as a daemon that was restarted: what is open at the end has no end
             began_s, waiting, held = time.time(), iter(events), itertools.cycle(last)
             contact: ContactState = "none"
+            slips = False
             if run == 1:
                 began_s -= max(0.0, play_s - self._live_s)
             following = next(waiting, None)
@@ -154,12 +156,13 @@ class Stage:
                     due.append(following[1])
                     following = next(waiting, None)
                 contact = next((e.state for e in reversed(due) if isinstance(e, ContactEvent)), contact)
+                slips = next((e.state == "onset" for e in reversed(due) if isinstance(e, SlipEvent)), slips)
                 stays = following is None and holds
                 if stays:
                     due += [self._now(next(held), since_s), self._now(next(held), since_s)]
                 if since_s - status_s > _STATUS_S or since_s < status_s:
                     status_s = since_s
-                    due.append(self._status(since_s, following is not None or stays, contact))
+                    due.append(self._status(since_s, following is not None or stays, contact, slips))
                 messages = []
                 if since_s - info_s > 1.0 or since_s < info_s or info_s == 0.0:
                     info_s = since_s
@@ -193,9 +196,9 @@ class Stage:
         return [force, event]
 
     @staticmethod
-    def _status(since_s: float, plays: bool, contact: ContactState) -> StatusEvent:
+    def _status(since_s: float, plays: bool, contact: ContactState, slips: bool) -> StatusEvent:
         if plays:
-            return replace(STATUS, time_s=since_s, contact=contact, slipping=False)
+            return replace(STATUS, time_s=since_s, contact=contact, slipping=slips)
         gone: dict[str, Any] = {"state": "no-device", "valid": False, "reason": "no such port"}
         return replace(STATUS, time_s=since_s, contact="none", slipping=False, **gone)
 
