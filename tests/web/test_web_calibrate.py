@@ -16,7 +16,7 @@ from tactiled.force.calibration import load_calibration
 
 pytestmark = pytest.mark.system
 FORCES_N = (6, 14, 20, 9, 17, 11, 19, 8, 13, 20, 7, 16)
-RECORD_S = 14
+RECORD_S = 22
 LOW = """() => [...document.querySelectorAll(".calibrate :is(button, input, summary)")]
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < 44).map((e) => e.outerHTML)"""
 
