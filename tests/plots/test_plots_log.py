@@ -1,5 +1,6 @@
 """Picture of a whole log: slip spans, the margin, the first slip."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,11 @@ from tactiled.plots.log import KnownTruth, draw_log
 
 ARRAY = load_array("wang2019-3x3")
 TIME_S = np.arange(400) / 100
+ONSET = SlipEvent(
+    time_s=2.0, state="onset", kind="incipient", onset_s=2.0, onset_sd_s=0.002, direction_deg=0.0,
+    direction_sd_deg=5.0, confidence=1.0, taxels=(4,), detector="test", statistic=2.0, threshold=1.0,
+    valid=True, detected_s=2.02,
+)  # fmt: skip
 
 
 def sheared(growth: float) -> FloatArray:
@@ -40,15 +46,10 @@ def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 
 def test_a_log_with_refused_grooves_shows_slips_and_the_reason(tmp_path: Path, figures: list[Figure]) -> None:
-    onset = SlipEvent(
-        time_s=2.0, state="onset", kind="incipient", onset_s=2.0, onset_sd_s=0.002, direction_deg=0.0,
-        direction_sd_deg=5.0, confidence=1.0, taxels=(4,), detector="test", statistic=2.0, threshold=1.0,
-        valid=True, detected_s=2.02,
-    )  # fmt: skip
-    end = SlipEvent(**{**vars(onset), "state": "end", "time_s": 3.0, "detected_s": 3.0})
+    end = replace(ONSET, state="end", time_s=3.0, detected_s=3.0)
     refusal = TextureEvent(time_s=3.9, answered_s=3.9, status="low-snr")
     out = tmp_path / "a.png"
-    draw_log(out, ARRAY, TIME_S, sheared(0.3), [onset, end, refusal], "a")
+    draw_log(out, ARRAY, TIME_S, sheared(0.3), [ONSET, end, refusal], "a")
     assert out.stat().st_size > 10_000
     assert figures[0].get_suptitle().endswith("\ngrooves: no answer (low-snr 1)")
     assert [axis.get_title() for axis in figures[0].axes] == ["", "first incipient slip"]
@@ -70,11 +71,7 @@ def test_the_taxel_that_moves_most_is_drawn_whatever_is_missing(
 
 
 def test_a_slip_without_a_scan_near_its_onset_is_drawn(tmp_path: Path, figures: list[Figure]) -> None:
-    onset = SlipEvent(
-        time_s=2.25, state="onset", kind="gross", onset_s=2.25, onset_sd_s=0.1, direction_deg=0.0,
-        direction_sd_deg=180.0, confidence=1.0, taxels=(4,), detector="test", statistic=2.0, threshold=1.0,
-        valid=True, detected_s=3.0,
-    )  # fmt: skip
+    onset = replace(ONSET, kind="gross", time_s=2.25, onset_s=2.25, detected_s=3.0)
     draw_log(tmp_path / "a.png", ARRAY, TIME_S[::50], sheared(0.3)[::50], [onset], "a")
     assert [axis.get_title() for axis in figures[0].axes] == ["", "first gross slip"]
 
