@@ -43,8 +43,8 @@ SIGMAS_T = np.array([0.0, 0.03, 0.06, 0.1, 0.15, 0.2, 0.3])  # choice
 # by 0.05 to 0.2 radians, more between channels than between taxels.
 _MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
 
-_LOG = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
-LOG_PRIOR = _LOG - np.logaddexp.reduce(_LOG, axis=None)
+_LOG_WEIGHT = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
+LOG_PRIOR = _LOG_WEIGHT - np.logaddexp.reduce(_LOG_WEIGHT, axis=None)
 """Logarithms of the prior probabilities of the standard deviations, (sigmas_c, sigmas_t)."""
 # physical: residuals are weighted by the inverse of noise and this variance to find the phase of a kind,
 # radians^2.
