@@ -230,7 +230,9 @@ def keys_make(name: str, folder: Path, out: Path | None) -> None:
 @PORT
 @click.option("--array", help="Array file of a board whose array does not ship.")
 @click.option(
-    "--tcp-port", default=9872, show_default=True, type=click.IntRange(1, 65534), help="Of its events."
+    "--tcp-port",
+    type=click.IntRange(1, 65534),
+    help="Of its events; default: from 9872 on, the first free one.",
 )
 @click.option("--dry-run", is_flag=True, help="Print what would be written and run.")
 @click.option("--remove", "removes", is_flag=True, help="Undo the setup of NAME.")
@@ -244,7 +246,7 @@ def setup(
     name: str | None,
     port: str | None,
     array: str | None,
-    tcp_port: int,
+    tcp_port: int | None,
     dry_run: bool,
     removes: bool,
     root: Path,

@@ -8,7 +8,10 @@ import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from tactiled.errors import DataError, OperatorError
+from tactiled import tomlfile
+from tactiled.config import kind_of
+from tactiled.errors import ConfigError, DataError, OperatorError
+from tactiled.events.endpoints import DEFAULT_ENDPOINT
 from tactiled.outside import json_of, name_of, read_text
 from tactiled.setup.plan import SetupPlan
 
@@ -49,6 +52,18 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
         written[file.path] = _digest(file.text)
         _write_manifest(root, plan, written)  # after each file: a failure at the next one can be undone
     _write_manifest(root, plan, written)
+
+
+def event_ports(root: Path) -> dict[str, set[int]]:
+    """Return the TCP ports of events of the configurations that are there, by name of the file."""
+    found = {}
+    for path in _under(root, "/etc/tactiled").glob("*.toml"):
+        with contextlib.suppress(ConfigError, AttributeError, TypeError):
+            document = tomlfile.read(path)
+            if kind_of(document) == "configuration":
+                endpoints = document.get("publish", {}).get("endpoints", (DEFAULT_ENDPOINT,))
+                found[path.stem] = {int(port) for port in re.findall(r"tcp://\S+:(\d+)", " ".join(endpoints))}
+    return found
 
 
 def written_for(name: str, root: Path) -> dict[str, str]:

@@ -4,6 +4,7 @@ import re
 import shlex
 import sys
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from tactiled.outside import name_of, rule_value, shown
 from tactiled.setup.find import FoundBoard, FoundPort
 
 _INSTALLED = "/opt/tactiled/bin/tactiled"  # ExecStart of the shipped unit
+_FIRST_PORT, _PORTS_EACH = 9872, 10  # the port after that of events answers commands
 _ALL = "tactiled.service"
 # The condition of tactiled@.service names this path.
 _ALL_ENABLED = f"/etc/systemd/system/multi-user.target.wants/{_ALL}"
@@ -82,7 +84,12 @@ def serves_all_boards(root: Path) -> bool:
 
 
 def make_plan(
-    board: FoundBoard, name: str | None, tcp_port: int = 9872, *, for_all: bool = False
+    board: FoundBoard,
+    name: str | None,
+    tcp_port: int | None = None,
+    *,
+    taken: Mapping[str, set[int]] | None = None,
+    for_all: bool = False,
 ) -> SetupPlan:
     """Return what the service of a board needs.
 
@@ -90,8 +97,10 @@ def make_plan(
     ----------
     name : str, optional
         Name of the instance; by default the serial number of the adapter, by which the udev rule starts it.
-    tcp_port : int
-        Loopback port of its events; each daemon of a host needs one of its own.
+    tcp_port : int, optional
+        Loopback port of its events; by default one that no other daemon of this host has.
+    taken : mapping of str to set of int, optional
+        Ports of events of the configurations that are there, by name (`tactiled.setup.apply.event_ports`).
     for_all : bool
         `tactiled.service` reads this configuration with those of the other boards (`serves_all_boards`).
 
@@ -116,7 +125,7 @@ def make_plan(
         protocol=tomltext.quoted(board.protocol),
         array=tomltext.quoted(_absolute(board.array)),
         board_serial=f"board_serial = {tomltext.quoted(board.board_serial)}\n" if board.board_serial else "",
-        tcp_port=tcp_port,
+        tcp_port=tcp_port or _event_port(name, taken or {}, for_all=for_all),
         name=name,
     )
     tomlfile.parse(tomllib.loads(config), Config, "the proposed configuration")
@@ -158,6 +167,14 @@ def make_plan(
             f"{program} is in /home, which the unit may not see: install tactiled into /opt/tactiled"
         )
     return SetupPlan(name, tuple(files), tuple(commands), tuple(notes))
+
+
+def _event_port(name: str, taken: Mapping[str, set[int]], *, for_all: bool) -> int:
+    """Return the port that this board has already, that all share in one daemon, or the next free one."""
+    others = set().union(*taken.values())
+    if own := taken.get(name) or (others if for_all else None):
+        return min(own)
+    return next(port for port in range(_FIRST_PORT, 2**16, _PORTS_EACH) if port not in others)
 
 
 def _serial_of(port: FoundPort) -> str:
