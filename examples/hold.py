@@ -1,19 +1,14 @@
 """Hold an object of unknown weight and friction with as little force as is safe.
 
-Try it on an emulated object, in three terminals::
+Try it on an emulated object, in three terminals, with `port.url = "/tmp/board"` in `hold.toml`::
 
     tactiled emulate --scene hold --link /tmp/board --control unix:///tmp/gripper
     tactiled run --config hold.toml
     python examples/hold.py unix:///tmp/gripper
 
-`hold.toml`::
-
-    port.url = "/tmp/board"
-
 What `GripController` assumes of a hand is in its module; replace `EmulatedGripper` by yours.
 """
 
-import contextlib
 import json
 import socket
 import sys
@@ -56,5 +51,9 @@ def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
 
 
 if __name__ == "__main__":
-    with contextlib.suppress(KeyboardInterrupt):
+    try:
         main(*sys.argv[1:])
+    except KeyboardInterrupt:
+        pass
+    except (ConnectionError, FileNotFoundError, json.JSONDecodeError):
+        sys.exit("no answer from the emulator: start it first, and again for each grasp")

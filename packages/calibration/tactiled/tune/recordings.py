@@ -106,8 +106,10 @@ def _warning_of_tare(endpoint: str, board: str, keys: Path | None) -> str:
     """Warn of a tared daemon: it publishes untared scans, while its detectors use tared ones."""
     try:
         with Commander(endpoint, "tactiled tune", keys=keys) as daemon:
-            is_tared = daemon.send("state", board=board).data["settings"]["tared"]
+            state = daemon.send("state", board=board)
     except OperatorError:
         return "the daemon does not answer requests: if it was tared, the proposed values do not apply"
+    if not state.ok:
+        return f"the daemon does not say whether it was tared ({state.reason}): if so, values do not apply"
     words = "the daemon was tared: the proposed values apply to an untared daemon; restart it first"
-    return words if is_tared else ""
+    return words if state.data["settings"]["tared"] else ""
