@@ -26,6 +26,9 @@ _LEAST_PART = 0.02  # of the reading without a load, in poses: no order of their
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of |v[k] - 2 v[k + 1] + v[k + 2]| of white noise of unit variance
 _LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
+_PAUSE_SAMPLES = (
+    5.0  # median steps of a reference: fewer are missing samples, over which a line is good enough
+)
 _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
 
 
@@ -274,6 +277,13 @@ class AlignedReference:
         """Return True (n,) for bins that the reference covers."""
         start, end = self._ends_s(late_s, drift)
         return np.asarray((start >= 0.0) & (end <= self._time_s[-1]))
+
+    def pauses(self, late_s: float) -> NDArray[np.int64]:
+        """Return the number (n,) of the pause of the reference in which the whole bin lies, or -1."""
+        start, end = self._ends_s(late_s, 0.0)
+        after = np.searchsorted(self._time_s, start)
+        is_long = np.diff(self._time_s, prepend=0.0, append=np.inf) > _PAUSE_SAMPLES * self.sample_s
+        return np.where(is_long[after] & (np.searchsorted(self._time_s, end) == after), after, -1)
 
     def _at(self, time_s: FloatArray) -> FloatArray:
         columns = [np.interp(time_s, self._time_s, column) for column in self._integral.T]

@@ -30,6 +30,10 @@ from tactiled.force.calibration import AXES, CalibrationFile, ForceRange, Residu
 
 N_STAGES = 6
 # A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
+_TOLD_S = 1.0
+_MOST_ERROR = (
+    2.0  # of that elsewhere: pauses in which nothing changed had up to 1.9, presses unseen 2.1 to 16
+)
 _PREFERENCE = 2.0
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
@@ -107,6 +111,11 @@ def calibrate(
     reached("clocks")
     rows = reference.inside(late_s, 0.0)
     used = reference.outputs
+    unseen_s = 0.0
+    if not are_poses:
+        unseen = _unseen(array, log, reference, late_s, rows)
+        rows &= ~unseen
+        unseen_s = float((log.end_s - log.start_s)[unseen].sum())
     check_signs(log, reference.means(late_s, 0.0), used, rows, array, clocks.correlation)
     candidates: list[FittedModel] = []
     if has_pairs(array) and not are_poses:
@@ -143,7 +152,7 @@ def calibrate(
         board=identity.board,
         date=identity.date,
         axes=[axis for k, axis in enumerate(AXES) if k in used],
-        verdict=verdict(data, best, [axis.covariance for axis in axes]),
+        verdict=[*verdict(data, best, [axis.covariance for axis in axes]), *_words_of_pauses(unseen_s)],
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
         residuals=Residuals(
             fx_n=rms[0], fy_n=rms[1], fz_n=rms[2], baseline_fz_n=float(baseline[2]) if 2 in used else None
@@ -165,6 +174,37 @@ def calibrate(
         baseline=baseline,
         used=used,
     )
+
+
+def _unseen(
+    array: Array, log: BinnedLog, reference: AlignedReference, late_s: float, rows: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return True (n,) for bins in pauses of the reference over which its forces were no straight line.
+
+    A record that is written when a force changes pauses, too, but there a fit errs no more than elsewhere.
+    """
+    pause = np.where(rows, reference.pauses(late_s), -1)
+    outputs = reference.means(late_s, 0.0)
+    outputs[:, [k for k in range(6) if k not in reference.outputs]] = 0.0
+    unseen = np.zeros(len(log), dtype=np.bool_)
+    seen = rows & (pause < 0)
+    while seen.any():
+        used = rows & ~unseen
+        data = FitData(array, log, outputs, reference.outputs, used)
+        square = (fit_smooth(data, PLAIN).left_out ** 2).sum(axis=1)
+        most = _MOST_ERROR**2 * square[seen].mean()
+        left = np.unique(pause[used & (pause >= 0)])
+        wrong = [one for one in left if square[used & (pause == one)].mean() > most]
+        if not wrong:
+            break
+        unseen |= np.isin(pause, wrong)
+    return unseen
+
+
+def _words_of_pauses(unseen_s: float) -> list[str]:
+    if unseen_s < _TOLD_S:
+        return []
+    return [f"{unseen_s:.0f} s were left out: the reference pauses there, and the readings change"]
 
 
 def _rms(left_out: FloatArray) -> FloatArray:
