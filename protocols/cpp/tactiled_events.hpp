@@ -782,6 +782,10 @@ struct Info {
     std::vector<double> channel_offset_s;
     // Version of the daemon.
     std::string tactiled_version;
+    // Reading of each channel without a load, in the unit of scan.volts: from the array file, the first
+    // scans or the last tare. Detectors subtract it; scan.volts contains it. Empty while the first scans are
+    // not in. 0 for a channel that has none, which the warning of the status names.
+    std::vector<double> zero;
 };
 
 template <class Json> void from_json(const Json& map, Info& out) {
@@ -804,6 +808,7 @@ template <class Json> void from_json(const Json& map, Info& out) {
     map.at("volts_per_count").get_to(out.volts_per_count);
     map.at("channel_offset_s").get_to(out.channel_offset_s);
     map.at("tactiled_version").get_to(out.tactiled_version);
+    map.at("zero").get_to(out.zero);
 }
 
 // Instant at which the evidence of the message was complete, epoch seconds.

@@ -133,7 +133,6 @@ class TunedSuite:
         force: ForceSource | None = None,
     ) -> None:
         self._array = array
-        self._zero_of_array = array.zero if array.zero.any() else None
         self._configured = params
         self._build = build
         self._force = force
@@ -171,6 +170,13 @@ class TunedSuite:
     def hidden_below(self) -> float:
         """Load that a contact must exceed, as the largest load of late has it: see `ContactDetector`."""
         return self._suite.hidden_below
+
+    @property
+    def zero(self) -> FloatArray | None:
+        """Zero (channels,) in use, NaN for a channel without one; None while the first scans are not in."""
+        if self.baseline_volts is not None:
+            return self.baseline_volts
+        return self._start.zero if self._array.zero_first_s else self._array.zero
 
     @property
     def zero_warning(self) -> str:
@@ -212,10 +218,8 @@ class TunedSuite:
 
     def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
         """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
-        zero = self.baseline_volts
-        if zero is None:
-            zero = self._start.zero if self._array.zero_first_s else self._zero_of_array
-        if isinstance(item, Gap) or zero is None:
+        zero = self.zero
+        if isinstance(item, Gap) or zero is None or not zero.any():
             return item
         return replace(item, volts=item.volts - zero, valid=item.valid & np.isfinite(zero))
 

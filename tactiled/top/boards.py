@@ -62,10 +62,7 @@ class BoardView:
     """Newest onset of a slip that has not ended."""
     events: deque[ListedEvent] = field(default_factory=lambda: deque(maxlen=_EVENTS))
     zero: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    zero_scans: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Number of scans of each channel whose mean is the zero, where the array has that of its first scans."""
-    zero_begins: tuple[int, float] | None = None
-    """Run of the daemon and instant of the first of these scans."""
+    """Readings without a load; empty while they are not known."""
 
     def lamp(self, now_unix_s: float) -> Lamp:
         """Judge how old the data are at an instant, by the instants in the messages."""
@@ -119,32 +116,10 @@ class BoardView:
         allowed_s = max(_SILENT_S, _PERIODS / rate_hz if rate_hz > 0 else 0.0)
         return message if scan["timestamp"] - message["timestamp"] <= allowed_s else None
 
-    def describe(self, geometry: dict[str, Any]) -> None:
-        """Take another array."""
-        self.geometry, self.zero, self.zero_begins = geometry, np.array(geometry["zero"]), None
-        self.zero_scans = np.zeros(len(self.zero), np.int64)
-
-    def learn_zero(self, scan: Mapping[str, Any]) -> None:
-        """Average a scan into the zero, if that is of the first scans that nothing touches in a run."""
-        if self.geometry is None or len(scan["volts"]) != len(self.zero):
-            return
-        if self.zero_begins is not None and self.zero_begins[0] != scan["run"]:
-            self.describe(self.geometry)
-        if self.newest.get("status", {}).get("contact", "none") != "none":
-            return
-        self.zero_begins = self.zero_begins or (scan["run"], scan["timestamp"])
-        if scan["timestamp"] - self.zero_begins[1] < self.geometry["zero_first_s"]:
-            is_valid = np.array(scan["valid"])
-            self.zero_scans += is_valid
-            change = (np.array(scan["volts"]) - self.zero) / np.maximum(self.zero_scans, 1)
-            self.zero += np.where(is_valid, change, 0.0)
-
     def felt(self) -> Felt | None:
         """Return load and shear of the newest scan; None without a scan, an array or its zero."""
         scan, geometry = self.newest.get("scan"), self.geometry
         if scan is None or geometry is None or len(scan["volts"]) != len(self.zero):
-            return None
-        if geometry["zero_first_s"] > 0 and self.zero_begins is None:  # something touched the skin since then
             return None
         readings = np.where(scan["valid"], np.array(scan["volts"]) - self.zero, 0.0)
         return Felt(*(_weighted(geometry[name], readings) for name in ("pressure", "shear_x", "shear_y")))
@@ -212,14 +187,14 @@ class BoardViews:
 
     def _message(self, board: BoardView, message: Message) -> None:
         data = message.data
-        if message.topic == "info" and board.newest.get("info", {}).get("array_id") != data["array_id"]:
-            board.describe(geometry_of(data, self._array))
+        if message.topic == "info":
+            if board.newest.get("info", {}).get("array_id") != data["array_id"]:
+                board.geometry = geometry_of(data, self._array)
+            board.zero = np.array(data["zero"])
         if message.topic in ("status", "scan"):
             board.drop_other_runs(data["run"])
         if message.topic == "status":
             board.drop_ended(data)
-        elif message.topic == "scan":
-            board.learn_zero(data)
         board.newest[message.topic] = data
         if message.topic == "slip":
             board.slip = None if data["state"] == "end" else data

@@ -49,8 +49,8 @@ def test_a_tare_takes_a_drifted_zero_away() -> None:
     tuned = suite()
     assert run(tuned, [shifted(rest())]) == []
     assert tuned.tare(force=False) == ("", [])
-    assert tuned.baseline_volts is not None
-    assert np.abs(tuned.baseline_volts - OFFSET).max() < 0.0005
+    assert tuned.zero is not None
+    assert np.abs(tuned.zero - OFFSET).max() < 0.0005
     events = run(tuned, [shifted(TOUCH)])
     assert contact_states(events) == ["loading", "holding", "sliding", "holding", "none"]
     (onset,) = onsets(events)

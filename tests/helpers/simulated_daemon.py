@@ -33,6 +33,7 @@ _INFO = InfoEvent(
     y_mm=tuple(3.5 * (k // 3) for k in range(9)), rate_hz=100.0,
     channel_names=tuple(f"T{k // 4}R{k % 4}" for k in range(N_CHANNELS)),
     volts_per_count=3.0 / 4096, channel_offset_s=(0.0,) * N_CHANNELS, tactiled_version="0.1.0",
+    zero=(0.0,) * N_CHANNELS,
 )  # fmt: skip
 _RECORDING = RecordingEvent(
     time_s=0.0, state="recording", reason="", file="TS0001-20261122T120000.mcap", parts=3,

@@ -79,6 +79,7 @@ def info(array_id: str = "wang2019-3x3") -> InfoEvent:
         array_id=array_id, channels=array.n_channels, taxels=array.n_taxels, x_mm=tuple(array.x_mm.tolist()),
         y_mm=tuple(array.y_mm.tolist()), channel_names=tuple(array.channel_name), rate_hz=100.0,
         volts_per_count=1.0, channel_offset_s=(0.0,) * array.n_channels, tactiled_version="0",
+        zero=tuple(array.zero.tolist()),
     )  # fmt: skip
 
 

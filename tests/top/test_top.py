@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from fcntl import ioctl
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,14 +45,16 @@ def message(event: Event, seq: int = 0, board: str = "TS1") -> Message:
     return Message(event.topic, board, seq, event.time_s, data, 0.0, 0.0, 0.0)
 
 
-def info(name: str) -> Message:
+def info(name: str, zero: tuple[float, ...] | None = None) -> Message:
     array = load_array(name)
+    zero = tuple(array.zero.tolist()) if zero is None else zero
     return message(
         InfoEvent(
             time_s=NOW_S, board_serial="TS1", firmware_version="1", protocol="board-v1", protocol_version=1,
             array_id=name, channels=array.n_channels, taxels=array.n_taxels, x_mm=tuple(array.x_mm),
             y_mm=tuple(array.y_mm), channel_names=tuple(array.channel_name), rate_hz=100.0,
             volts_per_count=1.0, channel_offset_s=(0.0,) * array.n_channels, tactiled_version="0",
+            zero=zero,
         )
     )  # fmt: skip
 
@@ -65,6 +67,7 @@ def scattered(n_taxels: int) -> Message:
         array_id="mine", channels=4 * n_taxels, taxels=n_taxels, x_mm=places, y_mm=places[::-1],
         channel_names=tuple(f"t{k // 4}.R{k % 4}" for k in range(4 * n_taxels)), rate_hz=100.0,
         volts_per_count=1.0, channel_offset_s=(0.0,) * 4 * n_taxels, tactiled_version="0",
+        zero=(0.0,) * 4 * n_taxels,
     )  # fmt: skip
     return message(event)
 
@@ -188,40 +191,18 @@ def test_colours_stand_for_the_same_load_whatever_is_pressed() -> None:
     assert colour(0.05, 4) != colour(0.05, 32)
 
 
-def test_the_first_scans_are_the_zero_of_an_array_that_has_no_other() -> None:
-    array = load_array("xyz-counts-4x4")
-    assert array.zero_first_s > 0
-    views = BoardViews()
-    views.take(info(array.name))
-    for k in range(60):
-        volts = (8000.0 + 100.0 * (k >= 50),) * array.n_channels
-        views.take(message(replace(scan(array.n_channels, NOW_S + k / 100), volts=volts), k))
-        felt = views.boards["TS1"].felt()
-        assert felt is not None
-        assert felt.load.sum() == pytest.approx(1600.0 * (k >= 50))
-
-
-def test_the_zero_is_of_good_readings_in_a_run_while_nothing_touches() -> None:
+def test_loads_are_relative_to_the_zero_that_the_daemon_has() -> None:
     array, views = load_array("xyz-counts-4x4"), BoardViews()
-    views.take(info(array.name))
-    bad = np.arange(array.n_channels) == int(np.flatnonzero(array.normal_weights()[0])[0])
 
-    def load(run: int, at_s: float, count: float) -> float | None:
-        is_bad = bad & (round(100 * at_s) % 3 == 0)
-        volts, valid = np.where(is_bad, 0.0, count).tolist(), (~is_bad).tolist()
-        made = replace(scan(array.n_channels, NOW_S + at_s), volts=tuple(volts), valid=tuple(valid))
-        views.take(of_run(run, made, round(100 * at_s)))
+    def load(zero: tuple[float, ...]) -> float | None:
+        views.take(info(array.name, zero))
+        views.take(message(replace(scan(array.n_channels), volts=(8100.0,) * array.n_channels)))
         felt = views.boards["TS1"].felt()
         return None if felt is None else float(felt.load.sum())
 
-    def say(run: int, at_s: float, contact: Literal["none", "holding"]) -> None:
-        views.take(of_run(run, replace(STATUS, time_s=NOW_S + at_s, contact=contact), round(10 * at_s)))
-
-    assert [load(1, k / 100, 8000.0) for k in range(40)] == pytest.approx([0.0] * 40)
-    say(2, 1.0, "holding")
-    assert load(2, 1.0, 9000.0) is None  # what it reads is not its zero
-    say(2, 2.0, "none")
-    assert [load(2, 2.0 + k / 100, 8500.0) for k in range(40)] == pytest.approx([0.0] * 40)
+    assert load(()) is None  # of the first scans, which are not in
+    assert load((8000.0,) * array.n_channels) == pytest.approx(1600.0)
+    assert load((8100.0,) * array.n_channels) == pytest.approx(0.0)  # after a tare
 
 
 def test_stale_numbers_are_not_shown() -> None:

@@ -21,7 +21,7 @@ NOW_S = 1000.0
 INFO = InfoEvent(
     time_s=0.0, board_serial="TS1", firmware_version="1", protocol="board-v1", protocol_version=1,
     array_id="mine", channels=1, taxels=1, x_mm=(0.0,), y_mm=(0.0,), channel_names=("t0.a",), rate_hz=100.0,
-    volts_per_count=1.0, channel_offset_s=(0.0,), tactiled_version="0",
+    volts_per_count=1.0, channel_offset_s=(0.0,), tactiled_version="0", zero=(0.0,),
 )  # fmt: skip
 SCAN = ScanEvent(time_s=0.0, index=0, volts=(1.0,), valid=(True,), time_sd_s=0.0, age_s=0.0, late=False)
 FORCE = ForceEvent(

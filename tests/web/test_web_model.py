@@ -113,7 +113,8 @@ def test_forces_and_margins_that_come_no_more_are_not_shown(opened: Page) -> Non
 )
 def test_nothing_is_drawn_over_a_time_without_scans(opened: Page, run: int, index: int, words: str) -> None:
     act = f"""
-    board.take("geometry", {{ unit: "V", zero: [0], zero_first_s: 0, names: ["t0.a"], has_shear: false,
+    board.take("info", {{ zero: [0] }});
+    board.take("geometry", {{ unit: "V", names: ["t0.a"], has_shear: false,
       pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
     const held = {{ volts: [1], valid: [true] }};
     const reading = (run, index, at) => board.take("scan", {{ ...common(run, at), index, ...held }});
@@ -169,7 +170,8 @@ def test_one_sentence_says_what_the_contact_does(opened: Page, case: Case) -> No
 
 def test_forces_and_readings_point_the_same_way(opened: Page) -> None:
     act = """
-      board.take("geometry", { unit: "V", zero: [0, 0], zero_first_s: 0, names: ["a", "b"], has_shear: true,
+      board.take("info", { zero: [0, 0] });
+      board.take("geometry", { unit: "V", names: ["a", "b"], has_shear: true,
         pressure: [[[0, 1]]], shear_x: [[[1, 1]]], shear_y: [[]] });
       const at = (index, calibration) => {
         const force = { fx_n: -3, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1, calibration };
@@ -186,7 +188,8 @@ def test_forces_and_readings_point_the_same_way(opened: Page) -> None:
 def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None:
     """The first scan after it comes before its force; a calibration that is gone begins new curves."""
     act = """
-      board.take("geometry", { unit: "V", zero: [0], zero_first_s: 0, names: ["a"], has_shear: false,
+      board.take("info", { zero: [0] });
+      board.take("geometry", { unit: "V", names: ["a"], has_shear: false,
         pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
       let seq = 0;
       const alone = (run, s) =>
@@ -218,7 +221,8 @@ def test_a_daemon_that_states_no_force_is_not_waited_for(
     opened: Page, run: int, sent: int, unit: str
 ) -> None:
     act = f"""
-      board.take("geometry", {{ unit: "V", zero: [0], zero_first_s: 0, names: ["a"], has_shear: false,
+      board.take("info", {{ zero: [0] }});
+      board.take("geometry", {{ unit: "V", names: ["a"], has_shear: false,
         pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] }});
       const at = (run, s) =>
         board.take("scan", {{ ...common(run, s), index: Math.round(10 * s), volts: [2], valid: [true] }});

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import fields
 from typing import Any
 
+import numpy as np
+
 from tactiled import compiled
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.host_load import HostLoad, LoopTurns
@@ -198,6 +200,7 @@ class BoardLink:
     def info(self, hello: Hello, now_s: float) -> InfoEvent:
         """Make the info event from the hello of the board and the configured layout and array."""
         layout, array = self.pipeline.layout, self.pipeline.array
+        zero = self.pipeline.tuning.zero
         return InfoEvent(
             time_s=now_s,
             board_serial=hello.board_serial,
@@ -214,6 +217,7 @@ class BoardLink:
             volts_per_count=hello.volts_per_count,
             channel_offset_s=hello.channel_offset_s or (0.0,) * layout.n_channels,
             tactiled_version=__version__,
+            zero=() if zero is None else tuple(np.nan_to_num(zero).tolist()),
         )
 
 

@@ -350,10 +350,14 @@ def test_a_channel_that_comes_up_after_the_zero_is_named_until_a_tare() -> None:
         scan.counts[5] = 4095
         late.append(encode(scan))
     link.opened(100.0)
+    assert link.info(sim.hello(), 100.0).zero == ()
     link.received(encode(sim.hello()) + b"".join(late), 100.3, events.append)
     link.received(stream(sim, 60, 300_000), 100.9, events.append)
     link.make_status(100.9, started_s=100.0, connects=1)
     assert link.warnings["zero"].startswith("channels [5] had no valid reading in the first 0.3 s")
+    zero = link.info(sim.hello(), 100.9).zero
+    assert (len(zero), zero[5]) == (36, 0.0)
+    assert zero[4] == pytest.approx(1000 * 3.0 / 4096)
     assert link.pipeline.command("tare", {"force": False}, 100.9) == ("", [])
     assert not link.make_status(100.9, started_s=100.0, connects=1).warning
 

@@ -123,6 +123,8 @@ def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
                 assert "ask again" in reply.reason
                 await asyncio.sleep(0.05)
             await daemon.until(lambda: daemon.status["contact"] == "none", "no contact")
+            tared_to = [pytest.approx(1000 * 3.0 / 4096, abs=1e-3)] * 36
+            await daemon.until(lambda: daemon.heard["info"][-1]["zero"] == tared_to, "the zero of the tare")
             await asyncio.to_thread(board.unplug)
             await asyncio.to_thread(board.plug)
             await daemon.until_state("running")
@@ -131,6 +133,7 @@ def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
         with PtyBoard(daemon.link, SimBoard(serial="TS0002")):
             await daemon.until(lambda: daemon.status["board"] == "TS0002", "the other board")
             assert not await tared(commander)
+            await daemon.until(lambda: daemon.heard["info"][-1]["zero"] == [0.0] * 36, "that of the array")
 
     play_commands(daemon, story)
 

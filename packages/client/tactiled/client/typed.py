@@ -280,6 +280,7 @@ class InfoData(HeadData):
     volts_per_count: float
     channel_offset_s: list[float]
     tactiled_version: str
+    zero: list[float]
 
 
 class InfoMessage(Message):

@@ -298,6 +298,7 @@ class InfoEvent(Event):
     volts_per_count: float
     channel_offset_s: tuple[float, ...]
     tactiled_version: str
+    zero: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

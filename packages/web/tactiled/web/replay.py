@@ -43,10 +43,12 @@ class ReplayFile:
                     self._take(item, seqs, [*arrays, recorded_array])
         if not self._rows:
             raise DataError(f"{self._name}: has no events")
-        if not self._geometry:  # of a log: nothing has said which array the board has
-            array = recorded_array
-            said = {"array_id": array.name, "channels": array.n_channels}
-            self._geometry = _text("geometry", {"board": next(iter(seqs))[0], **geometry_of(said, array)})
+        if not self._geometry:  # no info was recorded
+            board, array = next(iter(seqs))[0], recorded_array
+            said = {"array_id": array.name, "channels": array.n_channels, "taxels": array.n_taxels}
+            info = {"board": board, **said, "zero": array.zero.tolist()}
+            geometry = {"board": board, **geometry_of(said, array)}
+            self._geometry = f"{_text('geometry', geometry)},{_text('info', info)}"
         self._rows.sort(key=lambda row: row[0])
         self._times = [row[0] for row in self._rows]
         self.start_s, self.end_s = self._times[0], self._times[-1]

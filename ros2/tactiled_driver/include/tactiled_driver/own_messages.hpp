@@ -261,6 +261,7 @@ inline void convert(const tactiled::Info& from, tactiled_msgs::msg::Info& to, co
     to.volts_per_count = from.volts_per_count;
     to.channel_offset_s = from.channel_offset_s;
     to.tactiled_version = from.tactiled_version;
+    to.zero = from.zero;
 }
 
 inline void convert(const tactiled::Recording& from, tactiled_msgs::msg::Recording& to, const std::string& frame_id)

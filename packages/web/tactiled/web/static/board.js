@@ -43,8 +43,7 @@ export class BoardModel {
     this.changed = 0;        // counts messages, so that views know when to draw
     this.eventCount = 0;
     this.health = [];        // for each channel: "", "dead", "noisy" or "stuck"
-    this.zero = [];
-    this.zeroFrom = 0;
+    this.zero = [];          // readings without a load; empty while they are not known
   }
 
   /** Forget what belongs to instants after `until` or before the window; used by a seek in a recording. */
@@ -58,7 +57,7 @@ export class BoardModel {
   take(topic, data, recovered) {
     this.changed += 1;
     switch (topic) {
-      case "info": this.info = data; return null;
+      case "info": this.info = data; this.zero = data.zero; return null;
       case "geometry": this._geometry(data); return null;
       case "status": this._dropOtherRuns(data.run); this._dropEnded(data); this.status = data; if (data.contact !== undefined && this.touch === null) this._band(data.timestamp, data.contact); return null;
       case "recording": this.recording = data; return null;
@@ -72,8 +71,6 @@ export class BoardModel {
 
   _geometry(geometry) {
     this.geometry = geometry;
-    this.zero = geometry.zero.slice();
-    this.zeroFrom = geometry.zero_first_s > 0 ? null : -Infinity;
     this.scans = [];
     this.health = geometry.names.map(() => "");
   }
@@ -121,7 +118,6 @@ export class BoardModel {
     const oldest = scan.timestamp - RING_S;
     if (this.scans.length > 64 && this.scans[0].timestamp < oldest - 1) this.scans = this.scans.filter((s) => s.timestamp >= oldest);
     if (this.geometry === null || scan.volts.length !== this.zero.length) return;
-    if (this.zeroFrom === null || scan.timestamp - this.zeroFrom < this.geometry.zero_first_s) this._learnZero(scan);
     const t = this.points.t;
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
     const now = this.loads();
@@ -172,13 +168,6 @@ export class BoardModel {
   _statesNoForce() {
     const { status } = this, sent = status?.run === this.newestScan.run ? status.sent : undefined;
     return sent?.force === 0 && sent.scan > FORCE_SENT_S * (status.rate_hz || this.info?.rate_hz || 0);
-  }
-
-  _learnZero(scan) {
-    if (this.zeroFrom === null) { this.zeroFrom = scan.timestamp; this.zeroScans = this.zero.map(() => 0); }
-    scan.volts.forEach((v, c) => {
-      if (scan.valid[c]) this.zero[c] += (v - this.zero[c]) / (this.zeroScans[c] += 1);
-    });
   }
 
   _point(scan, load, shear) {
@@ -270,12 +259,18 @@ export class BoardModel {
     this.slip = this.lastSlip = data;
   }
 
-  /** Load and shear of each taxel from a scan, relative to the zero of the array. */
+  /** Reading of a channel less its zero; null where it has none. */
+  relative(scan, c) {
+    const v = scan.valid[c] ? scan.volts[c] - this.zero[c] : NaN;
+    return Number.isFinite(v) ? v : null;
+  }
+
+  /** Load and shear of each taxel from a scan, relative to the zero. */
   felt(scan) {
     const g = this.geometry;
     const value = (pairs) => {
       let total = 0;
-      for (const [c, w] of pairs) total += w * (scan.valid[c] ? scan.volts[c] - this.zero[c] : 0);
+      for (const [c, w] of pairs) total += w * this.relative(scan, c);
       return total;
     };
     return { load: g.pressure.map(value), x: g.shear_x.map(value), y: g.shear_y.map(value) };
@@ -284,7 +279,7 @@ export class BoardModel {
   /** Judge the channels from the newest second: invalid, far noisier than the others, or without any noise. */
   judgeChannels() {
     const scans = this.scans.slice(-HEALTH_SCANS);
-    const n = this.zero.length;
+    const n = this.health.length;
     if (scans.length < HEALTH_SCANS / 2 || n === 0) return;
     const moved = new Float64Array(n);
     for (let i = 2; i < scans.length; i += 1) {

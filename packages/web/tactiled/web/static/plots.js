@@ -219,6 +219,6 @@ export class Scope extends Plot {
       const after = shown.findIndex((s) => s.timestamp >= gap.to);
       if (after > 0) shown.splice(after, 0, { timestamp: (shown[after - 1].timestamp + gap.to) / 2, volts: [], valid: [] });
     }
-    this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => (s.valid[c] ? s.volts[c] - board.zero[c] : null)))]);
+    this.plot.setData([shown.map((s) => s.timestamp - now), ...this.channels.map((c) => shown.map((s) => board.relative(s, c)))]);
   }
 }
