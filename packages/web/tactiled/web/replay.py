@@ -46,9 +46,10 @@ class ReplayFile:
         if not self._geometry:  # no info was recorded
             board, array = next(iter(seqs))[0], recorded_array
             said = {"array_id": array.name, "channels": array.n_channels, "taxels": array.n_taxels}
-            info = {"board": board, **said, "zero": array.zero.tolist()}
-            geometry = {"board": board, **geometry_of(said, array)}
-            self._geometry = f"{_text('geometry', geometry)},{_text('info', info)}"
+            self._geometry = _text("geometry", {"board": board, **geometry_of(said, array)})
+            first_s = min(row[0] for row in self._rows)
+            info = {"board": board, "timestamp": first_s, **said, "zero": array.zero.tolist()}
+            self._rows.append((first_s, "info", _text("info", info)))
         self._rows.sort(key=lambda row: row[0])
         self._times = [row[0] for row in self._rows]
         self.start_s, self.end_s = self._times[0], self._times[-1]
