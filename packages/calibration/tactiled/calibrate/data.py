@@ -305,6 +305,10 @@ class PoseReference(AlignedReference):
         """Return the forces and moments (n, 6) of the poses."""
         return np.nan_to_num(self._table.values)
 
+    def pauses(self, late_s: float) -> NDArray[np.int64]:  # noqa: ARG002
+        """Return -1 for every pose."""
+        return np.full(len(self._table.values), -1)
+
     def inside(self, late_s: float, drift: float) -> NDArray[np.bool_]:  # noqa: ARG002
         """Return True for every pose."""
         return np.ones(len(self._table.values), dtype=np.bool_)

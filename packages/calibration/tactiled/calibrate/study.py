@@ -30,11 +30,10 @@ from tactiled.force.calibration import AXES, CalibrationFile, ForceRange, Residu
 
 N_STAGES = 6
 # A smooth model must be better by this factor to be preferred: physics holds on motions that no fold has.
-_TOLD_S = 1.0
-_MOST_ERROR = (
-    2.0  # of that elsewhere: pauses in which nothing changed had up to 1.9, presses unseen 2.1 to 16
-)
 _PREFERENCE = 2.0
+# Of the largest readings. Creep by a fifth in a hold bends readings by .06, and a lost press by its own size:
+# one that is smaller than this changes little.
+_MOST_BEND, _LARGEST = 0.1, 0.98  # the second: quantile of the readings
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
 _PROBED = 0.002  # of the largest reading: size of these patterns
@@ -111,11 +110,8 @@ def calibrate(
     reached("clocks")
     rows = reference.inside(late_s, 0.0)
     used = reference.outputs
-    unseen_s = 0.0
-    if not are_poses:
-        unseen = _unseen(array, log, reference, late_s, rows)
-        rows &= ~unseen
-        unseen_s = float((log.end_s - log.start_s)[unseen].sum())
+    unseen = _unseen(log, np.where(rows, reference.pauses(late_s), -1))
+    rows &= ~unseen
     check_signs(log, reference.means(late_s, 0.0), used, rows, array, clocks.correlation)
     candidates: list[FittedModel] = []
     if has_pairs(array) and not are_poses:
@@ -152,7 +148,10 @@ def calibrate(
         board=identity.board,
         date=identity.date,
         axes=[axis for k, axis in enumerate(AXES) if k in used],
-        verdict=[*verdict(data, best, [axis.covariance for axis in axes]), *_words_of_pauses(unseen_s)],
+        verdict=[
+            *verdict(data, best, [axis.covariance for axis in axes]),
+            *_words_of_pauses(float((log.end_s - log.start_s)[unseen].sum())),
+        ],
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
         residuals=Residuals(
             fx_n=rms[0], fy_n=rms[1], fz_n=rms[2], baseline_fz_n=float(baseline[2]) if 2 in used else None
@@ -176,35 +175,28 @@ def calibrate(
     )
 
 
-def _unseen(
-    array: Array, log: BinnedLog, reference: AlignedReference, late_s: float, rows: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """Return True (n,) for bins in pauses of the reference over which its forces were no straight line.
+def _unseen(log: BinnedLog, pause: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return True (n,) for bins in pauses of the reference in which the readings follow no straight line.
 
-    A record that is written when a force changes pauses, too, but there a fit errs no more than elsewhere.
+    `pause` (n,) is the number of the pause of each bin, or -1. A record that is written when a force changes
+    pauses, too, but while it does, only creep bends the readings.
     """
-    pause = np.where(rows, reference.pauses(late_s), -1)
-    outputs = reference.means(late_s, 0.0)
-    outputs[:, [k for k in range(6) if k not in reference.outputs]] = 0.0
     unseen = np.zeros(len(log), dtype=np.bool_)
-    seen = rows & (pause < 0)
-    while seen.any():
-        used = rows & ~unseen
-        data = FitData(array, log, outputs, reference.outputs, used)
-        square = (fit_smooth(data, PLAIN).left_out ** 2).sum(axis=1)
-        most = _MOST_ERROR**2 * square[seen].mean()
-        left = np.unique(pause[used & (pause >= 0)])
-        wrong = [one for one in left if square[used & (pause == one)].mean() > most]
-        if not wrong:
-            break
-        unseen |= np.isin(pause, wrong)
+    most = _MOST_BEND * np.quantile(np.linalg.norm(log.readings, axis=1), _LARGEST)
+    for one in np.unique(pause[pause >= 0]):
+        bins = np.flatnonzero(pause == one)
+        ends = [max(bins[0] - 1, 0), min(bins[-1] + 1, len(log) - 1)]
+        part = np.interp(log.middle_s[bins], log.middle_s[ends], [0.0, 1.0])[:, np.newaxis]
+        first, last = log.readings[ends]
+        bend = log.readings[bins] - (1 - part) * first - part * last
+        unseen[bins] = np.linalg.norm(bend, axis=1).max() > most
     return unseen
 
 
 def _words_of_pauses(unseen_s: float) -> list[str]:
-    if unseen_s < _TOLD_S:
+    if not unseen_s:
         return []
-    return [f"{unseen_s:.0f} s were left out: the reference pauses there, and the readings change"]
+    return [f"{unseen_s:.1f} s were left out: the reference pauses there, and the readings change"]
 
 
 def _rms(left_out: FloatArray) -> FloatArray:
