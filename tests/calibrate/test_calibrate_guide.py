@@ -40,17 +40,6 @@ def test_flat_presses_ask_for_shear_or_single_taxels() -> None:
     assert min(advice.sd["shear x"], advice.sd["shear y"]) > GOOD
 
 
-@pytest.mark.parametrize("leak", [-0.003, 0.003])
-def test_a_press_that_pads_turn_a_little_sideways_is_no_shear(leak: float) -> None:
-    rng = np.random.default_rng(0)
-    pressed = rng.random((20, 1)) * np.ones(ARRAY.n_channels)
-    pressed *= 1.0 + leak * np.cos(np.deg2rad(ARRAY.azimuth_deg - 30.0))
-    made = Guide(ARRAY)
-    for readings in np.concatenate([np.zeros((1, ARRAY.n_channels)), pressed]):
-        made.add(readings + 1e-5 * rng.standard_normal((100, ARRAY.n_channels)))
-    assert "push sideways along" in made.advice().motion
-
-
 @pytest.mark.parametrize("taxel", [0, 8])
 def test_a_taxel_that_was_left_out_is_named(taxel: int) -> None:
     readings = runs("walk", "tip")

@@ -25,7 +25,6 @@ GOOD, TAXEL_GOOD = 0.05, 0.15
 _PRIOR = 0.5  # relative standard deviation of a sensitivity before any press
 _ERROR = 0.003  # of the largest response: what a fit leaves over a second (docs/force.md)
 _LEAST_NOISES = 20.0  # a response below so many standard deviations of the noise is none
-_LEAST_SHEAR = 0.02  # of the response to pressure: a press alone has .003 (pads differ), a slide .2 to .5
 _QUIET_SCANS = 20  # of the beginning, whose spread is the noise
 _LOOK_S = 1.0  # between two looks at what is lacking
 _LEAST_S = 15.0  # even if all is well before: creep takes seconds to show
@@ -83,11 +82,9 @@ class Guide:
         span = np.maximum(self._largest, -self._smallest)
         least = _LEAST_NOISES * max(self._noise, 1e-6 * (self._array.high - self._array.low))
         error = max(_ERROR * float(span.max()), least / _LEAST_NOISES)
-        is_shear = np.array([name.startswith("shear") for name in self._names])
-        is_absent = span < np.where(is_shear, max(least, _LEAST_SHEAR * float(span.max())), least)
         covariance = np.linalg.inv(self._information / error**2 + np.eye(len(self._information)) / _PRIOR**2)
         variances = np.einsum("pi,ij,pj->p", self._patterns, covariance, self._patterns)
-        sds = np.where(is_absent, _PRIOR, np.sqrt(np.maximum(variances, 0.0)))
+        sds = np.where(span < least, _PRIOR, np.sqrt(np.maximum(variances, 0.0)))
         is_taxel = np.array([name.startswith("taxel") for name in self._names])
         over = sds / np.where(is_taxel, TAXEL_GOOD, GOOD)
         sd = dict(zip(self._names, sds.tolist(), strict=True))
@@ -95,7 +92,7 @@ class Guide:
         if not lacking.any():
             return Advice("", sd)
         # A taxel that was left out makes every sum uncertain, so it comes before sums that did occur.
-        never, taxels = lacking & ~is_taxel & is_absent, lacking & is_taxel
+        never, taxels = lacking & ~is_taxel & (span < least), lacking & is_taxel
         asked = next(some for some in (never, taxels, lacking) if some.any())
         return Advice(self._motion(int(np.argmax(np.where(asked, over, 0.0)))), sd)
 
