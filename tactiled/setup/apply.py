@@ -13,7 +13,7 @@ from tactiled.config import kind_of
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.events.endpoints import DEFAULT_ENDPOINT
 from tactiled.outside import json_of, name_of, read_text
-from tactiled.setup.plan import SetupPlan
+from tactiled.setup.plan import SetupPlan, TakenPorts
 
 Say = Callable[[str], None]
 _LONGEST_S = 200.0  # of a command; systemd gives the start of the unit 180 s
@@ -54,15 +54,19 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
     _write_manifest(root, plan, written)
 
 
-def event_ports(root: Path) -> dict[str, set[int]]:
-    """Return the TCP ports of events of the configurations that are there, by name of the file."""
+def taken_ports(root: Path) -> dict[str, TakenPorts]:
+    """Return the TCP ports of the configurations that are there, by name of the file."""
     found = {}
     for path in _under(root, "/etc/tactiled").glob("*.toml"):
         with contextlib.suppress(ConfigError, AttributeError, TypeError):
             document = tomlfile.read(path)
-            if kind_of(document) == "configuration":
-                endpoints = document.get("publish", {}).get("endpoints", (DEFAULT_ENDPOINT,))
-                found[path.stem] = {int(port) for port in re.findall(r"tcp://\S+:(\d+)", " ".join(endpoints))}
+            if kind_of(document) != "configuration":
+                continue
+            endpoints = document.get("publish", {}).get("endpoints", (DEFAULT_ENDPOINT,))
+            named = re.findall(r"tcp://\S+:(\d{1,5})\b", " ".join(endpoints))
+            events = {int(port) for port in named if 0 < int(port) < 2**16}
+            metrics = {int(document.get("metrics", {}).get("port", 0))}
+            found[path.stem] = TakenPorts(events, events | {port + 1 for port in events} | metrics)
     return found
 
 

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from tactiled import resources, tomlfile, tomltext
 from tactiled.config import Config
@@ -54,6 +55,13 @@ endpoints = ["ipc://{{runtime}}/events.ipc", "tcp://127.0.0.1:{tcp_port}"]
 """
 
 
+class TakenPorts(NamedTuple):
+    """TCP ports of a configuration."""
+
+    events: set[int]
+    every: set[int]  # with those of requests and metrics
+
+
 @dataclass(frozen=True)
 class PlannedFile:
     """File to write; `shared` is used by all boards of this host, and goes with the last one."""
@@ -88,7 +96,7 @@ def make_plan(
     name: str | None,
     tcp_port: int | None = None,
     *,
-    taken: Mapping[str, set[int]] | None = None,
+    taken: Mapping[str, TakenPorts] | None = None,
     for_all: bool = False,
 ) -> SetupPlan:
     """Return what the service of a board needs.
@@ -99,8 +107,8 @@ def make_plan(
         Name of the instance; by default the serial number of the adapter, by which the udev rule starts it.
     tcp_port : int, optional
         Loopback port of its events; by default one that no other daemon of this host has.
-    taken : mapping of str to set of int, optional
-        Ports of events of the configurations that are there, by name (`tactiled.setup.apply.event_ports`).
+    taken : mapping of str to TakenPorts, optional
+        Ports of the configurations that are there, by name (`tactiled.setup.apply.taken_ports`).
     for_all : bool
         `tactiled.service` reads this configuration with those of the other boards (`serves_all_boards`).
 
@@ -169,12 +177,14 @@ def make_plan(
     return SetupPlan(name, tuple(files), tuple(commands), tuple(notes))
 
 
-def _event_port(name: str, taken: Mapping[str, set[int]], *, for_all: bool) -> int:
+def _event_port(name: str, taken: Mapping[str, TakenPorts], *, for_all: bool) -> int:
     """Return the port that this board has already, that all share in one daemon, or the next free one."""
-    others = set().union(*taken.values())
-    if own := taken.get(name) or (others if for_all else None):
+    kept = [ports.events for of, ports in taken.items() if for_all or of == name]
+    if own := set().union(*kept):
         return min(own)
-    return next(port for port in range(_FIRST_PORT, 2**16, _PORTS_EACH) if port not in others)
+    used = set().union(*(ports.every for ports in taken.values()))
+    candidates = range(_FIRST_PORT, 2**16 - _PORTS_EACH, _PORTS_EACH)
+    return next((port for port in candidates if not {port, port + 1} & used), _FIRST_PORT)
 
 
 def _serial_of(port: FoundPort) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tactiled.doctor.finding import as_text
-from tactiled.setup.apply import event_ports, remove, run_commands, write, written_for
+from tactiled.setup.apply import remove, run_commands, taken_ports, write, written_for
 from tactiled.setup.find import examine, find_ports, port_at
 from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
@@ -41,7 +41,7 @@ def run_setup(
         _say("several boards answered: choose one with --port " + " or ".join(b.port.url for b in boards))
         return 1
     board = boards[0]
-    plan = make_plan(board, name, tcp_port, taken=event_ports(root), for_all=serves_all_boards(root))
+    plan = make_plan(board, name, tcp_port, taken=taken_ports(root), for_all=serves_all_boards(root))
     if dry_run:
         _print(plan)
         return 0

@@ -19,7 +19,7 @@ from tactiled.daemon.serial import device
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.resources import shipped
 from tactiled.setup import run as setup_run
-from tactiled.setup.apply import event_ports, remove, write
+from tactiled.setup.apply import remove, taken_ports, write
 from tactiled.setup.find import FoundBoard, FoundPort, find_ports
 from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
@@ -297,7 +297,7 @@ def test_shared_files_go_with_the_last_board(tmp_path: Path) -> None:
 
 def test_each_daemon_gets_a_tcp_port_of_its_own(tmp_path: Path) -> None:
     def text(name: str, *, for_all: bool = False) -> str:
-        plan = make_plan(board(), name, taken=event_ports(tmp_path), for_all=for_all)
+        plan = make_plan(board(), name, taken=taken_ports(tmp_path), for_all=for_all)
         write(plan, tmp_path, lambda _: None)
         return plan.files[0].text
 
@@ -307,10 +307,14 @@ def test_each_daemon_gets_a_tcp_port_of_its_own(tmp_path: Path) -> None:
     assert "127.0.0.1:9882" in text("right")  # a second call proposes the same
     assert "127.0.0.1:9872" in text("fourth", for_all=True)  # one daemon has one port
     remove("right", tmp_path, lambda _: None)
+    remove("thumb", tmp_path, lambda _: None)
+    (tmp_path / "etc/tactiled/other.toml").write_text(
+        "metrics.port = 9892\npublish.endpoints = ['tcp://*:9881']"
+    )
     (tmp_path / "etc/tactiled/torn.toml").write_text("publish = [")
     (tmp_path / "etc/tactiled/odd.toml").write_text("publish = 3")
     (tmp_path / "etc/tactiled/number.toml").write_text("publish.endpoints = [3]")
-    assert "127.0.0.1:9882" in text("fifth")
+    assert "127.0.0.1:9902" in text("fifth")  # 9882 is for requests to `other`, whose metrics have 9892
 
 
 def test_no_port_is_said_in_one_line(
