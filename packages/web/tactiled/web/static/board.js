@@ -117,7 +117,7 @@ export class BoardModel {
     this.scans.push(scan);
     const oldest = scan.timestamp - RING_S;
     if (this.scans.length > 64 && this.scans[0].timestamp < oldest - 1) this.scans = this.scans.filter((s) => s.timestamp >= oldest);
-    if (this.geometry === null || scan.volts.length !== this.zero.length) return;
+    if (this.geometry === null) return;
     const t = this.points.t;
     if (t.length && scan.timestamp - t[t.length - 1] < POINT_S) return;
     const now = this.loads();
@@ -153,6 +153,7 @@ export class BoardModel {
       return { unit: "N", load: force.fz_n, loadSd: force.fz_sd_n, shear: known ? Math.hypot(force.fx_n, force.fy_n) : null,
         shearSd: Math.max(force.fx_sd_n, force.fy_sd_n), deg: degrees(-force.fx_n, -force.fy_n), force };
     }
+    if (this.newestScan.volts.length !== this.zero.length) return { unit: this.geometry.unit, load: null, loadSd: 0, shear: null, shearSd: 0, deg: 0, force: null };
     const felt = this.felt(this.newestScan), x = sum(felt.x), y = sum(felt.y);
     return { unit: this.geometry.unit, load: sum(felt.load), loadSd: 0, shear: this.geometry.has_shear ? Math.hypot(x, y) : null, shearSd: 0, deg: degrees(x, y), force: null };
   }
@@ -178,7 +179,7 @@ export class BoardModel {
     p.use.push(fresh ? this.grip.utilisation : null);
     p.sliding.push(fresh ? this.grip.p_sliding : null);
     p.rate.push(this.status?.rate_hz ?? null);
-    p.volts.push(scan.valid.every(Boolean) ? scan.volts : scan.volts.map((v, c) => (scan.valid[c] ? v : NaN)));
+    p.volts.push(scan.volts.map((_, c) => this.relative(scan, c)));
     if (p.t[0] < t - KEEP_S - 5) {
       let n = 0;
       while (p.t[n] < t - KEEP_S) n += 1;

@@ -131,8 +131,8 @@ export class BoardPanel {
     if (at.advice.title !== said.sentence) at.advice.title = said.sentence;
     put(at.name, board.name || "no board yet");
     put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
-    const known = live && board.newestScan !== null && board.geometry !== null && board.newestScan.volts.length === board.zero.length;
-    this._loads(known ? board.loads() : null);
+    const felt = live && board.newestScan !== null && board.geometry !== null ? board.loads() : null;
+    this._loads(felt !== null && felt.load !== null ? felt : null);
     this._margin(live ? board.current(board.grip) : null);
     this._texture(live);
     this._strip();
