@@ -48,7 +48,8 @@ class ReplayFile:
             said = {"array_id": array.name, "channels": array.n_channels, "taxels": array.n_taxels}
             self._geometry = _text("geometry", {"board": board, **geometry_of(said, array)})
             first_s = min(row[0] for row in self._rows)
-            info = {"board": board, "timestamp": first_s, **said, "zero": [] if array.zero_first_s else array.zero.tolist()}
+            zero = [] if array.zero_first_s else array.zero.tolist()
+            info = {"board": board, "timestamp": first_s, **said, "zero": zero}
             self._rows.append((first_s, "info", _text("info", info)))
         self._rows.sort(key=lambda row: row[0])
         self._times = [row[0] for row in self._rows]
