@@ -216,6 +216,21 @@ def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None
     assert counts[3] <= 31
 
 
+def test_curves_keep_the_zero_of_their_time_and_newtons_need_none(opened: Page) -> None:
+    act = """
+      board.take("geometry", { unit: "V", names: ["a"], has_shear: false,
+        pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
+      const at = (s) => board.take("scan", { ...common(1, s), index: s, volts: [3], valid: [true] });
+      const info = (zero) => board.take("info", { zero });
+      info([]); at(20); info([1]); at(21); info([3]); at(22); // first scans are not in, are in, after a tare
+      const { t, load, volts } = board.points, rows = t.map((s, i) => [s, load[i], volts[i]?.[0] ?? null]);
+      const newtons = { fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1 };
+      info([]);
+      board.take("force", { ...common(1, 22), seq: 0, calibration: "finger-7", ...newtons });
+      return [rows.filter((row) => Number.isInteger(row[0])), board.loads().load];"""
+    assert model(opened, act) == [[[20, None, None], [21, 2, 2], [22, 0, 0]], 10]
+
+
 @pytest.mark.parametrize(("run", "sent", "unit"), [(1, 0, "N"), (2, 0, "V"), (2, 1, "N")])
 def test_a_daemon_that_states_no_force_is_not_waited_for(
     opened: Page, run: int, sent: int, unit: str
