@@ -58,7 +58,7 @@ def taken_ports(root: Path) -> dict[str, TakenPorts]:
     """Return the TCP ports of the configurations that are there, by name of the file."""
     found = {}
     for path in _under(root, "/etc/tactiled").glob("*.toml"):
-        with contextlib.suppress(ConfigError, AttributeError, TypeError):
+        with contextlib.suppress(ConfigError, AttributeError, TypeError, ValueError):
             document = tomlfile.read(path)
             if kind_of(document) != "configuration":
                 continue

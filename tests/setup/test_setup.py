@@ -313,6 +313,7 @@ def test_each_daemon_gets_a_tcp_port_of_its_own(tmp_path: Path) -> None:
     )
     (tmp_path / "etc/tactiled/torn.toml").write_text("publish = [")
     (tmp_path / "etc/tactiled/odd.toml").write_text("publish = 3")
+    (tmp_path / "etc/tactiled/word.toml").write_text("metrics.port = 'any'")
     (tmp_path / "etc/tactiled/number.toml").write_text("publish.endpoints = [3]")
     assert "127.0.0.1:9902" in text("fifth")  # 9882 is for requests to `other`, whose metrics have 9892
 

@@ -24,6 +24,7 @@ MODEL = """async () => {
   const { BoardModel } = await import("/static/board.js");
   const { verdict } = await import("/static/verdict.js");
   const { SteadyLamp } = await import("/static/freshness.js");
+  const { channelCurve, valueAt } = await import("/static/curves.js");
   const board = new BoardModel(0, "TS1");
   const common = (run, at) => ({ v: 1, board: "TS1", run, timestamp: at });
   const status = (run, at, contact) => board.take("status", { ...common(run, at), contact, rate_hz: 100 });
@@ -220,10 +221,12 @@ def test_curves_keep_the_zero_of_their_time_and_newtons_need_none(opened: Page) 
     act = """
       board.take("geometry", { unit: "V", names: ["a"], has_shear: false,
         pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
-      const at = (s) => board.take("scan", { ...common(1, s), index: s, volts: [3], valid: [true] });
+      const volts = new Float32Array([3]);
+      const at = (s) => board.take("scan", { ...common(1, s), index: s, volts, valid: [true] });
       const info = (zero) => board.take("info", { zero });
       info([]); at(20); info([1]); at(21); info([3]); at(22); // first scans are not in, are in, after a tare
-      const { t, load, volts } = board.points, rows = t.map((s, i) => [s, load[i], volts[i]?.[0] ?? null]);
+      const { t, load } = board.points, curve = channelCurve(0, "a", 0);
+      const rows = t.map((s, i) => [s, load[i], valueAt(curve, board, i)]);
       const newtons = { fx_n: 0, fy_n: 0, fz_n: 10, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1 };
       info([]);
       board.take("force", { ...common(1, 22), seq: 0, calibration: "finger-7", ...newtons });

@@ -26,9 +26,7 @@ _LEAST_PART = 0.02  # of the reading without a load, in poses: no order of their
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of |v[k] - 2 v[k + 1] + v[k + 2]| of white noise of unit variance
 _LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
-_PAUSE_SAMPLES = (
-    5.0  # median steps of a reference: fewer are missing samples, over which a line is good enough
-)
+_PAUSE_SAMPLES = 5.0  # median steps of a reference: fewer are missing samples, over which a line will do
 _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
 
 

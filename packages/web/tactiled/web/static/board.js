@@ -179,7 +179,7 @@ export class BoardModel {
     p.use.push(fresh ? this.grip.utilisation : null);
     p.sliding.push(fresh ? this.grip.p_sliding : null);
     p.rate.push(this.status?.rate_hz ?? null);
-    p.volts.push(scan.volts.map((_, c) => this.relative(scan, c)));
+    p.volts.push(Float32Array.from(scan.volts, (_, c) => this.relative(scan, c) ?? NaN));
     if (p.t[0] < t - KEEP_S - 5) {
       let n = 0;
       while (p.t[n] < t - KEEP_S) n += 1;

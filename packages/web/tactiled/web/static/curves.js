@@ -28,7 +28,8 @@ export function channelCurve(channel, name, turn) {
 /** Value of a curve at one point; null where there is none. */
 export function valueAt(curve, board, i) {
   if (curve.channel === undefined) return board.points[curve.id][i];
-  return board.points.volts[i]?.[curve.channel] ?? null;
+  const v = board.points.volts[i]?.[curve.channel];
+  return Number.isFinite(v) ? v : null;
 }
 
 export const valuesOf = (curve, board) => (curve.channel === undefined ? board.points[curve.id] : board.points.t.map((_, i) => valueAt(curve, board, i)));
