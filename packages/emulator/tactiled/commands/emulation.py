@@ -89,6 +89,8 @@ def emulate(
     if rig is not None:
         _write_rig(rig, array or "wang2019-3x3", seed, rig_s)
         return
+    if (link is None) == (tcp is None):
+        raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     need_named(protocol, "protocols")
     if array is not None:
         need_named(array, "config/arrays")
@@ -102,8 +104,6 @@ def emulate(
     from tactiled.wire.layout import load_layout
 
     played = named_scene(scene)
-    if (link is None) == (tcp is None):
-        raise click.UsageError("give either --link NAME or --tcp HOST:PORT")
     if array is not None:
         played = played.model_copy(update={"array": array})
 
