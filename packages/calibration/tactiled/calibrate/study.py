@@ -183,13 +183,15 @@ def _unseen(log: BinnedLog, pause: NDArray[np.int64]) -> NDArray[np.bool_]:
     """
     unseen = np.zeros(len(log), dtype=np.bool_)
     most = _MOST_BEND * np.quantile(np.linalg.norm(log.readings, axis=1), _LARGEST)
+    # The white noise of a bin and that of the line, which is at most as large as a bin's.
+    noise_square = 2 * float((log.noise**2).sum()) / log.bin_scans
     for one in np.unique(pause[pause >= 0]):
         bins = np.flatnonzero(pause == one)
         ends = [max(bins[0] - 1, 0), min(bins[-1] + 1, len(log) - 1)]
         part = np.interp(log.middle_s[bins], log.middle_s[ends], [0.0, 1.0])[:, np.newaxis]
         first, last = log.readings[ends]
         bend = log.readings[bins] - (1 - part) * first - part * last
-        unseen[bins] = np.linalg.norm(bend, axis=1).max() > most
+        unseen[bins] = (bend**2).sum(axis=1).max() - noise_square > most**2
     return unseen
 
 
