@@ -11,7 +11,10 @@ import zipfile
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 from typing import IO, Literal, NamedTuple, TextIO
 
@@ -19,12 +22,13 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.errors import ConfigError, DataError
+from tactiled.outside import need_regular, shown
 from tactiled.pipeline import RATES_HZ
 from tactiled.recording.spacing import spacing_of
 
 logger = logging.getLogger(__name__)
 
-TABLES = (".csv", ".npz")
+TABLES = (".csv", ".tsv", ".txt", ".npz")
 TimeUnit = Literal["s", "ms", "us", "ns"]
 SECONDS: dict[TimeUnit, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -91,10 +95,11 @@ class _Times(NamedTuple):
 def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatArray, FloatArray]:
     """Read the times (n,) in seconds and the readings (n, channels) of a log, NaN where missing.
 
-    ``.csv``: a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the like, or ``sec`` and
-    ``nanosec``), then one column per channel in channel order, with commas, semicolons or tabs between; an
-    empty cell or ``nan`` is a missing reading, and a row without any reading a missing scan, which is left
-    out. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
+    Text (``.csv``, ``.tsv``, ``.txt``): a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the
+    like, or ``sec`` and ``nanosec``, or dates under a name of times), then one column per channel in channel
+    order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row
+    without any reading a missing scan, which is left out. A column without a name is no channel where others
+    have names. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
     warning, unless `columns` names the channels.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
@@ -162,10 +167,12 @@ def _check_size(path: Path, n_bytes: int) -> None:
         raise DataError(f"{path}: has more than {MOST_BYTES / 1e9:g} GB of readings; split it")
 
 
-def _find_times(path: Path, names: Sequence[str], options: TableOptions) -> _Times | None:
+def _find_times(
+    path: Path, names: Sequence[str], options: TableOptions, dates: Sequence[str] = ()
+) -> _Times | None:
     """Find the times among the names of columns or arrays; None without times or a rate.
 
-    A name without a unit has that of the options. `time_s` comes first, then a stamp that is split into
+    A name without a unit has that of the options, or seconds where it is among the `dates`. `time_s` comes first, then a stamp that is split into
     seconds and nanoseconds, then the first name with a unit.
 
     Raises
@@ -175,6 +182,7 @@ def _find_times(path: Path, names: Sequence[str], options: TableOptions) -> _Tim
     """
     given = options.time_unit
     found = {name: unit for name in names if (unit := _unit_of(name)) is not None}
+    found |= dict.fromkeys((name for name in found if name in dates), "s")
 
     def times(used: Sequence[str], units: Sequence[TimeUnit]) -> _Times:
         return _Times(tuple(used), tuple(units), tuple(name for name in found if name not in used))
@@ -222,44 +230,99 @@ def _split_stamp(names: Sequence[str]) -> tuple[str, str] | None:
 
 
 def _read_csv(path: Path, options: TableOptions) -> tuple[_Times, FloatArray | None, FloatArray]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            first_line = stream.readline(_MOST_LINE)
-            stream.seek(0)
-            reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
-            header = [name.strip() for name in next(reader, [])]
-            if header and all(map(_is_number, header)) and not _counts(header):
-                raise DataError(
-                    f"{path}: the first line has numbers only; write a line of names above it, or in its "
-                    "place where it is the header"
-                )
-            times = _times_of_header(path, header, options)
-            stamps = [header.index(name) for name in times.used]
-            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
-            needed = (
-                _chosen(path, header, options.columns, stamps)
-                if options.columns
-                else [k for k in range(len(header)) if k not in left_out]
+    with _opened(path) as table:
+        header = table.header
+        if header and all(map(_is_number, header)) and not _counts(header):
+            raise DataError(
+                f"{path}: the first line has numbers only; write a line of names above it, or in its "
+                "place where it is the header"
             )
-            used = {header[column] for column in (*stamps, *needed)}
-            if twins := sorted(name for name in used if name and header.count(name) > 1):
-                raise DataError(f"{path}: two columns have the same name: {', '.join(twins)}; rename one")
-            numbers = array("d")  # it grows in place
-            for cells in reader:
-                if not cells:
-                    continue
-                line = reader.line_num
-                if len(cells) != len(header):
-                    raise DataError(
-                        f"{path}: line {line} has {len(cells)} cells, the header has {len(header)}"
-                    )
-                numbers.extend([_number(cells[column], path, line) for column in (*stamps, *needed)])
-                _check_size(path, numbers.itemsize * len(numbers))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        times = _times_of_header(table, options)
+        stamps = [header.index(name) for name in times.used]
+        if options.columns:
+            needed = _chosen(path, header, options.columns, stamps)
+        else:
+            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
+            needed = [k for k in range(len(header)) if k not in left_out]
+            # pandas writes the numbers of the rows into a column without a name.
+            needed = [k for k in needed if header[k]] or needed
+        time_s, readings = table.read(times, stamps, needed)
+        return times, time_s if stamps else None, readings
+
+
+def read_named(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Read the times (n,) and the columns of these names (n, names) of a CSV; also return its other names.
+
+    Times are found as by `read_table`, at any rate. NaN stands for an empty cell, and for each cell of a
+    column that the file lacks; one at least must be there. Times need not grow.
+
+    Raises
+    ------
+    DataError
+        The file is no such table; the message names the line.
+    """
+    with _opened(path) as table:
+        header = table.header
+        if not (there := [name for name in names if name in header]):
+            raise DataError(
+                f"{path}: the header needs at least one of {', '.join(names)}; it has "
+                f"{', '.join(map(shown, header[:8])) or 'nothing'}"
+            )
+        times = _times_of_header(table, TableOptions())
+        time_s, values = table.read(
+            times, [header.index(name) for name in times.used], [header.index(name) for name in there]
+        )
+    columns = np.full((len(values), len(names)), np.nan)
+    columns[:, [names.index(name) for name in there]] = values
+    others = (name for name in header if name and name not in (*names, *times.used))
+    return time_s, columns, tuple(others)
+
+
+class _CsvTable:
+    """Header of an open CSV, and its rows."""
+
+    def __init__(self, path: Path, stream: TextIO) -> None:
+        self.path = path
+        first_line = stream.readline(_MOST_LINE)
+        stream.seek(0)
+        self._reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
+        self.header = [name.strip() for name in next(self._reader, [])]
+        while len(self.header) > 1 and not self.header[-1]:  # lines end with a separator
+            self.header.pop()
+        self._rows = filter(None, self._reader)
+        self.first = next(self._rows, [])
+        """First row; empty without one."""
+
+    def read(
+        self, times: _Times, stamps: Sequence[int], needed: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Read the times (n,), of these columns, and other columns (n, needed) of all rows."""
+        used = {self.header[column] for column in (*stamps, *needed)}
+        if twins := sorted(name for name in used if name and self.header.count(name) > 1):
+            raise DataError(f"{self.path}: two columns have the same name: {', '.join(twins)}; rename one")
+        numbers = array("d")  # it grows in place
+        for cells in chain([self.first] if self.first else [], self._rows):
+            where = f"{self.path}: line {self._reader.line_num}"
+            if any(map(str.strip, cells[len(self.header) :])) or len(cells) < len(self.header):
+                raise DataError(f"{where} has {len(cells)} cells, the header has {len(self.header)}")
+            numbers.extend([_time(cells[column], where) for column in stamps])
+            numbers.extend([_number(cells[column], where) for column in needed])
+            _check_size(self.path, numbers.itemsize * len(numbers))
+        table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
+        time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else np.empty(0)
+        return time_s, table[:, len(stamps) :]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_CsvTable]:
+    try:
+        need_regular(path)
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            yield _CsvTable(path, stream)
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: no text in UTF-8; save it in this encoding") from None
+    except (OSError, csv.Error) as error:
         raise DataError(f"{path}: cannot be read: {error}") from None
-    table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
-    time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else None
-    return times, time_s, table[:, len(stamps) :]
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
@@ -270,12 +333,17 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _times_of_header(path: Path, header: list[str], options: TableOptions) -> _Times:
+def _times_of_header(table: _CsvTable, options: TableOptions) -> _Times:
     """Return the columns of times; `DataError` without any and without a rate."""
-    if (times := _find_times(path, header, options)) is not None:
+    header = table.header
+    dates = [name for name, cell in zip(header, table.first, strict=False) if _date_s(cell) is not None]
+    if (times := _find_times(table.path, header, options, dates)) is not None:
         return times
     found = ", ".join(header[:6]) or "nothing"
-    raise DataError(f"{path}: the header lacks the column time_s (found: {found}); {_TIME_ADVICE}")
+    advice = _TIME_ADVICE
+    if len(header) == 1:
+        advice = "the first line names the columns, with commas, semicolons or tabs between"
+    raise DataError(f"{table.path}: the header lacks the column time_s (found: {found}); {advice}")
 
 
 def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Sequence[int]) -> list[int]:
@@ -291,14 +359,31 @@ def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Seque
     return chosen
 
 
-def _number(cell: str, path: Path, line: int) -> float:
+def _number(cell: str, where: str) -> float:
     if not cell.strip():
         return float("nan")
     try:
         return float(cell.replace("_", "x"))  # Python allows _ between digits
     except ValueError:
-        comma = "; write decimals with a point" if "," in cell else ""
-        raise DataError(f"{path}: line {line}: {cell!r} is not a number{comma}") from None
+        advice = "write decimals with a point" if "," in cell else "--columns chooses the columns to read"
+        raise DataError(f"{where}: {shown(cell)} is not a number; {advice}") from None
+
+
+def _time(cell: str, where: str) -> float:
+    """Return a number, or the seconds of a date."""
+    date_s = _date_s(cell)
+    return _number(cell, where) if date_s is None else date_s
+
+
+def _date_s(cell: str) -> float | None:
+    """Return the epoch seconds of a date and time (ISO 8601), in UTC unless it says otherwise; None for others."""
+    if "-" not in cell.strip()[1:] or ":" not in cell:  # 20250327 would be a date, too
+        return None
+    try:
+        date = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _counts(header: Sequence[str]) -> bool:

@@ -51,12 +51,14 @@ def test_a_calibration_needs_a_reference_or_the_guide(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("t,fz\n1,2\n", "the header needs time_s"),
-        (GOOD.replace("0.3,3", "0.3,3,1"), "has 3 cells"),
+        ("time_s,fz\n1,2\n", "the header needs at least one of fx_n, .*; it has 'time_s', 'fz'"),
+        ("t,fz_n\n1,2\n", "lacks the column time_s"),
+        (GOOD.replace("fz_n", "tx_nmm"), "needs a force: at least one of fx_n, fy_n, fz_n"),
+        (GOOD.replace("0.3,3", "0.3,3,1"), "line 5 has 3 cells"),
         (GOOD.replace("0.3,3", "0.3,three"), "'three' is not a number"),
-        (GOOD.replace("0.1,1", "0.1,").replace("0.3,3", "0.9,3"), "line 6: time_s does not grow"),
+        (GOOD.replace("0.1,1", "0.1,").replace("0.3,3", "0.9,3"), "times do not grow at row 5"),
         (GOOD.replace("0.3,3", "0.3," + 9000 * "x"), "'x{60}'... is not a number"),
-        ("t\x1b[2J,fz_n\n1,2\n", r"it has 't\\x1b\[2J'"),
+        ("time_s,t\x1b[2J\n1,2\n", r"it has 'time_s', 't\\x1b\[2J'"),
         ("time_s,fz_n\n1.0,2\n", "at least 20"),
     ],
 )
@@ -73,6 +75,17 @@ def test_rows_with_holes_are_left_out_and_missing_columns_stay_unknown(tmp_path:
     table = read_reference(path)
     assert len(table.time_s) == 39
     assert table.outputs == [2]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_a_reference_has_times_as_a_log_has(tmp_path: Path, separator: str) -> None:
+    path = tmp_path / "ft.csv"
+    rows = [f"{500 * k},{k},{2 * k}" for k in range(40)]  # two a second
+    path.write_text("\n".join(["t_ms,fz_n,fx_n", *rows]).replace(",", separator))
+    table = read_reference(path)
+    assert table.time_s.tolist() == [k / 2 for k in range(40)]
+    assert table.outputs == [0, 2]
+    assert table.values[3, [0, 2]].tolist() == [6.0, 3.0]
 
 
 def test_columns_of_a_reference_that_are_not_used_are_named(tmp_path: Path) -> None:
@@ -92,7 +105,7 @@ def test_a_log_of_another_array_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="5 channels"):
         read_log(tmp_path / "log.npz")
     with pytest.raises(DataError, match="unknown kind of file"):
-        read_log(tmp_path / "log.txt")
+        read_log(tmp_path / "log.xlsx")
 
 
 @pytest.mark.parametrize(

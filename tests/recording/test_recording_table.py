@@ -21,6 +21,26 @@ def test_tables_with_other_separators_are_read(tmp_path: Path, separator: str) -
     assert read_table(path)[1].tolist() == [[1, 2], [3, 4]]
 
 
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("time_s,a,b,", "{t},{a},{b},"),  # as a loop over channels prints them
+        ("time_s,a,b", "{t},{a},{b},"),
+        (",time_s,a,b", "{k},{t},{a},{b}"),  # as pandas numbers rows
+        ("time,a,b", "2025-03-27 14:33:{t:09.6f},{a},{b}"),
+        ("Timestamp;a;b", "2025-03-27T15:33:{t:09.6f}+01:00;{a};{b}"),
+    ],
+)
+@pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt"])
+def test_what_other_programs_write(tmp_path: Path, header: str, row: str, suffix: str) -> None:
+    path = tmp_path / f"log{suffix}"
+    rows = [row.format(k=k, t=k / 100, a=k + 1, b=k + 2) for k in range(50)]
+    path.write_text("\n".join([header, *rows]))
+    time_s, readings = read_table(path)
+    assert np.diff(time_s) == pytest.approx(np.full(49, 0.01), abs=1e-6)
+    assert readings.tolist() == [[k + 1, k + 2] for k in range(50)]
+
+
 def test_rows_without_readings_are_missing_scans(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     rows = [f"{k / 100},{k},nan" if k % 9 else f"{k / 100},," for k in range(30)]
@@ -59,6 +79,10 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
         ("0.0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names above it"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
         ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
+        ("time_s,a,label\n0,1,slip\n", "'slip' is not a number; --columns chooses the columns to read"),
+        ("time_s,a,\n0,1,2\n", "line 2 has 3 cells, the header has 2"),
+        ("time_s a\n0 1\n", "the first line names the columns, with commas, semicolons or tabs between"),
+        ("time,a\n27.03.2025 14:33,1\n", "lacks the column time_s"),
     ],
 )
 def test_bad_tables_are_refused_with_their_place(tmp_path: Path, text: str, says: str) -> None:
@@ -67,6 +91,12 @@ def test_bad_tables_are_refused_with_their_place(tmp_path: Path, text: str, says
     with pytest.raises(DataError, match=says) as caught:
         read_table(path)
     assert "bad.csv" in str(caught.value)
+
+
+def test_text_in_another_encoding_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a\n0,1\n", encoding="utf-16")
+    with pytest.raises(DataError, match=r"log\.csv: no text in UTF-8; save it in this encoding"):
+        read_table(tmp_path / "log.csv")
 
 
 def table(path: Path, spacing_s: float) -> Path:
