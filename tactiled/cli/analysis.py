@@ -150,10 +150,11 @@ def detect(
 ) -> None:
     """Find slip, contact, grip, texture and force in a recording, a table or a bag of ROS.
 
-    Tables (.csv, .npz): a header with `time_s` in seconds, then one column per channel in channel
-    order, in the unit that the array file states. Bags: the folder of a rosbag2, or a file .mcap, .db3 or
-    .bag. Every event is one line on stdout, in a terminal words, else JSON, with times in the file's own
-    clock. Late scans of a recording are used like others; `tactiled replay` reproduces the live events.
+    Tables (.csv, .tsv, .txt, .npz): a header with `time_s` in seconds, then one column per channel in
+    channel order, in the unit that the array file states. Bags: the folder of a rosbag2, or a file .mcap,
+    .db3 or .bag. Every event is one line on stdout, in a terminal words, else JSON, with times in the
+    file's own clock. Late scans of a recording are used like others; `tactiled replay` reproduces the live
+    events.
 
     With --to, FILE may be many files or patterns ('runs/**/*.mcap'), analysed on all cores. A file that
     cannot be read is a row with its error.

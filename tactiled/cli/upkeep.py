@@ -48,7 +48,7 @@ FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path(
 @click.option(
     "--speed", "speed_mm_s", type=SPEED, default=0.0, help="Sliding speed (mm/s), for the same; 0: unknown."
 )  # fmt: skip
-@click.option("--log", type=FILE, help="Table of the array (.csv, .npz): say how the file fits it.")
+@click.option("--log", type=FILE, help="Table of the array: say how the file fits it.")
 @COLUMNS
 @TIME_UNIT
 @JSON

@@ -99,8 +99,8 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     like, or ``sec`` and ``nanosec``, or dates under a name of times), then one column per channel in channel
     order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row
     without any reading a missing scan, which is left out. A column without a name is no channel where others
-    have names. Without a column of times, the rate spaces the rows. Further columns of times are left out with a
-    warning, unless `columns` names the channels.
+    have names. Without a column of times, the rate spaces the rows. Further columns of times are left out
+    with a warning, unless `columns` names the channels.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -172,8 +172,8 @@ def _find_times(
 ) -> _Times | None:
     """Find the times among the names of columns or arrays; None without times or a rate.
 
-    A name without a unit has that of the options, or seconds where it is among the `dates`. `time_s` comes first, then a stamp that is split into
-    seconds and nanoseconds, then the first name with a unit.
+    A name without a unit has that of the options, or seconds where it is among the `dates`. `time_s` comes
+    first, then a stamp that is split into seconds and nanoseconds, then the first name with a unit.
 
     Raises
     ------
@@ -376,8 +376,8 @@ def _time(cell: str, where: str) -> float:
 
 
 def _date_s(cell: str) -> float | None:
-    """Return the epoch seconds of a date and time (ISO 8601), in UTC unless it says otherwise; None for others."""
-    if "-" not in cell.strip()[1:] or ":" not in cell:  # 20250327 would be a date, too
+    """Return the epoch seconds of a date and time (ISO 8601), in UTC by default; None for anything else."""
+    if ":" not in cell:  # 20250327 would be a date, too
         return None
     try:
         date = datetime.fromisoformat(cell.strip())

@@ -20,7 +20,7 @@ def read_reference(path: Path) -> ReferenceTable:
     """
     time_s, outputs, unused = read_named(path, COLUMNS)
     row = np.arange(len(time_s))
-    has = ~np.isnan(outputs).all(axis=0)
+    has = np.asarray(np.isfinite(outputs).any(axis=0))
     if not has[:3].any():
         raise DataError(f"{path}: needs a force: at least one of {', '.join(COLUMNS[:3])}")
     kept = np.isfinite(time_s) & np.isfinite(outputs[:, has]).all(axis=1)

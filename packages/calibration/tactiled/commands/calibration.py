@@ -31,7 +31,7 @@ RATE = click.option(
 @click.argument("log", type=FILE)
 @click.option(
     "--reference", type=FILE,
-    help="CSV of the force sensor: time_s, any of fx_n, fy_n, fz_n, tx_nmm, ty_nmm, tz_nmm.",
+    help="CSV of the force sensor: times, any of fx_n, fy_n, fz_n, tx_nmm, ty_nmm, tz_nmm.",
 )  # fmt: skip
 @click.option("-o", "--out", type=FILE, help="Calibration file to write (.toml).")
 @click.option("--array", help="Array of a table: shipped name or TOML file. A recording contains its array.")
