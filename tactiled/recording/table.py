@@ -54,10 +54,8 @@ _UNIT_WORDS: dict[str, TimeUnit] = {
 }
 # Stamps of ROS 2 and ROS 1, and of C: whole seconds, and the rest.
 _SPLIT_STAMPS = {"sec": ("nanosec", "nsec"), "secs": ("nsecs", "nsec")}
-_TIME_ADVICE = (
-    "times named time, t, timestamp or stamp need a unit, as in stamp_ms or by --time-unit, and a log "
-    "without times needs --rate"
-)
+_TIME_ADVICE = "times named time, t, timestamp or stamp need a unit, as in stamp_ms"
+_OPTION_ADVICE = " or by --time-unit, and a log without times needs --rate"
 
 
 @dataclass(frozen=True)
@@ -268,7 +266,7 @@ def read_named(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray
                 f"{path}: the header needs at least one of {', '.join(names)}; it has "
                 f"{', '.join(map(shown, header[:8])) or 'nothing'}"
             )
-        times = _times_of_header(table, TableOptions())
+        times = _times_of_header(table, None)
         time_s, values = table.read(
             times, [header.index(name) for name in times.used], [header.index(name) for name in there]
         )
@@ -333,14 +331,14 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _times_of_header(table: _CsvTable, options: TableOptions) -> _Times:
+def _times_of_header(table: _CsvTable, options: TableOptions | None) -> _Times:
     """Return the columns of times; `DataError` without any and without a rate."""
     header = table.header
     dates = [name for name, cell in zip(header, table.first, strict=False) if _date_s(cell) is not None]
-    if (times := _find_times(table.path, header, options, dates)) is not None:
+    if (times := _find_times(table.path, header, options or TableOptions(), dates)) is not None:
         return times
     found = ", ".join(header[:6]) or "nothing"
-    advice = _TIME_ADVICE
+    advice = _TIME_ADVICE + (_OPTION_ADVICE if options is not None else "")
     if len(header) == 1:
         advice = "the first line names the columns, with commas, semicolons or tabs between"
     raise DataError(f"{table.path}: the header lacks the column time_s (found: {found}); {advice}")
@@ -365,7 +363,7 @@ def _number(cell: str, where: str) -> float:
     try:
         return float(cell.replace("_", "x"))  # Python allows _ between digits
     except ValueError:
-        advice = "write decimals with a point" if "," in cell else "--columns chooses the columns to read"
+        advice = "write decimals with a point" if "," in cell else "columns of text must be left out"
         raise DataError(f"{where}: {shown(cell)} is not a number; {advice}") from None
 
 
@@ -435,7 +433,9 @@ def _from_archive(
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     if times is None or name is None:
         missing = [*(["time_s"] if times is None else []), *(["volts"] if name is None else [])]
-        raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {names}; {_TIME_ADVICE}")
+        raise DataError(
+            f"{path}: lacks the array {' and '.join(missing)}; it has {names}; {_TIME_ADVICE}{_OPTION_ADVICE}"
+        )
     readings = _read_array(path, archive, name)
     n_channels = math.prod(readings.shape[1:])
     if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number

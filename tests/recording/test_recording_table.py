@@ -79,7 +79,7 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
         ("0.0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names above it"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
         ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
-        ("time_s,a,label\n0,1,slip\n", "'slip' is not a number; --columns chooses the columns to read"),
+        ("time_s,a,label\n0,1,slip\n", "'slip' is not a number; columns of text must be left out"),
         ("time_s,a,\n0,1,2\n", "line 2 has 3 cells, the header has 2"),
         ("time_s a\n0 1\n", "the first line names the columns, with commas, semicolons or tabs between"),
         ("time,a\n27.03.2025 14:33,1\n", "lacks the column time_s"),
