@@ -30,7 +30,7 @@ from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.spacing import to_blocks
 from tactiled.recording.steps import run_input
-from tactiled.recording.table import TableOptions, TimeUnit
+from tactiled.recording.table_times import TableOptions, TimeUnit
 from tactiled.recording.whole import DEFAULT_ARRAY, WholeLog, kind_of, read_whole
 from tactiled.samples.block import Gap, ScanBlock
 from tactiled.tomlfile import parse

@@ -30,7 +30,7 @@ from tactiled.progress import tell
 
 if TYPE_CHECKING:
     from tactiled.array import Array
-    from tactiled.recording.table import TableOptions, TimeUnit
+    from tactiled.recording.table_times import TableOptions, TimeUnit
 
 _RATE_HZ = 100.0  # of the published board
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
@@ -111,7 +111,7 @@ def check_config(
     elif kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
-        from tactiled.recording.table import TableOptions
+        from tactiled.recording.table_times import TableOptions
 
         array = build(tomlfile.load(file, ArrayFile))
         show_valid(file, array.in_words(), array.summary())

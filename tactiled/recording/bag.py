@@ -21,8 +21,9 @@ from mcap.writer import MCAP0_MAGIC
 from tactiled.array import FloatArray
 from tactiled.errors import ConfigError, DataError, OperatorError, install_command
 from tactiled.recording.chunks import FAULTS
+from tactiled.recording.npz_table import MOST_CHANNELS
 from tactiled.recording.reader import is_recording
-from tactiled.recording.table import MOST_BYTES, MOST_CHANNELS
+from tactiled.recording.table_times import MOST_BYTES
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

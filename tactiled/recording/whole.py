@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple
 from tactiled.array import Array, FloatArray, load_array
 from tactiled.errors import ConfigError, DataError
 from tactiled.recording.bag import BAGS, is_bag, read_bag
-from tactiled.recording.table import TABLES, TableOptions, read_table
+from tactiled.recording.table import TABLES, read_table
+from tactiled.recording.table_times import TableOptions
 
 DEFAULT_ARRAY = "wang2019-3x3"
 

@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording import reader
 from tactiled.recording.bag import is_bag, read_bag
-from tactiled.recording.table import TableOptions
+from tactiled.recording.table_times import TableOptions
 from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import read_log
 

@@ -26,10 +26,11 @@ from tactiled.recording import chunks
 from tactiled.recording.bag import MOST_CHUNK_BYTES, check_mcap, read_bag
 from tactiled.recording.chunks import Extent
 from tactiled.recording.contents import Header, Read
+from tactiled.recording.npz_table import MOST_CHANNELS
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
-from tactiled.recording.table import MOST_CHANNELS, read_table
+from tactiled.recording.table import read_table
 from tactiled.recording.writer import RecordingWriter
 from tactiled.web.replay import ReplayFile
 from tactiled.wire.frames import Hello

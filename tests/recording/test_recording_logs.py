@@ -18,9 +18,10 @@ from tactiled.array import FloatArray, load_array
 from tactiled.errors import DataError
 from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
-from tactiled.recording import spacing, table
+from tactiled.recording import csv_table, spacing, table_times
 from tactiled.recording.spacing import rows_of_a_reading, scans_among, to_blocks
-from tactiled.recording.table import TableOptions, read_table
+from tactiled.recording.table import read_table
+from tactiled.recording.table_times import TableOptions
 from tactiled.samples.block import Gap, ScanBlock
 
 
@@ -184,7 +185,7 @@ def test_the_limit_counts_an_array_of_bytes_as_the_numbers_that_it_becomes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     np.savez(tmp_path / "a.npz", volts=np.zeros((1000, 36), np.uint8))
-    monkeypatch.setattr(table, "MOST_BYTES", 100_000)
+    monkeypatch.setattr(table_times, "MOST_BYTES", 100_000)
     with pytest.raises(DataError, match=r"has more than 0\.0001 GB of readings"):
         read_table(tmp_path / "a.npz", TableOptions(rate_hz=100.0))
 
@@ -198,13 +199,13 @@ def test_rows_without_a_channel_are_refused(tmp_path: Path) -> None:
 
 def test_a_whole_table_is_read_up_to_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write(tmp_path / "log.csv", *pressed(300))
-    monkeypatch.setattr(table, "MOST_BYTES", 50_000)
+    monkeypatch.setattr(table_times, "MOST_BYTES", 50_000)
     with pytest.raises(DataError, match="has more than 5e-05 GB of readings"):
         read_table(path)
 
 
 def test_a_line_without_end_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(table, "_MOST_LINE", 1000)
+    monkeypatch.setattr(csv_table, "_MOST_LINE", 1000)
     (tmp_path / "log.csv").write_text("time_s,a\n0,1\n" + "1," * 600)
     with pytest.raises(DataError, match="a line has more than 1000 characters"):
         read_table(tmp_path / "log.csv")

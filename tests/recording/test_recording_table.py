@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from tactiled.errors import DataError
 from tactiled.recording.spacing import to_blocks
-from tactiled.recording.table import TableOptions, TimeUnit, read_table
+from tactiled.recording.table import read_table
+from tactiled.recording.table_times import TableOptions, TimeUnit
 from tactiled.samples.block import Gap, ScanBlock
 
 

@@ -15,7 +15,7 @@ from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ScanEvent
 from tactiled.recording.spacing import to_blocks
 from tactiled.recording.steps import Replay
-from tactiled.recording.table import TableOptions
+from tactiled.recording.table_times import TableOptions
 from tactiled.recording.whole import read_whole
 from tactiled.samples.block import Gap, ScanBlock
 

@@ -7,7 +7,7 @@ import numpy as np
 from tactiled.calibrate.data import ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS
-from tactiled.recording.table import read_named
+from tactiled.recording.csv_table import read_named
 
 COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)
 _LEAST_ROWS = 20

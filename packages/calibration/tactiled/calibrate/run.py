@@ -14,7 +14,7 @@ from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
 from tactiled.outside import shown
 from tactiled.progress import ProgressBar, tell
-from tactiled.recording.table import TableOptions
+from tactiled.recording.table_times import TableOptions
 from tactiled.scan_log import read_log
 
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)

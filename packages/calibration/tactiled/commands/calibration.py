@@ -96,7 +96,7 @@ def calibrate(
         need_extra("matplotlib", "plot", "calibrate --plot")
         need_picture(plot)
     from tactiled.calibrate.run import calibrate_files
-    from tactiled.recording.table import TableOptions
+    from tactiled.recording.table_times import TableOptions
 
     # Numbers of poses are no times, and a table without them has a pose in each row.
     table = TableOptions(rate_hz or (1.0 if about["are_poses"] else None), columns, time_unit)

@@ -62,7 +62,7 @@ def tune(
         raise click.UsageError("give both --quiet FILE and --motion FILE, or neither to record them now")
     need_readable(*(path for path in (quiet, motion) if path is not None and not path.is_dir()))
     need_named(array, "config/arrays")
-    from tactiled.recording.table import TableOptions
+    from tactiled.recording.table_times import TableOptions
     from tactiled.tune.recordings import read_pair, record_live
     from tactiled.tune.run import judge
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError, OperatorError
-from tactiled.recording.table import TableOptions
+from tactiled.recording.table_times import TableOptions
 from tactiled.samples.block import ScanBlock
 from tactiled.scan_log import LiveScans, read_log
 from tactiled.tune.study import Recording, contact_gate, contact_level

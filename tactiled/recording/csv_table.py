@@ -1,0 +1,198 @@
+"""Tables as text: a line with the names of the columns, then rows of numbers."""
+
+import csv
+import fnmatch
+from array import array
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from itertools import chain
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+
+from tactiled.array import FloatArray
+from tactiled.errors import DataError
+from tactiled.outside import need_regular, shown
+from tactiled.recording.table_times import (
+    OPTION_ADVICE,
+    TIME_ADVICE,
+    TableOptions,
+    Times,
+    check_size,
+    find_times,
+)
+
+_MOST_LINE = 4 * 2**20  # characters: 12,000 channels have 300,000
+
+
+def read_csv(path: Path, options: TableOptions) -> tuple[Times, FloatArray | None, FloatArray]:
+    """Read the times, None where a rate stands for them, and the readings (n, channels); see `read_table`."""
+    with _opened(path) as table:
+        header = table.header
+        if header and all(map(_is_number, header)) and not _counts(header):
+            raise DataError(
+                f"{path}: the first line has numbers only; write a line of names above it, or in its "
+                "place where it is the header"
+            )
+        times = _times_of_header(table, options)
+        stamps = [header.index(name) for name in times.used]
+        if options.columns:
+            needed = _chosen(path, header, options.columns, stamps)
+        else:
+            left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
+            needed = [k for k in range(len(header)) if k not in left_out]
+            # pandas writes the numbers of the rows into a column without a name.
+            needed = [k for k in needed if header[k]] or needed
+        time_s, readings = table.read(times, stamps, needed)
+        return times, time_s if stamps else None, readings
+
+
+def read_named(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Read the times (n,) and the columns of these names (n, names) of a CSV; also return its other names.
+
+    Times are found as by `read_table`, at any rate. NaN stands for an empty cell, and for each cell of a
+    column that the file lacks; one at least must be there. Times need not grow.
+
+    Raises
+    ------
+    DataError
+        The file is no such table; the message names the line.
+    """
+    with _opened(path) as table:
+        header = table.header
+        if not (there := [name for name in names if name in header]):
+            raise DataError(
+                f"{path}: the header needs at least one of {', '.join(names)}; it has "
+                f"{', '.join(map(shown, header[:8])) or 'nothing'}"
+            )
+        times = _times_of_header(table, None)
+        time_s, values = table.read(
+            times, [header.index(name) for name in times.used], [header.index(name) for name in there]
+        )
+    columns = np.full((len(values), len(names)), np.nan)
+    columns[:, [names.index(name) for name in there]] = values
+    others = (name for name in header if name and name not in (*names, *times.used))
+    return time_s, columns, tuple(others)
+
+
+class _CsvTable:
+    """Header of an open CSV, and its rows."""
+
+    def __init__(self, path: Path, stream: TextIO) -> None:
+        self.path = path
+        first_line = stream.readline(_MOST_LINE)
+        stream.seek(0)
+        self._reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
+        self.header = [name.strip() for name in next(self._reader, [])]
+        while len(self.header) > 1 and not self.header[-1]:  # lines end with a separator
+            self.header.pop()
+        self._rows = filter(None, self._reader)
+        self.first = next(self._rows, [])
+        """First row; empty without one."""
+
+    def read(
+        self, times: Times, stamps: Sequence[int], needed: Sequence[int]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Read the times (n,), of these columns, and other columns (n, needed) of all rows."""
+        used = {self.header[column] for column in (*stamps, *needed)}
+        if twins := sorted(name for name in used if name and self.header.count(name) > 1):
+            raise DataError(f"{self.path}: two columns have the same name: {', '.join(twins)}; rename one")
+        numbers = array("d")  # it grows in place
+        for cells in chain([self.first] if self.first else [], self._rows):
+            where = f"{self.path}: line {self._reader.line_num}"
+            if any(map(str.strip, cells[len(self.header) :])) or len(cells) < len(self.header):
+                raise DataError(f"{where} has {len(cells)} cells, the header has {len(self.header)}")
+            numbers.extend([_time(cells[column], where) for column in stamps])
+            numbers.extend([_number(cells[column], where) for column in needed])
+            check_size(self.path, numbers.itemsize * len(numbers))
+        table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
+        time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else np.empty(0)
+        return time_s, table[:, len(stamps) :]
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[_CsvTable]:
+    try:
+        need_regular(path)
+        with path.open(newline="", encoding="utf-8-sig") as stream:
+            yield _CsvTable(path, stream)
+    except UnicodeDecodeError:
+        raise DataError(f"{path}: no text in UTF-8; save it in this encoding") from None
+    except (OSError, csv.Error) as error:
+        raise DataError(f"{path}: cannot be read: {error}") from None
+
+
+def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
+    """Yield the lines of a file, none beyond the limit."""
+    while line := stream.readline(_MOST_LINE):
+        if len(line) == _MOST_LINE:
+            raise DataError(f"{path}: a line has more than {_MOST_LINE} characters")
+        yield line
+
+
+def _times_of_header(table: _CsvTable, options: TableOptions | None) -> Times:
+    """Return the columns of times; `DataError` without any and without a rate."""
+    header = table.header
+    dates = [name for name, cell in zip(header, table.first, strict=False) if _date_s(cell) is not None]
+    if (times := find_times(table.path, header, options or TableOptions(), dates)) is not None:
+        return times
+    found = ", ".join(header[:6]) or "nothing"
+    advice = TIME_ADVICE + (OPTION_ADVICE if options is not None else "")
+    if len(header) == 1:
+        advice = "the first line names the columns, with commas, semicolons or tabs between"
+    raise DataError(f"{table.path}: the header lacks the column time_s (found: {found}); {advice}")
+
+
+def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Sequence[int]) -> list[int]:
+    """Return the numbers of the columns that are named as channels, in channel order; none of `stamps`."""
+    chosen: list[int] = []
+    for pattern in columns:
+        matching = [
+            k for k, name in enumerate(header) if fnmatch.fnmatchcase(name, pattern) and k not in stamps
+        ]
+        if not matching:
+            raise DataError(f"{path}: no column {pattern!r} of --columns; the header has {', '.join(header)}")
+        chosen += [k for k in matching if k not in chosen]
+    return chosen
+
+
+def _number(cell: str, where: str) -> float:
+    if not cell.strip():
+        return float("nan")
+    try:
+        return float(cell.replace("_", "x"))  # Python allows _ between digits
+    except ValueError:
+        advice = "write decimals with a point" if "," in cell else "columns of text must be left out"
+        raise DataError(f"{where}: {shown(cell)} is not a number; {advice}") from None
+
+
+def _time(cell: str, where: str) -> float:
+    """Return a number, or the seconds of a date."""
+    date_s = _date_s(cell)
+    return _number(cell, where) if date_s is None else date_s
+
+
+def _date_s(cell: str) -> float | None:
+    """Return the epoch seconds of a date and time (ISO 8601), in UTC by default; None for anything else."""
+    if ":" not in cell:  # 20250327 would be a date, too
+        return None
+    try:
+        date = datetime.fromisoformat(cell.strip())
+    except ValueError:
+        return None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _counts(header: Sequence[str]) -> bool:
+    """Return True for the numbers of columns, from 0 or from 1, which programs write in place of names."""
+    return any(list(header) == [str(first + k) for k in range(len(header))] for first in (0, 1))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.replace(",", ".").replace("_", "x"))
+    except ValueError:
+        return False
+    return True
