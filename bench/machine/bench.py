@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.machine import cases
-from bench.machine.guest import RATE_HZ, Board, Guest
+from bench.machine.guest import PROCESSORS, RATE_HZ, Board, Guest
 from bench.machine.image import SUITES, Image, make_image
 from bench.report import BenchOptions, aims_table, load_words
 from tactiled.errors import OperatorError
@@ -158,8 +158,8 @@ def _words(guest: Guest, more: str = "") -> str:
     emulator = re.sub(r" \(.*", "", version.splitlines()[0].replace("QEMU emulator version", "qemu"))
     system = guest.run("echo Debian $(cat /etc/debian_version), Linux $(uname -r)")
     return (
-        f"{system} in {emulator} without KVM, one emulated processor, on a host with {load_words()}; "
-        f"boards at {RATE_HZ:g} Hz. Seconds are of the guest. {more}"
+        f"{system} in {emulator} without KVM, {PROCESSORS} emulated processors, on a host with "
+        f"{load_words()}; boards at {RATE_HZ:g} Hz. Seconds are of the guest. {more}"
     ).strip()
 
 

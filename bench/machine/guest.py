@@ -19,7 +19,7 @@ from tactiled.errors import OperatorError
 PATIENCE_S = 900.0  # without KVM everything is some twenty times slower, the installation most of all
 RATE_HZ = 25.0  # of the boards: the usual 100 Hz would take all of the emulated processor
 _MEMORY_MB = 1024
-_PROCESSORS = 2  # of this host; on one, which is emulated, two daemons are killed by their watchdogs
+PROCESSORS = 2  # of this host; on one, which is emulated, two daemons are killed by their watchdogs
 _END = re.compile(rb"\n\x01(\d+)\x02\n")  # after the output of a command: its exit status
 
 
@@ -87,8 +87,9 @@ class Guest:
         for path in (control, monitor):
             path.unlink(missing_ok=True)
         self._process = subprocess.Popen(
-            ["qemu-system-x86_64", "-accel", "tcg", "-cpu", "max", "-smp", str(_PROCESSORS), "-m", str(_MEMORY_MB),
-             "-display", "none", "-nic", "none", "-serial", f"file:{self._folder}/console.log",
+            ["qemu-system-x86_64", "-accel", "tcg", "-cpu", "max", "-smp", str(PROCESSORS),
+             "-m", str(_MEMORY_MB), "-display", "none", "-nic", "none",
+             "-serial", f"file:{self._folder}/console.log",
              "-kernel", self._image.kernel, "-initrd", self._image.initrd,
              "-append", f"root=/dev/vda ro console=ttyS0 quiet{mask}",
              "-drive", f"file={layer},if=virtio",
