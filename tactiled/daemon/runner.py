@@ -121,7 +121,7 @@ class BoardRunner:
         self._started_s = time.monotonic()
         self._phase_s = phase_s
         self._next_info_s = self._started_s
-        self._described = session.hello
+        self._described = session.hello, self._pipeline.tuning.zero  # what the newest `info` tells
         self._end: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     @property
@@ -272,9 +272,10 @@ class BoardRunner:
         self._publish_status(now_s)
         self._log.write_counts(now_s)
         self._connection.log.write_counts(now_s)
-        hello = self._session.hello
-        if hello is not None and (now_s >= self._next_info_s or hello is not self._described):
-            self._described = hello
+        hello, zero = self._session.hello, self._pipeline.tuning.zero
+        is_new = hello is not self._described[0] or zero is not self._described[1]
+        if hello is not None and (now_s >= self._next_info_s or is_new):
+            self._described = hello, zero
             self._next_info_s = now_s + INFO_PERIOD_S
             self._publish_and_record(self._link.info(hello, now_s))
         if (recording := self._recorder.report(now_s)) is not None:

@@ -11,6 +11,7 @@ from boards import PtyBoard, SimBoard
 from daemons import Daemon, Row, play
 
 from tactiled.client import AsyncCommander
+from tactiled.daemon import runner
 from tactiled.daemon.service import Service
 from tactiled.events.types import EVENT_TYPES, Sent
 
@@ -105,7 +106,8 @@ def test_a_stream_of_motion_is_one_command_event_and_its_refusal_another(tmp_pat
     play_commands(daemon, story)
 
 
-def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
+def test_a_tare_applies_only_to_its_board(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "INFO_PERIOD_S", 1e9)  # a new zero and a new board are told at once
     daemon = Daemon(tmp_path)
 
     async def tared(commander: AsyncCommander) -> bool:
@@ -125,6 +127,9 @@ def test_a_tare_applies_only_to_its_board(tmp_path: Path) -> None:
             await daemon.until(lambda: daemon.status["contact"] == "none", "no contact")
             tared_to = [pytest.approx(1000 * 3.0 / 4096, abs=1e-3)] * 36
             await daemon.until(lambda: daemon.heard["info"][-1]["zero"] == tared_to, "the zero of the tare")
+            at_s, told_s = (daemon.heard[topic][-1]["timestamp"] for topic in ("command", "info"))
+            between = [row for row in daemon.heard["status"] if at_s < row["timestamp"] < told_s]
+            assert len(between) < 50  # the board says hello each 100 statuses, and info follows a hello
             await asyncio.to_thread(board.unplug)
             await asyncio.to_thread(board.plug)
             await daemon.until_state("running")
