@@ -101,15 +101,15 @@ def set_up(guest: Guest, options: str = "") -> int:
 def recorded(guest: Guest, board: Board, during: Callable[[], None], unit: str = UNIT) -> Recorded:
     """Return what the daemon records from a new start to a stop, while something happens."""
     guest.unplug(board)  # qemu would keep what the board sends until the daemon has started
-    guest.run(f"systemctl restart {unit}")
+    # Alone in its folder: times of files are those of a clock that may be set back.
+    guest.run(f"systemctl stop {unit}; rm -f {_PLACE}/*; systemctl start {unit}")
     guest.plug(board)
     wait_until_fresh(guest, unit)
     during()
     guest.run(f"systemctl stop {unit}")
-    newest = guest.run(f"ls -t {_PLACE}/*.mcap | head -n 1")
     guest.mount_share()
-    guest.run(f"cp {newest} /mnt/newest.mcap; umount /mnt; systemctl start {unit}")
-    return read_recording(guest.share / "newest.mcap")
+    guest.run(f"cp {_PLACE}/*.mcap /mnt/recorded.mcap; umount /mnt; systemctl start {unit}")
+    return read_recording(guest.share / "recorded.mcap")
 
 
 def monotonic_s(guest: Guest) -> float:
