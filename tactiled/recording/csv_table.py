@@ -2,6 +2,7 @@
 
 import csv
 import fnmatch
+import logging
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,6 +25,8 @@ from tactiled.recording.table_times import (
     find_times,
 )
 
+logger = logging.getLogger(__name__)
+
 _MOST_LINE = 4 * 2**20  # characters: 12,000 channels have 300,000
 
 
@@ -42,18 +45,23 @@ def read_csv(path: Path, options: TableOptions) -> tuple[Times, FloatArray | Non
             needed = _chosen(path, header, options.columns, stamps)
         else:
             left_out = {*stamps, *(k for k, name in enumerate(header) if name in times.unused)}
-            needed = [k for k in range(len(header)) if k not in left_out]
             # pandas writes the numbers of the rows into a column without a name.
-            needed = [k for k in needed if header[k]] or needed
-        time_s, readings = table.read(times, stamps, needed)
+            needed = [k for k, name in enumerate(header) if k not in left_out and name]
+            if unnamed := [k + 1 for k, name in enumerate(header) if not name]:
+                logger.warning("%s: columns without a name are left out: %s", path, unnamed)
+        if not needed:
+            raise DataError(f"{path}: the header names no channel beside {times.name}")
+        time_s, readings = table.read(times, stamps, needed, "--columns chooses the channels")
         return times, time_s if stamps else None, readings
 
 
-def read_named(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+def read_named(
+    path: Path, names: Sequence[str], options: TableOptions
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
     """Read the times (n,) and the columns of these names (n, names) of a CSV; also return its other names.
 
-    Times are found as by `read_table`, at any rate. NaN stands for an empty cell, and for each cell of a
-    column that the file lacks; one at least must be there. Times need not grow.
+    Times are found as by `read_table`, at any rate; they need not grow. NaN stands for an empty cell, and for
+    each cell of a column that the file lacks; one at least must be there.
 
     Raises
     ------
@@ -67,45 +75,75 @@ def read_named(path: Path, names: Sequence[str]) -> tuple[FloatArray, FloatArray
                 f"{path}: the header needs at least one of {', '.join(names)}; it has "
                 f"{', '.join(map(shown, header[:8])) or 'nothing'}"
             )
-        times = _times_of_header(table, None)
-        time_s, values = table.read(
-            times, [header.index(name) for name in times.used], [header.index(name) for name in there]
-        )
+        times = _times_of_header(table, options, "")
+        stamps = [header.index(name) for name in times.used]
+        time_s, values = table.read(times, stamps, [header.index(name) for name in there], "")
+    if not stamps:
+        assert options.rate_hz is not None  # which stands for the times
+        time_s = np.arange(len(values)) / options.rate_hz
     columns = np.full((len(values), len(names)), np.nan)
     columns[:, [names.index(name) for name in there]] = values
+    columns[~np.isfinite(columns)] = np.nan
     others = (name for name in header if name and name not in (*names, *times.used))
     return time_s, columns, tuple(others)
 
 
 class _CsvTable:
-    """Header of an open CSV, and its rows."""
+    """Header of an open CSV, and its rows, which may all end with a separator.
+
+    Attributes
+    ----------
+    header : list of str
+        Names of the columns; without those at the end that have none.
+    first : list of str
+        First row; empty without one.
+    """
 
     def __init__(self, path: Path, stream: TextIO) -> None:
         self.path = path
         first_line = stream.readline(_MOST_LINE)
         stream.seek(0)
         self._reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
-        self.header = [name.strip() for name in next(self._reader, [])]
-        while len(self.header) > 1 and not self.header[-1]:  # lines end with a separator
+        self._rows = self._filled_rows()
+        self.header = [name.strip() for name in next(self._rows, [])]
+        self._n_cells = len(self.header)
+        while len(self.header) > 1 and not self.header[-1]:
             self.header.pop()
-        self._rows = filter(None, self._reader)
         self.first = next(self._rows, [])
-        """First row; empty without one."""
+        if len(self.first) == self._n_cells + 1 and not self.first[-1].strip():
+            self._n_cells += 1  # the header alone does not end with a separator
+
+    def _filled_rows(self) -> Iterator[list[str]]:
+        """Yield the rows with anything in them; each stands in one line."""
+        line = 0
+        for cells in self._reader:
+            if self._reader.line_num > line + 1:
+                raise DataError(
+                    f"{self.path}: line {line + 1}: a quotation mark has no other one in this line"
+                )
+            line = self._reader.line_num
+            if any(map(str.strip, cells)):
+                yield cells
 
     def read(
-        self, times: Times, stamps: Sequence[int], needed: Sequence[int]
+        self, times: Times, stamps: Sequence[int], needed: Sequence[int], advice: str
     ) -> tuple[FloatArray, FloatArray]:
-        """Read the times (n,), of these columns, and other columns (n, needed) of all rows."""
+        """Read the times (n,), of these columns, and other columns (n, needed) of all rows.
+
+        Errors give the advice where a cell of these columns is no number.
+        """
         used = {self.header[column] for column in (*stamps, *needed)}
         if twins := sorted(name for name in used if name and self.header.count(name) > 1):
             raise DataError(f"{self.path}: two columns have the same name: {', '.join(twins)}; rename one")
         numbers = array("d")  # it grows in place
         for cells in chain([self.first] if self.first else [], self._rows):
             where = f"{self.path}: line {self._reader.line_num}"
-            if any(map(str.strip, cells[len(self.header) :])) or len(cells) < len(self.header):
-                raise DataError(f"{where} has {len(cells)} cells, the header has {len(self.header)}")
-            numbers.extend([_time(cells[column], where) for column in stamps])
-            numbers.extend([_number(cells[column], where) for column in needed])
+            if len(cells) != self._n_cells:
+                raise DataError(f"{where} has {len(cells)} cells, the header has {self._n_cells}")
+            if any(map(str.strip, cells[len(self.header) :])):
+                raise DataError(f"{where}: the last cell has no name in the header")
+            numbers.extend([_time(cells[column], where, advice) for column in stamps])
+            numbers.extend([_number(cells[column], where, advice) for column in needed])
             check_size(self.path, numbers.itemsize * len(numbers))
         table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
         time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else np.empty(0)
@@ -132,16 +170,17 @@ def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _times_of_header(table: _CsvTable, options: TableOptions | None) -> Times:
+def _times_of_header(table: _CsvTable, options: TableOptions, advice: str = OPTION_ADVICE) -> Times:
     """Return the columns of times; `DataError` without any and without a rate."""
     header = table.header
     dates = [name for name, cell in zip(header, table.first, strict=False) if _date_s(cell) is not None]
-    if (times := find_times(table.path, header, options or TableOptions(), dates)) is not None:
+    if (times := find_times(table.path, header, options, dates)) is not None:
         return times
-    found = ", ".join(header[:6]) or "nothing"
-    advice = TIME_ADVICE + (OPTION_ADVICE if options is not None else "")
-    if len(header) == 1:
+    if len(header) < 2:
         advice = "the first line names the columns, with commas, semicolons or tabs between"
+    else:
+        advice = f"{TIME_ADVICE}{advice}; dates are read as 2026-11-29 08:15:00.123"
+    found = ", ".join(header[:6]) or "nothing"
     raise DataError(f"{table.path}: the header lacks the column time_s (found: {found}); {advice}")
 
 
@@ -158,20 +197,21 @@ def _chosen(path: Path, header: list[str], columns: Sequence[str], stamps: Seque
     return chosen
 
 
-def _number(cell: str, where: str) -> float:
+def _number(cell: str, where: str, advice: str) -> float:
     if not cell.strip():
         return float("nan")
     try:
         return float(cell.replace("_", "x"))  # Python allows _ between digits
     except ValueError:
-        advice = "write decimals with a point" if "," in cell else "columns of text must be left out"
-        raise DataError(f"{where}: {shown(cell)} is not a number; {advice}") from None
+        advice = "write decimals with a point" if "," in cell else advice
+        fault = f"{where}: {shown(cell)} is not a number"
+        raise DataError(f"{fault}; {advice}" if advice else fault) from None
 
 
-def _time(cell: str, where: str) -> float:
+def _time(cell: str, where: str, advice: str) -> float:
     """Return a number, or the seconds of a date."""
     date_s = _date_s(cell)
-    return _number(cell, where) if date_s is None else date_s
+    return _number(cell, where, advice) if date_s is None else date_s
 
 
 def _date_s(cell: str) -> float | None:

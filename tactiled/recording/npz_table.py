@@ -62,9 +62,8 @@ def _from_archive(
     name = "volts" if "volts" in names else others[0] if len(others) == 1 else None
     if times is None or name is None:
         missing = [*(["time_s"] if times is None else []), *(["volts"] if name is None else [])]
-        raise DataError(
-            f"{path}: lacks the array {' and '.join(missing)}; it has {names}; {TIME_ADVICE}{OPTION_ADVICE}"
-        )
+        advice = f"; {TIME_ADVICE}{OPTION_ADVICE}" if times is None else ""
+        raise DataError(f"{path}: lacks the array {' and '.join(missing)}; it has {names}{advice}")
     readings = _read_array(path, archive, name)
     n_channels = math.prod(readings.shape[1:])
     if not 0 < n_channels <= MOST_CHANNELS:  # rows without a channel cost no bytes: there may be any number

@@ -27,9 +27,9 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     Text (``.csv``, ``.tsv``, ``.txt``): a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the
     like, or ``sec`` and ``nanosec``, or dates under a name of times), then one column per channel in channel
     order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row
-    without any reading a missing scan, which is left out. A column without a name is no channel where others
-    have names. Without a column of times, the rate spaces the rows. Further columns of times are left out
-    with a warning, unless `columns` names the channels.
+    without any reading a missing scan, which is left out. Without a column of times, the rate spaces the
+    rows. Further columns of times are left out with a warning, unless `columns` names the channels, and so
+    are columns without a name.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 
@@ -39,14 +39,12 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         The file is not a valid log (the message names the line or the array), or too large to be held.
     """
     options = options or TableOptions()
-    times, time_s, readings = (read_npz if path.suffix == ".npz" else read_csv)(path, options)
+    is_npz = path.suffix.lower() == ".npz"
+    times, time_s, readings = (read_npz if is_npz else read_csv)(path, options)
     if times.unused and not options.columns:
-        logger.warning(
-            "%s: times are those of %s; left out: %s (--columns keeps it as a channel)",
-            path,
-            times.name,
-            ", ".join(times.unused),
-        )
+        remedy = "" if is_npz else " (--columns keeps it as a channel)"
+        left_out = ", ".join(times.unused)
+        logger.warning("%s: times are those of %s; left out: %s%s", path, times.name, left_out, remedy)
     if time_s is None:
         assert options.rate_hz is not None  # which stands for the times
         time_s = np.arange(len(readings)) / options.rate_hz
@@ -56,7 +54,7 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
         at = int(backwards[0])
         raise DataError(
             f"{path}: {times.name} does not grow at row {at + 2} ({time_s[at]} s to {time_s[at + 1]} s); if "
-            "rows are evenly spaced, leave out the times and give --rate"
+            "rows are evenly spaced, delete the times and give --rate"
         )
     is_reading = np.isfinite(readings)
     readings[~is_reading] = np.nan

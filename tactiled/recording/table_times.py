@@ -73,8 +73,9 @@ def find_times(
 ) -> Times | None:
     """Find the times among the names of columns or arrays; None without times or a rate.
 
-    A name without a unit has that of the options, or seconds where it is among the `dates`. `time_s` comes
-    first, then a stamp that is split into seconds and nanoseconds, then the first name with a unit.
+    A name without a unit has that of the options. `time_s` comes first, then a stamp that is split into
+    seconds and nanoseconds, then the first name with a unit. Columns of `dates` come last: many programs
+    round them to seconds, and a rate replaces them.
 
     Raises
     ------
@@ -83,10 +84,12 @@ def find_times(
     """
     given = options.time_unit
     found = {name: unit for name in names if (unit := unit_of(name)) is not None}
-    found |= dict.fromkeys((name for name in found if name in dates), "s")
+    dated = [name for name in found if name in dates]
+    found = {name: unit for name, unit in found.items() if name not in dates}
 
     def times(used: Sequence[str], units: Sequence[TimeUnit]) -> Times:
-        return Times(tuple(used), tuple(units), tuple(name for name in found if name not in used))
+        unused = (name for name in (*found, *dated) if name not in used)
+        return Times(tuple(used), tuple(units), tuple(unused))
 
     if "time_s" in found:
         return times(["time_s"], [given or "s"])
@@ -97,9 +100,12 @@ def find_times(
             return times([name], [unit])
         if given is not None and not unit:
             return times([name], [given])
-    if given is not None and found:
-        raise DataError(f"{path}: --time-unit {given}, but the times are in {', '.join(found)}: which is it?")
-    return None if options.rate_hz is None else times([], [])
+    if given is not None and (found or dated):
+        named = ", ".join((*found, *dated))
+        raise DataError(f"{path}: --time-unit {given}, but the times are in {named}: which is it?")
+    if options.rate_hz is not None:
+        return times([], [])
+    return times(dated[:1], ["s"]) if dated else None
 
 
 def unit_of(name: str) -> TimeUnit | Literal[""] | None:

@@ -34,7 +34,7 @@ def kind_of(path: Path, topic: str | None) -> Literal["recording", "table", "bag
         return "bag"
     if path.suffix == ".mcap":
         return "recording"
-    if path.suffix not in TABLES:
+    if path.suffix.lower() not in TABLES:
         known = (
             f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
         )

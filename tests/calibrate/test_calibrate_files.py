@@ -77,6 +77,17 @@ def test_rows_with_holes_are_left_out_and_missing_columns_stay_unknown(tmp_path:
     assert table.outputs == [2]
 
 
+def test_a_reference_of_poses_needs_no_times_and_infinities_are_no_forces(tmp_path: Path) -> None:
+    path = tmp_path / "ft.csv"
+    path.write_text("fz_n,fx_n\n" + "".join(f"{k},inf\n" for k in range(40)))
+    table = read_reference(path, are_poses=True)
+    assert table.time_s.tolist() == list(range(40))
+    assert table.outputs == [2]
+    assert np.isnan(table.values[:, 0]).all()
+    with pytest.raises(DataError, match="lacks the column time_s"):
+        read_reference(path)
+
+
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_a_reference_has_times_as_a_log_has(tmp_path: Path, separator: str) -> None:
     path = tmp_path / "ft.csv"

@@ -12,6 +12,7 @@ from tactiled.errors import DataError
 from tactiled.recording.spacing import to_blocks
 from tactiled.recording.table import read_table
 from tactiled.recording.table_times import TableOptions, TimeUnit
+from tactiled.recording.whole import read_whole
 from tactiled.samples.block import Gap, ScanBlock
 
 
@@ -23,23 +24,66 @@ def test_tables_with_other_separators_are_read(tmp_path: Path, separator: str) -
 
 
 @pytest.mark.parametrize(
-    ("header", "row"),
+    ("header", "row", "first_s"),
     [
-        ("time_s,a,b,", "{t},{a},{b},"),  # as a loop over channels prints them
-        ("time_s,a,b", "{t},{a},{b},"),
-        (",time_s,a,b", "{k},{t},{a},{b}"),  # as pandas numbers rows
-        ("time,a,b", "2025-03-27 14:33:{t:09.6f},{a},{b}"),
-        ("Timestamp;a;b", "2025-03-27T15:33:{t:09.6f}+01:00;{a};{b}"),
+        ("time_s,a,b,", "{t},{a},{b},", 0.0),  # as a loop over channels prints them
+        ("time_s,a,b", "{t},{a},{b},", 0.0),
+        (",time_s,a,b", "{k},{t},{a},{b}", 0.0),  # as pandas numbers rows
+        ("\ntime_s,a,b", "{t},{a},{b}\n,,", 0.0),
+        ("time,a,b", "1970-01-02 01:00:{t:09.6f},{a},{b}", 90_000.0),
+        ("Timestamp;a;b", "1970-01-02T01:00:{t:09.6f}+01:00;{a};{b}", 86_400.0),
     ],
 )
-@pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt"])
-def test_what_other_programs_write(tmp_path: Path, header: str, row: str, suffix: str) -> None:
+@pytest.mark.parametrize("suffix", [".csv", ".CSV", ".tsv", ".txt"])
+def test_what_other_programs_write(
+    tmp_path: Path, header: str, row: str, first_s: float, suffix: str
+) -> None:
     path = tmp_path / f"log{suffix}"
     rows = [row.format(k=k, t=k / 100, a=k + 1, b=k + 2) for k in range(50)]
     path.write_text("\n".join([header, *rows]))
+    whole = read_whole(path, "load-cell", None, TableOptions(columns=("a",)))
     time_s, readings = read_table(path)
-    assert np.diff(time_s) == pytest.approx(np.full(49, 0.01), abs=1e-6)
+    assert whole is not None
+    assert whole.time_s.tolist() == time_s.tolist()
+    assert time_s - first_s == pytest.approx(np.arange(50) / 100, abs=1e-6)
     assert readings.tolist() == [[k + 1, k + 2] for k in range(50)]
+
+
+def test_a_row_that_is_short_is_refused_where_lines_end_with_a_separator(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a,b,\n0,1,2,\n0.01,3,\n0.02,5,6,\n")
+    with pytest.raises(DataError, match="line 3 has 3 cells, the header has 4"):
+        read_table(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize("rows", ['0,"1,2\n0.01,3,4\n', '0,1,"2\n0.01,3,4"\n0.02,5,6\n'])
+def test_a_quotation_mark_that_swallows_lines_is_refused(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a,b\n" + rows)
+    with pytest.raises(DataError, match="line 2: a quotation mark has no other one in this line"):
+        read_table(tmp_path / "log.csv", TableOptions(columns=("a",)))
+
+
+def test_columns_without_a_name_are_left_out_with_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "log.csv").write_text("time_s,a,,b\n0,1,2,3\n0.01,4,5,6\n")
+    assert read_table(tmp_path / "log.csv")[1].tolist() == [[1, 3], [4, 6]]
+    assert "columns without a name are left out: [3]" in caplog.text
+    (tmp_path / "log.csv").write_text(",time_s\n0,0\n1,0.01\n")
+    with pytest.raises(DataError, match="the header names no channel beside time_s"):
+        read_table(tmp_path / "log.csv")
+
+
+def test_dates_are_the_times_where_nothing_is_better(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"2026-11-29 08:15:0{k // 20},{50 * k},{k}" for k in range(60)]  # rounded to seconds
+    path.write_text("\n".join(["timestamp,t_ms,a", *rows]))
+    assert read_table(path)[0].tolist() == pytest.approx([0.05 * k for k in range(60)])
+    path.write_text("\n".join(["time_s,a", *(row[:20] + row.split(",")[2] for row in rows)]))
+    assert read_table(path, TableOptions(rate_hz=20.0))[0][:2].tolist() == [0.0, 0.05]
+    with pytest.raises(DataError, match="--time-unit ms, but the times are in time_s: which is it"):
+        read_table(path, TableOptions(time_unit="ms"))
+    with pytest.raises(DataError, match="time_s does not grow at row 2 "):
+        read_table(path)
 
 
 def test_rows_without_readings_are_missing_scans(tmp_path: Path) -> None:
@@ -80,8 +124,8 @@ def test_npz_of_others_needs_no_names_of_ours(tmp_path: Path) -> None:
         ("0.0,1\n0.1,2\n0.2,2\n", "the first line has numbers only; write a line of names above it"),
         ("time_s,a\n0,1\n0,2\n", "time_s does not grow at row 2"),
         ("time_s,a\n0,1\n,2\n", "not a number in row 2"),
-        ("time_s,a,label\n0,1,slip\n", "'slip' is not a number; columns of text must be left out"),
-        ("time_s,a,\n0,1,2\n", "line 2 has 3 cells, the header has 2"),
+        ("time_s,a,label\n0,1,slip\n", "'slip' is not a number; --columns chooses the channels"),
+        ("time_s,a,\n0,1,2\n", "line 2: the last cell has no name in the header"),
         ("time_s a\n0 1\n", "the first line names the columns, with commas, semicolons or tabs between"),
         ("time,a\n27.03.2025 14:33,1\n", "lacks the column time_s"),
     ],
@@ -240,7 +284,7 @@ def test_channels_that_are_named_like_times_stay(tmp_path: Path, caplog: pytest.
 @pytest.mark.parametrize(
     ("stamps", "says"),
     [
-        ((0, 0), "stamp_ms does not grow at row 2 .*leave out the times and give --rate"),
+        ((0, 0), "stamp_ms does not grow at row 2 .*delete the times and give --rate"),
         ((0, ""), "stamp_ms is not a number in row 2"),
         ((0, 1e6), "1000 s apart by stamp_ms, 0.001 Hz; times are taken in ms"),
     ],

@@ -46,7 +46,7 @@ def calibrate_files(
         fault = f"{out.name}: the name of the file becomes the name in messages; at most {_LONGEST} letters, "
         raise ConfigError("-o", [fault + f"and not {' or '.join(_TAKEN)}, which have a meaning there"])
     data = read_log(log, array, topic, options)
-    table = read_reference(reference)
+    table = read_reference(reference, are_poses=are_poses)
     if table.unused:
         names = ", ".join(map(shown, table.unused[:_MOST_NAMES]))
         more = ", ..." if len(table.unused) > _MOST_NAMES else ""
