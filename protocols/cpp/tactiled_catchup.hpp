@@ -318,10 +318,11 @@ private:
     void fill(Line& line, const msgpack::object_array& messages, std::string_view bytes, double now_s,
               double unix_s, Items& out)
     {
-        bytes = detail::behind_head(bytes);
+        detail::Values values(bytes);
+        values.take_array();
         for (std::uint32_t n = 0; n < messages.size; ++n) {
             Message message;
-            const std::string_view packed = detail::take_value(bytes);
+            const std::string_view packed = values.skip();
             if (!read(line.topic, messages.ptr[n], packed, now_s, unix_s, message) ||
                 message.seq < line.next_seq || message.seq >= line.hole_end)
                 continue;
@@ -385,11 +386,12 @@ private:
     void retain(const msgpack::object_map& messages, std::string_view bytes, double now_s, double unix_s,
                 Items& out)
     {
-        bytes = detail::behind_head(bytes);
+        detail::Values values(bytes);
+        values.take_map();
         std::vector<std::string_view> packed;
         for (std::uint32_t n = 0; n < messages.size; ++n) {
-            detail::take_value(bytes);
-            packed.push_back(detail::take_value(bytes));
+            values.skip();
+            packed.push_back(values.skip());
         }
         std::vector<detail::KeyEntries> keys;
         detail::find_keys(messages, keys);
@@ -439,8 +441,7 @@ private:
     {
         std::string reason;
         detail::Head head;
-        detail::Checker checker(head, evidence_key(topic));
-        if (map.type != msgpack::type::MAP || !detail::check(packed, checker) ||
+        if (map.type != msgpack::type::MAP || !detail::check(packed, evidence_key(topic), head) ||
             !detail::read_head(topic, head, now_s, unix_s, out, reason))
             return false;
         out.payload = packed;

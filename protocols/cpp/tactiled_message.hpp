@@ -3,7 +3,7 @@
 // The same checks as tactiled.client.parse, and those of Python's msgpack, so that both clients take and
 // refuse the same bytes. Pure: no input, no output, no clock.
 //
-// Needs C++17, msgpack-cxx and tactiled_events.hpp.
+// Needs C++17 and msgpack-cxx.
 #pragma once
 
 #ifndef MSGPACK_NO_BOOST
@@ -13,16 +13,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <exception>
 #include <msgpack.hpp>
-#include <stdexcept>
 #include <string>
 #include <string_view>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 #include "tactiled_events.hpp"
+#include "tactiled_values.hpp"
 
 namespace tactiled {
 
@@ -58,93 +56,114 @@ inline bool is_utf8(std::string_view text)
     return true;
 }
 
-// Fields that every message has; NIL where one is missing or cannot be what it should. Texts refer to the payload.
+// Fields that every message has, as bytes; empty where one is missing.
 struct Head {
-    msgpack::object v, seq, timestamp, board, run;
-    msgpack::object evidence;  // NIL where the timestamp is that of the evidence, too
+    std::string_view v, seq, timestamp, board, run;
+    std::string_view evidence;     // empty where the timestamp is that of the evidence, too
+    bool is_map_of_texts = false;  // the message is a map, and its keys are texts
+
+    std::string_view* field_of(std::string_view key, std::string_view evidence_key)
+    {
+        return key == "v"            ? &v
+               : key == "seq"        ? &seq
+               : key == "timestamp"  ? &timestamp
+               : key == "board"      ? &board
+               : key == "run"        ? &run
+               : key == evidence_key ? &evidence
+                                     : nullptr;
+    }
 };
 
-// Refuses what Python's msgpack refuses, and takes note of the head, without allocating, whatever sizes the bytes
-// claim. After a wait, caches are cold: each further pass over the bytes would delay the message.
-class Checker : public msgpack::null_visitor {
-public:
-    Checker(Head& head, std::string_view evidence_key) : head_(head), evidence_key_(evidence_key) {}
+// True for type and data of an extension; a timestamp, which has type -1, must be one.
+inline bool is_valid_ext(std::string_view ext)
+{
+    if (ext[0] != '\xFF' || ext.size() == 5)
+        return true;
+    if (ext.size() != 9 && ext.size() != 13)
+        return false;
+    std::uint32_t nanoseconds = 0;
+    for (std::size_t n = 1; n < 5; ++n)
+        nanoseconds = nanoseconds << 8 | static_cast<unsigned char>(ext[n]);
+    return (ext.size() == 9 ? nanoseconds >> 2 : nanoseconds) < 1'000'000'000;
+}
 
-    bool is_map_with_texts() const { return is_map_ && !has_other_key_; }
+// Take the key of a map, and return its text, which is empty for binary data. Throws Unreadable for other keys.
+inline std::string_view take_key(Values& values)
+{
+    if (values.is_binary())
+        return values.skip().substr(0, 0);
+    const std::string_view text = values.take_text();
+    if (!is_utf8(text))
+        throw Unreadable();
+    return text;
+}
 
-    bool visit_nil() { return note({}); }
-    bool visit_boolean(bool) { return note({}); }
-    bool visit_positive_integer(std::uint64_t value) { return note(msgpack::object(value)); }
-    bool visit_negative_integer(std::int64_t value)  // a signed form, which may hold a number above zero
-    {
-        return value < 0 ? note({}) : visit_positive_integer(static_cast<std::uint64_t>(value));
+// Pass over a value in so many containers. Throws Unreadable for what Python's msgpack refuses.
+inline void check_value(Values& values, std::size_t n_around)
+{
+    if (values.is_array() || values.is_map()) {
+        if (n_around == MOST_NESTED)
+            throw Unreadable();
+        const bool is_map = values.is_map();
+        for (std::uint64_t n_left = is_map ? values.take_map() : values.take_array(); n_left > 0; --n_left) {
+            if (is_map)
+                take_key(values);
+            check_value(values, n_around + 1);
+        }
+    } else if (values.is_text()) {
+        if (!is_utf8(values.take_text()))
+            throw Unreadable();
+    } else if (values.is_ext()) {
+        if (!is_valid_ext(values.take_ext()))
+            throw Unreadable();
+    } else {
+        values.skip();
     }
-    bool visit_float32(float value) { return note(msgpack::object(value)); }
-    bool visit_float64(double value) { return note(msgpack::object(value)); }
-    bool visit_ext(const char* data, std::uint32_t size) { return note({}) && is_ext({data, size}); }
-    bool visit_bin(const char*, std::uint32_t)
-    {
-        has_other_key_ = has_other_key_ || (in_key_ && depth_ == 1);
-        return note({}) || in_key_;
-    }
-    bool visit_str(const char* text, std::uint32_t size)
-    {
-        msgpack::object value;
-        value.type = msgpack::type::STR;
-        value.via.str = {size, text};
-        if (in_key_ && depth_ == 1)
-            field_ = field_of({text, size});
-        return (in_key_ || note(value)) && is_utf8({text, size});
-    }
-    bool start_array(std::uint32_t) { return begin(); }
-    bool start_map(std::uint32_t) { return begin() && ((is_map_ |= depth_ == 1), true); }
-    bool end_array() { return end(); }
-    bool end_map() { return end(); }
-    bool start_map_key() { return in_key_ = true; }
-    bool end_map_key() { return !(in_key_ = false); }
+}
 
-private:
-    bool begin() { return note({}) && ++depth_ <= MOST_NESTED; }
-    bool end() { return depth_-- > 0; }
-
-    // Of a repeated key the last value counts. False for a key.
-    bool note(const msgpack::object& value)
-    {
-        if (field_ && depth_ == 1 && !in_key_)
-            *field_ = value;
-        return !in_key_;
+// Check that bytes are one value that Python's msgpack takes, and take note of the head of a message. Of a
+// repeated key the last value counts.
+inline bool check(std::string_view bytes, std::string_view evidence_key, Head& head)
+{
+    Values values(bytes);
+    head = Head();
+    head.is_map_of_texts = values.is_map();
+    try {
+        if (!values.is_map()) {
+            check_value(values, 0);
+            return values.is_at_end();
+        }
+        for (std::uint64_t n_left = values.take_map(); n_left > 0; --n_left) {
+            head.is_map_of_texts = head.is_map_of_texts && values.is_text();
+            const std::string_view key = take_key(values);
+            const Values before = values;
+            check_value(values, 1);
+            if (std::string_view* const field = head.field_of(key, evidence_key))
+                *field = before.until(values);
+        }
+        return values.is_at_end();
+    } catch (const Unreadable&) {
+        return false;
     }
+}
 
-    msgpack::object* field_of(std::string_view key)
-    {
-        return key == "v"             ? &head_.v
-               : key == "seq"         ? &head_.seq
-               : key == "timestamp"   ? &head_.timestamp
-               : key == "board"       ? &head_.board
-               : key == "run"         ? &head_.run
-               : key == evidence_key_ ? &head_.evidence
-                                      : nullptr;
+// Read a field of a head by a method of Values; false where it is missing or of another type.
+template <class Take, class T> bool read_field(std::string_view value, const Take& take, T& out)
+{
+    try {
+        Values values(value);
+        out = take(values);
+        return true;
+    } catch (const Unreadable&) {
+        return false;
     }
+}
 
-    // Type and data; a timestamp, which has type -1, must be one.
-    static bool is_ext(std::string_view ext)
-    {
-        if (ext[0] != '\xFF' || ext.size() == 5)
-            return ext[0] != '\xFF' || ext.size() == 5;
-        if (ext.size() != 9 && ext.size() != 13)
-            return false;
-        std::uint32_t nanoseconds = 0;
-        for (std::size_t n = 1; n < 5; ++n)
-            nanoseconds = nanoseconds << 8 | static_cast<unsigned char>(ext[n]);
-        return (ext.size() == 9 ? nanoseconds >> 2 : nanoseconds) < 1'000'000'000;
-    }
-
-    Head& head_;
-    std::string_view evidence_key_;
-    msgpack::object* field_ = nullptr;  // of the newest key
-    bool in_key_ = false, is_map_ = false, has_other_key_ = false;
-    std::size_t depth_ = 0;
-};
+// The same for a number that counts something.
+inline bool read_count(std::string_view value, std::uint64_t& out)
+{
+    return read_field(value, [](Values& values) { return values.take_count(SEQ_LIMIT); }, out);
+}
 
 inline bool is_number(const msgpack::object* value)
 {
@@ -216,29 +235,10 @@ inline void find_keys(const msgpack::object_map& map, std::vector<KeyEntries>& o
     std::sort(out.begin(), out.end());
 }
 
-// Take the first of the values that begin here, as bytes. msgpack-cxx cannot pack again what it has unpacked:
-// it makes integers of floats like 1.0.
-inline std::string_view take_value(std::string_view& values)
-{
-    msgpack::null_visitor visitor;
-    std::size_t size = 0;
-    msgpack::parse(values.data(), values.size(), size, visitor);
-    const std::string_view first = values.substr(0, size);
-    values.remove_prefix(size);
-    return first;
-}
-
 // What follows a key that is not empty, in the payload that was unpacked.
 inline std::string_view behind_key(const msgpack::object& key, std::string_view payload)
 {
     return payload.substr(static_cast<std::size_t>(key.via.str.ptr + key.via.str.size - payload.data()));
-}
-
-// What follows the head of an array or a map.
-inline std::string_view behind_head(std::string_view values)
-{
-    const char head = values[0];
-    return values.substr(head == '\xDC' || head == '\xDE' ? 3 : head == '\xDD' || head == '\xDF' ? 5 : 1);
 }
 
 // Unpack a checked payload, which the object refers to, as it does to the zone.
@@ -249,14 +249,6 @@ inline msgpack::object unpack(msgpack::zone& zone, std::string_view payload)
     return msgpack::unpack(zone, payload.data(), payload.size(), refer);
 }
 
-// Check that the payload is one value.
-inline bool check(std::string_view payload, Checker& checker)
-{
-    std::size_t end = 0;
-    return !payload.empty() && msgpack::parse(payload.data(), payload.size(), end, checker) &&
-           end == payload.size();
-}
-
 // Check a map with string keys and a supported version, and read its head; false with the reason.
 inline bool check_map(std::string_view payload, std::string_view name, Head& head, std::string& reason)
 {
@@ -264,64 +256,18 @@ inline bool check_map(std::string_view payload, std::string_view name, Head& hea
         reason.assign(name).append(": ").append(words);
         return false;
     };
-    head = Head();
-    Checker checker(head, evidence_key(name));
-    if (!check(payload, checker))
+    if (!check(payload, evidence_key(name), head))
         return refuse("not msgpack");
-    if (!checker.is_map_with_texts())
+    if (!head.is_map_of_texts)
         return refuse("not a map with string keys");
-    if (!is_count(&head.v) || head.v.via.u64 != MESSAGE_VERSION) {
-        const std::string found = is_count(&head.v) ? std::to_string(head.v.via.u64) : "unknown";
+    std::uint64_t version = 0;
+    const bool has_version = read_count(head.v, version);
+    if (!has_version || version != MESSAGE_VERSION) {
+        const std::string found = has_version ? std::to_string(version) : "unknown";
         return refuse("version " + found + ", this client reads " + std::to_string(MESSAGE_VERSION));
     }
     return true;
 }
-
-// Map with the interface that `from_json` of tactiled_events.hpp asks for.
-class MapView {
-public:
-    struct Value {
-        const msgpack::object& object;
-        template <class T> void get_to(T& out) const { fill(object, out); }
-    };
-
-    explicit MapView(const msgpack::object& object) : map_(object)
-    {
-        if (object.type != msgpack::type::MAP)
-            throw msgpack::type_error();
-    }
-
-    Value at(std::string_view key) const
-    {
-        if (const msgpack::object* value = find(map_, key))
-            return Value{*value};
-        throw std::out_of_range(std::string(key));
-    }
-
-private:
-    template <class T> static void fill(const msgpack::object& object, T& out)
-    {
-        if constexpr (std::is_arithmetic_v<T> || std::is_same_v<T, std::string>)
-            object.convert(out);
-        else
-            from_json(MapView(object), out);
-    }
-
-    template <class T> static void fill(const msgpack::object& object, std::vector<T>& out)
-    {
-        if (object.type != msgpack::type::ARRAY)
-            throw msgpack::type_error();
-        out.resize(object.via.array.size);
-        for (std::uint32_t n = 0; n < object.via.array.size; ++n) {
-            if constexpr (std::is_same_v<T, bool>)
-                out[n] = object.via.array.ptr[n].as<bool>();
-            else
-                fill(object.via.array.ptr[n], out[n]);
-        }
-    }
-
-    msgpack::object map_;
-};
 
 }  // namespace detail
 
@@ -352,10 +298,10 @@ struct Message {
     {
         if (topic != T::TOPIC)
             return false;
-        thread_local msgpack::zone zone;
+        thread_local std::vector<detail::Entry> entries;
         try {
-            from_json(detail::MapView(detail::unpack(zone, payload)), out);
-        } catch (const std::exception&) {  // std::out_of_range, msgpack::type_error
+            from_json(detail::MapView(payload, entries), out);
+        } catch (const detail::Unreadable&) {
             return false;
         }
         return true;
@@ -372,23 +318,23 @@ inline bool read_head(std::string_view topic, const Head& head, double now_s, do
         reason.assign(topic).append(": ").append(words);
         return false;
     };
-    const auto is_instant = [](const msgpack::object& value) {
-        return is_number(&value) && std::isfinite(value.via.f64);
+    const auto read_instant = [](std::string_view value, double& instant) {
+        return read_field(value, [](Values& values) { return values.take_float(); }, instant) &&
+               std::isfinite(instant);
     };
-    if (!is_count(&head.seq) || !is_instant(head.timestamp))
+    std::uint64_t run = 0;
+    std::string_view board;
+    if (!read_count(head.seq, out.seq) || !read_instant(head.timestamp, out.timestamp))
         return refuse("seq or timestamp is missing or no number");
-    if (!is_text(head.board) || !is_count(&head.run))
+    if (!read_field(head.board, [](Values& values) { return values.take_text(); }, board) ||
+        !read_count(head.run, run))
         return refuse("board or run is missing, or not what it should be");
     const std::string_view key = evidence_key(topic);
-    const msgpack::object& evidence = key == "timestamp" ? head.timestamp : head.evidence;
-    if (!is_instant(evidence))
+    if (!read_instant(key == "timestamp" ? head.timestamp : head.evidence, out.evidence))
         return refuse(std::string(key) + " is missing or no number");
     out.topic = topic;
-    out.board = text_of(head.board);
-    out.run = static_cast<std::int64_t>(head.run.via.u64);
-    out.seq = head.seq.via.u64;
-    out.timestamp = head.timestamp.via.f64;
-    out.evidence = evidence.via.f64;
+    out.board = board;
+    out.run = static_cast<std::int64_t>(run);
     out.received_s = now_s;
     out.received_unix_s = unix_s;
     return true;

@@ -1,6 +1,7 @@
 """The inbox of C++ makes the same items of the same streams as that of Python, and reads every message."""
 
 import json
+import random
 import subprocess
 from collections import Counter
 from collections.abc import Sequence
@@ -177,6 +178,18 @@ def test_both_refuse_the_same_bytes(native_inbox: Path, payload: bytes) -> None:
     recorded = RecordedInbox()
     recorded.receive([b"tactile/TS0001/slip", payload])
     recorded.receive([b"tactile/TS0001/slip", msgpack.packb(GOOD | {"seq": 3})])
+    assert_same(native_inbox, recorded)
+
+
+def test_both_refuse_the_same_values_of_each_head(native_inbox: Path) -> None:
+    """Each head of msgpack before bytes that are too few, enough or too many, in a list and in a map."""
+    rng, recorded = random.Random(0), RecordedInbox()
+    for head in range(256):
+        for n_bytes in (0, 1, 2, 4, 8, 9, 13, 17, 40):
+            value = bytes([head]) + bytes(rng.choice((0, 1, 2, 65, 192, 255)) for _ in range(n_bytes))
+            for around in (b"", b"\x91", b"\x81\xa1k", b"\x81"):
+                recorded.receive([b"tactile/TS0001/slip", with_field(around + value)])
+    assert 500 < recorded.inbox.malformed < len(recorded.outcomes) - 500  # both kinds are among them
     assert_same(native_inbox, recorded)
 
 

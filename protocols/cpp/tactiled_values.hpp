@@ -1,0 +1,304 @@
+// Values of msgpack, read from their bytes one after the other, without an allocation.
+//
+// After a wait, caches are cold: a parser that makes an object of each value delays a message. Whatever the bytes
+// claim, nothing beyond their end is read.
+//
+// Needs C++17.
+#pragma once
+
+#include <cstdint>
+#include <cstring>
+#include <exception>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <vector>
+
+namespace tactiled {
+
+namespace detail {
+
+// The bytes are no value, or one of another type than what is asked for.
+struct Unreadable : std::exception {};
+
+// Values in their order (github.com/msgpack/msgpack, spec.md). All that takes one throws Unreadable.
+class Values {
+public:
+    explicit Values(std::string_view bytes) : at_(bytes.data()), end_(bytes.data() + bytes.size()) {}
+
+    bool is_at_end() const { return at_ == end_; }
+    bool is_text() const { return is_text(peek()); }
+    bool is_binary() const { return peek() >= 0xC4 && peek() <= 0xC6; }
+    bool is_ext() const { return is_ext(peek()); }
+    bool is_array() const { return is_array(peek()); }
+    bool is_map() const { return is_map(peek()); }
+
+    // Bytes from here to a later place.
+    std::string_view until(const Values& later) const
+    {
+        return {at_, static_cast<std::size_t>(later.at_ - at_)};
+    }
+
+    bool take_bool()
+    {
+        const unsigned head = take_head();
+        need(head == 0xC2 || head == 0xC3);
+        return head == 0xC3;
+    }
+
+    double take_float()
+    {
+        const unsigned head = take_head();
+        need(head == 0xCA || head == 0xCB);
+        return head == 0xCB ? as<double>(number<std::uint64_t>()) : as<float>(number<std::uint32_t>());
+    }
+
+    // Float, or a whole number.
+    double take_number()
+    {
+        if (peek() == 0xCA || peek() == 0xCB)
+            return take_float();
+        const Whole whole = take_whole();
+        return whole.is_negative ? static_cast<double>(static_cast<std::int64_t>(whole.bits))
+                                 : static_cast<double>(whole.bits);
+    }
+
+    std::int64_t take_int()
+    {
+        const Whole whole = take_whole();
+        need(whole.is_negative || whole.bits <= static_cast<std::uint64_t>(INT64_MAX));
+        return static_cast<std::int64_t>(whole.bits);
+    }
+
+    // Whole number from 0 on, below a limit.
+    std::uint64_t take_count(std::uint64_t limit)
+    {
+        const Whole whole = take_whole();
+        need(!whole.is_negative && whole.bits < limit);
+        return whole.bits;
+    }
+
+    std::string_view take_text()
+    {
+        const unsigned head = take_head();
+        need(is_text(head));
+        return take_bytes(head < 0xC0 ? head & 0x1F : size_of(head - 0xD9));
+    }
+
+    // Type and data of an extension.
+    std::string_view take_ext()
+    {
+        const unsigned head = take_head();
+        need(is_ext(head));
+        return take_bytes((head < 0xD4 ? size_of(head - 0xC7) : std::uint64_t{1} << (head - 0xD4)) + 1);
+    }
+
+    // Number of entries, which follow.
+    std::uint64_t take_array()
+    {
+        const unsigned head = take_head();
+        need(is_array(head));
+        return entries(head < 0xC0 ? head & 0x0F : size_of(head - 0xDB));
+    }
+
+    // Number of pairs, which follow.
+    std::uint64_t take_map()
+    {
+        const unsigned head = take_head();
+        need(is_map(head));
+        return entries(head < 0xC0 ? head & 0x0F : size_of(head - 0xDD));
+    }
+
+    // Pass over the next value with all that it contains, and return it as bytes.
+    std::string_view skip()
+    {
+        const Values before = *this;
+        for (std::uint64_t n_left = 1; n_left > 0; --n_left) {
+            const unsigned head = take_head();
+            if (head < 0x80 || head >= 0xE0)  // small whole numbers
+                continue;
+            if (head < 0x90)  // map
+                n_left += 2 * (head & 0x0F);
+            else if (head < 0xA0)  // array
+                n_left += head & 0x0F;
+            else if (head < 0xC0)  // text
+                take_bytes(head & 0x1F);
+            else if (head < 0xC4)  // nil, false, true; 0xC1 begins nothing
+                need(head != 0xC1);
+            else if (head < 0xC7)  // binary data
+                take_bytes(size_of(head - 0xC4));
+            else if (head < 0xCA)  // extension
+                take_bytes(size_of(head - 0xC7) + 1);
+            else if (head < 0xCC)  // float
+                take_bytes(head == 0xCA ? 4 : 8);
+            else if (head < 0xD4)  // whole number
+                take_bytes(std::uint64_t{1} << (head & 3));
+            else if (head < 0xD9)  // extension of a fixed size
+                take_bytes((std::uint64_t{1} << (head - 0xD4)) + 1);
+            else if (head < 0xDC)  // text
+                take_bytes(size_of(head - 0xD9));
+            else if (head < 0xDE)  // array
+                n_left += size_of(head - 0xDB);
+            else  // map
+                n_left += 2 * size_of(head - 0xDD);
+        }
+        return before.until(*this);
+    }
+
+private:
+    struct Whole {
+        std::uint64_t bits;
+        bool is_negative;
+    };
+
+    static void need(bool holds)
+    {
+        if (!holds)
+            throw Unreadable();
+    }
+
+    static bool is_text(unsigned head) { return (head & 0xE0) == 0xA0 || (head >= 0xD9 && head <= 0xDB); }
+    static bool is_ext(unsigned head)
+    {
+        return (head >= 0xC7 && head <= 0xC9) || (head >= 0xD4 && head <= 0xD8);
+    }
+    static bool is_array(unsigned head) { return (head & 0xF0) == 0x90 || head == 0xDC || head == 0xDD; }
+    static bool is_map(unsigned head) { return (head & 0xF0) == 0x80 || head == 0xDE || head == 0xDF; }
+
+    // Head of the next value; at the end 0xC1, which begins none.
+    unsigned peek() const { return at_ < end_ ? static_cast<std::uint8_t>(*at_) : 0xC1; }
+
+    unsigned take_head()
+    {
+        need(at_ < end_);
+        return static_cast<std::uint8_t>(*at_++);
+    }
+
+    std::string_view take_bytes(std::uint64_t size)
+    {
+        need(size <= static_cast<std::uint64_t>(end_ - at_));
+        at_ += size;
+        return {at_ - size, static_cast<std::size_t>(size)};
+    }
+
+    // Each entry has a byte or more: no memory is taken for what a head claims alone.
+    std::uint64_t entries(std::uint64_t count) const
+    {
+        need(count <= static_cast<std::uint64_t>(end_ - at_));
+        return count;
+    }
+
+    // Number in big-endian order.
+    template <class T> T number()
+    {
+        T found = 0;
+        for (const char byte : take_bytes(sizeof found))
+            found = static_cast<T>(found << 8 | static_cast<std::uint8_t>(byte));
+        return found;
+    }
+
+    // Size in 1, 2 or 4 bytes.
+    std::uint64_t size_of(unsigned log2_bytes)
+    {
+        return log2_bytes == 0   ? number<std::uint8_t>()
+               : log2_bytes == 1 ? number<std::uint16_t>()
+                                 : number<std::uint32_t>();
+    }
+
+    Whole take_whole()
+    {
+        const unsigned head = take_head();
+        if (head < 0x80)
+            return {head, false};
+        if (head >= 0xE0)
+            return of_signed(static_cast<std::int8_t>(head));
+        switch (head) {
+        case 0xCC: return {number<std::uint8_t>(), false};
+        case 0xCD: return {number<std::uint16_t>(), false};
+        case 0xCE: return {number<std::uint32_t>(), false};
+        case 0xCF: return {number<std::uint64_t>(), false};
+        case 0xD0: return of_signed(static_cast<std::int8_t>(number<std::uint8_t>()));
+        case 0xD1: return of_signed(static_cast<std::int16_t>(number<std::uint16_t>()));
+        case 0xD2: return of_signed(static_cast<std::int32_t>(number<std::uint32_t>()));
+        case 0xD3: return of_signed(static_cast<std::int64_t>(number<std::uint64_t>()));
+        default: throw Unreadable();
+        }
+    }
+
+    static Whole of_signed(std::int64_t number)
+    {
+        return {static_cast<std::uint64_t>(number), number < 0};
+    }
+
+    template <class T, class Bits> static T as(Bits bits)
+    {
+        T number;
+        static_assert(sizeof number == sizeof bits);
+        std::memcpy(&number, &bits, sizeof number);
+        return number;
+    }
+
+    const char *at_, *end_;
+};
+
+// Entry of a map whose key is a text; its value as bytes.
+struct Entry {
+    std::string_view key, value;
+};
+
+// Map with the interface that `from_json` of tactiled_events.hpp asks for. `entries` are its memory.
+class MapView {
+public:
+    struct Field {
+        Values values;
+        template <class T> void get_to(T& out) { fill(values, out); }
+    };
+
+    MapView(std::string_view bytes, std::vector<Entry>& entries) : entries_(entries)
+    {
+        Values values(bytes);
+        entries_.clear();
+        for (std::uint64_t n_left = values.take_map(); n_left > 0; --n_left) {
+            const std::string_view key = values.is_text() ? values.take_text() : values.skip().substr(0, 0);
+            entries_.push_back({key, values.skip()});
+        }
+    }
+
+    // Value of a key; of a repeated key the last one.
+    Field at(std::string_view key) const
+    {
+        for (std::size_t n = entries_.size(); n-- > 0;)
+            if (entries_[n].key == key)
+                return {Values(entries_[n].value)};
+        throw Unreadable();
+    }
+
+private:
+    static void fill(Values& values, bool& out) { out = values.take_bool(); }
+    static void fill(Values& values, double& out) { out = values.take_number(); }
+    static void fill(Values& values, std::int64_t& out) { out = values.take_int(); }
+    static void fill(Values& values, std::string& out) { out = values.take_text(); }
+
+    template <class T> static void fill(Values& values, std::vector<T>& out)
+    {
+        out.resize(static_cast<std::size_t>(values.take_array()));
+        for (std::size_t n = 0; n < out.size(); ++n) {
+            if constexpr (std::is_same_v<T, bool>)
+                out[n] = values.take_bool();
+            else
+                fill(values, out[n]);
+        }
+    }
+
+    template <class T> static void fill(Values& values, T& out)  // a structure within a message
+    {
+        std::vector<Entry> entries;
+        from_json(MapView(values.skip(), entries), out);
+    }
+
+    std::vector<Entry>& entries_;
+};
+
+}  // namespace detail
+
+}  // namespace tactiled
