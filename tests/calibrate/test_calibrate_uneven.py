@@ -112,13 +112,55 @@ def test_a_press_in_a_pause_of_the_reference_is_no_force_of_zero(offset_n: float
     assert any("s were left out: the reference pauses" in words for words in found.file.verdict)
 
 
+@pytest.mark.parametrize(("late_s", "seed"), [(0.0, 0), (0.0, 3), (3.0, 0)])
+def test_a_hole_does_not_mislead_the_clocks(late_s: float, seed: int) -> None:
+    """Presses repeat: with a straight line over the hole, another offset resembles the log more."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(0.0, 100.0, 0.04)
+    table, readings = reference(), creeping_skin(time_s, rng)
+    readings += 3.0 * rng.standard_normal(readings.shape)
+    seen = (table.time_s < 31.0) | (table.time_s > 51.0)
+    holed = ReferenceTable(table.time_s[seen] + late_s, table.values[seen])
+    found = calibrate(SKIN, time_s, readings, holed, Identity("skin"))
+    assert found.late_s == pytest.approx(late_s, abs=0.1)
+    assert np.sqrt((live_error_n(found, SKIN, time_s, readings) ** 2).mean()) < 0.4
+
+
+def test_noise_bends_no_pause_of_one_channel() -> None:
+    rng = np.random.default_rng(0)
+    time_s = np.arange(0.0, 100.0, 0.04)
+    table, force_n = reference(), presses_n(time_s)
+    value = np.round(table.values[:, 2], 1)
+    rows = np.flatnonzero(np.diff(value, prepend=np.nan, append=np.nan)[:-1] != 0)
+    rows = np.unique(np.concatenate([rows, np.maximum(rows - 1, 0)]))
+    readings = (force_n + 0.5 * rng.standard_normal(len(time_s)))[:, np.newaxis]
+    written = ReferenceTable(table.time_s[rows], table.values[rows])
+    found = calibrate(CELL, time_s, readings, written, Identity("cell"))
+    assert not any("left out: the reference" in words for words in found.file.verdict)
+
+
+def test_the_reference_is_a_straight_line_between_its_samples() -> None:
+    time_s = np.arange(0.0, 10.0, 0.02)
+    slow_s = np.arange(0.0, 10.1, 1.0)
+    values = np.zeros((len(slow_s), 6))
+    values[:, 2] = slow_s**2
+    table = ReferenceTable(slow_s, values)
+    log = bin_log(time_s, np.zeros((len(time_s), SKIN.n_channels)), SKIN)
+    means = AlignedReference(table, log).means(0.0, 0.0)[:, 2]
+    middle_s = (log.start_s + log.end_s) / 2
+    at_once = np.floor(log.start_s) == np.floor(log.end_s)  # a bin with a sample in it has a bent line
+    assert at_once.sum() > 100
+    assert means[at_once] == pytest.approx(np.interp(middle_s, slow_s, slow_s**2)[at_once])
+
+
 @pytest.mark.parametrize(
-    ("offset_n", "noise", "error_n"), [(0.0, 0.0, 0.2), (5.0, 0.0, 0.2), (0.0, 45.0, 2.0)]
+    ("offset_n", "noise", "seed", "error_n"),
+    [(0.0, 0.0, 0, 0.2), (5.0, 0.0, 0, 0.2), *((0.0, 45.0, seed, 2.0) for seed in range(3))],
 )
 def test_a_reference_that_is_written_on_a_change_is_used_whole(
-    offset_n: float, noise: float, error_n: float
+    offset_n: float, noise: float, seed: int, error_n: float
 ) -> None:
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, 100.0, 0.04)
     table, readings = reference(), creeping_skin(time_s, rng)
     readings += noise * rng.standard_normal(readings.shape)
@@ -136,7 +178,7 @@ def test_records_that_overlap_at_one_offset_only_are_aligned() -> None:
     log = bin_log(time_s, np.outer(presses_n(time_s), np.ones(SKIN.n_channels)), SKIN)
     table = reference()
     table.values[:, 2] = presses_n(np.maximum(table.time_s - 94.98, 0.0))
-    found = align(log, AlignedReference(table, log), SKIN, 99.98)
+    found = align(log, AlignedReference(table, log), SKIN, 99.98, np.zeros(len(log), dtype=np.bool_))
     assert found.late_s == pytest.approx(94.98)
     assert 0.0 < found.sd_s < 0.02
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import AlignedReference, BinnedLog
@@ -55,22 +56,28 @@ def align(
     reference: AlignedReference,
     array: Array,
     between_s: float,
+    unseen: NDArray[np.bool_],
     *,
     is_same_clock: bool = False,
 ) -> Alignment:
     """Find the offset of the clocks at which the records resemble each other most.
 
     `between_s` is the first scan of the log minus the first sample of the reference, by their own clocks. The
-    true offset is searched within `WITHIN_S` of it; with `is_same_clock` it is taken as it is. `DataError`
-    where the records do not resemble each other, or do not overlap.
+    true offset is searched within `WITHIN_S` of it; with `is_same_clock` it is taken as it is. `unseen` (n,)
+    is True for bins in which the reference says nothing, at about the true offset. `DataError` where the
+    records do not resemble each other, or do not overlap.
     """
+    if unseen.any():  # at another offset, other bins are
+        unseen = binary_dilation(unseen, iterations=max(1, round(WITHIN_S / log.step_s)))
     step_s = log.step_s / 2
     lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))
-    always = reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0)
+    always = (
+        reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0) & ~unseen
+    )
     if always.sum() > _LEAST_ALWAYS * len(log):
         match = _explained(log, reference, always)
     else:
-        match = _of_same_size(log, reference, array)
+        match = _of_same_size(log, reference, array, ~unseen)
     values = np.array([match(lag_s)[0] for lag_s in lags_s.tolist()])
     if not np.isfinite(values).any():
         raise DataError(
@@ -89,7 +96,7 @@ def align(
         sd_s = _sd_s(lags_s, values, len(rest) / max(correlation_bins(column) for column in rest.T))
     if 2 not in reference.outputs:
         return Alignment(late_s, sd_s, 1.0)
-    inside = reference.inside(late_s, 0.0)
+    inside = reference.inside(late_s, 0.0) & ~unseen
     normal = reference.means(late_s, 0.0)[:, 2]
     return Alignment(late_s, sd_s, correlation_of(pressure(log, array)[inside], normal[inside]))
 
@@ -138,13 +145,15 @@ def _explained(log: BinnedLog, reference: AlignedReference, rows: NDArray[np.boo
     return match
 
 
-def _of_same_size(log: BinnedLog, reference: AlignedReference, array: Array) -> Match:
+def _of_same_size(
+    log: BinnedLog, reference: AlignedReference, array: Array, seen: NDArray[np.bool_]
+) -> Match:
     """Correlation of pressure and normal force, for records of which some offsets cover little."""
     pressed = pressure(log, array)
     least = min(0.5 * len(log), _LEAST_COVERED_S / log.step_s)
 
     def match(late_s: float) -> tuple[float, FloatArray]:
-        inside = reference.inside(late_s, 0.0)
+        inside = reference.inside(late_s, 0.0) & seen
         if inside.sum() < least:
             return math.nan, np.empty((0, 1))
         shown, felt = _size(reference, reference.means(late_s, 0.0))[inside], pressed[inside]

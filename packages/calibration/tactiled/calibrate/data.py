@@ -242,14 +242,18 @@ def _filled(time_s: FloatArray, readings: FloatArray) -> FloatArray:
 
 
 class AlignedReference:
-    """Reference averaged over the bins of a log, at any offset and drift of its clock."""
+    """Reference averaged over the bins of a log, at any offset and drift of its clock.
+
+    Between its samples the reference is a straight line.
+    """
 
     def __init__(self, table: ReferenceTable, log: BinnedLog) -> None:
         self._log = log
         self._origin_s = float(table.time_s[0])
         self._time_s = table.time_s - self._origin_s
         spacing_s = np.diff(self._time_s)
-        values = np.where(np.isfinite(table.values), table.values, 0.0)
+        values = self._values = np.where(np.isfinite(table.values), table.values, 0.0)
+        self._slopes = np.diff(values, axis=0) / spacing_s[:, np.newaxis]
         areas = (values[1:] + values[:-1]) / 2 * spacing_s[:, np.newaxis]
         self._integral = np.concatenate([np.zeros((1, len(OUTPUTS))), np.cumsum(areas, axis=0)])
         self._table = table
@@ -284,12 +288,17 @@ class AlignedReference:
         return np.where(is_long[after] & (np.searchsorted(self._time_s, end) == after), after, -1)
 
     def _at(self, time_s: FloatArray) -> FloatArray:
-        columns = [np.interp(time_s, self._time_s, column) for column in self._integral.T]
-        integral = np.stack(columns, axis=1)
-        # Beyond the ends the integral goes on with the first and the last value.
+        """Integral (n, 6) from the first sample on; beyond the ends with the first and the last value."""
+        last = len(self._time_s) - 2
+        sample = np.clip(np.searchsorted(self._time_s, time_s, side="right") - 1, 0, last)
+        inside_s = np.clip(time_s, 0.0, self._time_s[-1])
+        since_s = (inside_s - self._time_s[sample])[:, np.newaxis]
+        integral = self._integral[sample] + since_s * (
+            self._values[sample] + since_s / 2 * self._slopes[sample]
+        )
         before, after = np.minimum(time_s, 0.0), np.maximum(time_s - self._time_s[-1], 0.0)
-        first, last = np.nan_to_num(self._table.values[[0, -1]])
-        return np.asarray(integral + before[:, np.newaxis] * first + after[:, np.newaxis] * last)
+        beyond = before[:, np.newaxis] * self._values[0] + after[:, np.newaxis] * self._values[-1]
+        return np.asarray(integral + beyond)
 
 
 class PoseReference(AlignedReference):

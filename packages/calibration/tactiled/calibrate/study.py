@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
+from scipy.special import chdtri
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
@@ -34,6 +35,10 @@ _PREFERENCE = 2.0
 # Of the largest readings. Creep by a fifth in a hold bends readings by .06, and a lost press by its own size:
 # one that is smaller than this changes little.
 _MOST_BEND, _LARGEST = 0.1, 0.98  # the second: quantile of the readings
+_ALIGNED = (
+    3  # times: what the reference does not see is known at about the true offset, and misleads until then
+)
+_BY_NOISE = 0.01  # probability that noise alone bends the readings of a pause
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
 _PROBED = 0.002  # of the largest reading: size of these patterns
@@ -105,12 +110,16 @@ def calibrate(
         between_s = between_s if is_same_clock or abs(between_s) <= longest_s else 0.0
     check_log(log, array)
     check_unit(log, table, array)
-    clocks = align(log, reference, array, between_s, is_same_clock=is_same_clock or are_poses)
-    late_s, drift = clocks.late_s, 0.0
+    unseen = np.zeros(len(log), dtype=np.bool_)
+    for _ in range(_ALIGNED):
+        clocks = align(log, reference, array, between_s, unseen, is_same_clock=is_same_clock or are_poses)
+        late_s, drift = clocks.late_s, 0.0
+        rows = reference.inside(late_s, 0.0)
+        unseen = _unseen(log, np.where(rows, reference.pauses(late_s), -1))
+        if not unseen.any():
+            break
     reached("clocks")
-    rows = reference.inside(late_s, 0.0)
     used = reference.outputs
-    unseen = _unseen(log, np.where(rows, reference.pauses(late_s), -1))
     rows &= ~unseen
     check_signs(log, reference.means(late_s, 0.0), used, rows, array, clocks.correlation)
     candidates: list[FittedModel] = []
@@ -183,15 +192,20 @@ def _unseen(log: BinnedLog, pause: NDArray[np.int64]) -> NDArray[np.bool_]:
     """
     unseen = np.zeros(len(log), dtype=np.bool_)
     most = _MOST_BEND * np.quantile(np.linalg.norm(log.readings, axis=1), _LARGEST)
-    # The white noise of a bin and that of the line, which is at most as large as a bin's.
-    noise_square = 2 * float((log.noise**2).sum()) / log.bin_scans
+    # White noise of a bin and of the line, which has at most as much: summed over channels of unequal noise,
+    # a multiple of a chi-square of so many degrees of freedom (Satterthwaite 1946).
+    variance = 2 * log.noise**2 / log.bin_scans
+    freedom = float(variance.sum() ** 2 / max((variance**2).sum(), 1e-300))
     for one in np.unique(pause[pause >= 0]):
         bins = np.flatnonzero(pause == one)
         ends = [max(bins[0] - 1, 0), min(bins[-1] + 1, len(log) - 1)]
         part = np.interp(log.middle_s[bins], log.middle_s[ends], [0.0, 1.0])[:, np.newaxis]
         first, last = log.readings[ends]
         bend = log.readings[bins] - (1 - part) * first - part * last
-        unseen[bins] = (bend**2).sum(axis=1).max() - noise_square > most**2
+        by_noise = (
+            float(variance.sum() * chdtri(freedom, _BY_NOISE / len(bins)) / freedom) if freedom else 0.0
+        )
+        unseen[bins] = (bend**2).sum(axis=1).max() - by_noise > most**2
     return unseen
 
 
