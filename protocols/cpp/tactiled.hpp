@@ -127,7 +127,10 @@ private:
         // Without a request, the socket waits: a system call less between a message and its reader.
         if (wait_s >= 1e-3 && !inbox_.requests().is_waiting()) {
             const int wait_ms = static_cast<int>(1e3 * std::min(wait_s, detail::LONGEST_WAIT_S));
-            events_.set(zmq::sockopt::rcvtimeo, wait_ms);
+            if (wait_ms < timeout_ms_ || wait_ms / 2 > timeout_ms_) {  // a wait that ends early is begun again
+                events_.set(zmq::sockopt::rcvtimeo, wait_ms);
+                timeout_ms_ = wait_ms;
+            }
             has_part_ = may_receive_ = zmq_msg_recv(parts_[0].handle(), events_.handle(), 0) >= 0;
             return has_part_ || zmq_errno() == EAGAIN;
         }
@@ -178,6 +181,7 @@ private:
     zmq::context_t context_;
     zmq::socket_t events_, requests_;  // requests_ has no handle where nothing is requested
     int events_fd_ = -1, requests_fd_ = -1;
+    int timeout_ms_ = -1;  // of a wait of events_; ZeroMQ's own is none
     // A descriptor is signalled once; from then on, a socket is read until it has nothing more.
     bool may_receive_ = true, may_have_reply_ = true;
     bool has_part_ = false;    // the first part was taken
