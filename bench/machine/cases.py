@@ -108,9 +108,10 @@ def recorded(guest: Guest, board: Board, during: Callable[[], None], unit: str =
     during()
     guest.run(f"systemctl stop {unit}")
     guest.mount_share()
-    # The largest one: a daemon that was restarted has begun another.
-    guest.run(f"cp $(ls -S {_PLACE}/*.mcap | head -n 1) /mnt/recorded.mcap && umount /mnt")
-    guest.run(f"systemctl start {unit}")
+    names = guest.run(f"ls {_PLACE}/*.mcap").split()
+    if len(names) != 1:
+        raise OperatorError(f"{unit} has made {len(names)} recordings: it was restarted meanwhile")
+    guest.run(f"cp {names[0]} /mnt/recorded.mcap; umount /mnt; systemctl start {unit}")
     return read_recording(guest.share / "recorded.mcap")
 
 

@@ -74,10 +74,12 @@ struct Head {
     }
 };
 
-// True for type and data of an extension; a timestamp, which has type -1, must be one.
+// True for type and data of an extension that Python's msgpack takes: types from 0 on, and -1 with a timestamp.
 inline bool is_valid_ext(std::string_view ext)
 {
-    if (ext[0] != '\xFF' || ext.size() == 5)
+    if (ext[0] != '\xFF')
+        return static_cast<signed char>(ext[0]) >= 0;
+    if (ext.size() == 5)
         return true;
     if (ext.size() != 9 && ext.size() != 13)
         return false;

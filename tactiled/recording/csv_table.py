@@ -110,11 +110,11 @@ class _CsvTable:
         while len(self.header) > 1 and not self.header[-1]:
             self.header.pop()
         self.first = next(self._rows, [])
-        if len(self.first) == self._n_cells + 1 and not self.first[-1].strip():
-            self._n_cells += 1  # the header alone does not end with a separator
+        if len(self.first) >= len(self.header) and not any(map(str.strip, self.first[len(self.header) :])):
+            self._n_cells = len(self.first)  # header and rows may differ in whether they end with a separator
 
     def _filled_rows(self) -> Iterator[list[str]]:
-        """Yield the rows with anything in them; each stands in one line."""
+        """Yield the rows but for empty lines; each stands in one line."""
         line = 0
         for cells in self._reader:
             if self._reader.line_num > line + 1:
@@ -122,7 +122,7 @@ class _CsvTable:
                     f"{self.path}: line {line + 1}: a quotation mark has no other one in this line"
                 )
             line = self._reader.line_num
-            if any(map(str.strip, cells)):
+            if cells:
                 yield cells
 
     def read(
@@ -136,13 +136,16 @@ class _CsvTable:
         if twins := sorted(name for name in used if name and self.header.count(name) > 1):
             raise DataError(f"{self.path}: two columns have the same name: {', '.join(twins)}; rename one")
         numbers = array("d")  # it grows in place
+        read_time = _date if times.are_dates else _number
         for cells in chain([self.first] if self.first else [], self._rows):
+            if stamps and not any(map(str.strip, cells)):
+                continue  # a missing scan where a rate spaces the rows, but nothing where times do
             where = f"{self.path}: line {self._reader.line_num}"
             if len(cells) != self._n_cells:
                 raise DataError(f"{where} has {len(cells)} cells, the header has {self._n_cells}")
             if any(map(str.strip, cells[len(self.header) :])):
                 raise DataError(f"{where}: the last cell has no name in the header")
-            numbers.extend([_time(cells[column], where, advice) for column in stamps])
+            numbers.extend([read_time(cells[column], where, advice) for column in stamps])
             numbers.extend([_number(cells[column], where, advice) for column in needed])
             check_size(self.path, numbers.itemsize * len(numbers))
         table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
@@ -208,8 +211,8 @@ def _number(cell: str, where: str, advice: str) -> float:
         raise DataError(f"{fault}; {advice}" if advice else fault) from None
 
 
-def _time(cell: str, where: str, advice: str) -> float:
-    """Return a number, or the seconds of a date."""
+def _date(cell: str, where: str, advice: str) -> float:
+    """Return the seconds of a date, or else a number."""
     date_s = _date_s(cell)
     return _number(cell, where, advice) if date_s is None else date_s
 

@@ -77,7 +77,7 @@ def _rate_fault(spacing_s: float, times: Times, options: TableOptions) -> str:
     rows = f"rows are {spacing_s:g} s apart by {times.name}, {rate_hz:g} Hz"
     if rate_hz > fastest:
         return f"{rows}, and no board is faster than {fastest:g} Hz; give it in seconds or say --time-unit"
-    is_known = options.rate_hz is not None or options.time_unit is not None or given != "s"
+    is_known = options.rate_hz is not None or options.time_unit is not None or given != "s" or times.are_dates
     if rate_hz >= (slowest if is_known else _SLOWEST_LIKELY_HZ):
         return ""
     unit_hz = rate_hz * SECONDS[given]

@@ -48,6 +48,7 @@ class Times(NamedTuple):
     used: tuple[str, ...]
     units: tuple[TimeUnit, ...]  # of the used ones
     unused: tuple[str, ...]  # that have times, too
+    are_dates: bool = False
 
     @property
     def name(self) -> str:
@@ -105,7 +106,7 @@ def find_times(
         raise DataError(f"{path}: --time-unit {given}, but the times are in {named}: which is it?")
     if options.rate_hz is not None:
         return times([], [])
-    return times(dated[:1], ["s"]) if dated else None
+    return times(dated[:1], ["s"])._replace(are_dates=True) if dated else None
 
 
 def unit_of(name: str) -> TimeUnit | Literal[""] | None:

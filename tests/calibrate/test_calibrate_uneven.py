@@ -126,6 +126,21 @@ def test_a_hole_does_not_mislead_the_clocks(late_s: float, seed: int) -> None:
     assert np.sqrt((live_error_n(found, SKIN, time_s, readings) ** 2).mean()) < 0.4
 
 
+@pytest.mark.parametrize("is_same_clock", [False, True])
+def test_a_reference_that_stutters_is_taken(is_same_clock: bool) -> None:
+    """Presses of 2.5 s, and each 8 s a pause of 1.2 s: within some seconds of every bin one is unseen."""
+    rng = np.random.default_rng(0)
+    time_s = np.arange(0.0, 100.0, 0.04)
+    table, force_n = reference(), presses_n(4.0 * time_s)
+    table.values[:, 2] = presses_n(4.0 * table.time_s)
+    seen = (table.time_s - 3.3) % 8.0 > 1.2
+    stuttering = ReferenceTable(table.time_s[seen], table.values[seen])
+    readings = (force_n + 0.05 * rng.standard_normal(len(time_s)))[:, np.newaxis]
+    found = calibrate(CELL, time_s, readings, stuttering, Identity("cell"), is_same_clock=is_same_clock)
+    assert found.late_s == pytest.approx(0.0, abs=0.1)
+    assert np.sqrt((found.left_out[:, 2] ** 2).mean()) < 0.3
+
+
 def test_noise_bends_no_pause_of_one_channel() -> None:
     rng = np.random.default_rng(0)
     time_s = np.arange(0.0, 100.0, 0.04)

@@ -161,6 +161,7 @@ def signed(name: str, form: int) -> bytes:
         with_field(b"\x81\x01\x01"), with_field(b"\x81\xc4\x01x\x01"), with_field(b"\x81\x90\x01"),
         with_field(b"\x82\xa1a\x01\xa1a\x02"), with_field(b"\x81\xa0\x01"), with_field(b"\xd9\x01x"),
         # Timestamps of msgpack, and other extensions
+        *(with_field(b"\xd4" + bytes([type_]) + b"\0") for type_ in (0, 127, 128, 254)),
         *(with_field(ext) for ext in (b"\xd4\xff\0", b"\xd6\xff\0\0\0\0", b"\xd7\xff" + b"\xff" * 8)),
         *(with_field(b"\xc7" + ext) for ext in (b"\x0c\xff" + b"\0" * 12, b"\x0c\xff" + b"\xff" * 12)),
         *(with_field(b"\xc7" + ext) for ext in (b"\0\xff", b"\0\x05", b"\x03\x05abc")),
@@ -185,8 +186,8 @@ def test_both_refuse_the_same_values_of_each_head(native_inbox: Path) -> None:
     """Each head of msgpack before bytes that are too few, enough or too many, in a list and in a map."""
     rng, recorded = random.Random(0), RecordedInbox()
     for head in range(256):
-        for n_bytes in (0, 1, 2, 4, 8, 9, 13, 17, 40):
-            value = bytes([head]) + bytes(rng.choice((0, 1, 2, 65, 192, 255)) for _ in range(n_bytes))
+        for n_bytes in (0, 1, 2, 3, 4, 5, 8, 9, 13, 17, 40):
+            value = bytes([head]) + bytes(rng.choice((0, 1, 2, 65, 192, 254, 255)) for _ in range(n_bytes))
             for around in (b"", b"\x91", b"\x81\xa1k", b"\x81"):
                 recorded.receive([b"tactile/TS0001/slip", with_field(around + value)])
     assert 500 < recorded.inbox.malformed < len(recorded.outcomes) - 500  # both kinds are among them

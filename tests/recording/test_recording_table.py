@@ -30,6 +30,7 @@ def test_tables_with_other_separators_are_read(tmp_path: Path, separator: str) -
         ("time_s,a,b", "{t},{a},{b},", 0.0),
         (",time_s,a,b", "{k},{t},{a},{b}", 0.0),  # as pandas numbers rows
         ("\ntime_s,a,b", "{t},{a},{b}\n,,", 0.0),
+        ("time_s,a,b,", "{t},{a},{b}", 0.0),
         ("time,a,b", "1970-01-02 01:00:{t:09.6f},{a},{b}", 90_000.0),
         ("Timestamp;a;b", "1970-01-02T01:00:{t:09.6f}+01:00;{a};{b}", 86_400.0),
     ],
@@ -84,6 +85,20 @@ def test_dates_are_the_times_where_nothing_is_better(tmp_path: Path) -> None:
         read_table(path, TableOptions(time_unit="ms"))
     with pytest.raises(DataError, match="time_s does not grow at row 2 "):
         read_table(path)
+
+
+@pytest.mark.parametrize("missing", ["", '""'])
+def test_a_row_of_empty_cells_counts_where_a_rate_spaces_the_rows(tmp_path: Path, missing: str) -> None:
+    (tmp_path / "log.csv").write_text(f"a,b\n1,2\n{missing},{missing}\n3,4\n")
+    assert read_table(tmp_path / "log.csv", TableOptions(rate_hz=100.0))[0].tolist() == [0.0, 0.02]
+    (tmp_path / "log.csv").write_text(f'a\n1\n""\n3\n{missing}')
+    assert read_table(tmp_path / "log.csv", TableOptions(rate_hz=100.0))[0].tolist() == [0.0, 0.02]
+
+
+def test_dates_of_a_slow_log_are_taken_as_they_are(tmp_path: Path) -> None:
+    rows = [f"2026-11-29 08:15:{k:02d},{k}" for k in range(50)]
+    (tmp_path / "log.csv").write_text("\n".join(["time,a", *rows]))
+    assert np.diff(read_table(tmp_path / "log.csv")[0]).tolist() == [1.0] * 49
 
 
 def test_rows_without_readings_are_missing_scans(tmp_path: Path) -> None:

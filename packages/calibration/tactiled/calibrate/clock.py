@@ -67,8 +67,9 @@ def align(
     is True for bins in which the reference says nothing, at about the true offset. `DataError` where the
     records do not resemble each other, or do not overlap.
     """
-    if unseen.any():  # at another offset, other bins are
-        unseen = binary_dilation(unseen, iterations=max(1, round(WITHIN_S / log.step_s)))
+    if unseen.any() and not is_same_clock:  # at another offset, other bins are
+        at_any = binary_dilation(unseen, iterations=max(1, round(WITHIN_S / log.step_s)))
+        unseen = at_any if at_any.sum() < len(log) / 2 else unseen
     step_s = log.step_s / 2
     lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))
     always = (
