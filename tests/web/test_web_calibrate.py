@@ -98,6 +98,6 @@ def test_a_record_that_does_not_fit_is_refused_with_the_reason(pressed: Robot, p
     wrong.write_text("t,force\n0,1\n")
     page.locator(".calibrate .reference").set_input_files(wrong)
     page.locator(".calibrate .fit").press("Enter")
-    expect(step).to_contain_text("result: reference.csv: the header needs time_s and at least one of fx_n")
+    expect(step).to_contain_text("result: reference.csv: the header needs at least one of fx_n")
     expect(page.locator(".calibrate .verdict")).to_be_hidden()
     expect(page.locator(".calibrate .fit")).to_be_enabled()
