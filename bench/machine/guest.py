@@ -19,7 +19,7 @@ from tactiled.errors import OperatorError
 PATIENCE_S = 900.0  # without KVM everything is some twenty times slower, the installation most of all
 RATE_HZ = 25.0  # of the boards: the usual 100 Hz would take all of the emulated processor
 _MEMORY_MB = 1024
-PROCESSORS = 2  # of this host; on one, which is emulated, two daemons are killed by their watchdogs
+PROCESSORS = 2  # with one, two daemons starting together are too slow for their watchdogs
 _END = re.compile(rb"\n\x01(\d+)\x02\n")  # after the output of a command: its exit status
 
 

@@ -172,10 +172,10 @@ inline bool is_number(const msgpack::object* value)
     return value && (value->type == msgpack::type::FLOAT64 || value->type == msgpack::type::FLOAT32);
 }
 
-// True for whole numbers from 0 on, below a limit.
-inline bool is_count(const msgpack::object* value, std::uint64_t limit = SEQ_LIMIT)
+// True for a number that counts something.
+inline bool is_count(const msgpack::object* value)
 {
-    return value && value->type == msgpack::type::POSITIVE_INTEGER && value->via.u64 < limit;
+    return value && value->type == msgpack::type::POSITIVE_INTEGER && value->via.u64 < SEQ_LIMIT;
 }
 
 inline bool is_text(const msgpack::object& value) { return value.type == msgpack::type::STR; }

@@ -27,11 +27,11 @@ public:
     explicit Values(std::string_view bytes) : at_(bytes.data()), end_(bytes.data() + bytes.size()) {}
 
     bool is_at_end() const { return at_ == end_; }
-    bool is_text() const { return is_text(peek()); }
+    bool is_text() const { return (peek() & 0xE0) == 0xA0 || (peek() >= 0xD9 && peek() <= 0xDB); }
     bool is_binary() const { return peek() >= 0xC4 && peek() <= 0xC6; }
-    bool is_ext() const { return is_ext(peek()); }
-    bool is_array() const { return is_array(peek()); }
-    bool is_map() const { return is_map(peek()); }
+    bool is_ext() const { return (peek() >= 0xC7 && peek() <= 0xC9) || (peek() >= 0xD4 && peek() <= 0xD8); }
+    bool is_array() const { return (peek() & 0xF0) == 0x90 || peek() == 0xDC || peek() == 0xDD; }
+    bool is_map() const { return (peek() & 0xF0) == 0x80 || peek() == 0xDE || peek() == 0xDF; }
 
     // Bytes from here to a later place.
     std::string_view until(const Values& later) const
@@ -80,33 +80,31 @@ public:
 
     std::string_view take_text()
     {
+        need(is_text());
         const unsigned head = take_head();
-        need(is_text(head));
         return take_bytes(head < 0xC0 ? head & 0x1F : size_of(head - 0xD9));
     }
 
     // Type and data of an extension.
     std::string_view take_ext()
     {
+        need(is_ext());
         const unsigned head = take_head();
-        need(is_ext(head));
         return take_bytes((head < 0xD4 ? size_of(head - 0xC7) : std::uint64_t{1} << (head - 0xD4)) + 1);
     }
 
     // Number of entries, which follow.
     std::uint64_t take_array()
     {
-        const unsigned head = take_head();
-        need(is_array(head));
-        return entries(head < 0xC0 ? head & 0x0F : size_of(head - 0xDB));
+        need(is_array());
+        return take_entries(0xDB);
     }
 
     // Number of pairs, which follow.
     std::uint64_t take_map()
     {
-        const unsigned head = take_head();
-        need(is_map(head));
-        return entries(head < 0xC0 ? head & 0x0F : size_of(head - 0xDD));
+        need(is_map());
+        return take_entries(0xDD);
     }
 
     // Pass over the next value with all that it contains, and return it as bytes.
@@ -157,14 +155,6 @@ private:
             throw Unreadable();
     }
 
-    static bool is_text(unsigned head) { return (head & 0xE0) == 0xA0 || (head >= 0xD9 && head <= 0xDB); }
-    static bool is_ext(unsigned head)
-    {
-        return (head >= 0xC7 && head <= 0xC9) || (head >= 0xD4 && head <= 0xD8);
-    }
-    static bool is_array(unsigned head) { return (head & 0xF0) == 0x90 || head == 0xDC || head == 0xDD; }
-    static bool is_map(unsigned head) { return (head & 0xF0) == 0x80 || head == 0xDE || head == 0xDF; }
-
     // Head of the next value; at the end 0xC1, which begins none.
     unsigned peek() const { return at_ < end_ ? static_cast<std::uint8_t>(*at_) : 0xC1; }
 
@@ -181,9 +171,12 @@ private:
         return {at_ - size, static_cast<std::size_t>(size)};
     }
 
-    // Each entry has a byte or more: no memory is taken for what a head claims alone.
-    std::uint64_t entries(std::uint64_t count) const
+    // Number of entries, by a head that counts in 2 bytes where it is `before` + 1, and in 4 one further on.
+    std::uint64_t take_entries(unsigned before)
     {
+        const unsigned head = take_head();
+        const std::uint64_t count = head < 0xC0 ? head & 0x0F : size_of(head - before);
+        // Each entry has a byte or more: no memory is taken for what a head claims alone.
         need(count <= static_cast<std::uint64_t>(end_ - at_));
         return count;
     }

@@ -42,7 +42,7 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     is_npz = path.suffix.lower() == ".npz"
     times, time_s, readings = (read_npz if is_npz else read_csv)(path, options)
     if times.unused and not options.columns:
-        remedy = "" if is_npz else " (--columns keeps it as a channel)"
+        remedy = "" if is_npz else " (--columns keeps one of numbers as a channel)"
         left_out = ", ".join(times.unused)
         logger.warning("%s: times are those of %s; left out: %s%s", path, times.name, left_out, remedy)
     if time_s is None:

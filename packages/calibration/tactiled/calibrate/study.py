@@ -35,9 +35,9 @@ _PREFERENCE = 2.0
 # Of the largest readings. Creep by a fifth in a hold bends readings by .06, and a lost press by its own size:
 # one that is smaller than this changes little.
 _MOST_BEND, _LARGEST = 0.1, 0.98  # the second: quantile of the readings
-_ALIGNED = (
-    3  # times: what the reference does not see is known at about the true offset, and misleads until then
-)
+# Times that the clocks are aligned: only at about their true offset it is known what the reference does not
+# see, which misleads until then.
+_ALIGNED = 3
 _BY_NOISE = 0.01  # probability that noise alone bends the readings of a pause
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
