@@ -1,4 +1,4 @@
-"""Tables as text: a line with the names of the columns, then rows of numbers."""
+"""Tables as text: a line with the names of the columns, then rows of numbers; comments may stand above."""
 
 import csv
 import fnmatch
@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
 
@@ -28,6 +28,8 @@ from tactiled.recording.table_times import (
 logger = logging.getLogger(__name__)
 
 _MOST_LINE = 4 * 2**20  # characters: 12,000 channels have 300,000
+_SEPARATORS = ",;\t"  # spaces where a table has none of these
+_COMMENTS = "#", "%"
 
 
 def read_csv(path: Path, options: TableOptions) -> tuple[Times, FloatArray | None, FloatArray]:
@@ -101,9 +103,10 @@ class _CsvTable:
 
     def __init__(self, path: Path, stream: TextIO) -> None:
         self.path = path
-        first_line = stream.readline(_MOST_LINE)
-        stream.seek(0)
-        self._reader = csv.reader(_bounded_lines(path, stream), delimiter=max(",;\t", key=first_line.count))
+        lines = _bounded_lines(path, stream)
+        top, self._n_comments = _header_and_row(lines)
+        separator = _separator(top)
+        self._reader = csv.reader(chain(top, lines), delimiter=separator, skipinitialspace=separator == " ")
         self._rows = self._filled_rows()
         self.header = [name.strip() for name in next(self._rows, [])]
         self._n_cells = len(self.header)
@@ -118,9 +121,8 @@ class _CsvTable:
         line = 0
         for cells in self._reader:
             if self._reader.line_num > line + 1:
-                raise DataError(
-                    f"{self.path}: line {line + 1}: a quotation mark has no other one in this line"
-                )
+                at = self._n_comments + line + 1
+                raise DataError(f"{self.path}: line {at}: a quotation mark has no other one in this line")
             line = self._reader.line_num
             if cells:
                 yield cells
@@ -140,7 +142,7 @@ class _CsvTable:
         for cells in chain([self.first] if self.first else [], self._rows):
             if stamps and not any(map(str.strip, cells)):
                 continue  # a missing scan where a rate spaces the rows, but nothing where times do
-            where = f"{self.path}: line {self._reader.line_num}"
+            where = f"{self.path}: line {self._n_comments + self._reader.line_num}"
             if len(cells) != self._n_cells:
                 raise DataError(f"{where} has {len(cells)} cells, the header has {self._n_cells}")
             if any(map(str.strip, cells[len(self.header) :])):
@@ -165,6 +167,25 @@ def _opened(path: Path) -> Iterator[_CsvTable]:
         raise DataError(f"{path}: cannot be read: {error}") from None
 
 
+def _header_and_row(lines: Iterator[str]) -> tuple[list[str], int]:
+    """Return the header with the line after it, and the number of comments above.
+
+    numpy and ROS write the names of the columns as a comment, the last one above rows of numbers.
+    """
+    n_comments, comment, line = 0, "", next(lines, "")
+    while line.startswith(_COMMENTS):
+        n_comments, comment, line = n_comments + 1, line, next(lines, "")
+    if comment and all(map(_is_value, line.split(_separator([line])))):
+        return [comment.lstrip("".join(_COMMENTS)), line], n_comments - 1
+    return [line, *islice(lines, 1)], n_comments
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """Return the separator that the first line has most of; a space where no line has any."""
+    has_any = any(one in line for one in _SEPARATORS for line in lines)
+    return max(_SEPARATORS, key=lines[0].count) if has_any else " "
+
+
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:
     """Yield the lines of a file, none beyond the limit."""
     while line := stream.readline(_MOST_LINE):
@@ -180,7 +201,7 @@ def _times_of_header(table: _CsvTable, options: TableOptions, advice: str = OPTI
     if (times := find_times(table.path, header, options, dates)) is not None:
         return times
     if len(header) < 2:
-        advice = "the first line names the columns, with commas, semicolons or tabs between"
+        advice = "the first line names the columns, with commas, semicolons, tabs or spaces between"
     else:
         advice = f"{TIME_ADVICE}{advice}; dates are read as 2026-11-29 08:15:00.123"
     found = ", ".join(header[:6]) or "nothing"
@@ -231,6 +252,10 @@ def _date_s(cell: str) -> float | None:
 def _counts(header: Sequence[str]) -> bool:
     """Return True for the numbers of columns, from 0 or from 1, which programs write in place of names."""
     return any(list(header) == [str(first + k) for k in range(len(header))] for first in (0, 1))
+
+
+def _is_value(cell: str) -> bool:
+    return not cell.strip() or _is_number(cell) or _date_s(cell) is not None
 
 
 def _is_number(cell: str) -> bool:

@@ -26,10 +26,10 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
 
     Text (``.csv``, ``.tsv``, ``.txt``): a header, a column ``time_s`` (or ``stamp_ms``, ``Time [ms]`` and the
     like, or ``sec`` and ``nanosec``, or dates under a name of times), then one column per channel in channel
-    order, with commas, semicolons or tabs between; an empty cell or ``nan`` is a missing reading, and a row
-    without any reading a missing scan, which is left out. Without a column of times, the rate spaces the
-    rows. Further columns of times are left out with a warning, unless `columns` names the channels, and so
-    are columns without a name.
+    order, with commas, semicolons, tabs or spaces between; an empty cell or ``nan`` is a missing reading, and
+    a row without any reading a missing scan, which is left out. Without a column of times, the rate spaces
+    the rows. Further columns of times are left out with a warning, unless `columns` names the channels, and
+    so are columns without a name.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
 

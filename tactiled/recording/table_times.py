@@ -27,7 +27,7 @@ _UNIT_WORDS: dict[str, TimeUnit] = {
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanoseconds"), "ns"),
 }
 # Stamps of ROS 2 and ROS 1, and of C: whole seconds, and the rest.
-_SPLIT_STAMPS = {"sec": ("nanosec", "nsec"), "secs": ("nsecs", "nsec")}
+_SPLIT_STAMPS = {"sec": ("nanosec", "nsec", "usec"), "secs": ("nsecs", "nsec")}
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def find_times(
     """Find the times among the names of columns or arrays; None without times or a rate.
 
     A name without a unit has that of the options. `time_s` comes first, then a stamp that is split into
-    seconds and nanoseconds, then the first name with a unit. Columns of `dates` come last: many programs
+    seconds and a fraction, then the first name with a unit. Columns of `dates` come last: many programs
     round them to seconds, and a rate replaces them.
 
     Raises
@@ -95,7 +95,7 @@ def find_times(
     if "time_s" in found:
         return times(["time_s"], [given or "s"])
     if given is None and (pair := _split_stamp(list(found))):
-        return times(pair, ["s", "ns"])
+        return times(pair, ["s", found[pair[1]] or "ns"])
     for name, unit in found.items():
         if unit and given in (None, unit):
             return times([name], [unit])
@@ -125,7 +125,7 @@ def _words(name: str) -> list[str]:
 
 
 def _split_stamp(names: Sequence[str]) -> tuple[str, str] | None:
-    """Return the names of a stamp's seconds and nanoseconds; None for no such stamp."""
+    """Return the names of a stamp's seconds and of their fraction; None for no such stamp."""
     by_words = {tuple(_words(name)): name for name in names}
     for words, name in by_words.items():
         for last in _SPLIT_STAMPS.get(words[-1], ()):
