@@ -10,10 +10,13 @@
 #include <memory>
 #include <sstream>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "tactiled.hpp"
+
+using tactiled::detail::Values;
 
 namespace {
 
@@ -60,7 +63,7 @@ Fields fields_of(const char* text)
     return fields;
 }
 
-template <class Packer> void pack_value(Packer& packer, const std::string& value)
+void pack_value(tactiled::detail::Packer& packer, const std::string& value)
 {
     double number = 0.0;
     const char* end = value.data() + value.size();
@@ -75,10 +78,7 @@ template <class Packer> void pack_value(Packer& packer, const std::string& value
         packer.pack(value);
 }
 
-double number_of(const msgpack::object& object)
-{
-    return object.type == msgpack::type::BOOLEAN ? double(object.as<bool>()) : object.as<double>();
-}
+double take_number(Values& values) { return values.is_bool() ? values.take_bool() : values.take_number(); }
 
 }  // namespace
 
@@ -97,29 +97,28 @@ struct tactiled_client {
         return is_one ? &item->message : nullptr;
     }
 
-    const msgpack::object& field(const char* name)
+    Values field(const char* name)
     {
         if (!message())
             throw tactiled::Error("the newest item is no message");
-        if (!is_unpacked) {
-            zone.clear();
-            map = tactiled::detail::unpack(zone, message()->payload);
-            is_unpacked = true;
+        if (!is_read) {
+            tactiled::detail::read_entries(message()->payload, entries);
+            is_read = true;
         }
-        const msgpack::object* found = tactiled::detail::find(map, name);
-        if (!found)
+        const std::string_view found = tactiled::detail::find(entries, name);
+        if (found.empty())
             throw tactiled::Error(message()->topic + " has no field " + name);
-        return *found;
+        return Values(found);
     }
 
     // Read a field by `read`; `failed` where it is missing or of another type.
     template <class Result, class Read> Result read(Result failed, const char* name, const Read& read)
     {
         return guarded(failed, [&] {
-            const msgpack::object& found = field(name);
+            Values values = field(name);
             try {
-                return read(found);
-            } catch (const msgpack::type_error&) {
+                return read(values);
+            } catch (const tactiled::detail::Unreadable&) {
                 throw tactiled::Error(message()->topic + ": field " + name + " is of another type");
             }
         });
@@ -130,9 +129,8 @@ struct tactiled_client {
     tactiled::Subscription subscription;
     std::unique_ptr<tactiled::Commander> commander;  // from the first command on
     const tactiled::Item* item = nullptr;  // newest, of `subscription`
-    bool is_unpacked = false;              // `map` has its message
-    msgpack::zone zone;
-    msgpack::object map;
+    bool is_read = false;                  // `entries` are those of its message
+    std::vector<tactiled::detail::Entry> entries;
     std::string text;
 };
 
@@ -155,7 +153,7 @@ void tactiled_close(tactiled_client* client) { delete client; }
 int tactiled_next(tactiled_client* client, double wait_s)
 {
     return guarded(int(TACTILED_FAILED), [&] {
-        client->is_unpacked = false;
+        client->is_read = false;
         client->item = nullptr;
         if (wait_s == 0.0)
             client->item = client->subscription.poll();
@@ -207,27 +205,26 @@ double tactiled_age_s(const tactiled_client* client)
 
 int tactiled_number(tactiled_client* client, const char* field, double* value)
 {
-    return client->read(-1, field, [&](const msgpack::object& found) {
-        *value = number_of(found);
+    return client->read(-1, field, [&](Values& values) {
+        *value = take_number(values);
         return 0;
     });
 }
 
 long tactiled_numbers(tactiled_client* client, const char* field, double* values, std::size_t most)
 {
-    return client->read(-1L, field, [&](const msgpack::object& found) {
-        if (found.type != msgpack::type::ARRAY)
-            throw msgpack::type_error();
-        for (std::size_t n = 0; n < found.via.array.size && n < most; ++n)
-            values[n] = number_of(found.via.array.ptr[n]);
-        return static_cast<long>(found.via.array.size);
+    return client->read(-1L, field, [&](Values& found) {
+        const std::uint64_t size = found.take_array();
+        for (std::size_t n = 0; n < size && n < most; ++n)
+            values[n] = take_number(found);
+        return static_cast<long>(size);
     });
 }
 
 const char* tactiled_text(tactiled_client* client, const char* field)
 {
-    return client->read(static_cast<const char*>(nullptr), field, [&](const msgpack::object& found) {
-        client->text = found.as<std::string>();
+    return client->read(static_cast<const char*>(nullptr), field, [&](Values& values) {
+        client->text = values.take_text();
         return client->text.c_str();
     });
 }

@@ -13,7 +13,7 @@
 // sockets; what becomes of their messages is in tactiled_inbox.hpp. Objects belong to one thread at a time
 // and start none; ZeroMQ has one of its own for each of them.
 //
-// Needs C++17 and Linux, libzmq and cppzmq (4.9), msgpack-cxx (4.1).
+// Needs C++17 and Linux, libzmq and cppzmq (4.9).
 #pragma once
 
 #include <algorithm>
@@ -161,7 +161,7 @@ private:
     {
         bool has_sent = false;
         while (!inbox_.requests().unsent().empty()) {
-            msgpack::sbuffer payload;
+            std::string payload;
             inbox_.requests().unsent().front().pack(payload);
             if (!requests_.handle() || !detail::send(requests_, payload))
                 break;
@@ -221,7 +221,7 @@ public:
     }
 
     // Send a command and wait for the reply. Fields are pairs of name and value: numbers, texts, vectors,
-    // maps. Throws Error where no reply came in time; the command may have been carried out all the same.
+    // maps of texts. Throws Error where no reply came in time; the command may have been carried out all the same.
     template <class... Fields> Reply send(const std::string& command, const Fields&... fields)
     {
         begin(command, fields...);
@@ -279,7 +279,7 @@ private:
     {
         id_ = name_ + "-" + std::to_string(++number_);
         request_.clear();
-        msgpack::packer<msgpack::sbuffer> packer(request_);
+        detail::Packer packer(request_);
         packer.pack_map(4 + n_fields);
         packer.pack("v").pack(1).pack("id").pack(id_).pack("do").pack(command);
         packer.pack("who").pack(who_);
@@ -323,12 +323,11 @@ private:
         detail::Head head;
         if (!detail::check_map(detail::view(part_), "reply", head, fault))
             return false;
-        const msgpack::object map = detail::unpack(zone_, detail::view(part_));
-        const msgpack::object *id = detail::find(map, "id"), *reason = detail::find(map, "reason");
-        if (!id || !detail::is_text(*id) || detail::text_of(*id) != id_)
+        detail::read_entries(detail::view(part_), entries_);
+        if (detail::text_of(detail::find(entries_, "id")) != id_)
             return false;
-        reply_.ok = detail::is_true(detail::find(map, "ok"));
-        reply_.reason = reason && detail::is_text(*reason) ? std::string(detail::text_of(*reason)) : "";
+        reply_.ok = detail::is_true(detail::find(entries_, "ok"));
+        reply_.reason = detail::text_of(detail::find(entries_, "reason"));
         reply_.payload = detail::view(part_);
         return true;
     }
@@ -341,8 +340,8 @@ private:
     std::uint64_t number_ = 0;
     double until_s_ = 0.0;
     bool is_sent_ = false;
-    msgpack::sbuffer request_;
-    msgpack::zone zone_;
+    std::string request_;
+    std::vector<detail::Entry> entries_;  // of the reply that is read now
     Reply reply_;
     std::optional<detail::Descriptor> descriptor_;
 };

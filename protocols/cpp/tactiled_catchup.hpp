@@ -32,9 +32,9 @@ struct Request {
     std::string board, topic;
     std::uint64_t first_seq = 0, end_seq = 0;
 
-    void pack(msgpack::sbuffer& out) const
+    void pack(std::string& out) const
     {
-        msgpack::packer<msgpack::sbuffer> packer(out);
+        detail::Packer packer(out);
         packer.pack_map(ask == "events" ? 7 : 3);
         packer.pack("v").pack(detail::MESSAGE_VERSION).pack("id").pack(id).pack("do").pack(ask);
         if (ask == "events") {
@@ -184,43 +184,38 @@ public:
         }
     }
 
-    // Take a reply, whatever it contains; the payload is that which was unpacked.
-    void answer(const msgpack::object& reply, std::string_view payload, double now_s, double unix_s,
-                Items& out)
+    // Take a reply, a checked map, whatever it contains.
+    void answer(std::string_view reply, double now_s, double unix_s, Items& out)
     {
-        const msgpack::object *id = detail::find(reply, "id"), *ask = detail::find(reply, "do");
-        const msgpack::object_kv* messages = detail::find_entry(reply, "messages");
-        const std::string_view bytes = messages ? detail::behind_key(messages->key, payload) : payload;
-        if (ask && detail::is_text(*ask) && detail::text_of(*ask) == "state" && messages &&
-            messages->val.type == msgpack::type::MAP) {
+        detail::read_entries(reply, entries_);
+        const auto field = [this](std::string_view key) { return detail::find(entries_, key); };
+        const std::string_view messages = field("messages");
+        if (detail::text_of(field("do")) == "state" && detail::Values(messages).is_map()) {
             const bool is_first = !answered_;
             answered_ = true;
             probe_s_ = INF;
             if (is_first)
-                retain(messages->val.via.map, bytes, now_s, unix_s, out);
+                retain(messages, now_s, unix_s, out);
             return;
         }
-        Line* line = id && detail::is_text(*id) ? asked_line(detail::text_of(*id)) : nullptr;
+        Line* line = asked_line(detail::text_of(field("id")));
         if (!line)
             return;  // given up meanwhile
-        const msgpack::object *run = detail::find(reply, "run"), *next = detail::find(reply, "next_seq");
         const Board* board = find_board(line->board);
+        std::uint64_t run = 0, settled = line->hole_end;
         const bool is_same_run =
-            detail::is_count(run) && board && static_cast<std::int64_t>(run->via.u64) == board->run;
-        if (!detail::is_true(detail::find(reply, "ok")) || !is_same_run || !messages ||
-            messages->val.type != msgpack::type::ARRAY) {
+            detail::read_count(field("run"), run) && board && static_cast<std::int64_t>(run) == board->run;
+        if (!detail::is_true(field("ok")) || !is_same_run || !detail::Values(messages).is_array()) {
             settle(*line, line->hole_end, now_s, out);
             return;
         }
         const std::uint64_t before = line->next_seq;
-        fill(*line, messages->val.via.array, bytes, now_s, unix_s, out);
-        std::uint64_t settled = line->hole_end;
-        if (next && next->type == msgpack::type::POSITIVE_INTEGER)
-            settled = std::min(next->via.u64, settled);
-        else if (next && next->type == msgpack::type::NEGATIVE_INTEGER)
-            settled = 0;
+        fill(*line, messages, now_s, unix_s, out);
+        detail::read_field(
+            field("next_seq"), [settled](detail::Values& values) { return values.take_clamped(settled); },
+            settled);
         const bool has_gone_on = before < line->next_seq && line->next_seq < line->hole_end;
-        if (detail::is_true(detail::find(reply, "more")) && has_gone_on)
+        if (detail::is_true(field("more")) && has_gone_on)
             ask_for(*line, line->hole_end, now_s);
         else
             settle(*line, std::max(settled, line->next_seq), now_s, out);
@@ -314,16 +309,13 @@ private:
         std::swap(out.add(kind_of(message, now_s)).message, message);
     }
 
-    // Hand on messages of a reply that belong to the hole; `bytes` begin with them.
-    void fill(Line& line, const msgpack::object_array& messages, std::string_view bytes, double now_s,
-              double unix_s, Items& out)
+    // Hand on messages of a reply that belong to the hole.
+    void fill(Line& line, std::string_view messages, double now_s, double unix_s, Items& out)
     {
-        detail::Values values(bytes);
-        values.take_array();
-        for (std::uint32_t n = 0; n < messages.size; ++n) {
+        detail::Values values(messages);
+        for (std::uint64_t n_left = values.take_array(); n_left > 0; --n_left) {
             Message message;
-            const std::string_view packed = values.skip();
-            if (!read(line.topic, messages.ptr[n], packed, now_s, unix_s, message) ||
+            if (!read(line.topic, values.skip(), now_s, unix_s, message) ||
                 message.seq < line.next_seq || message.seq >= line.hole_end)
                 continue;
             lose(line, message.seq, out);
@@ -382,25 +374,15 @@ private:
         line.next_seq = before_seq;
     }
 
-    // Take the newest message of each topic, and hand on those whose order is known; `bytes` begin with them.
-    void retain(const msgpack::object_map& messages, std::string_view bytes, double now_s, double unix_s,
-                Items& out)
+    // Take the newest message of each topic, and hand on those whose order is known.
+    void retain(std::string_view messages, double now_s, double unix_s, Items& out)
     {
-        detail::Values values(bytes);
-        values.take_map();
-        std::vector<std::string_view> packed;
-        for (std::uint32_t n = 0; n < messages.size; ++n) {
-            values.skip();
-            packed.push_back(values.skip());
-        }
-        std::vector<detail::KeyEntries> keys;
-        detail::find_keys(messages, keys);
-        for (const auto& [first, last] : keys) {
-            const msgpack::object& path = messages.ptr[first].key;
-            std::string_view topic = detail::is_text(path) ? detail::text_of(path) : std::string_view();
-            topic = topic.substr(topic.rfind('/') + 1);  // npos + 1 is 0: all of it
+        detail::read_entries(messages, entries_);
+        detail::keep_last(entries_);
+        for (const detail::Entry& entry : entries_) {
+            const std::string_view topic = entry.key.substr(entry.key.rfind('/') + 1);  // npos + 1 is 0: all of it
             Message message;
-            const bool is_read = read(topic, messages.ptr[last].val, packed[last], now_s, unix_s, message);
+            const bool is_read = read(topic, entry.value, now_s, unix_s, message);
             if (topic == "scan" || topic == "status" || !is_read || !has_room(message))
                 continue;
             const Board* board = find_board(message.board);
@@ -436,12 +418,12 @@ private:
     }
 
     // Read a message of a reply; false where it is none.
-    static bool read(std::string_view topic, const msgpack::object& map, std::string_view packed,
-                     double now_s, double unix_s, Message& out)
+    static bool read(std::string_view topic, std::string_view packed, double now_s, double unix_s,
+                     Message& out)
     {
         std::string reason;
         detail::Head head;
-        if (map.type != msgpack::type::MAP || !detail::check(packed, evidence_key(topic), head) ||
+        if (!detail::Values(packed).is_map() || !detail::check(packed, evidence_key(topic), head) ||
             !detail::read_head(topic, head, now_s, unix_s, out, reason))
             return false;
         out.payload = packed;
@@ -488,6 +470,7 @@ private:
     std::deque<Board> boards_;
     std::vector<Request> unsent_;
     std::vector<Message> retained_;  // handed on after the next message or status
+    std::vector<detail::Entry> entries_;  // of the reply that is read now
     bool answered_ = false;
     double probe_s_;
 };

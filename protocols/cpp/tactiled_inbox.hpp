@@ -78,7 +78,7 @@ public:
             return;
         catch_up_.watch_run(message_, out);
         if (message_.topic == "status") {
-            map_ = detail::unpack(zone_, frames.payload);
+            detail::read_entries(frames.payload, status_);
             watch_age(now_s, unix_s, out);
             expect_sent(now_s, out);
             catch_up_.status_read(message_.board, out);
@@ -93,7 +93,7 @@ public:
     void answer(std::string_view payload, double now_s, double unix_s, Items& out)
     {
         if (detail::check_map(payload, "reply", head_, reason_))
-            catch_up_.answer(detail::unpack(zone_, payload), payload, now_s, unix_s, out);
+            catch_up_.answer(payload, now_s, unix_s, out);
         else
             report_malformed(out);
     }
@@ -163,15 +163,15 @@ private:
     // Take note of the numbers of messages that a status says were sent.
     void expect_sent(double now_s, Items& out)
     {
-        const msgpack::object* sent = detail::find(map_, "sent");
-        if (!sent || sent->type != msgpack::type::MAP)
+        const std::string_view sent = detail::find(status_, "sent");
+        if (!detail::Values(sent).is_map())
             return;
-        detail::find_keys(sent->via.map, keys_);
-        for (const auto& [first, last] : keys_) {
-            const msgpack::object& topic = sent->via.map.ptr[first].key;
-            const msgpack::object& count = sent->via.map.ptr[last].val;
-            if (detail::is_text(topic) && detail::is_count(&count) && wanted_.has_topic(detail::text_of(topic)))
-                catch_up_.expect(message_.board, detail::text_of(topic), count.via.u64, now_s, out);
+        detail::read_entries(sent, counts_);
+        detail::keep_last(counts_);
+        for (const auto& [topic, value] : counts_) {
+            std::uint64_t count = 0;
+            if (detail::read_count(value, count) && wanted_.has_topic(topic))
+                catch_up_.expect(message_.board, topic, count, now_s, out);
         }
     }
 
@@ -184,9 +184,8 @@ private:
             heard.fault = words("status from %.1f s ahead: the clocks differ", ahead_s);
         } else if (heard.silent_s > stale_after_s_) {
             heard.fault = words("reading %.1f s behind: messages wait, or the clocks differ", heard.silent_s);
-        } else if (!detail::is_true(detail::find(map_, "valid"))) {
-            const msgpack::object* known_s = detail::find(map_, "age_s");
-            heard.silent_s = detail::is_number(known_s) ? known_s->via.f64 : heard.silent_s;
+        } else if (!detail::is_true(detail::find(status_, "valid"))) {
+            detail::read_float(detail::find(status_, "age_s"), heard.silent_s);
             heard.fault = text("state") + ": " + text("reason");
         }
         hear(std::move(heard));
@@ -251,11 +250,10 @@ private:
     // Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
     double behind_s(double now_s)
     {
-        const msgpack::object* uptime_s = detail::find(map_, "uptime_s");
-        if (!detail::is_number(uptime_s))
+        double uptime_s = 0.0;
+        if (!detail::read_float(detail::find(status_, "uptime_s"), uptime_s))
             return 0.0;
-        const double lead_s =
-            now_s - uptime_s->via.f64;  // offset of both clocks plus the waiting time of this status
+        const double lead_s = now_s - uptime_s;  // offset of both clocks plus the waiting time of this status
         const double allowed_s = least_lead_s_ + CLOCKS_PART * (now_s - lead_at_s_);
         if (lead_run_ != message_.run || lead_s < allowed_s) {
             lead_run_ = message_.run;
@@ -279,8 +277,8 @@ private:
     // Text in a field of the present status.
     std::string text(const char* key) const
     {
-        const msgpack::object* value = detail::find(map_, key);
-        return value && detail::is_text(*value) ? std::string(detail::text_of(*value)) : "unknown";
+        const std::string_view value = detail::find(status_, key);
+        return detail::Values(value).is_text() ? std::string(detail::text_of(value)) : "unknown";
     }
 
     static std::string words(const char* format, double seconds)
@@ -300,9 +298,7 @@ private:
     std::uint64_t malformed_ = 0;
     // Of the message that is read now; members, so that their memory is used again.
     detail::Head head_;
-    msgpack::zone zone_;
-    msgpack::object map_;  // of a status
-    std::vector<detail::KeyEntries> keys_;  // of its `sent`
+    std::vector<detail::Entry> status_, counts_;  // of a status, and of its `sent`
     Message message_;
     bool is_message_ = false;
     std::string reason_;

@@ -3,17 +3,12 @@
 // The same checks as tactiled.client.parse, and those of Python's msgpack, so that both clients take and
 // refuse the same bytes. Pure: no input, no output, no clock.
 //
-// Needs C++17 and msgpack-cxx.
+// Needs C++17.
 #pragma once
-
-#ifndef MSGPACK_NO_BOOST
-#define MSGPACK_NO_BOOST
-#endif
 
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <msgpack.hpp>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -167,88 +162,39 @@ inline bool read_count(std::string_view value, std::uint64_t& out)
     return read_field(value, [](Values& values) { return values.take_count(SEQ_LIMIT); }, out);
 }
 
-inline bool is_number(const msgpack::object* value)
+// The same for a floating-point number.
+inline bool read_float(std::string_view value, double& out)
 {
-    return value && (value->type == msgpack::type::FLOAT64 || value->type == msgpack::type::FLOAT32);
+    return read_field(value, [](Values& values) { return values.take_float(); }, out);
 }
 
-// True for a number that counts something.
-inline bool is_count(const msgpack::object* value)
+inline bool is_true(std::string_view value) { return value == "\xC3"; }
+
+// Text of a value; empty where it is none.
+inline std::string_view text_of(std::string_view value)
 {
-    return value && value->type == msgpack::type::POSITIVE_INTEGER && value->via.u64 < SEQ_LIMIT;
+    std::string_view text;
+    read_field(value, [](Values& values) { return values.take_text(); }, text);
+    return text;
 }
 
-inline bool is_text(const msgpack::object& value) { return value.type == msgpack::type::STR; }
-
-inline bool is_true(const msgpack::object* value)
+// Keep one entry of each key, as a dict of Python does: in the place of the first, with the value of the last.
+inline void keep_last(std::vector<Entry>& entries)
 {
-    return value && value->type == msgpack::type::BOOLEAN && value->via.boolean;
-}
-
-inline std::string_view text_of(const msgpack::object& value)
-{
-    return {value.via.str.ptr, value.via.str.size};
-}
-
-// Entry of a map; nullptr without one. Of a repeated key the last one counts.
-inline const msgpack::object_kv* find_entry(const msgpack::object& map, std::string_view key)
-{
-    for (std::uint32_t n = map.via.map.size; n-- > 0;) {
-        const msgpack::object_kv& entry = map.via.map.ptr[n];
-        if (is_text(entry.key) && text_of(entry.key) == key)
-            return &entry;
-    }
-    return nullptr;
-}
-
-inline const msgpack::object* find(const msgpack::object& map, std::string_view key)
-{
-    const msgpack::object_kv* entry = find_entry(map, key);
-    return entry ? &entry->val : nullptr;
-}
-
-// Entries of a map with one key: number of the first, which has the place, and of the last, which has the
-// value.
-using KeyEntries = std::pair<std::uint32_t, std::uint32_t>;
-
-// Entries of each key of a checked map, in the order of a dict of Python.
-inline void find_keys(const msgpack::object_map& map, std::vector<KeyEntries>& out)
-{
-    const auto key = [&map](const KeyEntries& entries) {
-        const msgpack::object& found = map.ptr[entries.first].key;
-        if (found.type == msgpack::type::BIN)  // no other type than this and text passes the check
-            return std::pair(true, std::string_view(found.via.bin.ptr, found.via.bin.size));
-        return std::pair(false, text_of(found));
-    };
-    out.clear();
-    for (std::uint32_t n = 0; n < map.size; ++n)
-        out.emplace_back(n, n);
-    std::sort(out.begin(), out.end(), [&key](const KeyEntries& one, const KeyEntries& other) {
-        return std::pair(key(one), one.first) < std::pair(key(other), other.first);
+    const auto place = [](const Entry& entry) { return entry.key.data(); };  // all are views of one map
+    std::sort(entries.begin(), entries.end(), [&place](const Entry& one, const Entry& other) {
+        return std::pair(one.key, place(one)) < std::pair(other.key, place(other));
     });
-    std::size_t count = 0;
-    for (const KeyEntries& entries : out) {
-        if (count > 0 && key(out[count - 1]) == key(entries))
-            out[count - 1].second = entries.second;
+    std::size_t n_kept = 0;
+    for (const Entry& entry : entries) {
+        if (n_kept > 0 && entries[n_kept - 1].key == entry.key)
+            entries[n_kept - 1].value = entry.value;
         else
-            out[count++] = entries;
+            entries[n_kept++] = entry;
     }
-    out.resize(count);
-    std::sort(out.begin(), out.end());
-}
-
-// What follows a key that is not empty, in the payload that was unpacked.
-inline std::string_view behind_key(const msgpack::object& key, std::string_view payload)
-{
-    return payload.substr(static_cast<std::size_t>(key.via.str.ptr + key.via.str.size - payload.data()));
-}
-
-// Unpack a checked payload, which the object refers to, as it does to the zone.
-inline msgpack::object unpack(msgpack::zone& zone, std::string_view payload)
-{
-    zone.clear();
-    const auto refer = [](msgpack::type::object_type, std::size_t, void*) { return true; };
-    return msgpack::unpack(zone, payload.data(), payload.size(), refer);
+    entries.resize(n_kept);
+    std::sort(entries.begin(), entries.end(),
+              [&place](const Entry& one, const Entry& other) { return place(one) < place(other); });
 }
 
 // Check a map with string keys and a supported version, and read its head; false with the reason.
@@ -321,8 +267,7 @@ inline bool read_head(std::string_view topic, const Head& head, double now_s, do
         return false;
     };
     const auto read_instant = [](std::string_view value, double& instant) {
-        return read_field(value, [](Values& values) { return values.take_float(); }, instant) &&
-               std::isfinite(instant);
+        return read_float(value, instant) && std::isfinite(instant);
     };
     std::uint64_t run = 0;
     std::string_view board;

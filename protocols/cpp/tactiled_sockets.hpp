@@ -200,7 +200,7 @@ inline bool take(zmq::socket_t& socket, zmq::message_t& part)
 }
 
 // False while the daemon is not connected.
-inline bool send(zmq::socket_t& socket, const msgpack::sbuffer& payload)
+inline bool send(zmq::socket_t& socket, const std::string& payload)
 {
     const zmq::const_buffer bytes = zmq::buffer(payload.data(), payload.size());
     return uninterrupted([&] { return socket.send(bytes, zmq::send_flags::dontwait).has_value(); });

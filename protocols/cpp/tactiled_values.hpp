@@ -1,4 +1,4 @@
-// Values of msgpack, read from their bytes one after the other, without an allocation.
+// Values of msgpack: read from their bytes one after the other, without an allocation, and written.
 //
 // After a wait, caches are cold: a parser that makes an object of each value delays a message. Whatever the bytes
 // claim, nothing beyond their end is read.
@@ -6,9 +6,11 @@
 // Needs C++17.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <cstring>
 #include <exception>
+#include <map>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -28,6 +30,7 @@ public:
 
     bool is_at_end() const { return at_ == end_; }
     bool is_text() const { return (peek() & 0xE0) == 0xA0 || (peek() >= 0xD9 && peek() <= 0xDB); }
+    bool is_bool() const { return peek() == 0xC2 || peek() == 0xC3; }
     bool is_binary() const { return peek() >= 0xC4 && peek() <= 0xC6; }
     bool is_ext() const { return (peek() >= 0xC7 && peek() <= 0xC9) || (peek() >= 0xD4 && peek() <= 0xD8); }
     bool is_array() const { return (peek() & 0xF0) == 0x90 || peek() == 0xDC || peek() == 0xDD; }
@@ -76,6 +79,13 @@ public:
         const Whole whole = take_whole();
         need(!whole.is_negative && whole.bits < limit);
         return whole.bits;
+    }
+
+    // Whole number from 0 to a limit; what is beyond counts as the limit.
+    std::uint64_t take_clamped(std::uint64_t most)
+    {
+        const Whole whole = take_whole();
+        return whole.is_negative ? 0 : std::min(whole.bits, most);
     }
 
     std::string_view take_text()
@@ -239,6 +249,29 @@ struct Entry {
     std::string_view key, value;
 };
 
+// Read the entries of a map whose keys are texts.
+inline void read_entries(std::string_view map, std::vector<Entry>& out)
+{
+    Values values(map);
+    out.clear();
+    for (std::uint64_t n_left = values.take_map(); n_left > 0; --n_left) {
+        const bool has_text = values.is_text();
+        const std::string_view key = has_text ? values.take_text() : values.skip();
+        const std::string_view value = values.skip();
+        if (has_text)
+            out.push_back({key, value});
+    }
+}
+
+// Value of a key; empty without one. Of a repeated key the last one counts.
+inline std::string_view find(const std::vector<Entry>& entries, std::string_view key)
+{
+    for (std::size_t n = entries.size(); n-- > 0;)
+        if (entries[n].key == key)
+            return entries[n].value;
+    return {};
+}
+
 // Map with the interface that `from_json` of tactiled_events.hpp asks for. `entries` are its memory.
 class MapView {
 public:
@@ -249,22 +282,11 @@ public:
 
     MapView(std::string_view bytes, std::vector<Entry>& entries) : entries_(entries)
     {
-        Values values(bytes);
-        entries_.clear();
-        for (std::uint64_t n_left = values.take_map(); n_left > 0; --n_left) {
-            const std::string_view key = values.is_text() ? values.take_text() : values.skip().substr(0, 0);
-            entries_.push_back({key, values.skip()});
-        }
+        read_entries(bytes, entries_);
     }
 
-    // Value of a key; of a repeated key the last one.
-    Field at(std::string_view key) const
-    {
-        for (std::size_t n = entries_.size(); n-- > 0;)
-            if (entries_[n].key == key)
-                return {Values(entries_[n].value)};
-        throw Unreadable();
-    }
+    // Value of a key; without one, a value that cannot be read.
+    Field at(std::string_view key) const { return {Values(find(entries_, key))}; }
 
 private:
     static void fill(Values& values, bool& out) { out = values.take_bool(); }
@@ -290,6 +312,68 @@ private:
     }
 
     std::vector<Entry>& entries_;
+};
+
+// Writes values one after the other.
+class Packer {
+public:
+    explicit Packer(std::string& out) : out_(out) {}
+
+    // Begin a map or an array, whose entries follow.
+    Packer& pack_map(std::size_t n_pairs) { return put_head(0xDF, n_pairs, 4); }
+    Packer& pack_array(std::size_t n_values) { return put_head(0xDD, n_values, 4); }
+
+    Packer& pack(std::string_view text)
+    {
+        put_head(0xDB, text.size(), 4);
+        out_.append(text);
+        return *this;
+    }
+    Packer& pack(const char* text) { return pack(std::string_view(text)); }
+    Packer& pack(const std::string& text) { return pack(std::string_view(text)); }
+
+    template <class T> Packer& pack(const std::vector<T>& values)
+    {
+        pack_array(values.size());
+        for (const T& value : values)
+            pack(value);
+        return *this;
+    }
+
+    template <class T> Packer& pack(const std::map<std::string, T>& values)
+    {
+        pack_map(values.size());
+        for (const auto& [key, value] : values)
+            pack(key).pack(value);
+        return *this;
+    }
+
+    template <class T, class = std::enable_if_t<std::is_arithmetic_v<T>>> Packer& pack(T number)
+    {
+        if constexpr (std::is_same_v<T, bool>) {
+            out_ += number ? '\xC3' : '\xC2';
+            return *this;
+        } else if constexpr (std::is_floating_point_v<T>) {
+            const double wide = static_cast<double>(number);
+            std::uint64_t bits;
+            std::memcpy(&bits, &wide, sizeof bits);
+            return put_head(0xCB, bits, 8);
+        } else {
+            return put_head(number < 0 ? 0xD3 : 0xCF, static_cast<std::uint64_t>(number), 8);
+        }
+    }
+
+private:
+    // Write a head, and a number in big-endian order.
+    Packer& put_head(unsigned head, std::uint64_t number, unsigned n_bytes)
+    {
+        out_ += static_cast<char>(head);
+        while (n_bytes-- > 0)
+            out_ += static_cast<char>(number >> 8 * n_bytes);
+        return *this;
+    }
+
+    std::string& out_;
 };
 
 }  // namespace detail

@@ -286,15 +286,22 @@ def test_of_a_repeated_topic_in_a_reply_the_last_message_counts(native_inbox: Pa
     recorded = RecordedInbox()
     recorded.tick()
     recorded.receive([b"tactile/b/status", msgpack.packb(GOOD | {"board": "b", "valid": True})])
+    found = (
+        ("t/slip", 1, "a"),
+        ("", 1, "b"),
+        (b"t/grip", 9, ""),
+        ("t/grip", 4, "c"),
+        ("", 2, "d"),
+        (b"", 9, ""),
+    )
     messages = [
-        (topic, msgpack.packb(GOOD | {"board": "b", "seq": seq, "texts": text}))
-        for topic, seq, text in (("t/slip", 1, "a"), ("", 1, "b"), ("t/grip", 4, "c"), ("", 2, "d"))
+        (topic, msgpack.packb(GOOD | {"board": "b", "seq": seq, "texts": text})) for topic, seq, text in found
     ]
     messages += [("t/slip", msgpack.packb(5)), ("t/grip", msgpack.packb(GOOD | {"board": "b", "seq": 3}))]
     reply = [(key, msgpack.packb(value)) for key, value in (("v", 1), ("id", "x"), ("do", "state"))]
     recorded.answer(packed_pairs([*reply, ("messages", b"\x80"), ("messages", packed_pairs(messages))]))
-    found = [row[1:5:3] for row in recorded.outcomes[-1]["items"] if row[0] == "Recovered"]
-    assert found == [["", 2], ["grip", 3]]
+    recovered = [row[1:5:3] for row in recorded.outcomes[-1]["items"] if row[0] == "Recovered"]
+    assert recovered == [["", 2], ["grip", 3]]
     assert_same(native_inbox, recorded)
 
 
@@ -308,6 +315,18 @@ def test_of_a_repeated_topic_in_a_reply_the_last_message_counts(native_inbox: Pa
 )  # fmt: skip
 def test_requests_go_to_the_same_endpoint(native_inbox: Path, endpoint: str) -> None:
     assert play(native_inbox, [f"endpoint {endpoint}"]) == [control_endpoint(endpoint)]
+
+
+def test_values_of_commands_are_those_of_msgpack(native_inbox: Path) -> None:
+    (packed,) = play(native_inbox, ["pack"])
+    assert msgpack.unpackb(bytes.fromhex(packed)) == {
+        "true": True,
+        "false": False,
+        "whole": [0, 127, -1, -(2**63), 2**63 - 1, 2**64 - 1],
+        "floats": [0.5, -1e300, 0.25],
+        "texts": ["", "Gr\u00f6\u00dfe", "x" * 70_000],
+        "map": {"a": [1.5], "b": []},
+    }
 
 
 READER = """

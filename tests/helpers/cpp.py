@@ -12,7 +12,6 @@ HEADERS = ROOT / "protocols" / "cpp"
 WARNINGS = "-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic"
 _PACKAGES = {
     "/usr/include/zmq.hpp": "cppzmq-dev",
-    "/usr/include/msgpack.hpp": "libmsgpack-cxx-dev",
     "/usr/include/zmq.h": "libzmq3-dev",
 }
 

@@ -7,6 +7,7 @@
 //     tick NOW_S
 //     sent NOW_S COUNT                                         so many requests have left
 //     endpoint ENDPOINT                                        prints its endpoint for requests
+//     pack                                                     prints a map of values of each type, in hex
 #include <iomanip>
 #include <iostream>
 #include <memory>
@@ -79,6 +80,19 @@ static void print(const tactiled::Item& item, double now_s)
     }
 }
 
+static std::string packed_values()
+{
+    std::string out;
+    tactiled::detail::Packer packer(out);
+    packer.pack_map(6).pack("true").pack(true).pack("false").pack(false);
+    packer.pack("whole").pack_array(6).pack(0).pack(std::uint8_t{127}).pack(std::int8_t{-1});
+    packer.pack(INT64_MIN).pack(INT64_MAX).pack(UINT64_MAX);
+    packer.pack("floats").pack(std::vector<double>{0.5, -1e300, 0.25});
+    packer.pack("texts").pack(std::vector<std::string>{"", "Gr\u00f6\u00dfe", std::string(70000, 'x')});
+    packer.pack("map").pack(std::map<std::string, std::vector<float>>{{"a", {1.5f}}, {"b", {}}});
+    return out;
+}
+
 int main()
 {
     std::unique_ptr<tactiled::Inbox> inbox;
@@ -99,6 +113,10 @@ int main()
         words >> what;
         if (what == "endpoint") {
             std::cout << quoted(tactiled::control_endpoint(text())) << "\n";
+            continue;
+        }
+        if (what == "pack") {
+            std::cout << quoted(hex_of(packed_values())) << "\n";
             continue;
         }
         double now_s = 0.0;
@@ -143,9 +161,9 @@ int main()
         std::cout << "],\"unsent\":[";
         is_first = true;
         for (const tactiled::Request& request : inbox->requests().unsent()) {
-            msgpack::sbuffer packed;
+            std::string packed;
             request.pack(packed);
-            std::cout << (is_first ? "" : ",") << quoted(hex_of({packed.data(), packed.size()}));
+            std::cout << (is_first ? "" : ",") << quoted(hex_of(packed));
             is_first = false;
         }
         std::cout << "],\"fresh\":" << (inbox->is_fresh(now_s) ? "true" : "false")

@@ -261,8 +261,10 @@ class CatchUp:
         """Take the newest message of each topic, and hand on those whose order is known."""
         items: list[Item] = []
         for path, data in messages.items():
-            topic = path.rsplit("/", 1)[-1] if isinstance(path, str) else ""
-            message = message_of(topic, data, now_s, unix_s) if isinstance(data, dict) else None
+            if not isinstance(path, str) or not isinstance(data, dict):
+                continue
+            topic = path.rsplit("/", 1)[-1]
+            message = message_of(topic, data, now_s, unix_s)
             if not isinstance(message, Message) or topic in ("scan", "status") or not self.has_room(message):
                 continue
             key = (message.board, topic)
