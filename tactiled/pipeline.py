@@ -18,7 +18,7 @@ from tactiled.array import Array
 from tactiled.detect.base import in_order
 from tactiled.detect.contact.announced import course_of
 from tactiled.detect.suite import DetectParams, build_suite
-from tactiled.detect.tuning import TunedSuite
+from tactiled.detect.tuning import TARE_S, TunedSuite
 from tactiled.detect.worker import Worker
 from tactiled.errors import ContractError
 from tactiled.events.types import ContactEvent, ContactState, Event, SlipEvent
@@ -34,6 +34,9 @@ from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
 RATES_HZ = (0.1, 20_000.0)  # below, a stall cannot be detected; above, no serial line can carry the scans
+
+
+_MISSED_SCANS = 5  # beyond the time of a tare, after which its scans are not of the present: as of a stall
 
 
 class PipelineParams(Params):
@@ -303,7 +306,11 @@ class Pipeline:
         tuning = self.tuning
         reason, events = "", list[Event]()
         if name == "tare":
-            reason, events = tuning.tare(force=arguments["force"])
+            rate_hz = self._assembler.rate_hz
+            if now_s - self._assembler.newest[0] > TARE_S + (_MISSED_SCANS / rate_hz if rate_hz else 0.0):
+                reason = "no new scans: is the board plugged in?"
+            else:
+                reason, events = tuning.tare(force=arguments["force"])
         elif name == "speed":
             tuning.set_speed(arguments["speed_mm_s"])
         elif name == "friction":

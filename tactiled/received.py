@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -25,21 +26,15 @@ class Received:
 
     def __init__(self, items: list[Hello | Acknowledge | Gap | ScanRun], now_s: float) -> None:
         self.items, self.now_s = items, now_s
-        self._scan_events: list[ScanEvent] | None = None
 
     @property
     def boards(self) -> set[str]:
         """Serial numbers of the boards that sent the scans."""
         return {item.conversion.hello.board_serial for item in self.items if isinstance(item, ScanRun)}
 
-    @property
+    @cached_property
     def scan_events(self) -> list[ScanEvent]:
-        """Events of all scans."""
-        if self._scan_events is None:
-            self._scan_events = self._made()
-        return self._scan_events
-
-    def _made(self) -> list[ScanEvent]:
+        """Events of all scans; read once the items are complete."""
         return [
             new_event(
                 ScanEvent,

@@ -241,6 +241,19 @@ def test_disconnecting_drops_partial_frames_and_gives_a_gap() -> None:
     assert target.hello is None
 
 
+@pytest.mark.parametrize("force", [False, True])
+def test_scans_of_long_ago_are_no_zero(force: bool) -> None:
+    target = pipeline()
+    for now_s, data in stream()[:40]:
+        target.receive_data(data, now_s)
+    newest_s = target.health().newest_scan_s
+    assert (
+        target.command("tare", {"force": force}, newest_s + 3600.0)[0]
+        == "no new scans: is the board plugged in?"
+    )
+    assert "no new scans" not in target.command("tare", {"force": force}, newest_s + 0.5)[0]
+
+
 def test_another_layout_needs_no_code() -> None:
     """Big-endian, sync word, CRC-32, nine channels, no hello and no commands."""
     layout = load_layout("legacy-9")

@@ -48,12 +48,16 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         boards = [
             ServedBoard(
                 setup.config,
-                setup.make_pipeline(worker),
+                setup.make_pipeline(worker.of_board()),
                 stack.enter_context(Recorder(setup.config.record, setup.recording_header(), recording)),
             )
             for setup in setups
         ]
-        run_service(boards)
+        try:
+            run_service(boards)
+        finally:
+            for board in boards:  # the files of all boards end at the same time
+                board.recorder.finish()
 
 
 @click.command()

@@ -36,17 +36,18 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     from tactiled.daemon.operations.recorder import Recorder
     from tactiled.daemon.runner import ServedBoard
     from tactiled.daemon.service import run_service
+    from tactiled.detect.grooves import window_fits
 
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
-    service = setup.config.without_publishing()
+    params = setup.config.without_publishing()
     with (
-        BackgroundWorker() as worker,
+        BackgroundWorker(window_fits.load) as worker,
         Recorder(setup.config.record, setup.recording_header(), file) as recorder,
     ):
         pipeline = setup.make_pipeline(worker)
         recorder.check()
-        boards = [ServedBoard(service, pipeline, recorder)]
+        boards = [ServedBoard(params, pipeline, recorder)]
         run_service(boards, duration_s)
     n_scans = pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)

@@ -14,6 +14,7 @@ from collections.abc import Callable
 _STEP_S = 1e-3  # least step: ten times the error of a bracketed reading on a busy machine, 0.1 scan at 100 Hz
 _BRACKETS = 5  # readings of which the tightest is used: one in a few is interrupted by the scheduler
 _TIGHT_S = 2e-4  # a wider bracket cannot resolve a step of `_STEP_S`
+_FIRST_TRIES = 10  # of a busy host, on which all brackets of the first measurement may be wide
 
 
 class EpochClock:
@@ -24,7 +25,10 @@ class EpochClock:
     ) -> None:
         self._monotonic = monotonic
         self._wall = wall
-        self.offset_s = self._measure()[0]
+        self.offset_s, width_s = self._measure()
+        for _ in range(_FIRST_TRIES):
+            if width_s > _TIGHT_S:
+                self.offset_s, width_s = self._measure()
 
     def follow(self) -> float:
         """Compare both clocks again; return the step of the wall clock in seconds, 0.0 for none."""

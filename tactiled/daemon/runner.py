@@ -116,7 +116,7 @@ class BoardRunner:
         self._handover_s: float | None = None  # of the adapter, as the pipeline knows it
         self._deadline: asyncio.TimerHandle | None = None
         self._log = RateLimitedLog(logger)
-        self._logged = (session.state, session.reason(0.0))
+        self._logged = (session.state, session.reason(0.0))  # the state at the start is not logged
         self._warned: dict[str, str] = {}
         self._started_s = time.monotonic()
         self._phase_s = phase_s
@@ -243,12 +243,12 @@ class BoardRunner:
         """Stop the board, handle the scans that are still in transit, and report the port as lost."""
         if self._connection.port is not None:
             self.act(self._session.stop(time.monotonic()))
-            is_answered = self._session.is_stopping
+            will_answer = self._session.is_stopping
             end_s = time.monotonic() + STOP_S
             # A port that is closed loses what the board has not read yet: it would go on sending.
             while self._session.is_stopping and time.monotonic() < end_s:
                 await asyncio.sleep(_LOOK_S)
-            if not is_answered:
+            if not will_answer:
                 await asyncio.sleep(_DRAIN_S)
         self._lost("tactiled is stopping")
 
@@ -262,7 +262,7 @@ class BoardRunner:
             now_s = time.monotonic()
             self._shared.turns.add(now_s, now_s - due_s)
             self._look(now_s)
-            due_s = max(due_s + STATUS_PERIOD_S, now_s)  # after a hang, statuses that were missed are skipped
+            due_s = next_due_s(due_s, now_s)
 
     def _look(self, now_s: float) -> None:
         """Check line and deadlines, close a dead port, and publish what is due."""
@@ -356,3 +356,11 @@ class BoardRunner:
     @property
     def _board(self) -> str:
         return f"board {self.serial}".rstrip()
+
+
+def next_due_s(due_s: float, now_s: float) -> float:
+    """Return when a status is due after one that was due at `due_s`.
+
+    Those that a hang missed are skipped, and boards stay apart by their phases.
+    """
+    return due_s + STATUS_PERIOD_S * (math.floor((now_s - due_s) / STATUS_PERIOD_S) + 1)

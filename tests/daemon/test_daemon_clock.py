@@ -31,6 +31,20 @@ def test_jitter_of_the_readings_never_moves_the_offset(readings_s: list[float]) 
     assert clock.offset_s == before
 
 
+def test_a_first_measurement_that_is_preempted_is_repeated() -> None:
+    clocks = Clocks()
+    readings = iter(range(12))
+
+    def wall() -> float:
+        unix_s = clocks.wall()
+        clocks.time_s += 0.02 * (next(readings, 12) < 12)  # so many brackets are 20 ms wide
+        return unix_s
+
+    clock = EpochClock(clocks.monotonic, wall)
+    assert abs(clock.offset_s - clocks.offset_s) < 1e-6
+    assert clock.follow() == 0.0
+
+
 @given(step_s=st.floats(-1e5, 1e5).filter(lambda s: abs(s) > 2e-3))
 def test_a_step_is_followed_once_and_reported(step_s: float) -> None:
     clocks = Clocks()

@@ -16,11 +16,13 @@ from pathlib import Path
 import pytest
 from boards import PtyBoard, SimBoard
 from daemons import Daemon, play
+from hypothesis import given
+from hypothesis import strategies as st
 from patience import PATIENCE_S
 
 from tactiled import limited_log
 from tactiled.daemon import service as service_module
-from tactiled.daemon.runner import BoardRunner
+from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, next_due_s
 from tactiled.daemon.service import Service, serve
 from tactiled.received import Received
 from tactiled.wire.frames import Command, Frame
@@ -200,6 +202,14 @@ def test_a_stop_before_the_daemon_runs_is_kept(tmp_path: Path) -> None:
         await service.run()
 
     asyncio.run(asyncio.wait_for(main(), PATIENCE_S))
+
+
+@given(hang_s=st.floats(0.0, 5.0), phase_s=st.floats(0.0, 0.1))
+def test_after_a_hang_boards_keep_phases_and_no_status_comes_twice(hang_s: float, phase_s: float) -> None:
+    due_s = next_due_s(100.0 + phase_s, 100.0 + phase_s + hang_s)
+    assert 0.0 < due_s - (100.0 + phase_s + hang_s) <= STATUS_PERIOD_S + 1e-9
+    periods = (due_s - 100.0 - phase_s) / STATUS_PERIOD_S
+    assert periods == pytest.approx(round(periods))
 
 
 def test_the_watchdog_is_notified_only_while_the_data_path_runs(

@@ -334,6 +334,9 @@ class TestInstance:
         assert status["CapBnd"] == ["0000000000000000"]
         assert (status["NoNewPrivs"], status["Seccomp"]) == (["1"], ["2"])
         assert container.shown(unit(), "MemoryMax") == [str(512 << 20)]
+        stats = container.run("sh", "-c", f"cat /proc/{pid}/task/*/stat").splitlines()
+        niceness = {line.rpartition(")")[2].split()[16] for line in stats}
+        assert niceness == {"0", "10"}  # groove fits yield to scans
         assert int(status["VmHWM"][0]) << 10 < 128 << 20  # which leaves room for what it may hold
 
     def test_a_user_outside_the_group_neither_hears_over_ipc_nor_commands(self, container: Container) -> None:

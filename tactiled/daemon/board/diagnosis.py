@@ -80,6 +80,8 @@ class LineWatch:
         """Take the counters as they are now; `framing_errors` is None where the UART's driver keeps none."""
         self._first = self._first or health
         newest = self._newest
+        if self._first.bytes_framed == (newest or self._first).bytes_framed < health.bytes_framed:
+            self._marks.clear()  # before the first frame came the rest of one that had begun: no damage
         if newest is not None and health.scans_overrun > newest.scans_overrun:
             self._overrun_s = now_s
         if newest is None or health.bytes_framed > newest.bytes_framed:

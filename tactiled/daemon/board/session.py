@@ -31,6 +31,7 @@ from tactiled.daemon.board.asking import ANSWER_S, Asking, Pinging
 from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.errors import ConfigError
 from tactiled.events.types import BoardState
+from tactiled.pipeline import RATES_HZ
 from tactiled.tomlfile import Params
 from tactiled.wire.frames import Acknowledge, Command, Hello
 from tactiled.wire.layout import Layout
@@ -56,8 +57,8 @@ class SessionParams(Params):
     )
     rate_hz: float | None = Field(
         default=None,
-        gt=0,
-        le=10_000,
+        ge=RATES_HZ[0],
+        le=RATES_HZ[1],
         description="Scan rate to set, in Hz; it is restored after every replug and reset. Omit it to keep "
         "the board's own rate. Grooves need more than twice (sliding speed / groove period).",
     )
@@ -103,7 +104,7 @@ class Session:
 
     def opened(self, now_s: float) -> list[Command]:
         """Handle a port that was just opened."""
-        self._open, self._leaving = True, False
+        self._open = True
         self._scan_s = now_s
         self._asking.reset(now_s)
         # Firmware without a hello message is accepted unseen, and started if its protocol can do that.

@@ -4,12 +4,11 @@ import contextlib
 import os
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from tactiled.detect.worker import Job, set_pause
+from tactiled.detect.worker import Job, Worker, set_pause
 
 T = TypeVar("T")
 
@@ -28,8 +27,9 @@ class _GivenUpError(Exception):
 
 
 class _ThreadJob(Generic[T]):
-    def __init__(self, work: Callable[[], T]) -> None:
+    def __init__(self, work: Callable[[], T], board: object) -> None:
         self._work = work
+        self.board = board
         self._result: T | None = None
         self.error: Exception | None = None
         """Raised in the thread that takes the result."""
@@ -55,9 +55,8 @@ class _ThreadJob(Generic[T]):
 class BackgroundWorker:
     """Compute jobs in a thread, which ends with the block; a job that was given up is ended or never begun.
 
-    The newest job comes first, whichever board it is of: it has the most time left, so that a host that is
-    too slow for all still gives some answers in time. These may then be almost all of one board, because a
-    job that begins while the others wait depends on when each board hands over its own.
+    Boards take turns, and the newest job of a board comes first: it has the most time left. So a host that is
+    too slow for all jobs still gives some answers in time, of each board.
 
     Parameters
     ----------
@@ -70,7 +69,8 @@ class BackgroundWorker:
 
     def __enter__(self) -> Self:
         self._changed = threading.Condition()
-        self._jobs: deque[_ThreadJob[object]] = deque()
+        self._jobs: list[_ThreadJob[object]] = []
+        self._served: dict[object, int] = {}  # number of the turn in which a board was served last
         self._running: _ThreadJob[object] | None = None
         self._is_open = True
         self._thread = threading.Thread(target=self._run, name="groove fits", daemon=True)
@@ -85,14 +85,25 @@ class BackgroundWorker:
             self._changed.notify()
         self._thread.join()
 
-    def submit(self, work: Callable[[], T]) -> Job[T]:
-        """Hand over a computation."""
-        job = _ThreadJob(work)
+    def of_board(self) -> Worker:
+        """Return the worker of one board, which takes turns with those of other boards."""
+        return _BoardWorker(self)
+
+    def submit(self, work: Callable[[], T], board: object = None) -> Job[T]:
+        """Hand over a computation for a board."""
+        job = _ThreadJob(work, board)
         with self._changed:
             # Without those that were given up meanwhile: a host that is too slow keeps no list of them.
-            self._jobs = deque(other for other in self._jobs if other.is_wanted)
+            self._jobs = [other for other in self._jobs if other.is_wanted]
             self._jobs.append(job)  # type: ignore[arg-type] # results pass through unchanged
             self._changed.notify()
+        return job
+
+    def _next(self) -> _ThreadJob[object]:
+        """Take the newest job of the board that was served longest ago."""
+        job = min(reversed(self._jobs), key=lambda one: (not one.is_wanted, self._served.get(one.board, 0)))
+        self._jobs.remove(job)
+        self._served[job.board] = 1 + max(self._served.values(), default=0)
         return job
 
     def _run(self) -> None:
@@ -110,9 +121,10 @@ class BackgroundWorker:
                 self._changed.wait_for(lambda: self._jobs or not self._is_open)
                 if not self._is_open:
                     return
-                self._running = self._jobs.pop()
-            self._running.error = failure
-            if failure is None and self._running.is_wanted:
+                self._running = self._next()
+            if failure is not None:
+                self._running.error = failure
+            elif self._running.is_wanted:
                 self._running.run()
             with self._changed:
                 self._running = None
@@ -125,3 +137,14 @@ class BackgroundWorker:
         if now_s >= self._next_pause_s:
             time.sleep(_PAUSE_S)
             self._next_pause_s = time.perf_counter() + _PAUSE_EVERY_S
+
+
+class _BoardWorker:
+    """Hands over computations in the name of one board."""
+
+    def __init__(self, worker: BackgroundWorker) -> None:
+        self._worker = worker
+
+    def submit(self, work: Callable[[], T]) -> Job[T]:
+        """Hand over a computation."""
+        return self._worker.submit(work, self)

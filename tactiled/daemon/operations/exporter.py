@@ -1,7 +1,7 @@
 """Metrics page: ``GET /metrics`` over HTTP/1.0 on loopback, served by the daemon's event loop.
 
-The length of a request, the number of connections and the time of each (2 s) are bounded, and the data path
-never waits for any of them.
+The length of a request, the number of connections, the time of each (2 s) and the rate of pages are bounded,
+and the data path never waits for any of them.
 """
 
 import asyncio
@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 from pydantic import Field
 
+from tactiled.daemon.zmq.peers import StepLimit
 from tactiled.tomlfile import Params
 
 logger = logging.getLogger(__name__)
@@ -21,6 +22,7 @@ _HOST = "127.0.0.1"  # other hosts reach it through a proxy, node_exporter or ss
 _REQUEST_BYTES = 4096  # Prometheus sends some 300
 _PATIENCE_S = 2.0  # for request and response together
 _CLIENTS = 8  # connections at once; further ones are closed
+_PAGES_PER_S = 10.0  # after the first ones: a page takes 0.4 ms for each board, and Prometheus asks each 15 s
 _KIND = "text/plain; version=0.0.4; charset=utf-8"
 
 
@@ -43,6 +45,7 @@ class Exporter:
         self._text = text
         self._writers: set[asyncio.StreamWriter] = set()
         self._port = params.port
+        self._limit = StepLimit(_PAGES_PER_S)
 
     async def run(self) -> None:
         """Serve until cancelled, then close all connections; without its port, the daemon senses on."""
@@ -75,7 +78,9 @@ class Exporter:
         self._writers.add(writer)
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                writer.write(self._answer(await _request_line(reader)))
+                request_line = await _request_line(reader)
+                await self._limit.wait()
+                writer.write(self._answer(request_line))
                 await writer.drain()
                 writer.close()
                 await writer.wait_closed()

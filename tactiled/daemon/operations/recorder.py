@@ -69,9 +69,8 @@ class Recorder:
         self._session: RecordingSession | None = None
         self.is_on = path is not None or params.directory is not None
         """True while recording is wanted, whether or not the disk takes it."""
-        self._instead: RecordingProgress | None = (
-            OFF  # used in place of `_session.progress` before it exists and after a fault
-        )
+        # In place of `_session.progress`, before it exists and after a fault
+        self._instead: RecordingProgress | None = OFF
         if self.is_on:
             place = path or params.directory
             self._instead = replace(OFF, state="failed", reason=f"{place}: the disk does not answer")
@@ -83,6 +82,7 @@ class Recorder:
         self._is_broken = False  # the thread has ended by a fault of tactiled: it takes nothing more
         self._queue: queue.Queue[RecordEntry | _Switch] = queue.Queue(_QUEUE_ITEMS)
         self._started, self._ending = threading.Event(), threading.Event()
+        self._close_by_s = math.inf
         self._thread = threading.Thread(target=self._live, name="recorder", daemon=True)
         if self.is_on:  # without a place to record, it can never be switched on: no thread is needed
             self._thread.start()
@@ -102,8 +102,9 @@ class Recorder:
     @property
     def progress(self) -> RecordingProgress:
         """State of the recording."""
-        if self._instead is not None or self._session is None:
-            return self._instead or OFF
+        if self._instead is not None:
+            return self._instead
+        assert self._session is not None  # it is made before `_instead` is cleared
         progress = self._session.progress
         if progress.state == "recording" and time.monotonic() - self._asked_s > _SILENT_S:
             return replace(progress, state="failed", reason=f"{progress.file}: the disk does not answer")
@@ -177,12 +178,17 @@ class Recorder:
         because = "" if self._session is None or unwritten == before else self._session.dropped_because
         return because or fault or "the disk is too slow"
 
+    def finish(self) -> None:
+        """Begin to finish the file; `close` waits for it."""
+        self._close_by_s = min(self._close_by_s, time.monotonic() + _CLOSE_S)
+        self._ending.set()
+
     def close(self) -> None:
-        """Finish the file; gives up after `_CLOSE_S` on a disk that does not respond."""
+        """Finish the file; gives up `_CLOSE_S` after `finish` on a disk that does not respond."""
         if self._thread.ident is None:
             return  # it was never started
-        self._ending.set()
-        self._thread.join(_CLOSE_S)
+        self.finish()
+        self._thread.join(max(0.0, self._close_by_s - time.monotonic()))
         if self._thread.is_alive():
             if not (file := self.progress.file):
                 logger.error("recording: the disk has not answered for %g s: nothing is recorded", _CLOSE_S)

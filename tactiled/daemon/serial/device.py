@@ -171,8 +171,11 @@ def explain(url: str, error: Exception) -> str:
 
 def available() -> str:
     """Return the list of present ports, to be appended to a message."""
-    names = sorted(str(p) for p in BY_ID.iterdir()) if BY_ID.is_dir() else []
-    names = names or sorted(port.device for port in list_ports.comports())
+    names: list[str] = []
+    with contextlib.suppress(OSError):  # udev removes the folder with the last adapter
+        names = sorted(map(str, BY_ID.iterdir()))
+    with contextlib.suppress(OSError, TypeError):  # TypeError: pyserial, of an adapter that goes meanwhile
+        names = names or sorted(port.device for port in list_ports.comports())
     return f"; there are: {', '.join(names)}" if names else "; no serial port is plugged in"
 
 

@@ -66,8 +66,9 @@ def check_url(url: str) -> None:
         serial.serial_for_url(url, do_not_open=True)
     except (ValueError, serial.SerialException) as error:
         raise ConfigError("port.url", [f"{url}: {error}; give a device path or socket://host:port"]) from None
-    if Path(url).is_dir():
-        raise ConfigError("port.url", [f"{url} is a directory; name a port in it{devices.available()}"])
+    with contextlib.suppress(OSError):  # a folder that this user may not enter: said when it is opened
+        if Path(url).is_dir():
+            raise ConfigError("port.url", [f"{url} is a directory; name a port in it{devices.available()}"])
 
 
 class SerialPort:

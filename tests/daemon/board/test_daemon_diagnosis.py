@@ -124,6 +124,12 @@ def test_noise_that_lets_most_frames_pass_is_a_warning() -> None:
     assert "% of the bytes are damaged: noise on the line" in line.watch.warning()
 
 
+def test_the_rest_of_a_frame_that_had_begun_is_no_noise() -> None:
+    stream = b"".join(scans(LAYOUT))[40:]
+    line = Line([stream[k : k + 85] for k in range(0, 850, 85)])
+    assert line.watch.warning() == ""
+
+
 def test_a_flip_in_a_minute_is_no_warning() -> None:
     parts = scans(LAYOUT, 400)
     parts[17] = flipped(parts[17], 0.02)

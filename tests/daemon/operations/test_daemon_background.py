@@ -88,6 +88,25 @@ def test_the_newest_job_comes_first() -> None:
         assert [job.result() for job in (running, *jobs)] == [None] * 4
 
 
+def test_boards_take_turns_and_the_newest_job_of_each_comes_first() -> None:
+    order: list[str] = []
+    with BackgroundWorker() as background:
+        began, may_go_on = threading.Event(), threading.Event()
+
+        def first() -> None:
+            began.set()
+            assert may_go_on.wait(20)
+
+        boards = {name: background.of_board() for name in "abc"}
+        boards["a"].submit(first)
+        assert began.wait(20)
+        for name in ("a1", "c1", "a2", "a3", "b1", "a4", "b2"):
+            boards[name[0]].submit(lambda name=name: order.append(name))  # type: ignore[misc]
+        may_go_on.set()
+        until(lambda: is_idle(background), "all jobs are done")
+    assert order == ["b2", "c1", "a4", "b1", "a3", "a2", "a1"]
+
+
 def test_leaving_the_block_ends_a_running_job() -> None:
     with BackgroundWorker() as background:
         began = threading.Event()

@@ -144,6 +144,25 @@ def test_close_returns_although_the_disk_hangs(
     recorder.close()
 
 
+def test_disks_that_hang_are_waited_for_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "_CLOSE_S", 0.5)
+    recorders = [Recorder(PARAMS, HEADER, tmp_path / f"{name}.mcap") for name in "abcdefgh"]
+    disk = StuckDisk(monkeypatch)
+    for recorder in recorders:
+        recorder.record(read(0), (), None)
+    assert disk.entered.wait(PATIENCE_S)
+    began_s = time.monotonic()
+    for recorder in recorders:
+        recorder.finish()
+    for recorder in recorders:
+        recorder.close()
+    assert time.monotonic() - began_s < 3.0  # one after the other would take 4 s
+    disk.free.set()
+    until(lambda: all((tmp_path / f"{name}.mcap").exists() for name in "abcdefgh"))
+    for recorder in recorders:
+        recorder.close()
+
+
 def test_a_disk_that_fails_later_is_reported_and_retried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -17,6 +17,7 @@ import serial
 from boards import descriptors
 from patience import PATIENCE_S
 
+from tactiled.daemon.serial import device as devices
 from tactiled.daemon.serial import port as source
 from tactiled.daemon.serial.port import Connection, check_url, open_port, open_port_in_thread
 from tactiled.errors import ConfigError, PortError
@@ -242,6 +243,19 @@ def test_the_error_for_a_missing_port_lists_present_ports(tmp_path: Path) -> Non
     for name in ("ttyUSB7", "tactiled-TS0001"):
         with pytest.raises(PortError, match=r"no such port; (there are: /dev/|no serial port is plugged in)"):
             open_port(str(tmp_path / name), 115200)
+
+
+@pytest.mark.parametrize("error", [FileNotFoundError, TypeError], ids=lambda error: error.__name__)
+def test_ports_that_go_while_they_are_listed_are_no_fault(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, error: type[Exception]
+) -> None:
+    def gone() -> None:
+        raise error
+
+    monkeypatch.setattr(devices, "BY_ID", tmp_path / "gone")
+    monkeypatch.setattr("tactiled.daemon.serial.device.list_ports.comports", gone)
+    with pytest.raises(PortError, match="no such port; no serial port is plugged in"):
+        open_port(str(tmp_path / "ttyUSB7"), 115200)
 
 
 def test_permission_denied_names_the_group_and_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
