@@ -8,7 +8,7 @@ cdef extern from "math.h":
     cpdef double sqrt(double x)
 
 cdef double FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED, LEAST_GROSS_USED, RIPPLE_P, NEEDED_UTILISATION
-cdef double LOOK_S, GROWTH_S, _INFINITE, _LEAST_RATIO, _LEAST_BORNE, _LEAST_LOAD, _TINY
+cdef double LOOK_S, _INFINITE, _LEAST_RATIO, _LEAST_BORNE, _LEAST_LOAD, _TINY
 cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _ONSETS, _ENDS, _FILTER_PART
 cdef double _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
 cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
@@ -70,7 +70,7 @@ cdef class Posterior:
 
     cpdef begin(self)
     cpdef take(self, double[::1] scores, double[::1] soon_scores, double signs_odds, double ratio,
-               double log_friction, double variance, bint has_zero, bint ripple_travels)
+               double log_friction, double variance, bint was_seen, bint ripple_travels)
     cpdef publish(self, bint is_gross, double least_sliding, double ratio, double log_friction, double variance)
     cdef double _quantile(self, double wanted)
 
@@ -98,8 +98,8 @@ cdef class ContactFilter:
     cdef public bint is_begun, is_look, is_known
     cdef public tuple friction, p_gross
 
-    cpdef take(self, double time_s, reading, zero, double noise, double acceleration, bint has_zero,
-               double rippled_s, bint may_slip)
-    cpdef look(self, double noise, double acceleration, bint has_zero)
+    cpdef take(self, double time_s, reading, zero, double noise, double acceleration, bint was_seen,
+               double rippled_s, bint touches)
+    cpdef look(self, double noise, double acceleration, bint was_seen, bint touches)
     cpdef publish(self)
     cdef _keep(self, double time_s)

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.signs import GROWTH_S, LOOK_S, NAMES, Signs
+from tactiled.detect.contact.signs import LOOK_S, NAMES, Signs
 from tactiled.events.types import GripEvent, GripState
 
 if TYPE_CHECKING:
@@ -489,7 +489,7 @@ class Posterior:
         ratio: float,
         log_friction: float,
         variance: float,
-        has_zero: bool,
+        was_seen: bool,
         ripple_travels: bool,
     ) -> None:
         """Take the scores of a look.
@@ -511,7 +511,7 @@ class Posterior:
             travels.
         log_friction, variance : float
             Of the logarithm of friction, as a ratio, when the contact began.
-        has_zero : bool
+        was_seen : bool
             The zero of the shear is known: the contact was seen to begin.
         ripple_travels : bool
             A ripple travels over the taxels: proof of sliding.
@@ -529,7 +529,7 @@ class Posterior:
         log_ratio = log(max(ratio, _LEAST_BORNE))
         here = variance + _HERE_SD * _HERE_SD
         learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
-        no_zero = 0.0 if has_zero else _WITHOUT_ZERO
+        no_zero = 0.0 if was_seen else _WITHOUT_ZERO
         total = 0.0
         for k in range(n):
             p = exp((scores[k] if k < n - 1 else sliding) - most)
@@ -726,7 +726,7 @@ class ContactFilter:
         self.signs, self.radius_mm, self.unit = signs, radius_mm, unit
         self.per_friction = signs.shear_per_friction
         self.n_look, self.look_s = scans_of_look(rate_hz), signs.look_s
-        self.growth_s = max(GROWTH_S, self.look_s)
+        self.growth_s = signs.n_growth * self.look_s
         self.sign_trees, self.state_trees, self.soon_trees = learnt.signs, learnt.state, learnt.soon
         self.base_odds = learnt.base_odds
         self.prior_p = 1.0 / (1.0 + exp(-self.base_odds))
@@ -764,7 +764,7 @@ class ContactFilter:
         self.publish()
 
     def weigh(self, total_x: float, total_y: float, moment: float, load: float) -> None:
-        """Take the sums of a scan whose load is too small to tell."""
+        """Set the sums of the newest scan."""
         self.total_x, self.total_y, self.moment, self.load = total_x, total_y, moment, max(load, _LEAST_LOAD)
 
     def take(
@@ -774,9 +774,9 @@ class ContactFilter:
         zero: FloatArray,
         noise: float,
         acceleration: float,
-        has_zero: bool,
+        was_seen: bool,
         rippled_s: float,
-        may_slip: bool,
+        touches: bool,
     ) -> None:
         """Take a scan; each look of 20 ms, the first scan of a contact among them, changes the posterior.
 
@@ -790,29 +790,29 @@ class ContactFilter:
             Standard deviation of a taxel's shear in one scan, in units of the readings.
         acceleration : float
             Of the hand, as announced, m/s^2; NaN where it is not.
-        has_zero : bool
-            The zero of the shear is known: the contact was seen to begin, or most of its load to come.
+        was_seen : bool
+            The contact was seen to begin, or most of its load to come, so that its zero of shear is known.
         rippled_s : float
             Length of the window in which a ripple travels over the taxels: proof of sliding (`travelling`).
-        may_slip : bool
-            The contact gate sees a contact: without one, no slip is open.
+        touches : bool
+            The contact gate sees a contact; without one, no slip is open, and friction is not learnt.
         """
         signs = self.signs
         signs.take(reading, zero)
         self.rippled_s = rippled_s
         self.is_look = not self.is_begun or signs.n_scans >= self.n_look
         if self.is_look:
-            self.look(noise, acceleration, has_zero)
-        if not may_slip:
+            self.look(noise, acceleration, was_seen, touches)
+        if not touches:
             self.hysteresis.close()
-        if self.is_look or not may_slip:
+        if self.is_look or not touches:
             self.publish()
         self.is_begun = True
         self.weigh(signs.total_x, signs.total_y, signs.moment, signs.total_load)
-        if may_slip:
+        if touches:
             self._keep(time_s)
 
-    def look(self, noise: float, acceleration: float, has_zero: bool) -> None:
+    def look(self, noise: float, acceleration: float, was_seen: bool, touches: bool) -> None:
         """Look at the scans that `signs` has taken; parameters as in `take`."""
         signs, friction, ripple_travels = self.signs, self.friction_memory, self.rippled_s > 0.0
         signs.look(noise, acceleration)
@@ -821,7 +821,7 @@ class ContactFilter:
         p = 1.0 / (1.0 + exp(-min(max(self.sign_trees.scores[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
         kept = kept_load(self.sign_row[LOAD_CHANGE])
-        if has_zero:
+        if was_seen and touches:  # what the gate takes for noise tells nothing of friction
             friction.learn(self.p_sliding_now, self.ratio, kept, self.look_s)
         self.memory.take(p, self.ratio, self.look_s, kept)
         n = len(self.columns)
@@ -838,11 +838,11 @@ class ContactFilter:
             self.ratio,
             friction.contact_log_mean,
             friction.contact_variance,
-            has_zero,
+            was_seen,
             ripple_travels,
         )
         self.hysteresis.look(self.p_incipient, self.p_sliding_now, self.ratio, self.ratio_sd)
-        self.is_known = self.is_known or has_zero or self.hysteresis.is_gross
+        self.is_known = self.is_known or was_seen or self.hysteresis.is_gross
         self.slid_at = max(self.slid_at, self.ratio) if self.hysteresis.is_gross else 0.0
 
     def publish(self) -> None:

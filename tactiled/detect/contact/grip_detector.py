@@ -139,12 +139,12 @@ class GripDetector:
         self._n_baseline = 0
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._is_held = False  # the newest scan is of a contact
-        self._is_pressed = False  # its press is over, or a pull has begun in it
-        self._is_cut = False  # a gap interrupted the contact, and the next scan tells whether it went on
+        self._press_is_over = False  # or a pull has begun in it
+        self._may_go_on = False  # after a gap in the contact, until the next scan tells
         self._is_after_gap = True  # or after nothing: a contact of the next scan was not seen to begin
         self._loads_before_gap: FloatArray = np.zeros(1)
         self._is_told = False  # the newest message has a contact
-        self._is_cut_off = False  # a gap ended the messages of a contact
+        self._owes_end = False  # a gap ended the messages of a contact; the next scan says that it ended
         self.acceleration_m_s2 = math.nan
         """Announced acceleration of the hand along the pull, gravity's part included, at the newest scan; NaN
         where none is announced."""
@@ -192,7 +192,7 @@ class GripDetector:
         self._renew_friction()
 
     def _renew_friction(self) -> None:
-        self._is_friction_due = self._is_held or self._is_cut
+        self._is_friction_due = self._is_held or self._may_go_on
         if self._readings is not None and not self._is_friction_due:
             self._expect_friction()
 
@@ -270,8 +270,8 @@ class GripDetector:
                 yield None
                 continue
             touches = tracker.state != "none"
-            is_begun = self._is_cut or (self._is_held and self._filter.is_begun)
-            readings.take(scan, is_begun, self._is_held and self._is_pressed)
+            in_contact = self._may_go_on or self.contact is not None
+            readings.take(scan, in_contact, self._is_held and self._press_is_over)
             self._step(readings, step_s, tracker.swing_of_mean, touches=touches)
             yield self._told(readings.is_read and not is_late, is_late, touches=touches)
 
@@ -284,8 +284,8 @@ class GripDetector:
             contact.friction_memory.widen(_MODEL_SD)
             contact.hysteresis.settle()
         least = max(_CONTACT_NOISES * readings.load_sd, self._least_load, swing)
-        if self._is_cut:
-            self._is_cut = False
+        if self._may_go_on:
+            self._may_go_on = False
             contact.friction_memory.walk(min(max(step_s, 0.0), _LONGEST_GAP_S))
             if load > least and self._went_on(step_s):
                 self._is_held = True
@@ -315,7 +315,7 @@ class GripDetector:
             newest = self._newest
             zero.take(newest[0], newest[1:], readings.shear_sd, readings.total_sd)
             self._zero_parts = zero.parts.reshape(-1)
-            self._is_pressed = zero.is_measured or zero.pull_began
+            self._press_is_over = zero.is_measured or zero.pull_began
             contact.zero_sd = math.hypot(zero.whole_sd, readings.total_sd / max(float(newest[0].sum()), 1e-9))
         contact.take(
             self._last_s,
@@ -332,14 +332,14 @@ class GripDetector:
         """Return the message of the newest scan: of the contact, or that it ended."""
         if not self._params.publish:
             return None
-        ends = self._is_told or self._is_cut_off
-        self._is_told, self._is_cut_off = touches, False
+        ends = self._is_told or self._owes_end
+        self._is_told, self._owes_end = touches, False
         if touches:
             return self._filter.event(self._last_s, is_trusted, is_late)
         return GripEvent(time_s=self._last_s, valid=is_trusted) if ends else None
 
     def _begin_contact(self, least: float, *, is_seen: bool) -> None:
-        array, self._is_held, self._is_pressed = self._array, True, False
+        array, self._is_held, self._press_is_over = self._array, True, False
         self._zero = PressZero(
             array.n_taxels,
             self._rate_hz,
@@ -370,7 +370,7 @@ class GripDetector:
         if not 0.0 < gap_s <= _LONGEST_GAP_S or float(np.abs(after - before).sum()) >= most:
             return False
         # What the press did while nobody looked is not known.
-        self._zero.is_measured = self._is_pressed = True
+        self._zero.is_measured = self._press_is_over = True
         self._filter.restart()
         self._ripple.reset()
         return True
@@ -383,13 +383,13 @@ class GripDetector:
         """
         if gap.cause not in LOSSES or self.tracker is None:
             return self._forget()
-        self._is_cut_off = self._is_told
+        self._owes_end = self._owes_end or self._is_told
         events = self._cut_off()
         self.tracker.interrupt(gap.n_missing)
         if self._readings is None:
             return events
         if self.contact is not None:
-            self._is_cut, self._is_held = True, False
+            self._may_go_on, self._is_held = True, False
             self._loads_before_gap = self._newest[0].copy()
         elif self._is_held:  # its load was too small to tell: there is nothing to go on with
             self._end_contact(self._readings)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactiled.detect.contact.fast import Trees
-from tactiled.detect.contact.filter import ROW_NAMES
+from tactiled.detect.contact.filter import HORIZONS_S, N_STATES, ROW_NAMES
 from tactiled.resources import shipped
 
 FILE = "config", "learnt", "slip.npz"
@@ -28,7 +28,7 @@ def learnt_from(table: Mapping[str, Any]) -> Learnt:
     Raises
     ------
     ValueError
-        The trees were learnt from signs of other names or places.
+        The trees were learnt from signs of other names or places, or for other states.
     """
 
     def forest(name: str) -> Trees:
@@ -41,6 +41,11 @@ def learnt_from(table: Mapping[str, Any]) -> Learnt:
         raise ValueError(
             f"{'/'.join(FILE)}: the trees were learnt from other signs ({', '.join(other[:5])}); "
             "learn them anew (./run train slip)"
+        )
+    n_scores = [len(table[f"{name}.first"]) for name in Learnt._fields[:3]]
+    if n_scores != [1, N_STATES, len(HORIZONS_S) + 1]:
+        raise ValueError(
+            f"{'/'.join(FILE)}: the trees have {n_scores} scores; learn them anew (./run train slip)"
         )
     return Learnt(forest("signs"), forest("state"), forest("soon"), float(table["base_odds"]))
 

@@ -71,7 +71,6 @@ class PressZero:
         is_seen: bool,
         in_counts: bool,
     ) -> None:
-        self._n_taxels = n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
         mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD, _CROSSTALK_SD * in_counts)
         self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction

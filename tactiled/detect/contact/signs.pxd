@@ -10,7 +10,7 @@ cdef long _NOISE, _RIPPLE, _HAND, _MOVES
 
 
 cdef class Signs:
-    cdef public long n_taxels, n, at, n_scans, length, n_mean, n_drop, n_growth
+    cdef public long n_taxels, n, at, n_scans, length, n_mean, n_drop, n_growth, n_longest
     cdef public double look_s, shear_per_friction, shear_scale, total_x, total_y, moment, total_load, keep_fast, keep_slow, keep_mean
     cdef public double is_seen, ratio_x, ratio_y, turn, ratio, growth, whole, ratio_noise, largest, dropped_from
     cdef public double since_largest_s, steps2, grown_to, log_growth_s, growth_slows

@@ -135,7 +135,8 @@ class Signs:
         filters = [detail_taps(level) for level in LEVELS]
         self.taps = array("d", [tap for one in filters for tap in one])
         self.n_taps = array("q", [len(one) for one in filters])
-        self.length = max(_looks(_LONGEST_S, look_s) + 1, *(len(one) for one in filters))
+        self.n_longest = _looks(_LONGEST_S, look_s) + 1
+        self.length = max(self.n_longest, *(len(one) for one in filters))
         self.past_x, self.past_y, self.past_ratio = (_zeros(self.length) for _ in range(3))
         self.parts = array("d", _PARTS)
         self.since = _zeros(len(_PARTS))
@@ -193,6 +194,7 @@ class Signs:
             total_x += x
             total_y += y
             moment += self.x[k] * y - self.y[k] * x
+            self.over_load[k], self.over_load[n + k] = x, y
             x *= scale
             y *= scale
             load = max(load, 0.0)
@@ -204,9 +206,8 @@ class Signs:
                 self.steps2 += dx * dx + dy * dy
             self.scan_load[k], self.scan_x[k], self.scan_y[k] = load, x, y
         whole = max(total, _TINY)
-        for k in range(n):
-            self.over_load[k] = (reading[n + k] - zero[k] * reading[k]) / whole
-            self.over_load[n + k] = (reading[2 * n + k] - zero[n + k] * reading[k]) / whole
+        for k in range(2 * n):
+            self.over_load[k] /= whole
         self.n_scans += 1
         self.total_x, self.total_y, self.moment, self.total_load = total_x, total_y, moment, total
 
@@ -372,7 +373,7 @@ class Signs:
         hand ends by minimum jerk (Flash and Hogan, J. Neurosci. 5, 1985). The course of the last growth is
         kept for as long as the ratio is.
         """
-        row, now, longest = self.row, self.past_ratio[self.at], min(self.n, self.length) - 1
+        row, now, longest = self.row, self.past_ratio[self.at], min(self.n, self.n_longest) - 1
         back, after = 0, now
         for j in range(len(self.parts) - 1, -1, -1):
             value = self.parts[j] * now

@@ -107,14 +107,16 @@ class PosteriorSlips:
             began_s, sd_s = self._began(limits, contact, past)
             towards = direction(contact, past.shear, self._n_averaged, is_gross=is_gross)
         if is_gross:
+            assert self.open is not None  # a gross slip was an incipient one
             p, threshold = contact.p_sliding_now, contact.hysteresis.gross_p
             taxels = np.flatnonzero(past.shear[-1].any(axis=0)).tolist()  # not those that are out
-            began_s = max(began_s, self.open.onset_s if self.open else began_s)
+            began_s = max(began_s, self.open.onset_s)
             if not contact.rippled_s:
                 # What slides bears its limit: it did not slide before the ratio came there, nor while sliding
                 # was less likely than it is without any sign.
                 unlikely = np.flatnonzero(past.p_sliding < contact.prior_p)
-                began_s = max(began_s, float(past.time_s[unlikely[-1]]) if len(unlikely) else 0.0)
+                if len(unlikely):
+                    began_s = max(began_s, float(past.time_s[unlikely[-1]]))
                 sd_s = math.hypot(sd_s, (time_s - began_s) / math.sqrt(12))
         else:
             p, threshold = contact.p_incipient, contact.hysteresis.incipient_p
@@ -171,4 +173,4 @@ def _slipping_taxels(contact: ContactFilter, shear: FloatArray) -> list[int]:
     """
     load = np.maximum(np.array(contact.signs.scan_load) / contact.signs.total_load, _LEAST_PART)
     used = np.where(load > _LEAST_PART, np.sqrt((shear**2).sum(axis=0)) / load / contact.friction_now[1], 0.0)
-    return np.flatnonzero(used >= min(INCIPIENT_USED, used.max())).tolist()
+    return np.flatnonzero((used > 0) & (used >= min(INCIPIENT_USED, used.max()))).tolist()

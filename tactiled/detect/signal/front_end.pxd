@@ -33,7 +33,7 @@ cdef class Jumps:
     cdef public double[::1] accepted, change, usual
     cdef public unsigned char[::1] own, found, out, jumps, is_loaded
 
-    cpdef take(self, double[::1] readings, long first, double[::1] loads, double[::1] noise, bint is_pressed)
+    cpdef take(self, double[::1] readings, long first, double[::1] loads, double[::1] noise, bint press_is_over)
     cdef _find(self, long first, double[::1] loads, double least, double heaviest, double[::1] noise)
 
 
@@ -73,7 +73,7 @@ cdef class Readings:
     cdef public unsigned char[::1] dropped, ok, is_stuck, is_out
 
     cpdef begin(self, const double[::1] steps, const unsigned char[::1] read, const double[::1] offset_s)
-    cpdef take(self, long scan, bint in_contact, bint is_pressed)
+    cpdef take(self, long scan, bint in_contact, bint press_is_over)
     cpdef rest(self, double part)
     cpdef release(self)
     cpdef interrupt(self)

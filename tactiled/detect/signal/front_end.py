@@ -207,8 +207,8 @@ class Jumps:
         self.found, self.out, self.jumps, self.is_loaded = _flags(n), _flags(n), _flags(n), _flags(n_taxels)
         self.is_out = False
 
-    def take(self, readings: Reals, first: int, loads: Reals, noise: Reals, is_pressed: bool) -> None:
-        """Take the readings of a scan; before the press is over (`is_pressed`), none is called a jump.
+    def take(self, readings: Reals, first: int, loads: Reals, noise: Reals, press_is_over: bool) -> None:
+        """Take the readings of a scan; until `press_is_over`, none is called a jump.
 
         A press moves taxels one by one. The loads of the scan before begin at `first` of `loads`.
         """
@@ -222,7 +222,7 @@ class Jumps:
             total += loads[first + t]
             heaviest = max(heaviest, loads[first + t])
         least = _LEAST_JUMP * total / taxels
-        if not is_pressed or (not self.is_out and largest <= least):
+        if not press_is_over or (not self.is_out and largest <= least):
             for c in range(n):
                 self.accepted[c] = readings[c]
             self.is_out = False
@@ -491,14 +491,14 @@ class Readings:
         """
         self.steps, self.read, self.offset_s = steps, read, offset_s
 
-    def take(self, scan: int, in_contact: bool, is_pressed: bool) -> None:
+    def take(self, scan: int, in_contact: bool, press_is_over: bool) -> None:
         """Take a scan of the block, in a contact whose press may be over."""
         channels, taxels = self.n_channels, self.n_taxels
         if scan < 0 or (scan + 1) * channels > len(self.steps):
             raise IndexError("there is no such scan in the block")
         self._take_steps(scan * channels)
         before = (self.n_history - 1) * 3 * taxels
-        self.jumps.take(self.readings, before, self.history, self.floor.sd, is_pressed)
+        self.jumps.take(self.readings, before, self.history, self.floor.sd, press_is_over)
         self._take_instant()
         self._take_out(in_contact)
         is_full = True

@@ -16,9 +16,9 @@ X, Y = [-1.0, 0.0, 1.0] * 3, [-1.0] * 3 + [0.0] * 3 + [1.0] * 3
 NO_ZERO = np.zeros(18)
 
 
-def shown(readings: FloatArray, noise: float = 0.01) -> tuple[FloatArray, Signs]:
+def shown(readings: FloatArray, noise: float = 0.01, look_s: float = 0.02) -> tuple[FloatArray, Signs]:
     """Rows of signs (n, signs) of readings (n, 3, 9), one scan a look."""
-    contact = Signs(X, Y, 0.02)
+    contact = Signs(X, Y, look_s)
     rows = []
     for reading in readings:
         contact.take(np.ascontiguousarray(reading.ravel()), NO_ZERO)
@@ -67,6 +67,16 @@ def test_the_course_of_a_growth_is_kept_while_the_ratio_stays(rise: str, slows: 
         assert sign(rows, "growth_slows")[look] == pytest.approx(slows, abs=0.05)
     since_s = LOOK_S * (60 - 10 - grows * (0.5 if rise == "even" else 1 - 0.5 ** (2 / 3)))
     assert sign(rows, "since_below_50_s")[60] == pytest.approx(since_s, abs=0.002)
+
+
+@pytest.mark.parametrize("rate_hz", [10, 20, 30, 50])
+def test_times_since_a_lower_ratio_do_not_fall_while_the_ratio_stays(rate_hz: int) -> None:
+    readings = held(5 * rate_hz)
+    readings[:rate_hz, 1] *= 0.2
+    rows, _ = shown(readings, look_s=1 / rate_hz)
+    since_s = sign(rows, "since_below_50_s")[rate_hz:]
+    assert np.diff(since_s).min() >= 0.0
+    assert since_s[-1] == 1.0
 
 
 def test_another_ratio_forgets_the_course_of_the_growth() -> None:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from bench.worlds.arrays import square_array
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.suite import DetectParams
@@ -41,6 +42,17 @@ def test_the_next_contact_begins_with_what_was_stated() -> None:
     first = grips(detector.process(touch(0)))[5]
     assert first.friction == pytest.approx(1.8, rel=0.02)
     assert 0.1 < log_sd(first) < 0.3  # what the model does not know is added
+
+
+def test_noise_that_the_gate_does_not_call_a_contact_tells_nothing_of_friction() -> None:
+    pad = square_array("xyz", 2, 4.0, range=(-8.0, 8.0))
+    load = np.where(np.arange(250) < 150, 0.0, 3.0)[:, np.newaxis] * np.tile([0.1, 0.0, 1.0], 4)
+    for seed in range(12):
+        detector = GripDetector(pad)
+        detector.state_friction(0.2, 0.1)
+        noise = 0.04 * np.random.default_rng(seed).standard_normal(load.shape)
+        first = grips(detector.process(regular_block(load + noise, 100.0)))[5]
+        assert first.friction == pytest.approx(0.2, rel=0.1), seed
 
 
 def test_a_contact_that_goes_on_keeps_what_it_has_shown() -> None:

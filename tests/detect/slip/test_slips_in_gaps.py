@@ -1,13 +1,17 @@
 """Slips inside a gap are reported; a gap without a change of shear is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from touches import pieces, run, slip_detector, slips, splits, uneven_friction
 
+from bench.worlds.generators import draw
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.filter import SETTINGS
-from tactiled.events.types import Event
+from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
@@ -38,6 +42,26 @@ def through_a_gap(block: ScanBlock, setting: str = "balanced", cause: GapCause =
     events = detector.process(block[:FIRST])
     events += detector.process(Gap(LAST - FIRST, cause, int(block.index[LAST])))
     return events + detector.process(block[LAST:])
+
+
+def test_the_end_of_a_contact_is_told_after_any_number_of_gaps() -> None:
+    detector = GripDetector(ARRAY)
+    detector.process(SLIPPED[:300])
+    for n in (300, 340):
+        detector.process(Gap(40, "missing", n + 40))
+    free = np.zeros((20, 36))
+    events = detector.process(regular_block(free, 100.0, start_s=3.8, index=380))
+    assert [event.state for event in events if isinstance(event, GripEvent)] == ["none"]
+
+
+def test_times_before_zero_are_as_good_as_any() -> None:
+    (world,) = draw("strokes", range(19, 20), 0.2)
+    params = GripParams(gross_p=0.85)
+    earlier = replace(world.block, time_s=world.block.time_s - 100.0)
+    expected = slips(GripDetector(world.array, params).process(world.block))
+    found = slips(GripDetector(world.array, params).process(earlier))
+    assert any(event.kind == "gross" for event in expected)
+    assert [event.onset_s for event in found] == pytest.approx([event.onset_s - 100.0 for event in expected])
 
 
 @pytest.mark.parametrize("setting", SETTINGS)
