@@ -80,9 +80,9 @@ def bench_clock(progress: ProgressBar, options: BenchOptions) -> list[str]:
         progress.advance(line.name)
         rows.append(row)
     title = (
-        f"Error of scan instants from {_SETTLED_S:g} s on; {seeds} runs ({seeds_in_words(seeds)}) of "
-        f"{_DURATION_S:g} s for each line, without and with pings; a board that answers a ping within "
-        f"{1e3 * _BOARD.answer_least_s:g} to {1e3 * _BOARD.answer_most_s:g} ms"
+        f"Errors of the times of scans, from {_SETTLED_S:g} s after the start on, in {seeds} runs "
+        f"({seeds_in_words(seeds)}) of {_DURATION_S:g} s for each line, without and with pings. The board "
+        f"answers a ping within {1e3 * _BOARD.answer_least_s:g} to {1e3 * _BOARD.answer_most_s:g} ms."
     )
     return [title, table(rows)]
 

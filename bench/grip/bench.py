@@ -57,13 +57,15 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
             found = [row for some in counted(pool.map(_courses, jobs), progress, name) for row in some]
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     return [
-        f"Of each generator, {lots_in_words(lots)} to learn from; {lots_in_words(reported)} to score on. "
-        f"{' and '.join(sorted(_SAME_SKIN))} are left out together.",
+        f"The filter learns from {lots_in_words(lots)} of each generator, and is scored on "
+        f"{lots_in_words(reported)}. {' and '.join(sorted(_SAME_SKIN))} are left out together.",
         aims_table(aims(scores, scan_cost())),
-        "u: utilisation from 0.5 up; by true friction: the ratio over it, without a filter. False gross "
-        "slips are by hour of contact, at the part of true ones that is found from 0.1 s before to 0.3 s "
-        "after they begin. Below half: state gross in worlds that never use half of the limit. Processor "
-        "time at 100 Hz; hot: scan after scan; live: a scan each 10 ms.",
+        "u: utilisation, where the true one is 0.5 or more. By true friction: shear over load, divided by "
+        "the true friction, in place of a filter. False gross slips are counted per hour of contact, at the "
+        "threshold at which the recall is 80 %; a gross slip is found if it is reported between 0.1 s before "
+        "and 0.3 s after it begins. Below half: gross slips that are reported in worlds whose utilisation "
+        "never reaches 0.5; all of them are false. Processor time at 100 Hz: hot with one scan right after "
+        "the other, live with one every 10 ms.",
         table(_row(name, kind, one) for name, kinds in scores.items() for kind, one in kinds.items()),
     ]
 

@@ -59,12 +59,12 @@ def bench_hands(progress: ProgressBar, options: BenchOptions) -> list[str]:
     rows = {hand: [minute for minute in found if minute.hand == hand] for hand in HANDS} | {"all": found}
     return [
         f"{n - left_out} random worlds of {_DURATION_S:g} s (seeds {_FROM}..{_FROM + n - 1}; "
-        f"{left_out} used half of the limit or more and were left out), "
-        f"{_hours(found):.1f} h in contact, {_unslipped_hours(found):.2f} h of it until a tenth of the area "
-        "has slipped.",
+        f"{left_out} that use half of the friction limit or more are left out). Their contacts last "
+        f"{_hours(found):.1f} h; in {_unslipped_hours(found):.2f} h of this time, less than a tenth of the "
+        "area has slipped so far.",
         aims_table(_aims(found)),
-        "False slip events an hour, by setting: onsets until a tenth of the area has slipped, by hour of "
-        "that time / gross slips, by hour of contact.",
+        "False slip events by setting: incipient onsets per hour in which less than a tenth of the area has "
+        "slipped so far / gross slips per hour of contact.",
         table(_event_row(hand, some) for hand, some in rows.items()),
     ]
 

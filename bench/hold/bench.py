@@ -91,15 +91,15 @@ def report(found: Mapping[str, Sequence[GraspResult]]) -> list[str]:
     """Make the tables."""
     chosen = _margin(round(TARGET, 2))
     return [
-        f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; the first of them where "
-        "there are fewer). Grip over the least: mean grip over the mean of the grip that just bears the "
-        "load by friction at rest, while the object hangs freely, averaged over grasps without a drop.",
+        f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; rows of fewer grasps use the "
+        "first seeds). Grip over the least: the mean grip, divided by the mean of the smallest grip with "
+        "which friction holds the object while it hangs freely, averaged over the grasps without a drop.",
         aims_table(aims(found[chosen]), chosen),
         table({"grip": words, **_numbers(some)} for words, some in found.items()),
-        f"The margin with target {TARGET:g}, by event.",
+        f"Grasps of the margin with target {TARGET:g}, by event.",
         _by_event(found[chosen]),
-        f"The same where the daemon is down from {RESTART_S:g} s on for {DOWN_S:g} s, and the one that is "
-        "started anew finds the object in the hand. Events begin from 3 s on.",
+        f"The same, but the daemon is stopped after {RESTART_S:g} s, starts again {DOWN_S:g} s later, and "
+        "then finds the object in the hand. No event begins before 3 s.",
         _by_event(found[RESTARTED]),
     ]
 

@@ -106,8 +106,8 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
             folder.mkdir()
             runs.append(play_scene(folder, reference))
     text = (
-        f"{repeats} runs; {load_words()}. A ratio compares two programs in the same run; the table has its "
-        "median over the runs, and its range."
+        f"{repeats} runs; {load_words()}. Ratios are those of two programs in the same run: median and range "
+        "over the runs."
     )
     return [text, _latency_table(runs), aims_table(_aims(runs))]
 

@@ -82,9 +82,9 @@ def bench_native(progress: ProgressBar, options: BenchOptions) -> list[str]:
         cost = measure_cost(Path(name), receive)
         of_node = node_sections(Path(name), receive, repeats, n_scans)
     text = (
-        f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency: from before the "
-        "send to the scan in its structure (tactiled.hpp), or to its bytes (zmq_recv). A ratio compares "
-        "two programs in the same run; the table has its median over the runs, and its range."
+        f"{repeats} runs of {n_scans} scans at 100 Hz over ipc; {load_words()}. Latency is counted from "
+        "before the send until the scan is in its structure (tactiled.hpp), or its bytes are there "
+        "(zmq_recv). Ratios are those of two programs in the same run: median and range over the runs."
     )
     cost_text = (
         f"In a loop without sockets, {_COST_SCANS} scans of 36 channels: {cost.scan_us:.1f} us of processor "

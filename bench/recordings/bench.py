@@ -132,11 +132,13 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         progress.advance(source.name)
     missing = how_to_get(source for source in sources() if source not in here)
     sections = [
-        "Public recordings of other groups. Rules and trees learn from the other objects of a source. Force: "
-        "rms error over the range of each axis, in folds that leave out contacts, and the part of the 90 % "
-        "intervals that hold it. Contact: mean of the parts of scans that are said right with a force beyond "
-        "5 % of its range, and below 0.5 %; 0.5 is chance. Of more than five logs, the median is there, and "
-        "the range.",
+        "Public recordings of other groups. Each source is asked for the period of a grating, for a slip, a "
+        "touch, or the loss of an object in each log, or for the forces. Rules and trees learn from the "
+        "other objects of a source. Force: rms error of each axis, divided by its range, in a cross- "
+        "validation that leaves out whole contacts; in brackets, the part of the 90 % intervals that "
+        "contain the true force. Contact: the mean of two parts, of the scans with more than 5 % of the "
+        "range of force that are reported as contact, and of those with less than 0.5 % that are not; "
+        "chance gives 0.5. For more than five logs, the median and the range are given.",
         table(_row(one) for one in found),
         aims_table(_aims(found)),
         "Constants that were chosen on a source: "

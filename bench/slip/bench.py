@@ -33,15 +33,15 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     starts = range(0, n_worlds, _BATCH)
     sections = [
         f"{n_worlds} worlds of laws ({seeds_in_words(n_worlds, REPORTED_FROM)}) and {n_worlds} of plates "
-        f"({seeds_in_words(n_worlds, PLATES_FROM)}). Slow slips take {SLOW_S:g} s or more "
-        "from a tenth of the area to all of it; a slip is reported ahead if an event is open "
-        f'{1e3 * AHEAD_S:.0f} ms before the slip becomes gross. "Nothing slips": less than a tenth of the '
-        "area slips, and no more of it did in the last 0.1 s; a tenth counts as slipping from a utilisation "
-        f"of {INCIPIENT_USED:.3f} on, also while the contact rests. Rests: cases without gross slip. Ended: "
-        "an end was reported while all of the contact slid, and no new slip within 0.1 s. Inside: errors of "
-        "direction within one stated standard deviation. Reversed: an error beyond 90 deg with a standard "
-        "deviation below 30 deg. The head of a column has the probabilities from which incipient and gross "
-        "slip are reported."
+        f"({seeds_in_words(n_worlds, PLATES_FROM)}). In a slow slip, {SLOW_S:g} s or more pass between the "
+        "slip of a tenth of the area and that of all of it; it is reported ahead if an event is open "
+        f'{1e3 * AHEAD_S:.0f} ms before it becomes gross. "Nothing slips" is the time in which less than a '
+        "tenth of the area slips, now and in the last 0.1 s; a tenth is taken to slip from a utilisation of "
+        f'{INCIPIENT_USED:.3f} on, even while the contact rests. "Rests" are cases without gross slip. '
+        '"Ended" counts cases in which an end was reported while all of the contact slid, and no new slip '
+        'within 0.1 s. Of directions, "inside" counts errors within one stated standard deviation, and '
+        '"reversed" errors beyond 90 deg with a standard deviation below 30 deg. Columns name the '
+        "probabilities from which incipient and gross slip are reported."
     ]
     progress.begin(2 * len(starts) + n_gratings + len(minutes))
     with executor(BENCH_WORKERS) as pool:
@@ -58,12 +58,13 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     return [
         *sections,
         f"Slides over gratings ({seeds_in_words(len(gratings), GRATINGS_FROM)}) of smooth, even friction, in "
-        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: reported as gross slip, and answered by the "
-        "groove estimator, whose speed is given.",
+        f"worlds of {LENGTH_S:g} s, with ripples of 5 to 24 dB: how many are reported as gross slip, and how "
+        "many the groove estimator answers, to which the speed is given.",
         table(rows(gratings)),
         f"Slides and rests of a minute ({seeds_in_words(len(minutes), MINUTES_FROM)}; "
-        f"{len(minutes) - len(long)} rests slip, left out) at 0.3 to 3 mV, setting balanced: an even slide "
-        "at 0.25 to 20 mm/s, from 0.5 s after it began; a rest at 80 to 97 % of the limit.",
+        f"{len(minutes) - len(long)} rests that slipped are left out), with noise of 0.3 to 3 mV, at the "
+        "setting balanced. Slides have a constant speed of 0.25 to 20 mm/s, and are scored from 0.5 s after "
+        "they begin. Rests use 80 to 97 % of the friction limit.",
         table(minute_rows(long)),
     ]
 

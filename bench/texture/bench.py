@@ -36,14 +36,15 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
             trials = pool.map(work, *zip(*calls, strict=True), chunksize=_CHUNK)
             found[name] = counted(trials, progress, name)
     return [
-        "Error of the angle / of the period over the Cramer-Rao bound, and in brackets the part of the "
-        f"windows that was answered; {n} windows a cell ({seeds_in_words(n)}) of three periods or more. "
-        "Gratings of 0.6 to 6 mm, -75 to 75 degrees off the motion, 0.5 to 10 mm/s; 3x3 array, 20 mV of "
-        "ripple in white noise. Speed known:",
+        "Errors of the angle / of the period, each divided by its Cramer-Rao bound; in brackets, the part of "
+        f"the windows that are answered. Each cell has {n} windows ({seeds_in_words(n)}) of three periods or "
+        "more. Gratings have periods of 0.6 to 6 mm, and are turned by -75 to 75 degrees from the motion; "
+        "speeds are 0.5 to 10 mm/s. A 3x3 array feels a ripple of 20 mV in white noise. Speed known:",
         over_bound_table(found["grid"], True),
         "Speed unknown:",
         over_bound_table(found["grid"], False),
-        "Aims, worst case of what was measured; open: too few windows to tell. Wrong: more than a quarter "
-        "turn off somewhere on the array.",
+        "Each aim is judged by the worst of its measured cases; it is open where too few windows were "
+        "measured. An answer is wrong if the phase of its wave is off by more than a quarter turn somewhere "
+        "on the array.",
         aims_table(aims(found)),
     ]
