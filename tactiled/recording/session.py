@@ -244,7 +244,8 @@ class RecordingSession:
                 return
             header = replace(self._header, part=self._header.part + 1)
             number = header.part
-            while number > 1 and is_taken(part_path(path, number)):
+            # After a clock was set back, a name of ours may be taken; one that somebody gave is then refused.
+            while (number > 1 or self._retains) and is_taken(part_path(path, number)):
                 number += 1
             self._writer = RecordingWriter(part_path(path, number), header)
         except (DataError, OSError) as error:

@@ -57,6 +57,18 @@ def parts_of(path: Path) -> list[Path]:
     return [part for k in range(1, 100) if (part := part_path(path, k)).exists()]
 
 
+def test_a_name_that_a_clock_set_back_gives_again_is_no_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "new_name", lambda _: "tactiled-20260101T000000.000Z.mcap")
+    params = RecordParams(directory=str(tmp_path), **NO_GUARD)
+    for k in range(3):
+        target = RecordingSession(params, HEADER, None, 0.0)
+        assert write_all(target, [noise(100, k)]) == [True]
+        target.end(1.0)
+    assert [len(reads_of(path)) for path in sorted(tmp_path.glob("*.mcap"))] == [1, 1, 1]
+
+
 def test_parts_by_time_are_one_recording(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     reads = simulated_reads(3.0)

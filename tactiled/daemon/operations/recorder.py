@@ -152,7 +152,10 @@ class Recorder:
             self._complain_s = now_s + _COMPLAIN_S
             new, self._complained = dropped - self._complained, dropped
             cause = self._cause_of_drops(fault)
-            logger.warning("recording: %d more reads are in no file, %d in all: %s", new, dropped, cause)
+            into = progress.file or self._params.directory or self._path  # several boards have one log
+            logger.warning(
+                "recording into %s: %d more reads are in no file, %d in all: %s", into, new, dropped, cause
+            )
         if fault and fault != self._fault:
             logger.error("not recording, tried again: %s", fault)
         self._fault = fault

@@ -207,7 +207,10 @@ async def open_port_in_thread(url: str, baud: int) -> SerialPort:
 
     def deliver(outcome: SerialPort | Exception) -> None:
         if isinstance(outcome, SerialPort):
-            outcome.close() if opened.done() else opened.set_result(outcome)
+            if opened.done():
+                loop.run_in_executor(None, outcome.close)  # it may take seconds
+            else:
+                opened.set_result(outcome)
         elif not opened.done():
             opened.set_exception(outcome)
 
