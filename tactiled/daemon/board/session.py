@@ -191,7 +191,7 @@ class Session:
         self._scan_s = now_s
         self._streaming = True
         if self._stalled and not self._is_identified:
-            # The line recovered by itself: a board cannot be exchanged on an open port.
+            # The line recovered by itself. Below, the board is identified again: it may have been exchanged.
             self._is_identified = True
         if not self._running and self._is_identified and self._wanted() is None:
             self._running, self._stalled = True, False
