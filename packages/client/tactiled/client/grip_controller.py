@@ -33,6 +33,7 @@ _GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grow
 _LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
 _DROP, _FLAT = 0.03, 0.012  # shear falls by so much at once, and then no further: sliding friction is less
+_FLAT_S = 0.009  # time before in which it falls no further: a scan at 100 Hz, several of faster boards
 _DROP_S, _PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 _TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
 _REST_S = 0.6  # of messages that are kept
@@ -167,7 +168,11 @@ class GripController:
         presses = grip["timestamp"] < self._touched_s + PRESS_S
         if presses or not grip["valid"] or grip["late"] or grip["load"] < 1 / _MOST:
             return self.command_n
-        if not isinstance(present_n, int | float) or not 1 / _MOST < present_n < _MOST:
+        try:
+            present_n = float(present_n)  # also of numpy
+        except (TypeError, ValueError, OverflowError):
+            present_n = math.nan
+        if not 1 / _MOST < present_n < _MOST:
             present_n = self._newtons_per_reading * grip["load"] or self.command_n
         now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
@@ -227,7 +232,7 @@ class GripController:
         grows = bool(self._past) and now.shear > _GREW * self._past[0].shear
         self._slid_ratio *= 1 + _RECOVER_PER_S * step_s
         if slip_ratio > 0 and not self._slides:
-            self._slid_ratio = max(slip_ratio, _WEAKER * self._friction)
+            self._slid_ratio = max(slip_ratio, _WEAKER * max(self._friction, grip["friction_low"]))
         self._slides = slip_ratio > 0
         self._friction *= 1 - (_RENEW_PER_S if grows else _FORGET_PER_S) * step_s
         self._friction = max(self._friction, grip["friction_low"])
@@ -250,8 +255,10 @@ class GripController:
 
     def _growth(self, now: _Seen) -> float:
         """Rate at which shear has grown over `_GROWTH_S`, 0 where it has not."""
-        before = self._since(now.at_s - _GROWTH_S)
-        return max(now.shear - before[0].shear, 0.0) / _GROWTH_S if before else 0.0
+        if not self._past:
+            return 0.0
+        then = (self._since(now.at_s - _GROWTH_S) or [self._past[-1]])[0]
+        return max(now.shear - then.shear, 0.0) / max(now.at_s - then.at_s, 1e-3)
 
     def _since(self, at_s: float) -> list[_Seen]:
         return [seen for seen in self._past if seen.at_s >= at_s - 1e-3]
@@ -264,7 +271,8 @@ class GripController:
         peak = max(recent, key=lambda seen: seen.shear)
         is_peak = peak.shear >= _PEAK * max(seen.shear for seen in self._past)
         least_drop = _DROP + _TIGHTENED * max(now.load / peak.load - 1, 0.0)
-        drops = is_peak and (1 - _FLAT) * recent[-1].shear < now.shear < (1 - least_drop) * peak.shear
+        before = next((seen for seen in reversed(recent) if seen.at_s <= now.at_s - _FLAT_S), recent[0])
+        drops = is_peak and (1 - _FLAT) * before.shear < now.shear < (1 - least_drop) * peak.shear
         if drops:
             self._dropped_s = now.at_s
         return drops
