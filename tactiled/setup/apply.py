@@ -42,7 +42,9 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
             say(f"unchanged  {file.path}")
             if file.path not in written and file.path not in others:
                 continue  # it was here before: removal must leave it
-        elif path.exists() and (there is None or _digest(there) != written.get(file.path)):
+        elif path.exists() and (
+            there is None or _digest(there) not in {written.get(file.path), *others.get(file.path, ())}
+        ):
             differs = "it is no text file" if there is None else "it differs from the proposal"
             say(f"kept       {file.path}: {differs}; --dry-run prints the proposal")
             continue
@@ -68,6 +70,25 @@ def taken_ports(root: Path) -> dict[str, TakenPorts]:
             metrics = {int(document.get("metrics", {}).get("port", 0))}
             found[path.stem] = TakenPorts(events, events | {port + 1 for port in events} | metrics)
     return found
+
+
+def check_other_port(plan: SetupPlan, url: str, root: Path) -> None:
+    """Refuse a name whose configuration is of another port that is there: the board behind it would lose it.
+
+    Boards of one layout may all have one serial number, by which they are named.
+
+    Raises
+    ------
+    ConfigError
+        The configuration of this name has another port, which exists.
+    """
+    try:
+        port = str(tomlfile.read(_under(root, plan.files[0].path))["port"]["url"])
+    except (ConfigError, KeyError, TypeError):
+        return  # there is none, or none that names a port
+    if Path(port).exists() and Path(port).resolve() != Path(url).resolve():
+        words = f"{plan.name} is set up for {port}: give this board a name of its own"
+        raise ConfigError("NAME", [f"{words}, or first run tactiled setup {plan.name} --remove"])
 
 
 def written_for(name: str, root: Path) -> dict[str, str]:
@@ -161,12 +182,13 @@ def _read_manifest(root: Path, name: str) -> dict[str, str]:
     return {path: str(digest) for path, digest in found.items()}
 
 
-def _written_for_others(root: Path, name: str) -> set[str]:
-    """Files that were written for other boards than this one."""
-    found: set[str] = set()
+def _written_for_others(root: Path, name: str) -> dict[str, set[str]]:
+    """Files that were written for other boards than this one, with their digests."""
+    found: dict[str, set[str]] = {}
     for path in _under(root, "/etc/tactiled").glob("*.setup.json"):
         if (other := path.name.removesuffix(".setup.json")) != name:
-            found |= _read_manifest(root, other).keys()
+            for written, digest in _read_manifest(root, other).items():
+                found.setdefault(written, set()).add(digest)
     return found
 
 

@@ -115,7 +115,7 @@ def make_plan(
     Raises
     ------
     ConfigError
-        The name is no name of a unit, or the configuration would be invalid.
+        The name is no name of a unit, the configuration would be invalid, or the program was not found.
     """
     port = board.port
     serial = _serial_of(port)
@@ -137,7 +137,7 @@ def make_plan(
         name=name,
     )
     tomlfile.parse(tomllib.loads(config), Config, "the proposed configuration")
-    program = str(Path(sys.executable).with_name("tactiled"))
+    program = _program()
     unit = resources.shipped("systemd", "tactiled@.service").read_text().replace(_INSTALLED, program)
     sysusers = resources.shipped("systemd", "tactiled.sysusers").read_text()
     files = [
@@ -175,6 +175,15 @@ def make_plan(
             f"{program} is in /home, which the unit may not see: install tactiled into /opt/tactiled"
         )
     return SetupPlan(name, tuple(files), tuple(commands), tuple(notes))
+
+
+def _program() -> str:
+    """Return the path of the program: beside the interpreter, or as it was started (``pip --user``)."""
+    beside = Path(sys.executable).with_name("tactiled")
+    for path in (beside, Path(sys.argv[0]).absolute()):
+        if path.name == beside.name and path.is_file():
+            return str(path)
+    raise ConfigError(str(beside), ["no such program, which the unit would start: install tactiled there"])
 
 
 def _event_port(name: str, taken: Mapping[str, TakenPorts], *, for_all: bool) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from tactiled.doctor.finding import as_text
-from tactiled.setup.apply import remove, run_commands, taken_ports, write, written_for
+from tactiled.setup.apply import check_other_port, remove, run_commands, taken_ports, write, written_for
 from tactiled.setup.find import examine, find_ports, port_at
 from tactiled.setup.plan import SetupPlan, make_plan, serves_all_boards
 
@@ -19,7 +19,7 @@ def run_setup(
     Raises
     ------
     ConfigError
-        The proposal would be invalid.
+        The proposal would be invalid, or another board has the name.
     OperatorError
         A file cannot be written.
     """
@@ -42,6 +42,7 @@ def run_setup(
         return 1
     board = boards[0]
     plan = make_plan(board, name, tcp_port, taken=taken_ports(root), for_all=serves_all_boards(root))
+    check_other_port(plan, board.port.url, root)
     if dry_run:
         _print(plan)
         return 0

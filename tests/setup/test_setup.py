@@ -16,6 +16,7 @@ from serial.tools import list_ports
 
 from tactiled.config import Config
 from tactiled.daemon.serial import device
+from tactiled.doctor.finding import Finding
 from tactiled.errors import ConfigError, OperatorError
 from tactiled.resources import shipped
 from tactiled.setup import run as setup_run
@@ -293,6 +294,59 @@ def test_shared_files_go_with_the_last_board(tmp_path: Path) -> None:
     assert "etc/tactiled/left.toml" not in tree(tmp_path)
     remove("right", tmp_path, lambda _: None)
     assert tree(tmp_path) == {}
+
+
+def test_files_of_an_older_version_are_renewed_and_stay_for_the_other_board(tmp_path: Path) -> None:
+    new = make_plan(board(), "left")
+    old = [replace(file, text="# older\n" + file.text) if file.shared else file for file in new.files]
+    write(replace(new, files=tuple(old)), tmp_path, lambda _: None)
+    write(make_plan(board(OTHER), "right"), tmp_path, lambda _: None)
+    remove("left", tmp_path, lambda _: None)
+    shared = {
+        file.path.lstrip("/"): file.text for file in make_plan(board(OTHER), "right").files if file.shared
+    }
+    assert shared.items() <= tree(tmp_path).items()
+
+
+def test_the_configuration_of_a_board_is_not_overwritten_with_another_port(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Boards of one layout may all have one serial number, and adapters none."""
+    first, second = tmp_path / "ttyUSB0", tmp_path / "ttyUSB1"
+    root = tmp_path / "root"
+    found = (Finding("bytes", "ok", "scans"),)
+    monkeypatch.setattr(setup_run, "examine", lambda port, _: replace(board(port, "LEGACY"), findings=found))
+    monkeypatch.setattr(setup_run, "port_at", lambda url: FoundPort(url, "", "1a86", "7523"))
+
+    def setup(name: str | None, port: Path) -> None:
+        assert setup_run.run_setup(name, str(port), None, None, root, dry_run=False) == 0
+
+    for port in (first, second):
+        port.touch()
+    setup(None, first)
+    before = tree(root)
+    for name in (None, "LEGACY"):
+        with pytest.raises(ConfigError, match=f"NAME.*LEGACY is set up for {first}"):
+            setup(name, second)
+    assert tree(root) == before
+    (tmp_path / "alias").symlink_to(first)
+    setup("right", second)
+    setup(None, tmp_path / "alias")  # the same board
+    first.unlink()  # it was plugged in elsewhere
+    setup(None, second)
+    assert str(second) in (root / "etc/tactiled/LEGACY.toml").read_text()
+
+
+def test_the_unit_starts_a_program_that_is_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    program = tmp_path / "bin/tactiled"
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "python3"))
+    monkeypatch.setattr(sys, "argv", [str(program)])
+    with pytest.raises(ConfigError, match="no such program"):
+        make_plan(board(), "left")
+    program.parent.mkdir()
+    program.touch()
+    (unit,) = [file.text for file in make_plan(board(), "left").files if "tactiled@" in file.path]
+    assert f"ExecStart={program} " in unit
 
 
 def test_each_daemon_gets_a_tcp_port_of_its_own(tmp_path: Path) -> None:
