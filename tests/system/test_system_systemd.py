@@ -196,6 +196,8 @@ def test_the_package_from_installation_to_purge(debian: Container) -> None:
         for name in (unit(), *CLIENTS):
             assert debian.shown(name, "ActiveState", "LoadState") == ["inactive", "not-found"]
         assert (debian.root / f"etc/tactiled/{LEFT}.toml").exists()  # until purged
+        rule = "/etc/udev/rules.d/99-tactiled-left.rules"  # as `tactiled setup` writes it
+        debian.run("sh", "-c", f"mkdir -p /etc/udev/rules.d && touch {rule}")
         debian.run("dpkg", "--purge", "tactiled")
     (debian.root / f"etc/board-{LEFT}.toml").unlink()
     debian.run("systemctl", "stop", ROUTER)
