@@ -30,11 +30,12 @@ def examine(config: Path | None, port: str | None, speed_mm_s: float = 0.0) -> l
 
 def _with_setup(setup: Setup, speed_mm_s: float, *, is_configured: bool) -> list[Finding]:
     publish, detect = setup.config.publish, setup.config.detect
+    board_serial = setup.config.session.board_serial
     findings = check_port(setup.config.port.url)
     may_open = not any(finding.verdict == "fail" for finding in findings)
     rate_hz = setup.config.session.rate_hz or 0.0
     is_running = False
-    if (status := running_daemon(publish)) is not None:
+    if (status := running_daemon(publish, board_serial)) is not None:
         daemon, is_running = check_daemon(status, setup.config.port.url, is_configured=is_configured)
         findings.append(daemon)
     if may_open and not is_running:

@@ -22,8 +22,12 @@ from tactiled.recording.session import RecordParams
 _STATUS_S = 0.5  # a running daemon sends five in that time
 
 
-def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
-    """Status of the daemon on these endpoints; None where there is none, or no status as we declare it."""
+def running_daemon(publish: PublishParams, board_serial: str | None = None) -> dict[str, Any] | None:
+    """Status of the daemon on these endpoints; None where there is none, or no status as we declare it.
+
+    Of a daemon with several boards it is that of `board_serial`, or of any board where it sends none of that.
+    """
+    other: dict[str, Any] | None = None
     for endpoint in publish.endpoints:
         if publish.is_guarded(endpoint):
             continue
@@ -31,8 +35,11 @@ def running_daemon(publish: PublishParams) -> dict[str, Any] | None:
             until_s = time.monotonic() + _STATUS_S
             while time.monotonic() < until_s and (item := status.next_item(until_s)) is not None:
                 if isinstance(item, Message):
-                    return checked_map("status", item.data)
-    return None
+                    found = checked_map("status", item.data)
+                    if board_serial in (None, found["board"]):
+                        return found
+                    other = other or found
+    return other
 
 
 def check_daemon(status: Mapping[str, Any], url: str, *, is_configured: bool = True) -> tuple[Finding, bool]:

@@ -4,7 +4,7 @@ import json
 import termios
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +13,7 @@ import msgpack
 import pytest
 import zmq
 from commands import call
+from messages import STATUS
 from uart import received_at
 
 from tactiled.config import Setup, load_config
@@ -38,6 +39,7 @@ from tactiled.emulator.line.links import PtyLink
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import ConfigError
+from tactiled.events.codec import encode
 from tactiled.wire.codec import Decoder
 from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
@@ -267,26 +269,53 @@ def test_endpoints_bound_by_another_program_fail(setup: Setup) -> None:
     assert failed(unasked) == []
 
 
-def test_statuses_of_a_foreign_publisher_are_no_daemon(tmp_path: Path) -> None:
-    publish = PublishParams(endpoints=[f"ipc://{tmp_path}/events.ipc"])
-    status = {"v": 1, "seq": 0, "run": 0, "board": "x", "timestamp": 0.0}
+@contextmanager
+def publisher(endpoint: str, messages: Sequence[Sequence[bytes]]) -> Iterator[None]:
+    """A publisher of these messages, again and again."""
     is_over = threading.Event()
 
     def flood() -> None:
-        with zmq.Context() as context, context.socket(zmq.PUB) as foreign:
-            foreign.bind(publish.endpoints[0])
+        with zmq.Context() as context, context.socket(zmq.PUB) as socket:
+            socket.bind(endpoint)
             while not is_over.is_set():
-                for payload in (b"\xff", msgpack.packb(status)):
-                    foreign.send_multipart([b"tactile/x/status", payload])
+                for message in messages:
+                    socket.send_multipart(message)
                 time.sleep(1e-4)
 
     thread = threading.Thread(target=flood)
     thread.start()
     try:
-        assert running_daemon(publish) is None
+        yield
     finally:
         is_over.set()
         thread.join()
+
+
+def test_statuses_of_a_foreign_publisher_are_no_daemon(tmp_path: Path) -> None:
+    publish = PublishParams(endpoints=[f"ipc://{tmp_path}/events.ipc"])
+    status = {"v": 1, "seq": 0, "run": 0, "board": "x", "timestamp": 0.0}
+    payloads = (b"\xff", msgpack.packb(status))
+    with publisher(publish.endpoints[0], [(b"tactile/x/status", payload) for payload in payloads]):
+        assert running_daemon(publish) is None
+
+
+def test_of_several_boards_of_a_daemon_the_configured_one_is_judged(tmp_path: Path) -> None:
+    publish = PublishParams(endpoints=[f"ipc://{tmp_path}/events.ipc"])
+    gone = replace(STATUS, state="no-device", valid=False, reason="no such port")
+    boards = {"RIGHT": gone, "LEFT": STATUS}
+    sent = [
+        encode(event, seq=seq, board=board, unix_offset_s=0.0)
+        for seq in range(2)
+        for board, event in boards.items()
+    ]
+    with publisher(publish.endpoints[0], sent):
+        for board, state in (("LEFT", "running"), ("RIGHT", "no-device")):
+            status = running_daemon(publish, board)
+            assert status is not None
+            assert (status["board"], status["state"]) == (board, state)
+        unknown = running_daemon(publish, "THUMB")
+    assert unknown is not None
+    assert unknown["board"] in boards
 
 
 def test_a_daemon_that_reads_another_port_is_a_failure(tmp_path: Path) -> None:
