@@ -1,10 +1,13 @@
 """The controller of a grasp: laws of one message after another."""
 
+import itertools
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -95,6 +98,52 @@ def test_an_object_that_sways_and_sticks_is_not_gripped_ever_harder(sway_hz: flo
         grips.append(present_n)
     most_n = 6.0 / 4.0 * (1.0 + sway) / (0.4 * 0.5 * grip_controller.TARGET)
     assert max(grips) < 1.3 * most_n  # friction of 0.5 is what the messages bound; jerks are met ahead
+
+
+def largest_n(rate_hz: int, shear_at: Callable[[float], float]) -> float:
+    """Play shear for 3.3 s to a gripper that follows at once; return the largest command after 3 s."""
+    controller, present_n, commands = pressed(), 6.0, []
+    for k in range(round(3.3 * rate_hz) + 1):
+        at_s = k / rate_hz
+        present_n = controller.take(grip(at_s, shear_at(at_s), load=4.0 * present_n / 6.0), present_n)
+        commands.append(present_n)
+    return max(commands[3 * rate_hz :])
+
+
+MOTIONS: dict[str, Callable[[float], float]] = {  # shear of an object that sticks
+    "jerk": lambda at_s: 1.0 + 10.0 * min(max(at_s - 3.0, 0.0), 0.1),
+    "sway": lambda at_s: 1.0 + 0.2 * math.sin(10 * math.pi * at_s),
+    "set down": lambda at_s: 1.0 - max(at_s - 3.0, 0.0) / 0.3,
+}
+
+
+@pytest.mark.parametrize(
+    ("motion", "rate_hz"),
+    [
+        *itertools.product(("jerk", "set down"), (20, 50, 500, 1000)),
+        *itertools.product(("sway",), (500, 1000)),  # 5 Hz have too few scans at the others
+    ],
+)
+def test_an_object_that_moves_and_sticks_is_gripped_alike_at_every_rate(motion: str, rate_hz: int) -> None:
+    shear_at = MOTIONS[motion]
+    assert largest_n(rate_hz, shear_at) == pytest.approx(largest_n(100, shear_at), rel=0.03)
+
+
+@given(st.floats(1.0, 40.0, width=32), st.sampled_from([np.float32, np.float64, np.array, str]))
+def test_a_force_counts_whatever_its_type(present_n: float, kind: Any) -> None:
+    messages = [grip(k / 100) for k in range(100)]
+    assert played(pressed(), messages, kind(present_n)) == played(pressed(), messages, present_n)
+
+
+def test_a_gross_slip_in_the_first_message_that_counts_bounds_friction_by_what_is_known_of_it() -> None:
+    commands = []
+    for first in ("sticking", "gross"):
+        controller, present_n = pressed(), 6.0
+        for k in range(600):
+            message = grip(k / 100, min(1.0, 0.05 + 0.02 * k), load=4.0 * present_n / 6.0)
+            present_n = controller.take(message | {"state": first if k == 0 else "sticking"}, present_n)
+        commands.append(present_n)
+    assert commands[1] == pytest.approx(commands[0], rel=0.1)
 
 
 @given(st.sampled_from([{"valid": False}, {"late": True}, {"state": "none"}, {"load": 0.0}]))
