@@ -288,6 +288,23 @@ def test_a_board_without_ticks_is_timed_by_its_sample_count() -> None:
     assert block.time_s[-1] == pytest.approx(10 + 599 * 0.02 - latency_s, abs=1e-3)
 
 
+@pytest.mark.parametrize("stall_s", [0.3, 1.5, 4.0])
+def test_the_backlog_of_a_board_without_ticks_is_as_old_as_it_is(stall_s: float) -> None:
+    target = Assembler(LEGACY)
+    target.board(hello(rate_hz=50.0, channel_offset_s=(), adc_bits=10, adc_reference_v=5.0), 9.0)
+    n_stalled = round(stall_s * 50)
+    for number in range(300 + n_stalled):
+        instant_s = 10 + number * 0.02
+        target.scan(
+            Scan(number % 256, np.zeros(9, dtype=np.int64)), instant_s if number < 300 else 16 + stall_s
+        )
+    (block,) = flush(target)
+    assert isinstance(block, ScanBlock)
+    assert block.time_s[300:] == pytest.approx(16 + 0.02 * np.arange(n_stalled), abs=0.02)
+    assert block.late[300 : 300 + n_stalled - 10].all()
+    assert target.counts.restarts == target.counts.missing == 0
+
+
 OVERRUN = LAYOUT.flag("overrun")
 
 
