@@ -245,6 +245,16 @@ def test_a_rate_that_is_half_of_that_of_the_stamps_is_refused() -> None:
         to_blocks(time_s, volts, 50.0, np.isfinite(volts))
 
 
+@settings(max_examples=50, deadline=None)
+@given(rate_hz=st.floats(20.0, 640.0), first_s=st.floats(0.0, 1.0))
+def test_stamps_in_milliseconds_tell_the_rate_and_no_missing_scans(rate_hz: float, first_s: float) -> None:
+    time_s = np.round(first_s + np.arange(2000) / rate_hz, 3)
+    volts = np.random.default_rng(0).normal(size=(2000, 2))
+    (block,) = to_blocks(time_s, volts, None, np.isfinite(volts))
+    assert isinstance(block, ScanBlock)
+    assert block.rate_hz == pytest.approx(rate_hz, rel=0.01)
+
+
 def test_an_npz_of_other_arrays_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "x.npz", t=np.zeros(3))
     with pytest.raises(DataError, match=r"lacks the array time_s and volts; it has \['t'\]"):
