@@ -143,13 +143,16 @@ class ContactTracker(Pressure):
 
 
 def contact_event(block: ScanBlock, scan: int, tracker: ContactTracker) -> ContactEvent:
-    """Make the event for a change of state at a scan of a block; not valid when the scan came late."""
+    """Make the event for a change of state at a scan of a block.
+
+    It is not valid when the scan came late, or when the contact ends because a taxel is not read any more.
+    """
     return ContactEvent(
         time_s=float(block.time_s[scan]),
         state=tracker.state,
         previous=tracker.previous,
         taxels=tracker.touched_in(scan),
-        valid=not block.late[scan],
+        valid=not block.late[scan] and tracker.lost[scan] == 0,
     )
 
 

@@ -82,7 +82,7 @@ cdef class Levels:
 
 
 cdef class Pressure:
-    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_unread, n_room, n_scans, n_settle, n_steady
+    cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_room, n_scans, n_settle, n_steady
     cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
     cdef public bint is_begun, is_field, is_first, all_ok
     cdef public str state, previous
@@ -90,9 +90,9 @@ cdef class Pressure:
     cdef public Levels levels
     cdef public RestNoise rest
     cdef public RestSwing swing
-    cdef public long long[::1] own, counts, pads
+    cdef public long long[::1] own, counts, pads, unread
     cdef public double[::1] sign, total_weights, line, totals, set, largest, heaviest, pressure, taxel_noise, of_noise, steps, slope, loading
-    cdef public unsigned char[::1] ok, touches, released, may_be_old, touched, swings
+    cdef public unsigned char[::1] ok, touches, released, lost, is_free, may_be_old, touched, swings
 
     cpdef make_room(self, long n)
 

@@ -524,6 +524,8 @@ class Pressure:
         without a press: a contact that is seen from this scan on may have begun before.
     touched : (scans * taxels,) array of int
         Taxels that touch.
+    lost : (scans,) array of int
+        All taxels are released, the last of them because it has not been read for too long.
     swings : (scans,) array of int
         A taxel is known to swing at rest.
     state, previous : str
@@ -573,7 +575,8 @@ class Pressure:
         self.pads = array("q", np.unique(pad.pad, return_inverse=True)[1].astype(np.int64))
         self.n_pads = max(self.pads) + 1
         self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
-        self.is_begun, self.n_hidden, self.n_unread = False, 0, 0
+        self.is_begun, self.n_hidden = False, 0
+        self.unread, self.is_free = array("q", zeros), array("B", bytes(pad.n_taxels))
         self.n_settle = n_settle
         self.make_room(1)
         self.forget_contact()
@@ -583,9 +586,9 @@ class Pressure:
         self.n_room, self.n_scans, channels = n, 0, self.n_channels
         self.steps, self.ok = array("d", bytes(8 * n * channels)), array("B", bytes(n * channels))
         self.slope, self.loading = array("d", bytes(8 * n)), array("d", bytes(8 * n))
-        self.touches, self.released = array("B", bytes(n)), array("B", bytes(n))
+        self.touches, self.swings = array("B", bytes(n)), array("B", bytes(n))
+        self.released, self.lost = array("B", bytes(n)), array("B", bytes(n))
         self.may_be_old, self.touched = array("B", bytes(n)), array("B", bytes(n * self.n_taxels))
-        self.swings = array("B", bytes(n))
 
     def forget_contact(self) -> None:
         """Begin without a contact; one that the next scan shows was not seen to begin."""
@@ -595,11 +598,12 @@ class Pressure:
 
     def skip(self, gap_s: float) -> None:
         """Pass over missing scans: forget the contact; keep the noise, and what is left of the set."""
-        self.is_begun, self.n_unread = False, 0
+        self.is_begun = False
         self.rest.interrupt()
         self.swing.interrupt()
         for t in range(self.n_taxels):
             self.set[t] *= exp(-gap_s / _SET_S)
+            self.unread[t] = 0
         for p in range(self.n_pads):
             self.largest[p] *= exp(-gap_s / _LARGEST_S)
         self.forget_contact()
@@ -617,17 +621,18 @@ class Pressure:
         taxels, n_line, row = self.n_taxels, len(self.line), i * self.n_channels
         steps, ok, levels, noise = self.steps, self.ok, self.levels, self.rest.noise
         n_touching, n_released, array_total, load = 0, 0, 0.0, 0.0
-        loads, is_hidden, is_read = 0.0, False, False
+        loads, is_hidden, is_read, is_lost = 0.0, False, False, False
         for p in range(self.n_pads):
             self.heaviest[p] = 0.0
         becomes_known = False if levels.all_given else self.rest.take(row, steps, ok)
         for t in range(taxels):
             total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
-            taxel_noise, is_ok, n_read = 0.0, True, 0
+            taxel_noise, is_ok, n_read, n_ok = 0.0, True, 0, 0
             for s in range(t * self.n_sides, t * self.n_sides + self.counts[t]):
                 c = self.own[s]
                 step = steps[row + c]
                 held_total += step * self.total_weights[c]
+                n_ok += ok[row + c]
                 if ok[row + c] == 0:
                     is_ok = False
                     step = self.hold.rounded(readings[row + c])
@@ -638,7 +643,8 @@ class Pressure:
                 largest, smallest = max(largest, one), min(smallest, one)
                 taxel_noise = max(taxel_noise, noise[c])
             array_total += abs(held_total) if self.is_field else held_total
-            is_read = is_read or n_read > 0
+            is_read = is_read or n_ok > 0
+            self.unread[t] = 0 if n_ok > 0 or self.counts[t] == 0 else self.unread[t] + 1
             self.swing.value[t] = total * self.volts_per_step / max(n_read, 1)
             if self.is_field and total < 0.0:
                 total, largest = -total, -smallest
@@ -670,7 +676,12 @@ class Pressure:
                 n_touching += 1
                 load += pressure
             is_released = pressure < levels.release_at(taxel_noise, swing)
-            n_released += 1 if is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least else 0
+            is_released = is_released or self.pressure[t] < _RELEASE_OF_CONTACT * least
+            # No reading is no release, for as long as the slope looks back.
+            if self.unread[t] == 0 or self.unread[t] > n_line:
+                is_lost = is_lost or (is_released and self.unread[t] > 0 and self.is_free[t] == 0)
+                self.is_free[t] = 1 if is_released else 0
+            n_released += self.is_free[t]
         if not self.is_begun:
             self.is_begun = True
             for k in range(n_line - 1):
@@ -681,10 +692,8 @@ class Pressure:
             self.totals[k] = self.totals[k + 1] if k < n_line - 2 else array_total
         self.touches[i] = 1 if n_touching > 0 else 0
         self.swings[i] = 1 if self.swing.is_seen else 0
-        # No reading is no release, for as long as the slope looks back.
-        self.n_unread = 0 if is_read else self.n_unread + 1
-        is_told = is_read or self.n_unread > n_line
-        self.released[i] = 1 if is_told and n_released == taxels else 0
+        self.released[i] = 1 if n_released == taxels else 0
+        self.lost[i] = 1 if is_lost and n_released == taxels else 0
         of_each = max(1.0, 1.0 * n_touching)
         slope = risen * self.slope_scale / of_each
         loading = levels.loading_at(load / of_each, self._total_noise() * self.slope_noise / of_each)

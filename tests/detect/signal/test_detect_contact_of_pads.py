@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contact_gate import ContactGate
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 from touches import contact_states
 
 from tactiled import tomlfile
@@ -46,8 +49,8 @@ def press(hold_s: float, left: float, after_s: float = 30.0) -> FloatArray:
     return np.concatenate([rest, held, after])
 
 
-def contacts(array: Array, values: FloatArray) -> list[ContactEvent]:
-    events = ContactGate(array).process(regular_block(values, RATE_HZ))
+def contacts(array: Array, values: FloatArray, valid: NDArray[np.bool_] | None = None) -> list[ContactEvent]:
+    events = ContactGate(array).process(regular_block(values, RATE_HZ, valid=valid))
     return [event for event in events if isinstance(event, ContactEvent)]
 
 
@@ -193,6 +196,36 @@ def test_scans_without_any_reading_end_no_contact() -> None:
     events = contacts(COUNTS, values)
     assert [event.state for event in events] == ["loading", "holding", "none"]
     assert events[-1].time_s == pytest.approx(3.3, abs=0.05)  # as far back as the slope looks
+
+
+@given(
+    st.integers(300, 500), st.integers(1, 30), st.sampled_from([0.0, np.nan]), st.sampled_from([[2], [1, 2]])
+)
+def test_a_taxel_that_is_not_read_for_a_while_ends_no_contact(
+    first: int, n_scans: int, value: float, pressed: list[int]
+) -> None:
+    of_channel = np.isin(np.arange(4), pressed).astype(np.float64)
+    values = readings(press(4.0, 0.0), of_channel)
+    is_read = np.ones(values.shape, dtype=np.bool_)
+    values[first : first + n_scans, 2], is_read[first : first + n_scans, 2] = value, False
+    events = contacts(COUNTS, values, is_read)
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+    assert events[-1].valid
+
+
+def test_a_contact_that_ends_because_its_taxel_is_not_read_any_more_has_no_valid_end() -> None:
+    values = readings(press(4.0, 0.0), np.array([0.0, 0.0, 1.0, 0.0]))
+    values[round(3 * RATE_HZ) :, 2] = np.nan
+    events = contacts(COUNTS, values)
+    assert [(event.state, event.valid) for event in events] == [
+        ("loading", True),
+        ("holding", True),
+        ("none", False),
+    ]
+    assert events[-1].time_s == pytest.approx(3.3, abs=0.05)
+    values = readings(press(4.0, 0.0), np.array([0.0, 0.0, 1.0, 0.0]))
+    values[round(5.9 * RATE_HZ) :, 1] = np.nan  # a taxel that bears nothing
+    assert [(event.state, event.valid) for event in contacts(COUNTS, values)][-1] == ("none", True)
 
 
 def test_one_wrong_scan_hides_no_touch() -> None:
