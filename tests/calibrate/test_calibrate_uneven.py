@@ -275,8 +275,32 @@ def test_bins_of_uneven_scans_follow_each_other_and_leave_out_pauses(seed: int, 
     assert (gaps_s >= -1e-9).all()
     inside_s = float((log.end_s - log.start_s).sum() + gaps_s.sum())
     assert inside_s == pytest.approx(log.end_s[-1] - log.start_s[0])
-    in_bins_s = time_s[: len(log) * log.bin_scans].reshape(len(log), -1)
-    assert log.middle_s == pytest.approx(in_bins_s.mean(axis=1) - time_s[0])
+    n = len(time_s) // log.bin_scans
+    in_bins_s = time_s[: n * log.bin_scans].reshape(n, -1)
+    whole_s = in_bins_s[np.ptp(in_bins_s, axis=1) < 100 * scale]
+    assert log.middle_s == pytest.approx(whole_s.mean(axis=1) - time_s[0])
+    assert np.abs(log.middle_s - (log.start_s + log.end_s) / 2).max() < log.bin_scans * scale
+
+
+@pytest.mark.parametrize("bunch", [1, 2, 4])
+def test_bins_of_scans_whose_stamps_come_in_bunches_are_as_long_as_those_of_others(bunch: int) -> None:
+    scan = np.arange(1000)
+    time_s = (scan // bunch) * bunch / 100.0 + (scan % bunch) * 1e-4
+    assert bin_log(time_s, np.zeros((1000, SKIN.n_channels)), SKIN).bin_scans == 4
+
+
+@pytest.mark.parametrize(("n", "rate_hz"), [(1, 100.0), (2, 100.0), (3, 100.0), (500, 20_000.0)])
+def test_a_log_of_a_few_scans_is_refused(n: int, rate_hz: float) -> None:
+    readings = np.random.default_rng(0).standard_normal((n, CELL.n_channels))
+    with pytest.raises(DataError, match="press for"):
+        calibrate(CELL, np.arange(n) / rate_hz, readings, reference(), Identity("cell"))
+
+
+def test_scans_that_are_too_far_apart_are_refused_as_such() -> None:
+    time_s = np.arange(0.0, 100.0, 0.5)
+    readings = 100.0 + presses_n(5.0 * time_s)[:, np.newaxis]  # presses of two seconds
+    with pytest.raises(DataError, match="record at 10 Hz or more"):
+        calibrate(CELL, time_s, readings, reference(), Identity("cell"))
 
 
 def test_a_press_is_never_half_in_a_fold() -> None:

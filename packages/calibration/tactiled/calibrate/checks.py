@@ -5,12 +5,13 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.clock import correlation_of, has_signs, quiet_bins
-from tactiled.calibrate.data import BinnedLog, FitData, ReferenceTable
+from tactiled.calibrate.data import BIN_HZ, BinnedLog, FitData, ReferenceTable
 from tactiled.errors import DataError
 from tactiled.force.calibration import AXES, has_nominal, load_calibration
 from tactiled.force.model import build_model
 
 _LEAST_S = 5.0
+_FAR_S = 0.1  # between scans: presses change within fewer scans, and look like noise
 _LEAST_RESPONSE = 20.0  # standard deviations of the noise: below, nothing pressed the array
 _LARGEST_MPA = 2.0  # silicone skins tear or bottom out at a few MPa
 _OPPOSITE, _UNRELATED, _SWAPPED = -0.5, 0.3, 0.7  # correlations of shear with the axis of the array
@@ -66,12 +67,17 @@ def _area_mm2(array: Array) -> float:
 
 def check_log(log: BinnedLog, array: Array) -> None:
     """Refuse a log that is too short, or in which nothing pressed the array."""
-    seconds = float(log.end_s[-1] - log.start_s[0])
-    if seconds < _LEAST_S - log.step_s:
+    seconds = float((log.end_s - log.start_s).sum())
+    if seconds < _LEAST_S - 1 / BIN_HZ:
         raise DataError(f"the log has {seconds:.1f} s; press for {_LEAST_S:g} s or more, better for a minute")
     noise = max(float(np.median(log.noise)), 1e-6 * (array.high - array.low))
     response = float(np.ptp(log.readings, axis=0).max())
     if response < _LEAST_RESPONSE * noise:
+        if log.step_s > _FAR_S:
+            raise DataError(
+                f"scans {log.step_s:.2g} s apart are too far apart to tell presses from noise: record at "
+                f"{1 / _FAR_S:g} Hz or more"
+            )
         raise DataError(
             f"no reading changes by more than {response:.3g} {array.unit} ({response / noise:.0f} standard "
             "deviations of the noise): nothing pressed the array. Press every taxel, and push it sideways"

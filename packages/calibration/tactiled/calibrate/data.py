@@ -25,6 +25,7 @@ _LEAST_NOISES, _LOWEST = 10.0, 0.05  # the second: quantile of the readings
 _LEAST_PART = 0.02  # of the reading without a load, in poses: no order of theirs shows noise
 _MEDIAN_BEND = 0.6745 * 6**0.5  # median of |v[k] - 2 v[k + 1] + v[k + 2]| of white noise of unit variance
 _LEAST_POSES = 20  # a response with squares has some ten unknowns for each axis
+_LEAST_SCANS = 3  # second differences of fewer tell no noise
 _TARE_SCANS = 50  # that the zero of a tare is the mean of
 _PAUSE_SAMPLES = 5.0  # median steps of a reference: fewer are missing samples, over which a line will do
 _USUAL = 0.9  # quantile of the steps beyond which a step is a pause: logs of others miss every tenth scan
@@ -150,26 +151,33 @@ def bin_log(time_s: FloatArray, readings: FloatArray, array: Array) -> BinnedLog
     """Subtract the zero and average over bins; missing readings are interpolated in time.
 
     A bin holds so many neighbouring scans, whatever their spacing. A scan stands for the time to the middle
-    between it and its neighbours, but not for a pause. `readings` (n, channels) are as in the file, NaN where
-    missing.
+    between it and its neighbours, but not for a pause, and no bin has a pause in it. `readings` (n, channels)
+    are as in the file, NaN where missing. `DataError` for a few scans.
     """
+    if len(time_s) < _LEAST_SCANS:
+        raise DataError(f"the log has {len(time_s)} scans; press for a minute")
     spacing_s = np.diff(time_s)
-    half_s = np.minimum(spacing_s, np.quantile(spacing_s, _USUAL)) / 2
+    longest_s = float(np.quantile(spacing_s, _USUAL))
+    usual_s = np.minimum(spacing_s, longest_s)
+    half_s = usual_s / 2
     zero = start_zero(time_s, readings, array)
     relative = _filled(time_s, readings - zero)
     noise = _white_noise(relative)
     first = int(np.searchsorted(time_s - time_s[0], array.zero_first_s))
     n_zero = max(first, 1) if array.zero_first_s else _TARE_SCANS
-    size = max(1, int(1 / (BIN_HZ * float(np.median(spacing_s))) + 1e-6))
+    mean_s = float(usual_s.mean())  # not the median: stamps of scans that come in bunches are near each other
+    size = max(1, int(1 / (BIN_HZ * mean_s) + 1e-6))
     n = len(relative) // size
-    blocks = relative[: n * size].reshape(n, size, -1)
+    blocks = relative[: n * size].reshape(n, size, array.n_channels)
+    is_pause = np.append(spacing_s > max(2 * longest_s, size * mean_s), False)
+    whole = ~is_pause[: n * size].reshape(n, size)[:, :-1].any(axis=1)
     starts_s = time_s - np.concatenate([half_s[:1], half_s]) - time_s[0]
     ends_s = time_s + np.concatenate([half_s, half_s[-1:]]) - time_s[0]
     return BinnedLog(
-        start_s=starts_s[: n * size : size],
-        end_s=ends_s[size - 1 : n * size : size],
-        middle_s=(time_s[: n * size] - time_s[0]).reshape(n, size).mean(axis=1),
-        readings=blocks.mean(axis=1),
+        start_s=starts_s[: n * size : size][whole],
+        end_s=ends_s[size - 1 : n * size : size][whole],
+        middle_s=(time_s[: n * size] - time_s[0]).reshape(n, size).mean(axis=1)[whole],
+        readings=blocks.mean(axis=1)[whole],
         zero=zero,
         zero_sd=float(np.median(noise)) / math.sqrt(n_zero),
         noise=noise,
