@@ -102,7 +102,7 @@ def test_an_object_that_sways_and_sticks_is_not_gripped_ever_harder(sway_hz: flo
 
 def largest_n(rate_hz: int, shear_at: Callable[[float], float]) -> float:
     """Play shear for 3.3 s to a gripper that follows at once; return the largest command after 3 s."""
-    controller, present_n, commands = pressed(), 6.0, []
+    controller, present_n, commands = pressed(), 6.0, list[float]()
     for k in range(round(3.3 * rate_hz) + 1):
         at_s = k / rate_hz
         present_n = controller.take(grip(at_s, shear_at(at_s), load=4.0 * present_n / 6.0), present_n)
