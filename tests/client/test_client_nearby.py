@@ -53,6 +53,17 @@ def test_the_only_daemon_is_found_for_any_user(host: Host) -> None:
     assert host.find() == endpoint
 
 
+def test_a_daemon_that_takes_no_connection_now_is_found_at_once(host: Host) -> None:
+    with ExitStack() as stack:
+        endpoint = host.serve(host.own)
+        full = False
+        while not full:
+            waiting = stack.enter_context(socket.socket(socket.AF_UNIX))
+            waiting.setblocking(False)
+            full = waiting.connect_ex(endpoint.removeprefix("ipc://")) != 0
+        assert host.find() == endpoint
+
+
 def test_our_own_daemon_is_found(host: Host) -> None:
     endpoint = host.serve(host.own)
     assert host.find() == endpoint

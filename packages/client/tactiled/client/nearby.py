@@ -32,8 +32,11 @@ def _answering(folder: Path) -> list[tuple[Path, Path]]:
         if requests is None:
             continue
         with socket.socket(socket.AF_UNIX) as probe:
+            probe.setblocking(False)
             try:
                 probe.connect(str(requests))
+            except BlockingIOError:
+                pass  # it listens, and takes no connection now: its daemon is busy or hangs
             except PermissionError:
                 raise
             except OSError:
