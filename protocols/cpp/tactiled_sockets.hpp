@@ -117,9 +117,13 @@ inline void set_keys(zmq::socket_t& socket, const std::string& path)
         throw Error(path + ": others can read the secret key: chmod 600 " + path);
     std::string text = "\n";
     text.append(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
-    socket.set(zmq::sockopt::curve_publickey, key_of(path, text, "public_key"));
-    socket.set(zmq::sockopt::curve_secretkey, key_of(path, text, "secret_key"));
-    socket.set(zmq::sockopt::curve_serverkey, key_of(path, text, "daemon_key"));
+    try {
+        socket.set(zmq::sockopt::curve_publickey, key_of(path, text, "public_key"));
+        socket.set(zmq::sockopt::curve_secretkey, key_of(path, text, "secret_key"));
+        socket.set(zmq::sockopt::curve_serverkey, key_of(path, text, "daemon_key"));
+    } catch (const zmq::error_t&) {
+        throw Error(path + ": a key is no text in Z85");
+    }
 }
 
 inline void connect(zmq::socket_t& socket, const std::string& endpoint, const std::string& keys)

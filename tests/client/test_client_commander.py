@@ -230,6 +230,7 @@ def _answer_one(sock: "zmq.Socket[bytes]") -> None:
     ("content", "said"),
     [
         ("public_key = 'short'\nsecret_key = 'short'\ndaemon_key = 'short'\n", "40 characters"),
+        ("".join(f"{name}_key = '{'~' * 40}'\n" for name in ("public", "secret", "daemon")), r"toml.*Z85"),
         (f"public_key = '{'k' * 40}'\n", "no file of `tactiled keys make`"),
         ("[", "no file of `tactiled keys make`"),
         ("".join(f"{name}_key = '{'µ' * 40}'\n" for name in ("public", "secret", "daemon")), "no file of"),

@@ -113,9 +113,14 @@ def test_a_client_with_keys_is_admitted_where_others_are_not(native_client: Path
     assert {line.split()[0] for line in stranger.lines} == {"Stale"}
 
 
-def test_keys_that_others_can_read_are_refused(native_client: Path, tmp_path: Path) -> None:
+def test_files_that_are_no_secret_keys_are_refused_by_their_name(native_client: Path, tmp_path: Path) -> None:
     keys = tmp_path / "left.toml"
-    for text, mode, words in (("", 0o600, "public_key is missing"), ("", 0o644, "others can read")):
+    no_z85 = "".join(f'{name}_key = "{40 * "~"}"\n' for name in ("public", "secret", "daemon"))
+    for text, mode, words in (
+        ("", 0o600, "public_key is missing"),
+        ("", 0o644, "others can read"),
+        (no_z85, 0o600, f"{keys}: a key is no text in Z85"),
+    ):
         keys.write_text(text)
         keys.chmod(mode)
         done = subprocess.run(

@@ -196,10 +196,12 @@ def _connect(sock: zmq.Socket[Any], endpoint: str, keys: Path | None) -> None:
     for name, value in DEAD_PEER_OPTIONS.items():
         sock.setsockopt(getattr(zmq, name), value)
     if keys is not None:
-        public, secret, daemon = _read_keys(keys)
-        sock.setsockopt(zmq.CURVE_PUBLICKEY, public)
-        sock.setsockopt(zmq.CURVE_SECRETKEY, secret)
-        sock.setsockopt(zmq.CURVE_SERVERKEY, daemon)
+        options = (zmq.CURVE_PUBLICKEY, zmq.CURVE_SECRETKEY, zmq.CURVE_SERVERKEY)
+        try:
+            for option, key in zip(options, _read_keys(keys), strict=True):
+                sock.setsockopt(option, key)
+        except zmq.ZMQError:
+            raise ConfigError(str(keys), ["a key is no text in Z85"]) from None
     try:
         sock.connect(endpoint)
     except zmq.ZMQError as error:
