@@ -1,6 +1,8 @@
 """Commands against a daemon that answers as told: repeated, matched by id, given up in time."""
 
 import asyncio
+import itertools
+import socket
 import sys
 import threading
 import time
@@ -192,6 +194,36 @@ def test_tasks_that_share_a_commander_get_their_own_replies(tmp_path: Path) -> N
     with daemon(tmp_path, lambda request, _: [done(request, text=request["text"])]) as (control, _):
         replies = asyncio.run(run(control))
     assert [reply.data["text"] for reply in replies] == ["0", "1", "2", "3"]
+
+
+def test_a_commander_of_asyncio_that_is_closed_leaves_connections_made_later_alone(tmp_path: Path) -> None:
+    """They have the descriptors of its sockets, which the event loop must not watch any more."""
+
+    async def run(control: str) -> list[bytes]:
+        async with AsyncCommander(control=control) as commander:
+            assert (await commander.send("mark")).ok
+        ends = itertools.chain(*(socket.socketpair() for _ in range(8)))
+        streams = [await asyncio.open_connection(sock=end) for end in ends]
+        for _, writer in streams:
+            writer.write(b"hello")
+        received = [await asyncio.wait_for(reader.readexactly(5), PATIENCE_S) for reader, _ in streams]
+        for _, writer in streams:
+            writer.close()
+        return received
+
+    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, _):
+        assert asyncio.run(run(control)) == 16 * [b"hello"]
+
+
+def test_a_commander_of_asyncio_may_be_made_before_the_event_loop(tmp_path: Path) -> None:
+    with daemon(tmp_path, lambda request, _: [done(request)]) as (control, _):
+        commander = AsyncCommander(control=control)
+
+        async def run() -> Reply:
+            async with commander:
+                return await commander.send("mark")
+
+        assert asyncio.run(run()).ok
 
 
 @both

@@ -89,6 +89,8 @@ class _Request:
 class _Connected:
     """Transport of requests, with their numbers."""
 
+    _make_context: type[zmq.Context[Any]] = zmq.Context
+
     def __init__(
         self,
         endpoint: str | None = None,
@@ -99,14 +101,15 @@ class _Connected:
         self._who = who
         self._name = secrets.token_hex(4)  # a relay of several clients tells them apart by their ids
         self._numbers = itertools.count(1)
-        self._one_at_a_time = asyncio.Lock()  # of tasks: a reply is read by whoever looks first
         if control is not None:
             self._endpoint = control
         elif endpoint is not None:
             self._endpoint = control_endpoint(endpoint)
         else:
             self._endpoint = nearby.control()
-        self._transport = open_requests(self._endpoint, None if keys is None else Path(keys))
+        self._transport = open_requests(
+            self._make_context, self._endpoint, None if keys is None else Path(keys)
+        )
 
     def _request(self, do: str, arguments: dict[str, Any], timeout_s: float) -> _Request:
         id_ = f"{self._name}-{next(self._numbers)}"
@@ -193,6 +196,18 @@ class Commander(_Connected):
 class AsyncCommander(_Connected):
     """Send commands to a daemon from asyncio; parameters and errors as for `Commander`."""
 
+    _make_context = zmq.asyncio.Context
+
+    def __init__(
+        self,
+        endpoint: str | None = None,
+        who: str = "",
+        control: str | None = None,
+        keys: Path | str | None = None,
+    ) -> None:
+        super().__init__(endpoint, who, control, keys)
+        self._one_at_a_time = asyncio.Lock()  # of tasks: a reply is read by whoever looks first
+
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply; errors as for `Commander.send`.
 
@@ -202,8 +217,7 @@ class AsyncCommander(_Connected):
             request = self._request(do, arguments, timeout_s)
             poller = zmq.asyncio.Poller()
             for pollable in self._transport.pollables:
-                is_socket = isinstance(pollable, zmq.Socket)
-                poller.register(zmq.asyncio.Socket(shadow=pollable) if is_socket else pollable, zmq.POLLIN)
+                poller.register(pollable, zmq.POLLIN)
             while (reply := request.advance()) is None:
                 await poller.poll(request.wait_ms())
             return reply

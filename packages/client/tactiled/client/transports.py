@@ -72,11 +72,11 @@ def open_transport(
     return over_zenoh().subscription(endpoint, topics, board, keys, can_ask=bool(control))  # type: ignore[no-any-return]
 
 
-def open_requests(control: str, keys: Path | None) -> Transport:
-    """Connect to a daemon for commands; errors as for `Client`."""
+def open_requests(make_context: type[zmq.Context[Any]], control: str, keys: Path | None) -> Transport:
+    """Connect to a daemon for commands; `make_context` as for `open_transport`, errors as for `Client`."""
     if control.startswith(ZENOH_SCHEME):
         return over_zenoh().requests(control, keys)  # type: ignore[no-any-return]
-    return ZmqTransport(zmq.Context(), None, control, (), None, keys)
+    return ZmqTransport(make_context(), None, control, (), None, keys)
 
 
 def over_zenoh() -> Any:
