@@ -94,6 +94,16 @@ def test_requests_are_refused_with_the_reason(
     assert len(daemon.asked) == 1
 
 
+def test_a_command_is_refused_that_becomes_longer_than_the_daemon_takes() -> None:
+    """Numbers of 4 bytes are sent on with 8."""
+    daemon, heard = Daemon(), list[bytes]()
+    request = {"v": 1, "id": "a", "do": "motion", "acceleration_m_s2": [1.0] * 3000}
+    payload = msgpack.packb(request, use_single_float=True)
+    daemon.relay.request(payload, heard.append, 0.0, may_command=True)
+    assert "longer than" in msgpack.unpackb(heard[0])["reason"]
+    assert not daemon.asked
+
+
 def test_a_command_says_that_it_came_through_zenoh() -> None:
     daemon = Daemon()
     daemon.request(id="a", do="tare", who="w" * 64)

@@ -70,6 +70,9 @@ class Relay:
             except ValueError:
                 self._refuse({}, "nested too deeply", respond)
                 return
+            if len(payload) > _LONGEST_BYTES:  # numbers of 4 bytes have become such of 8
+                self._refuse(request, f"longer than {_LONGEST_BYTES} bytes", respond)
+                return
         waiting = self._waiting.get(id_)
         if waiting is not None and waiting.request != payload:
             self._refuse(request, "id: another request with it waits for its reply", respond)
