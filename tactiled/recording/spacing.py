@@ -21,8 +21,7 @@ _FOLLOW = 0.1
 # Quantile of the steps that is the longest usual one, and how much longer than the median it is in an uneven
 # log: a regular log has fewer missing scans than a tenth, and jitters by less than half a period.
 _USUAL, _UNEVEN = 0.9, 1.5
-# Of the median, by which a step without missing scans differs: stamps in milliseconds may be 1, 2 and 3 apart.
-_SINGLE = 0.55
+_SINGLE = 0.55  # of the median, by which single steps differ: stamps in ms may be 1 to 3 ms apart
 _MULTIPLE = 0.05  # of the number of periods, by which stamps of missing scans differ from a whole one
 
 # Rows after a stall, for each scan that seemed missing in it, by which a host has caught up if it reads twice
@@ -55,9 +54,9 @@ def spacing_of(time_s: FloatArray, readings: FloatArray | None = None) -> Spacin
     """Describe the spacing of stamps (n,), two at least, of the scans among them if readings are given.
 
     A log whose steps are mostly even, or multiples of one, has the mean of the single ones as its period:
-    longer steps are missing scans. Where a tenth of the steps or more is half as long again and no multiple, the log is
-    uneven, as of a host that polls: its period is the mean of the usual steps, and none of these is a gap.
-    So is a log with rows that repeat a scan.
+    longer steps are missing scans. Where a tenth of the steps or more is half as long again and no multiple,
+    the log is uneven, as of a host that polls: its period is the mean of the usual steps, and none of these
+    is a gap. So is a log with rows that repeat a scan.
     """
     rows = 1 if readings is None else rows_of_a_reading(readings)
     if readings is not None and rows > 1:
