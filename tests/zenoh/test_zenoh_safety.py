@@ -40,6 +40,14 @@ def test_what_other_hosts_reach(locator: str, wide: bool) -> None:
         ({"mode": "client", "scouting": {"multicast": {"enabled": True}}}, "multicast"),
         (
             {
+                "mode": "peer",
+                "listen": {"endpoints": ["tcp/127.0.0.1:0"]},
+                "scouting": {"gossip": {"enabled": True}},
+            },
+            "gossip",
+        ),
+        (
+            {
                 "mode": "router",
                 "listen": {"endpoints": ["tls/[::]:7447#enable_mtls=false"]},
                 "transport": _MTLS,
@@ -68,13 +76,14 @@ def test_plaintext_to_other_hosts_is_refused(document: dict[str, Any], named: st
         {"mode": "client", "connect": {"endpoints": ["tls/10.0.0.1:7447"]}},
         {"mode": "router", "listen": {"endpoints": ["tls/[::]:7447"]}, "transport": _MTLS},
         {"mode": "peer", "listen": {"endpoints": ["tcp/127.0.0.1:0"]}},
+        {"mode": "client", "scouting": {"gossip": {"enabled": True}}},  # a client connects to nobody else
         {"mode": "client", "listen": {"endpoints": ["tcp/0.0.0.0:7447"]}},  # a client listens nowhere
         {"mode": "client", "connect": {"endpoints": ["tcp/127.0.0.1:7447", "tls/10.0.0.1:7447"]}},
         {"mode": "client", "connect": {"endpoints": {"router": ["tcp/10.0.0.1:7447"], "client": []}}},
     ],
 )
 def test_certificates_loopback_and_what_is_not_used_are_accepted(document: dict[str, Any]) -> None:
-    assert faults({**document, "scouting": {"multicast": {"enabled": False}}}) == []
+    assert faults(document) == []
 
 
 def test_without_a_file_nothing_is_searched_and_nothing_listens() -> None:
@@ -115,7 +124,8 @@ def test_routers_that_are_named_replace_those_of_the_file(tmp_path: Path) -> Non
     config = bridge_config(file, ("tcp/[::1]:7447",), is_insecure=False)
     assert json.loads(config.get_json("mode")) == "peer"
     assert json.loads(config.get_json("connect/endpoints")) == ["tcp/[::1]:7447"]
-    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+    for way in ("multicast", "gossip"):
+        assert json.loads(config.get_json(f"scouting/{way}/enabled")) is False
     assert json.loads(config.get_json("transport/shared_memory/enabled")) is False
     kept = bridge_config(file, (), is_insecure=False)
     assert json.loads(kept.get_json("connect/endpoints")) != ["tcp/127.0.0.1:7447"]

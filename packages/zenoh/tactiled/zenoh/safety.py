@@ -1,7 +1,8 @@
 """Check of zenoh's configuration: no plaintext that other hosts can reach.
 
-zenoh's defaults listen on all interfaces without encryption and connect to whoever answers a multicast. Here,
-what is not said in the file is off; what is said must be loopback, or TLS with certificates of both sides.
+zenoh's defaults listen on all interfaces without encryption, and connect to whoever answers a multicast or is
+named by a router (gossip). Here, what is not said in the file is off; what is said must be loopback, or
+TLS with certificates of both sides.
 """
 
 import ipaddress
@@ -68,6 +69,8 @@ def faults_of(config: "zenoh.Config") -> list[str]:
                 faults.append(f"{way}/endpoints: {locator}: move {hidden[0]} to transport/link/tls")
     if _value(config, "scouting/multicast/enabled") is True:
         faults.append("scouting/multicast/enabled: any host of the network may answer: set it to false")
+    if mode != "client" and _value(config, "scouting/gossip/enabled") is True:
+        faults.append("scouting/gossip/enabled: it connects to whoever a router names: set it to false")
     return faults
 
 

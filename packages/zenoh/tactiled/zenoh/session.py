@@ -82,7 +82,8 @@ def quiet_config(file: Path | None) -> "zenoh.Config":
     `zenoh.ZError` where the file cannot be read.
     """
     config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
-    for key, value in (("mode", '"client"'), ("scouting/multicast/enabled", "false")):
+    off = ((f"scouting/{way}/enabled", "false") for way in ("multicast", "gossip"))
+    for key, value in (("mode", '"client"'), *off):
         if config.get_json(key) == "null":
             config.insert_json5(key, value)
     config.insert_json5("transport/shared_memory/enabled", "false")  # for payloads far larger than ours
