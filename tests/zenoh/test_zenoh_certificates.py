@@ -48,7 +48,7 @@ def test_members_do_what_they_may_and_no_more(tmp_path: Path) -> None:
             with Subscription("zenoh:///robot1", ("slip",), keys=dash) as subscription:
                 while not isinstance(item := subscription.next_item(), Message):
                     assert item is not None
-            assert states("zenoh:///*", dash, 2.0)["robot1"] is not None
+            assert states("zenoh:///*", dash, 2.0)["robot1"][0] is not None
             with Commander("zenoh:///robot1", keys=gripper) as commander:
                 assert commander.send("mark", board="B1", text="by a commander").ok
             with Commander("zenoh:///robot1", keys=dash) as commander, pytest.raises(OperatorError):

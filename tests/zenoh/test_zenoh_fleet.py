@@ -24,6 +24,11 @@ def reply(**messages: dict[str, Any]) -> dict[str, Any]:
     return {"messages": {f"tactile/B1/{topic}": message for topic, message in messages.items()}}
 
 
+def arrived(**replies: Any) -> dict[str, tuple[Any, float]]:
+    """Replies of hosts that came now."""
+    return {host: (answer, NOW) for host, answer in replies.items()}
+
+
 def test_a_row_has_what_the_messages_say() -> None:
     grip = {"state": "partial", "utilisation": 0.7, "timestamp": NOW - 0.02}
     disk = {"state": "recording", "free_mb": 120.0}
@@ -101,22 +106,28 @@ def test_the_time_before_a_board_said_its_name_is_no_board_of_its_own() -> None:
     assert [row.board for row in rows_of("h", {"messages": unnamed | named}, NOW)] == ["B1"]
 
 
+@pytest.mark.parametrize(("serial", "shown"), [("B2", "B2"), ("B 3", "B-3"), ("", "-")])
+def test_a_board_that_was_exchanged_has_no_row(serial: str, shown: str) -> None:
+    messages = {f"tactile/{board}/status": STATUS for board in ("B1", shown)}
+    assert [row.board for row in rows_of("h", {"messages": messages, "boards": [serial]}, NOW)] == [shown]
+
+
 def test_a_robot_that_is_expected_and_never_came_is_missing() -> None:
     boards = FleetList("zenoh://127.0.0.1:7447/*", expected=("h", "lost", "h/B1", "h/B2"))
     states = {
         (row.host, row.board): (row.state, row.valid)
-        for row in boards.update({"h": reply(status=STATUS)}, NOW)
+        for row in boards.update(arrived(h=reply(status=STATUS)))
     }
     assert states == {
         ("h", "B1"): ("running", True),
         ("h", "B2"): ("missing", False),
         ("lost", ""): ("missing", False),
     }
-    came = boards.update({"h": reply(status=STATUS), "lost": reply(status=STATUS)}, NOW)
+    came = boards.update(arrived(h=reply(status=STATUS), lost=reply(status=STATUS)))
     assert [(row.host, row.board, row.state) for row in came if row.state == "missing"] == [
         ("h", "B2", "missing")
     ]
-    went = boards.update({"h": reply(status=STATUS)}, NOW)  # not missing twice
+    went = boards.update(arrived(h=reply(status=STATUS)))  # not missing twice
     assert [(row.host, row.state) for row in went if not row.valid] == [("h", "missing"), ("lost", "gone")]
 
 
@@ -170,7 +181,7 @@ def test_the_table_has_milliseconds_ppm_and_gigabytes_and_no_control_characters(
 def test_a_long_list_has_a_bounded_number_of_lines(n_silent: int, capsys: pytest.CaptureFixture[str]) -> None:
     replies: dict[str, Any] = {f"fresh{n:04}": reply(status=STATUS) for n in range(50)}
     replies |= {f"z{n:04}": None for n in range(n_silent)}
-    rows = FleetList("zenoh://127.0.0.1:7447/*").update(replies, NOW)
+    rows = FleetList("zenoh://127.0.0.1:7447/*").update(arrived(**replies))
     draw_table(rows, clear=False)
     shown = capsys.readouterr().out.splitlines()
     assert shown[-1] == f"50 of {n_silent + 50} boards fresh"
@@ -250,7 +261,7 @@ def test_hosts_and_boards_that_went_are_gone_until_they_return() -> None:
     two = {"messages": {f"tactile/{board}/status": STATUS for board in ("B1", "B2")}}
 
     def seen(replies: dict[str, Any]) -> list[tuple[str, str, str]]:
-        return [(row.host, row.board, row.state) for row in boards.update(replies, NOW)]
+        return [(row.host, row.board, row.state) for row in boards.update(arrived(**replies))]
 
     running = [("a", "B1", "running"), ("a", "B2", "running")]
     assert seen({"b": None, "a": two}) == [*running, ("b", "", "silent")]

@@ -29,13 +29,18 @@ def answer(host: str, query: zenoh.Query) -> None:
     query.reply(f"tactile/{host}/control", msgpack.packb({"messages": messages}))
 
 
-@contextmanager
-def hosts_on(port: int) -> Iterator[None]:
-    """Connect sessions to a router, each with the tokens and answers of many hosts."""
+def client_of(port: int) -> zenoh.Config:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
+    return config
+
+
+@contextmanager
+def hosts_on(port: int) -> Iterator[None]:
+    """Connect sessions to a router, each with the tokens and answers of many hosts."""
+    config = client_of(port)
     with ExitStack() as stack:
         for first in range(0, HOSTS_A_SESSION * SESSIONS, HOSTS_A_SESSION):
             session = stack.enter_context(zenoh.open(config))
@@ -55,3 +60,23 @@ def test_a_thousand_hosts_are_listed_and_fresh() -> None:
         rows = FleetList(f"zenoh://127.0.0.1:{port}/*").ask()
     assert len({row.host for row in rows}) == HOSTS_A_SESSION * SESSIONS
     assert all(row.valid for row in rows)
+
+
+@pytest.mark.system
+def test_a_daemon_that_hangs_makes_no_other_host_silent() -> None:
+    """Its bridge keeps the request for longer than the others' statuses are recent."""
+    port, kept = free_port(), list[zenoh.Query]()
+    with (
+        closing(router(port)),
+        zenoh.open(client_of(port)) as session,
+        session.liveliness().declare_token("tactile/robot1/control"),
+        session.liveliness().declare_token("tactile/robot2/control"),
+        session.declare_queryable("tactile/robot1/control", partial(answer, "robot1")),
+        session.declare_queryable("tactile/robot2/control", kept.append),
+    ):
+        rows = FleetList(f"zenoh://127.0.0.1:{port}/*").ask()
+        kept.clear()
+    assert [(row.host, row.state, row.valid) for row in rows] == [
+        ("robot1", "running", True),
+        ("robot2", "silent", False),
+    ]

@@ -1,6 +1,5 @@
 """List of the boards of a zenoh network from one request to all hosts: rows, table, metrics page."""
 
-import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,11 +15,11 @@ from rich.table import Table
 from rich.text import Text
 
 from tactiled.errors import UnavailableError
+from tactiled.events.codec import topic_of
 from tactiled.events.words import printable
 from tactiled.zenoh.session import states
 
 _TIMEOUT_S = 2.0  # for the slowest host; 300 ms after a cut were measured once
-_SILENT_S = 0.3  # three statuses are missing; protocols/events.md: after this, trust nothing
 _ANSWER_S = 1.0  # beyond a status of this age, the daemon itself is silent
 _UNKNOWN = "-"
 # Lines of the table: what a person reads at once. With more rows than the second, words are cut at the end of
@@ -71,13 +70,13 @@ class FleetList:
 
         `ConfigError` or `UnavailableError` where the endpoint is invalid, or its router does not answer.
         """
-        return self.update(states(self._endpoint, self._keys, _TIMEOUT_S), time.time())
+        return self.update(states(self._endpoint, self._keys, _TIMEOUT_S))
 
-    def update(self, replies: Mapping[str, Mapping[str, Any] | None], unix_s: float) -> list[FleetRow]:
-        """Take the replies of hosts, received at `unix_s`; return all that are, were or should be there."""
+    def update(self, replies: Mapping[str, tuple[Mapping[str, Any] | None, float]]) -> list[FleetRow]:
+        """Take replies and times of `states`; return all boards that are, were or should be there."""
         now = {
             (row.host, row.board): row
-            for host, reply in replies.items()
+            for host, (reply, unix_s) in replies.items()
             for row in rows_of(host, reply, unix_s)
         }
         answered = {host for host, _ in now}
@@ -102,6 +101,9 @@ def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[F
         parts = str(path).split("/")
         if len(parts) == 3 and isinstance(message, Mapping):
             boards.setdefault(parts[1], {})[parts[2]] = message
+    if isinstance(present := reply.get("boards"), list):  # an exchanged board leaves its messages behind
+        names = {topic_of(serial, "").split("/")[1] for serial in present if isinstance(serial, str)}
+        boards = {board: newest for board, newest in boards.items() if board in names}
     rows = []
     if len(boards) > 1:  # the newest status from before a board said its name is no board of its own
         boards.pop(_UNNAMED, None)
@@ -125,12 +127,11 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
     reason = _cut(status["reason"] or status["warning"])
     if is_silent and not reason:
         reason = f"its status is {silent_s:.1f} s old: no statuses arrive, or the clocks of the hosts differ"
-    valid = status["valid"] is True and silent_s < _SILENT_S + _TIMEOUT_S
     return FleetRow(
         host=host,
         board=board,
         state="silent" if is_silent else _cut(status["state"]),
-        valid=valid and not is_silent,
+        valid=status["valid"] is True and not is_silent,
         age_s=max(0.0, silent_s + status["age_s"]) if status["age_s"] < 1e8 else -1.0,
         utilisation=float(grip["utilisation"]) if in_contact else -1.0,
         loss_ppm=1e6 * status["scans_missing"] / total if status["loss_known"] and total else -1.0,

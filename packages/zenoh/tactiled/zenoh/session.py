@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -123,18 +124,21 @@ def words_of(error: "zenoh.ZError") -> str:
     return re.sub(r"\s+at /\S+", "", str(error)).strip()
 
 
-def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict[str, Any] | None]:
-    """Return the replies of all hosts to ``state`` (protocols/control.md); None for a host that is silent.
+def states(
+    endpoint: str, keys: Path | None, timeout_s: float
+) -> dict[str, tuple[dict[str, Any] | None, float]]:
+    """Return the replies of all hosts to ``state`` (protocols/control.md), each with the time it came.
 
-    The endpoint is ``zenoh://ROUTER:7447/*``, or has one host. `timeout_s` is for the slowest host. Tokens of
-    bridge and boards make a host known.
+    The time is that of the wall clock: a host that is slow does not make the others old. A host that is
+    silent has None. The endpoint is ``zenoh://ROUTER:7447/*``, or has one host. `timeout_s` is for the
+    slowest host. Tokens of bridge and boards make a host known.
     """
     address = parse_address(endpoint, keys)
     with open_session(address) as session:
-        found: dict[str, dict[str, Any] | None] = {}
+        found: dict[str, tuple[dict[str, Any] | None, float]] = {}
         for reply in session.liveliness().get(f"tactile/{address.host}/*", timeout=timeout_s):
             if (sample := reply.ok) is not None:
-                found.setdefault(str(sample.key_expr).split("/")[1], None)
+                found.setdefault(str(sample.key_expr).split("/")[1], (None, time.time()))
         replies = session.get(
             address.control,
             target=zenoh.QueryTarget.ALL,
@@ -145,7 +149,8 @@ def states(endpoint: str, keys: Path | None, timeout_s: float) -> dict[str, dict
         for reply in replies:
             if (sample := reply.ok) is not None:
                 with suppress(ValueError, msgpack.exceptions.UnpackException):
-                    found[str(sample.key_expr).split("/")[1]] = msgpack.unpackb(sample.payload.to_bytes())
+                    state = msgpack.unpackb(sample.payload.to_bytes())
+                    found[str(sample.key_expr).split("/")[1]] = state, time.time()
         return found
 
 
