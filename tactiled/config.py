@@ -19,6 +19,7 @@ from tactiled.detect.suite import DetectParams
 from tactiled.detect.worker import Worker
 from tactiled.errors import ConfigError
 from tactiled.force.calibration import CalibrationFile, has_nominal, load_calibration
+from tactiled.force.model import build_model
 from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, load_board
 from tactiled.recording.session import RecordParams
@@ -264,7 +265,7 @@ def _calibration(board: BoardFiles, array: Array, source: str) -> CalibrationFil
         return None
     try:
         calibration = load_calibration(name or array.name)
-        calibration.check_array(array)
+        build_model(array, calibration)
     except ConfigError as error:
         faults = [f"board.calibration: {error.source}: {fault}" for fault in error.faults]
         raise ConfigError(source, faults) from None

@@ -7,7 +7,7 @@ force is a weighted sum of features (`tactiled.force.model`).
 
 import itertools
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -22,6 +22,7 @@ Curve = Literal["linear", "log", "inverse"]
 AXES: tuple[Axis, Axis, Axis] = ("fx", "fy", "fz")
 OUTPUTS = (*AXES, "tx", "ty", "tz")
 Matrix = list[list[float]]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class LoadCurve(Params):
@@ -73,12 +74,12 @@ class SmoothFeatures(Params):
         follows one of the latter two, by what it is divided with.
     """
 
-    scale: list[float] = Field(min_length=1, description="size of each channel's reading that counts as 1")
+    scale: list[Positive] = Field(min_length=1, description="size of each channel's reading that counts as 1")
     curve: Curve = "linear"
     zero: list[float] = Field(default=[], description="reading of each channel without a load, for a curve")
     has_squares: bool = True
     has_products: bool = False
-    creep_s: list[float] = Field(default=[], description="time constants of the low-passed copies")
+    creep_s: list[Positive] = Field(default=[], description="time constants of the low-passed copies")
 
     @model_validator(mode="after")
     def _has_zero(self) -> Self:

@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections import deque
+from collections.abc import Hashable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -112,6 +113,12 @@ class DriftZero:
         return self._sd**2 + walk * walk * touched_s
 
 
+def _numbered(names: Sequence[Hashable]) -> NDArray[np.int64]:
+    """Return the number of each name (n,), in the order in which the names first come."""
+    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return np.array([number[name] for name in names], dtype=np.int64)
+
+
 class UncalibratedForce:
     """Force events of an array without a calibration: every force is unknown."""
 
@@ -181,13 +188,12 @@ class ForceEstimator:
         self._walk2 = [value**2 for value in uncertainty.walk_n]
         self._per_unit2 = [value**2 for value in uncertainty.n_per_unit]
         self._limit = self._largest * _BEYOND
-        ranges = (file.range.fx_n, file.range.fy_n, file.range.fz_n)
-        self._most_n = [
-            max(-least, most, 1e-9) * _BEYOND if is_known else math.inf
-            for (least, most), is_known in zip(ranges, self._known, strict=True)
-        ]
+        least_n, most_n = file.range.fz_n
+        self._most_fz_n = max(-least_n, most_n, 1e-9) * _BEYOND if self._known[2] else math.inf
         self._beyond2 = (_BEYOND_SMOOTH if file.pairs is None else _BEYOND_PAIRS) ** 2
         self._most_missing = _TOLERATED_MISSING * array.n_channels
+        groups = list(zip(array.channel_taxel.tolist(), array.channel_kind, strict=True))
+        self._group, self._kind = _numbered(groups), _numbered(array.channel_kind)
         self._centre_mm = (float(array.x_mm.mean()), float(array.y_mm.mean()))
         self.reset()
 
@@ -202,6 +208,7 @@ class ForceEstimator:
         """Take the present zero of the readings as exact and as free of creep: a tare has just set it."""
         self._model.reset()
         self._zero.reset()
+        self._previous = np.zeros(self._array.n_channels)
 
     def process(self, item: ScanBlock | Gap) -> list[ForceEvent]:
         """Return an event for each scan."""
@@ -253,8 +260,7 @@ class ForceEstimator:
         outputs: list[float] = estimate.values[: self._n_outputs].tolist()
         fx, fy, fz, tx, ty, tz = outputs[:6]
         excess = estimate.excess
-        if abs(fz) > self._most_n[2]:
-            excess = max(excess, abs(fz) / self._most_n[2])
+        excess = max(excess, abs(fz) / self._most_fz_n)
         zero2 = self._zero.variance(estimate.touched_s)
         sd = self._sd(estimate, outputs, excess, zero2)
         x_mm, y_mm = self._centre_mm
@@ -318,28 +324,32 @@ class ForceEstimator:
         return np.asarray(~valid & (np.abs(readings) >= _AT_LIMIT * self._largest))
 
     def _filled(self, readings: FloatArray, usable: NDArray[np.bool_]) -> FloatArray:
-        """Replace readings that are not usable by the mean of the others of their taxel.
+        """Replace readings that are not usable by the mean of the others of their kind on their taxel.
 
-        A taxel without any gets the mean of the array, and an array without any the scan before.
-        A saturated reading stays as it is: it is the least that the load can be.
+        Where there are none, a channel keeps its reading of the scan before. A saturated reading stays as it
+        is: it is the least that the load can be.
         """
-        if not usable.any():
-            return self._previous
         known = np.where(usable, readings, 0.0)
-        among = self._array.channel_taxel
-        count = np.bincount(among, usable, self._n_taxels)
-        mean = np.bincount(among, known, self._n_taxels) / np.maximum(count, 1.0)
-        overall = float(known.sum()) / max(int(usable.sum()), 1)
-        return np.where(usable, readings, np.where(count[among] > 0, mean[among], overall))
+        count = np.bincount(self._group, usable)[self._group]
+        mean = np.bincount(self._group, known)[self._group] / np.maximum(count, 1.0)
+        return np.where(usable, readings, np.where(count > 0, mean, self._previous))
 
     def _missing_variance(self, features: FloatArray, valid: NDArray[np.bool_]) -> list[float]:
-        """Variance of fx, fy and fz by the channels that were replaced or are saturated."""
+        """Variance of fx, fy and fz by the channels that were replaced or are saturated.
+
+        A channel that nothing replaces keeps an older reading, which may be one of a free array: what the
+        others of its kind add on average is the least.
+        """
+        is_alone = ~valid & (np.bincount(self._group, valid)[self._group] == 0)
         first, second = self._model.channels
         variances: list[float] = []
         for part in self._model.weights[:3] * features:
             own = np.bincount(first, part, len(valid))
             own += np.bincount(second, np.where(first == second, 0.0, part), len(valid))
-            variances.append(float(((_MISSING_PART * own[~valid]) ** 2).sum()))
+            power = (_MISSING_PART * own) ** 2
+            usual = np.bincount(self._kind, power * valid) / np.maximum(np.bincount(self._kind, valid), 1.0)
+            power = np.maximum(power, np.where(is_alone, usual[self._kind], 0.0))
+            variances.append(float(power[~valid].sum()))
         return variances
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.errors import ConfigError
 from tactiled.force.calibration import (
     CalibrationFile,
     Curve,
@@ -260,9 +261,20 @@ def build_model(array: Array, file: CalibrationFile) -> ForceModel:
     Raises
     ------
     ConfigError
-        The file is of another array.
+        The file is of another array, or has weights of other features.
     """
     file.check_array(array)
+    if file.smooth is not None:
+        n_features, weights = len(FeatureMaker(array, file.smooth).taxel), file.smooth.weights
+    else:
+        n_features, weights = N_KINDS * array.n_channels, []  # the schema checks those of pairs
+    tables = {"smooth.weights": weights, "uncertainty.factor": itertools.chain(*file.uncertainty.factor)}
+    for name, rows in tables.items():
+        for row in rows:
+            if len(row) != n_features:
+                raise ConfigError(
+                    file.name, [f"{name}: a row has {len(row)} numbers for {n_features} features"]
+                )
     if file.pairs is not None:
         return PairsModel(array, file.pairs)
     assert file.smooth is not None  # the schema requires one of the two

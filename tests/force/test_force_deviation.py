@@ -173,11 +173,14 @@ def test_a_missing_channel_is_uncertain_in_every_feature(part: str) -> None:
     assert event.fz_sd_n == pytest.approx(math.sqrt(0.2**2 + (0.03 * event.fz_n) ** 2 / 1800), rel=1e-3)
 
 
-def test_a_taxel_without_a_reading_has_the_mean_of_the_array() -> None:
+def test_a_taxel_that_was_never_read_adds_no_force_and_the_deviation_of_a_usual_one() -> None:
     valid = ARRAY.channel_taxel != 4
     event = force(calibration(), valid=valid)
-    filled = np.where(valid, FEATURES, FEATURES[valid].mean())
+    filled = np.where(valid, FEATURES, 0.0)
     assert event.fz_n == pytest.approx(float((WEIGHTS @ filled)[2]))
+    missing2 = tuple(4 * np.mean((0.5 * WEIGHTS[:3, valid] * FEATURES[valid]) ** 2, axis=1))
+    forces = (WEIGHTS @ filled)[:3]
+    assert deviations(event) == pytest.approx(expected(forces, 1.0, missing2=missing2, features=filled))
 
 
 @pytest.mark.parametrize(("missing", "is_valid"), [(0, True), (9, True), (10, False)])

@@ -3,16 +3,17 @@
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tactiled.array import load_array
+from tactiled.array import ArrayFile, build, load_array
 from tactiled.errors import ConfigError
 from tactiled.events.types import UNKNOWN_SD_N, ForceEvent
-from tactiled.force.calibration import CreepState, load_calibration
+from tactiled.force.calibration import CalibrationFile, CreepState, load_calibration
 from tactiled.force.estimator import ForceEstimator, UncalibratedForce
 from tactiled.samples.block import Gap, regular_block
 
@@ -119,6 +120,72 @@ def test_a_light_hold_after_a_hard_press_is_not_taken_for_drift() -> None:
 def test_a_calibration_of_another_array_is_refused() -> None:
     with pytest.raises(ConfigError, match="calibrate this array"):
         ForceEstimator(load_array("pillars-3x3"), NOMINAL)
+
+
+MAGNETIC = build(
+    ArrayFile.model_validate(
+        {
+            "name": "magnetic",
+            "unit": "uT",
+            "range": [-5000, 5000],
+            "taxel_count": 5,
+            "taxel_channels": [{"name": kind, "kind": kind} for kind in ("shear_x", "shear_y", "normal")],
+        }
+    )
+)
+
+
+def of_fields(n_features: int, **uncertainty: Any) -> CalibrationFile:
+    """Calibration of the magnetic array by the readings alone: 0.01 N for each uT."""
+    weights = np.zeros((6, n_features))
+    for axis in range(3):
+        weights[axis, axis:15:3] = 0.01
+    return CalibrationFile.model_validate(
+        {
+            "name": "magnetic",
+            "array": "magnetic",
+            "channels": 15,
+            "axes": ["fx", "fy", "fz"],
+            "range": {"fx_n": (-5, 5), "fy_n": (-5, 5), "fz_n": (0, 20)},
+            "largest_reading": [1000.0] * 15,
+            "smooth": {"scale": [1.0] * 15, "has_squares": False, "weights": weights.tolist()},
+            "uncertainty": {"floor_n": [0.05] * 3, "own": [0.02] * 3, "of_normal": [0.0] * 3, **uncertainty},
+        }
+    )
+
+
+def test_a_channel_that_is_lost_in_a_hold_is_not_replaced_by_channels_of_another_kind() -> None:
+    readings = np.zeros((300, 15))
+    readings[100:, 2::3], readings[100:, 2] = 100.0, 400.0  # 8 N, half of them on one taxel
+    valid = np.ones(readings.shape, dtype=np.bool_)
+    valid[200:, 2] = False
+    found = ForceEstimator(MAGNETIC, of_fields(15)).process(regular_block(readings, RATE_HZ, valid=valid))
+    assert found[250].fz_n == pytest.approx(found[150].fz_n, rel=1e-3) == pytest.approx(8.0, rel=1e-2)
+    assert found[250].fz_sd_n > 1.9  # half of the 4 N that it bears
+    assert found[250].fx_n == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_channel_that_was_never_read_is_as_uncertain_as_others_of_its_kind() -> None:
+    readings = np.zeros((300, 15))
+    readings[100:, 2::3] = 100.0
+    valid = np.ones(readings.shape, dtype=np.bool_)
+    whole = ForceEstimator(MAGNETIC, of_fields(15)).process(regular_block(readings, RATE_HZ))[-1]
+    valid[:, 2] = False
+    found = ForceEstimator(MAGNETIC, of_fields(15)).process(regular_block(readings, RATE_HZ, valid=valid))[-1]
+    assert found.fz_sd_n > 0.5
+    assert abs(found.fz_n - whole.fz_n) <= 2 * found.fz_sd_n
+
+
+@pytest.mark.parametrize(
+    ("file", "says"),
+    [
+        (of_fields(14), "smooth.weights: a row has 14 numbers for 15 features"),
+        (of_fields(15, factor=[[[1.0] * 5]] * 3), "uncertainty.factor: a row has 5 numbers for 15 features"),
+    ],
+)
+def test_a_calibration_of_other_features_is_refused(file: CalibrationFile, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        ForceEstimator(MAGNETIC, file)
 
 
 def test_without_a_calibration_every_force_is_unknown() -> None:

@@ -99,6 +99,8 @@ def edited(base: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         (SMOOTH, "smooth.weights", [[1.0]] * 5, "6 rows of one length"),
         (SMOOTH, "smooth.weights", [[1.0]] * 5 + [[1.0, 2.0]], "6 rows of one length"),
         (SMOOTH, "smooth.scale", [1.0], "smooth.scale must have 2 numbers"),
+        (SMOOTH, "smooth.scale", [1.0, 0.0], "greater than 0"),
+        (SMOOTH, "smooth.creep_s", [0.0], "greater than 0"),
         (SMOOTH, "largest_reading", [1.0], "largest_reading has 1 numbers for 2 channels"),
         (SMOOTH, "uncertainty.factor", [[], []], "three matrices"),
         (SMOOTH, "uncertainty.floor_n", [1.0] * 4, "at most 3"),
