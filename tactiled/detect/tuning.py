@@ -28,6 +28,7 @@ from tactiled.force.estimator import ForceSource
 from tactiled.samples.block import Gap, ScanBlock
 
 TARE_S = 0.5  # choice: averaged for a new zero: 50 scans at 100 Hz take white noise down to a seventh
+_LEAST_VALID = 0.9  # choice: part of a channel's readings in a tare; both halves then have some
 _LEAST_TARE_SCANS = 10  # choice: below 20 Hz, half a second holds too few scans for a mean
 # derived: means of both halves may differ by this part of the contact level: 10 mV of 0.25 V on the 2019
 # array, which is well above creep of 0.01 V/s in a quarter of a second and what is left of 5 mV rms of noise
@@ -232,18 +233,19 @@ class TunedSuite:
             n = len(self._recent)
             return f"only {n} scans since the last gap, {n_wanted} are needed: ask again", []
         volts, valid = (np.array(part) for part in zip(*self._recent, strict=True))
-        if not valid.all():
-            channels = np.flatnonzero(~valid.all(axis=0)).tolist()
-            return f"no valid readings of channels {channels}: repair them first", []
+        channels = np.flatnonzero(valid.mean(axis=0) < _LEAST_VALID).tolist()
+        if channels:
+            return f"too few valid readings of channels {channels}: repair them first", []
+        volts = np.where(valid, volts, np.nan)
         half = n_wanted // 2
-        drift = float(np.abs(volts[-half:].mean(axis=0) - volts[:half].mean(axis=0)).max())
+        drift = float(np.abs(np.nanmean(volts[-half:], axis=0) - np.nanmean(volts[:half], axis=0)).max())
         array = self._array
         level, range_ = array.contact, array.high - array.low
         still = range_ * CONTACT_OF_RANGE if level is None else level.above * _STILL_OF_CONTACT
         if drift > still and not force:
             return f"readings still move by {drift:.2g} {array.unit}: wait until they are steady", []
         events = self._insert_gap()
-        self.baseline_volts = volts.mean(axis=0)
+        self.baseline_volts = np.nanmean(volts, axis=0)
         if self._force is not None:
             self._force.tared()
         return "", events
@@ -330,10 +332,16 @@ class TunedSuite:
             params.check_array(self._array, "")
         except ConfigError as error:
             return "; ".join(error.faults), []
-        if params == self.params:
+        # Speed and friction are those of the newest command, whether it named them or set their parameters.
+        if "texture.speed_mm_s" in values:
+            self.set_speed(params.texture.speed_mm_s)
+        is_restated = self.friction is not None and "grip.friction" in values
+        if params == self.params and not is_restated:
             return "", []
         events = self._insert_gap()
         self.params = params
+        if is_restated:
+            self.friction = None
         before, self._suite = self._suite.grip, self._build(self._array, params)
         if before is not None and self._suite.grip is not None:
             self._suite.grip.motion = before.motion

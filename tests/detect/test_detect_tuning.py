@@ -93,10 +93,22 @@ def test_a_tare_needs_enough_good_readings_at_rest() -> None:
     assert "still move" in tuned.tare(force=False)[0]
     assert tuned.tare(force=True)[0] == ""
     invalid = rest(100)
-    invalid.valid[50, 3] = False
+    invalid.valid[50:56, 3] = False
     tuned = suite()
     run(tuned, [invalid])
     assert "channels [3]" in tuned.tare(force=True)[0]
+
+
+@given(places=st.lists(st.integers(50, 99), max_size=5, unique=True), value=st.sampled_from([np.nan, 5.0]))
+@settings(deadline=None, max_examples=20)
+def test_readings_that_are_not_valid_are_no_part_of_a_zero(places: list[int], value: float) -> None:
+    block = shifted(rest())
+    block.volts[places, 3], block.valid[places, 3] = value, False
+    tuned = suite()
+    run(tuned, [block])
+    assert tuned.tare(force=False) == ("", [])
+    assert tuned.zero is not None
+    assert tuned.zero[3] == pytest.approx(OFFSET[3], abs=0.0005)
 
 
 def test_the_zero_is_the_mean_of_the_newest_scans_however_they_came() -> None:
@@ -246,6 +258,30 @@ def test_speed_holds_through_a_change_of_thresholds() -> None:
     events = run(tuned, [touch])
     assert speeds(events) == {1.0}
     assert any(event.status == "ok" for event in textures(events))
+
+
+@pytest.mark.parametrize("configured", [0.0, 1.0])
+def test_the_newest_of_speed_and_its_threshold_holds(configured: float) -> None:
+    touch = Touch(grooves=(1.2, 0.0), stop_s=26.0, lift_s=27.0, end_s=28.0).block(WANG)
+    tuned = suite(texture=JointParams(speed_mm_s=configured))
+    tuned.set_speed(2.0)
+    assert tuned.set_thresholds({"texture.speed_mm_s": 1.0}) == ("", [])
+    assert {event.speed_mm_s for event in textures(run(tuned, [touch]))} == {1.0}
+
+
+def test_the_newest_of_friction_and_its_threshold_holds() -> None:
+    def frictions(*commands: str) -> list[Event]:
+        tuned = TunedSuite(WANG, DetectParams())
+        for command in commands:
+            if command == "friction":
+                assert tuned.state_friction(0.9, 0.1) == ""
+            else:
+                assert tuned.set_thresholds({"grip.friction": 0.3}) == ("", [])
+        return run(tuned, [TOUCH])
+
+    assert frictions("threshold", "friction", "threshold") == frictions("threshold")
+    assert frictions("friction", "threshold") == frictions("threshold")
+    assert frictions("threshold", "friction") != frictions("threshold")
 
 
 def test_another_board_discards_the_zero() -> None:
