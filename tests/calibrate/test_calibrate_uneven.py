@@ -98,6 +98,19 @@ def test_records_of_one_clock_are_not_moved() -> None:
         calibrate(SKIN, time_s + 500.0, readings, reference(), Identity("skin"), is_same_clock=True)
 
 
+@pytest.mark.parametrize(("log_from_s", "origin_s"), [(0.0, 30.0), (0.0, -70.0), (0.0, 1e9), (30.0, 0.0)])
+def test_clocks_of_other_origins_are_told_from_records_that_began_apart(
+    log_from_s: float, origin_s: float
+) -> None:
+    """Both records began together, or one later than the other by the same clock."""
+    time_s = np.arange(0.0, 100.0, 0.04)
+    readings = creeping_skin(time_s, np.random.default_rng(0))
+    rows = time_s >= log_from_s
+    found = calibrate(SKIN, time_s[rows] + origin_s, readings[rows], reference(), Identity("skin"))
+    assert found.late_s == pytest.approx(-origin_s, abs=0.1)
+    assert found.rms[2] < 0.4
+
+
 @pytest.mark.parametrize("offset_n", [0.0, 5.0])
 def test_a_press_in_a_pause_of_the_reference_is_no_force_of_zero(offset_n: float) -> None:
     rng = np.random.default_rng(0)
@@ -193,7 +206,7 @@ def test_records_that_overlap_at_one_offset_only_are_aligned() -> None:
     log = bin_log(time_s, np.outer(presses_n(time_s), np.ones(SKIN.n_channels)), SKIN)
     table = reference()
     table.values[:, 2] = presses_n(np.maximum(table.time_s - 94.98, 0.0))
-    found = align(log, AlignedReference(table, log), SKIN, 99.98, np.zeros(len(log), dtype=np.bool_))
+    found = align(log, AlignedReference(table, log), SKIN, [99.98], np.zeros(len(log), dtype=np.bool_))
     assert found.late_s == pytest.approx(94.98)
     assert 0.0 < found.sd_s < 0.02
 

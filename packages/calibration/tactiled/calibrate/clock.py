@@ -1,7 +1,7 @@
 """Offset between the clock of a log and that of a force sensor, from the records themselves."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -54,36 +54,36 @@ def align(
     log: BinnedLog,
     reference: AlignedReference,
     array: Array,
-    between_s: float,
+    starts_s: Sequence[float],
     unseen: NDArray[np.bool_],
     *,
     is_same_clock: bool = False,
 ) -> Alignment:
     """Find the offset of the clocks at which the records resemble each other most.
 
-    `between_s` is the first scan of the log minus the first sample of the reference, by their own clocks. The
-    true offset is searched within `WITHIN_S` of it; with `is_same_clock` it is taken as it is. `unseen` (n,)
-    is True for bins in which the reference says nothing, at about the true offset. `DataError` where the
-    records do not resemble each other, or do not overlap.
+    `starts_s` are times from the first sample of the reference to the first scan of the log that may be about
+    right: by their clocks, or 0 if both records began together. The true offset is searched within `WITHIN_S`
+    of each; with `is_same_clock` the first is taken as it is. `unseen` (n,) is True for bins in which the
+    reference says nothing, at about the true offset. `DataError` where the records do not resemble each
+    other, or do not overlap.
     """
     if unseen.any() and not is_same_clock:  # at another offset, other bins are
         at_any = binary_dilation(unseen, iterations=max(1, round(WITHIN_S / log.step_s)))
         unseen = at_any if at_any.sum() < len(log) / 2 else unseen
     step_s = log.step_s / 2
-    lags_s = between_s + (np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s))
-    always = (
-        reference.inside(between_s - WITHIN_S, 0.0) & reference.inside(between_s + WITHIN_S, 0.0) & ~unseen
-    )
-    if always.sum() > _LEAST_ALWAYS * len(log):
-        match = _explained(log, reference, always)
-    else:
-        match = _of_same_size(log, reference, array, ~unseen)
-    values = np.array([match(lag_s)[0] for lag_s in lags_s.tolist()])
-    if not np.isfinite(values).any():
+    around_s = np.zeros(1) if is_same_clock else np.arange(-WITHIN_S, WITHIN_S + step_s, step_s)
+    found: list[tuple[float, FloatArray, FloatArray, Match]] = []
+    for start_s in starts_s:
+        match = _match(log, reference, array, start_s, unseen)
+        values = np.array([match(lag_s)[0] for lag_s in (start_s + around_s).tolist()])
+        if np.isfinite(values).any():
+            found.append((float(np.nanmax(values)), start_s + around_s, values, match))
+    if not found:
         raise DataError(
             f"the reference does not overlap the log within {WITHIN_S:g} s: its first sample is at "
-            f"{-between_s:.1f} s from the log's first scan; shift its time_s, or record both together"
+            f"{-starts_s[0]:.1f} s from the log's first scan; shift its time_s, or record both together"
         )
+    _, lags_s, values, match = max(found, key=lambda one: one[0])
     best = int(np.nanargmax(values))
     if values[best] < _LEAST_CORRELATION:
         raise DataError(
@@ -99,6 +99,16 @@ def align(
     inside = reference.inside(late_s, 0.0) & ~unseen
     normal = reference.means(late_s, 0.0)[:, 2]
     return Alignment(late_s, sd_s, correlation_of(pressure(log, array)[inside], normal[inside]))
+
+
+def _match(
+    log: BinnedLog, reference: AlignedReference, array: Array, start_s: float, unseen: NDArray[np.bool_]
+) -> Match:
+    """Return the match of offsets within `WITHIN_S` of one; by the bins that all of them cover, if many."""
+    always = reference.inside(start_s - WITHIN_S, 0.0) & reference.inside(start_s + WITHIN_S, 0.0) & ~unseen
+    if always.sum() > _LEAST_ALWAYS * len(log):
+        return _explained(log, reference, always)
+    return _of_same_size(log, reference, array, ~unseen)
 
 
 def _sd_s(lags_s: FloatArray, correlations: FloatArray, n_independent: float) -> float:

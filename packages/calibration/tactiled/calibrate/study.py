@@ -11,7 +11,7 @@ from scipy.special import chdtri
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
-from tactiled.calibrate.clock import align, quiet_bins
+from tactiled.calibrate.clock import WITHIN_S, align, quiet_bins
 from tactiled.calibrate.data import (
     AlignedReference,
     BinnedLog,
@@ -98,7 +98,7 @@ def calibrate(
     of the pose. `DataError` where the data cannot give a calibration; the message says what to do.
     """
     check_reference(table, array)
-    between_s = 0.0
+    between_s, starts_s = 0.0, [0.0]
     if are_poses:
         own, table = same_poses(time_s, table)
         log = pose_log(readings[own], array)
@@ -106,15 +106,16 @@ def calibrate(
     else:
         log = bin_log(time_s, readings, array)
         reference = AlignedReference(table, log)
-        # Clocks of different origin: both records began together, within seconds.
-        longest_s = max(float(time_s[-1] - time_s[0]), float(np.ptp(table.time_s)))
         between_s = float(time_s[0] - table.time_s[0])
-        between_s = between_s if is_same_clock or abs(between_s) <= longest_s else 0.0
+        if is_same_clock or abs(between_s) <= WITHIN_S:
+            starts_s = [between_s]
+        elif abs(between_s) <= max(float(np.ptp(time_s)), float(np.ptp(table.time_s))):
+            starts_s = [between_s, 0.0]  # else the clocks differ, and both records began together
     check_log(log, array)
     check_unit(log, table, array)
     unseen = np.zeros(len(log), dtype=np.bool_)
     for _ in range(_ALIGNED):
-        clocks = align(log, reference, array, between_s, unseen, is_same_clock=is_same_clock or are_poses)
+        clocks = align(log, reference, array, starts_s, unseen, is_same_clock=is_same_clock or are_poses)
         late_s, drift = clocks.late_s, 0.0
         rows = reference.inside(late_s, 0.0)
         unseen = _unseen(log, np.where(rows, reference.pauses(late_s), -1))
