@@ -91,6 +91,13 @@ class StartZero:
         return held
 
 
+def relative_to(zero: FloatArray | None, item: ScanBlock | Gap) -> ScanBlock | Gap:
+    """Return the item relative to a zero (channels,); channels whose zero is NaN become invalid."""
+    if isinstance(item, Gap) or zero is None or not zero.any():
+        return item
+    return replace(item, volts=item.volts - zero, valid=item.valid & np.isfinite(zero))
+
+
 @dataclass(frozen=True)
 class _Interval:
     """Time that a client announced: the newest one, since a slip is found soon after its onset."""
@@ -201,7 +208,7 @@ class TunedSuite:
                 self._recent = deque(self._recent, n_wanted)
             self._recent.extend(zip(item.volts, item.valid, strict=True))
             self.next_index = int(item.index[-1]) + 1
-        parts = [self._zeroed(part) for part in self._start.process(item)]
+        parts = [relative_to(self.zero, part) for part in self._start.process(item)]
         events = self._mark_suppressed([event for part in parts for event in self._suite.process(part)])
         if self._force is None:
             return events
@@ -216,13 +223,6 @@ class TunedSuite:
         if not stuck.any():
             return item
         return replace(item, volts=np.where(stuck, np.nan, item.volts), valid=item.valid & ~stuck)
-
-    def _zeroed(self, item: ScanBlock | Gap) -> ScanBlock | Gap:
-        """Return the item relative to the zero in use: the tare's, the first scans', or the array file's."""
-        zero = self.zero
-        if isinstance(item, Gap) or zero is None or not zero.any():
-            return item
-        return replace(item, volts=item.volts - zero, valid=item.valid & np.isfinite(zero))
 
     def tare(self, *, force: bool) -> tuple[str, list[Event]]:
         """Take the mean of the last `TARE_S` as zero; refused under load unless forced."""

@@ -142,6 +142,26 @@ def test_on_an_array_without_shear_every_setting_has_the_same_reports() -> None:
     )
     assert len({(some.quiet, some.motion) for some in found.settings.values()}) == 1
     assert found.friction is None
+    assert "the setting does not matter" in in_words(found)
+    assert "does not matter" not in in_words(quietly(recording(held(6, 3e-4)), recording(held(6, 3e-4))))
+
+
+@pytest.mark.parametrize("zero_first_s", [0.0, 0.3])
+def test_readings_are_relative_to_the_zero_of_the_array(zero_first_s: float) -> None:
+    """The daemon subtracts it, too: an empty hand is no contact, whatever the sensor reads at rest."""
+    rest = np.linspace(0.5, 1.0, ARRAY.n_channels)
+    offset = replace(ARRAY, zero=(zero_first_s == 0.0) * rest, zero_first_s=zero_first_s)
+    volts = [held(6, 3e-4), shaken(np.array([0.05, 0.3, 0.6])).items[0].volts]
+    for one in volts:
+        one[:40] -= 1.2
+    plain, found = (
+        quietly(*(recording(one + zero, array) for one in volts))
+        for array, zero in ((ARRAY, 0.0), (offset, rest))
+    )
+    assert found.hold_s == pytest.approx(plain.hold_s, abs=0.05)
+    assert found.settings == plain.settings
+    with pytest.raises(DataError, match="no contact"):
+        recording(held(6, 3e-4) - 1.2 + rest, offset).contact_s()
 
 
 def test_a_hold_in_newtons_has_a_level_of_its_own() -> None:

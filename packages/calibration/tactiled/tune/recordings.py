@@ -2,10 +2,14 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+from tactiled.array import Array
+from tactiled.calibrate.data import start_zero
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
+from tactiled.detect.tuning import relative_to
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.table_times import TableOptions
 from tactiled.samples.block import ScanBlock
@@ -14,6 +18,7 @@ from tactiled.tune.study import Recording, contact_gate, contact_level
 
 _GRIP_S = 60.0  # time for the user to pick up an object
 _READY_S = 3.0  # from the prompt to move to the first scan used
+_ZERO_S = 1.0  # listened to beyond what gives the zero: a slow board has few scans in that
 _PROGRESS_S = 10.0  # interval of progress messages
 
 Report = Callable[[str], None]
@@ -58,20 +63,34 @@ def record_live(
         scans = LiveScans(subscription, endpoint, array, report)
         if warning := _warning_of_tare(endpoint, scans.board, keys):
             report(warning)
+        array = _at_zero(scans, report)
         report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
-        _await_hold(scans)
-        quiet = _record(scans, "quiet hold", quiet_s, report)
+        _await_hold(scans, array)
+        quiet = _record(scans, array, "quiet hold", quiet_s, report)
         report(
             f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
             f"starts in {_READY_S:g} s."
         )
         scans.listen(_READY_S)
-        motion = _record(scans, "motion", motion_s, report)
+        motion = _record(scans, array, "motion", motion_s, report)
         report("Done; you may release the object.")
     return quiet, motion
 
 
-def _await_hold(scans: LiveScans) -> None:
+def _at_zero(scans: LiveScans, report: Report) -> Array:
+    """Return the array with its zero as numbers: that of the first scans is measured before the grip."""
+    array = scans.array
+    if not array.zero_first_s:
+        return array
+    report(f"Let nothing touch the array for {_READY_S + _ZERO_S + array.zero_first_s:g} s.")
+    scans.listen(_READY_S)
+    scans.drop()
+    scans.listen(_ZERO_S + array.zero_first_s)
+    log = scans.log()
+    return replace(array, zero=start_zero(log.time_s, log.readings, array), zero_first_s=0.0)
+
+
+def _await_hold(scans: LiveScans, array: Array) -> None:
     """Wait until an object is held: the load no longer rises, or was there before."""
     until_s, gate = time.monotonic() + _GRIP_S, None
     scans.drop()
@@ -79,27 +98,28 @@ def _await_hold(scans: LiveScans) -> None:
         scans.listen(0.1)
         if len(scans.readings) < 2:
             continue
-        blocks = [item for item in scans.log().blocks() if isinstance(item, ScanBlock)]
+        items = [relative_to(array.zero, item) for item in scans.log().blocks()]
+        blocks = [item for item in items if isinstance(item, ScanBlock)]
         scans.drop()
-        gate = gate or contact_gate(scans.array, blocks[0].rate_hz)
+        gate = gate or contact_gate(array, blocks[0].rate_hz)
         for block in blocks:
             gate.measure(block)
             for scan in range(len(block)):
                 gate.step(scan)
         if gate.state in ("holding", "unknown"):
             return
-    level = contact_level(scans.array)
+    level = contact_level(array)
     raise DataError(f"no contact within {_GRIP_S:g} s (no taxel above {level}): run again and grip an object")
 
 
-def _record(scans: LiveScans, name: str, seconds: float, report: Report) -> Recording:
+def _record(scans: LiveScans, array: Array, name: str, seconds: float, report: Report) -> Recording:
     """Record the scans of the next `seconds`, with a countdown."""
     scans.drop()
     until_s = time.monotonic() + seconds
     while (left_s := until_s - time.monotonic()) > 0:
         report(f"  {left_s:.0f} s")
         scans.listen(min(_PROGRESS_S, left_s))
-    return Recording(name, scans.array, scans.log().blocks())
+    return Recording(name, array, scans.log().blocks())
 
 
 def _warning_of_tare(endpoint: str, board: str, keys: Path | None) -> str:

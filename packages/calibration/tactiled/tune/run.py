@@ -112,6 +112,10 @@ def _proposal(found: Study) -> str:
         lines.append(
             "announce such motion (tactiled command inhibit, expect-load-change) and tune on the rest"
         )
+    if not found.quiet.array.measures_ratio:
+        lines.append(
+            "the setting does not matter: without shear and load, all of them have the same detector"
+        )
     if found.friction is None:
         lines.append("friction: these contacts tell no more about it than the prior")
     else:

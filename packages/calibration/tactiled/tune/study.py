@@ -9,6 +9,7 @@ both kinds than the user accepts.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
 from tactiled.detect.suite import DetectParams, build_suite
+from tactiled.detect.tuning import StartZero, TunedSuite, relative_to
 from tactiled.errors import DataError
 from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
@@ -58,14 +60,19 @@ class Recording:
         if held_s < _LEAST_S:
             nothing = f"no contact (no taxel above {contact_level(self.array)})"
             found = f"{held_s:.1f} s of contact" if held_s else nothing
+            zero = f"; touch nothing in its first {self.array.zero_first_s:g} s, which give the zero"
             raise DataError(
                 f"{self.name}: {found} in {self.seconds:.1f} s, at least {_LEAST_S:g} s are needed: grip an "
-                "object and hold it for the whole recording"
+                "object and hold it for the whole recording" + zero * bool(self.array.zero_first_s)
             )
         return held_s
 
     def _blocks(self) -> list[ScanBlock]:
-        return [item for item in self.items if isinstance(item, ScanBlock)]
+        """Return the blocks relative to the zero of the array."""
+        start = StartZero(self.array.zero_first_s)
+        items = [part for item in self.items for part in start.process(item)]
+        zero = start.zero if self.array.zero_first_s else self.array.zero
+        return [part for item in items if isinstance(part := relative_to(zero, item), ScanBlock)]
 
 
 def contact_level(array: Array) -> str:
@@ -195,7 +202,8 @@ class _Reports:
         """Count the slips that each setting reports; short gaps are bridged as in the pipeline."""
         counts = {}
         for name in SETTINGS:
-            suite = build_suite(self._array, DetectParams(setting=name), topics=("slip", "grip"))
+            build = partial(build_suite, topics=("slip", "grip"))
+            suite = TunedSuite(self._array, DetectParams(setting=name), build)
             events = [event for item in recording.items for event in suite.process(item)]
             counts[name] = _count(events)
             if not self._array.measures_ratio:  # slips come from what sliding shows, whatever the setting is
