@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import start_zero
@@ -82,8 +83,8 @@ class Guide:
         span = np.maximum(self._largest, -self._smallest)
         least = _LEAST_NOISES * max(self._noise, 1e-6 * (self._array.high - self._array.low))
         error = max(_ERROR * float(span.max()), least / _LEAST_NOISES)
-        covariance = np.linalg.inv(self._information / error**2 + np.eye(len(self._information)) / _PRIOR**2)
-        variances = np.einsum("pi,ij,pj->p", self._patterns, covariance, self._patterns)
+        precision = self._information / error**2 + np.eye(len(self._information)) / _PRIOR**2
+        variances = np.einsum("pi,ip->p", self._patterns, cho_solve(cho_factor(precision), self._patterns.T))
         sds = np.where(span < least, _PRIOR, np.sqrt(np.maximum(variances, 0.0)))
         is_taxel = np.array([name.startswith("taxel") for name in self._names])
         over = sds / np.where(is_taxel, TAXEL_GOOD, GOOD)
