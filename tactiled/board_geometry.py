@@ -10,6 +10,7 @@ from tactiled import resources
 from tactiled.array import Array, load_array
 from tactiled.errors import TactiledError
 
+_DESCRIBING = ("array_id", "channels", "taxels", "x_mm", "y_mm", "channel_names")  # an array, in a message
 _CHANNEL_NAME = re.compile(r"t(\d+)\.")
 
 
@@ -35,6 +36,11 @@ def geometry_of(info: Mapping[str, Any], override: Array | None = None) -> dict[
     if array is None:
         array = _shipped(str(info.get("array_id", "")), n_channels)
     return _from_info(info) if array is None else _from_array(array)
+
+
+def same_array(info: Mapping[str, Any], other: Mapping[str, Any] | None) -> bool:
+    """Return True where two messages of the topic `info` describe one array, with the same geometry."""
+    return other is not None and all(info.get(name) == other.get(name) for name in _DESCRIBING)
 
 
 def _shipped(array_id: str, n_channels: int) -> Array | None:

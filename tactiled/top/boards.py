@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array
-from tactiled.board_geometry import geometry_of
+from tactiled.board_geometry import geometry_of, same_array
 from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
 from tactiled.errors import ContractError
 from tactiled.events.codec import evidence_key
@@ -107,6 +107,17 @@ class BoardView:
         if texture is not None and status["contact"] == "none" and texture["timestamp"] <= at_s:
             del self.newest["texture"]
 
+    def goes_on(self, message: Message) -> bool:
+        """Return True for a slip or contact that was missed at first and that the newest status has."""
+        topic, data, status = message.topic, message.data, self.newest.get("status")
+        if topic not in ("slip", "contact") or status is None or status["run"] != data["run"]:
+            return False
+        if topic in self.newest and self.newest[topic]["timestamp"] >= data["timestamp"]:
+            return False
+        if topic == "contact":
+            return bool(status["contact"] == data["state"])
+        return bool(status["slipping"] == (data["state"] != "end"))
+
     def current(self, topic: str) -> Mapping[str, Any] | None:
         """Return the newest message of a topic that comes with each scan; None where it has ended."""
         message, scan = self.newest.get(topic), self.newest.get("scan")
@@ -151,7 +162,7 @@ class BoardViews:
                 self._refuse(str(error))
                 return
             board = self._board(message.board)
-            if isinstance(item, Recovered):
+            if isinstance(item, Recovered) and not board.goes_on(message):
                 self._list(board, message)
             else:
                 self._message(board, message)
@@ -188,7 +199,7 @@ class BoardViews:
     def _message(self, board: BoardView, message: Message) -> None:
         data = message.data
         if message.topic == "info":
-            if board.newest.get("info", {}).get("array_id") != data["array_id"]:
+            if not same_array(data, board.newest.get("info")):
                 board.geometry = geometry_of(data, self._array)
             board.zero = np.array(data["zero"])
         if message.topic in ("status", "scan"):

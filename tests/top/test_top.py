@@ -318,7 +318,7 @@ def test_any_values_that_the_types_allow_can_be_drawn(kind: type[Event], data: s
 
 
 def test_losses_restarts_and_recovered_messages_are_listed() -> None:
-    views = views_of()
+    views = views_of(contact="none", slipping=False)
     views.take(Recovered(message(SLIP)))
     views.take(Lost("slip", "TS1", 2))
     views.take(Restarted("TS1"))
@@ -327,6 +327,43 @@ def test_losses_restarts_and_recovered_messages_are_listed() -> None:
     words = [event.words for event in views.boards["TS1"].events]
     assert words[:3] == ["no groove estimate: low-snr", "daemon restarted", "2 slip messages lost"]
     assert views.boards["TS1"].slip is None  # recovered: not of now
+
+
+def test_a_recovered_slip_that_goes_on_is_shown() -> None:
+    views = views_of(contact="sliding", slipping=True)
+    board = views.boards["TS1"]
+    views.take(message(replace(CONTACT, time_s=NOW_S - 0.5, state="holding")))
+    slip = replace(SLIP, time_s=NOW_S - 0.1, onset_s=NOW_S - 0.1, detected_s=NOW_S - 0.05)
+    views.take(Recovered(message(slip)))
+    views.take(Recovered(message(replace(CONTACT, time_s=NOW_S - 0.1, state="sliding"), 1)))
+    assert verdict(board, NOW_S).sentence.startswith("Slipping")
+    assert board.newest["contact"]["state"] == "sliding"
+    views.take(message(replace(slip, time_s=NOW_S + 0.2, state="end"), 2))
+    views.take(Recovered(message(replace(slip, time_s=NOW_S + 0.1), 1)))
+    assert board.slip is None  # an older one than what is known
+
+
+@given(st.lists(st.sampled_from([(36, 9), (9, 9), (9, 3), (4, 1)]), min_size=1, max_size=4))
+@settings(deadline=None)
+def test_an_array_file_that_was_edited_is_drawn_as_it_is_now(arrays: list[tuple[int, int]]) -> None:
+    """Its name is the same; `top` goes on while the daemon is started anew."""
+    views = BoardViews()
+    for run, (channels, taxels) in enumerate(arrays):
+        places = [float(k) for k in range(taxels)]
+        described = {
+            "channels": channels, "taxels": taxels, "x_mm": places, "y_mm": places,
+            "channel_names": [f"t{k % taxels}.c" for k in range(channels)], "zero": [0.0] * channels,
+            "channel_offset_s": [0.0] * channels,
+        }  # fmt: skip
+        sent = scattered(1)
+        views.take(replace(sent, data={**sent.data, **described, "run": run}))
+        views.take(of_run(run, replace(STATUS, time_s=NOW_S)))
+        views.take(of_run(run, scan(channels)))
+        board = views.boards["TS1"]
+        felt = board.felt()
+        assert felt is not None
+        assert len(felt.load) == taxels
+        assert len(draw(board, NOW_S + 0.05, 80, 24, "")) == 24
 
 
 def test_a_daemon_without_a_board_is_the_same_panel_until_it_has_one() -> None:

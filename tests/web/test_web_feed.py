@@ -207,3 +207,37 @@ def test_a_changed_board_gets_a_new_geometry_once() -> None:
     for seq in range(3):
         feed.take(0, message("info", seq, **info("mine", 1, ["t0.a"], 1)))
     assert [row[1] for row in rows(feed.frames(NOW_S, 0.0).kept)].count("geometry") == 1
+    feed.take(0, message("info", 3, **{**info("mine", 1, ["t0.a"], 1), "x_mm": [5.0]}))
+    (geometry,) = [row for row in rows(feed.frames(NOW_S, 0.0).kept) if row[1] == "geometry"]
+    assert geometry[2]["x_mm"] == [5.0]  # the array file was edited
+
+
+def named(board: str, at_s: float) -> Message:
+    made = message("status", 0, at_s, board=board)
+    return replace(made, board=board)
+
+
+def test_boards_that_were_taken_away_are_forgotten_while_others_go_on() -> None:
+    feed = Feed()
+    for n in range(20):
+        feed.take(0, named(f"TS{n:04}", NOW_S + 3600.0 * n))
+        feed.take(1, named("alone", NOW_S))
+        feed.frames(NOW_S + 3600.0 * n, 3600.0 * n)
+    feed.take(0, named("TS0020", NOW_S))  # a step of the clock is no absence
+    feed.frames(NOW_S, 3600.0 * 19 + 1.0)
+    known = {row[2]["board"] for row in rows(feed.history(NOW_S, 3600.0 * 19 + 1.0))}
+    assert known == {"TS0019", "TS0020", "alone"}
+    assert {board for _, board in feed.boards()} == known
+    feed.frames(NOW_S, 1e6)
+    assert {board for _, board in feed.boards()} == known  # the daemon is gone, too: what it said last stays
+
+
+def test_notices_after_the_clock_was_set_back_stand_at_the_present_instant() -> None:
+    feed = Feed()
+    for at_s in (NOW_S + 3600.0, NOW_S):
+        feed.take(0, message("status", 0, at_s))
+        feed.frames(at_s, 0.0)
+    feed.take(0, Recovered(message("slip", 1, NOW_S + 3590.0)))
+    feed.take(0, Lost("scan", "TS1", 3))
+    (notice,) = [row for row in rows(feed.frames(NOW_S, 0.0).kept) if row[1] == "notice"]
+    assert notice[2]["timestamp"] == NOW_S

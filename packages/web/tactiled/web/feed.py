@@ -17,13 +17,14 @@ from typing import Any, NamedTuple
 import msgpack
 
 from tactiled.array import Array
-from tactiled.board_geometry import geometry_of
+from tactiled.board_geometry import geometry_of, same_array
 from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted, Topic
 from tactiled.errors import ContractError
 from tactiled.events.incoming import checked_map
 
 HISTORY_S = 60.0  # span of the timeline on the page
 _THIN_S = 0.1  # interval of scans and grip messages in the history: 600 points over the timeline
+_GONE_S = 600.0  # since the last status of a board: as long as an open page keeps its curves
 _HISTORY_MESSAGES = 4000  # bound where events come faster than they can be read anyway
 LIVE = frozenset({"scan", "grip", "force", "status"})
 """Topics of which a slow browser may miss messages: the next one replaces them."""
@@ -72,7 +73,8 @@ class Feed:
         self._newest: dict[tuple[int, str, str], Entry] = {}
         self._thinned_s: dict[tuple[int, str, str], float] = {}
         self._newest_s: dict[int, float] = {}
-        self._array_ids: dict[tuple[int, str], tuple[str, int]] = {}
+        self._infos: dict[tuple[int, str], Mapping[str, Any]] = {}
+        self._heard_s: dict[tuple[int, str], float] = {}  # clock of the frame with the newest status
         self.unreadable = 0
         """Number of messages that are not as protocols/events.md says, such as a foreign publisher sends."""
 
@@ -101,7 +103,6 @@ class Feed:
         key = (source, str(data.get("board", "")), topic)
         entry = Entry(key, float(data.get("timestamp", 0.0)), _packed(source, topic, data, recovered))
         self._pending.append(entry)
-        self._newest_s[source] = max(self._newest_s.get(source, 0.0), entry.timestamp)
         if topic in _NEWEST:
             self._newest[key] = entry
         if topic in _NEWEST and topic != "contact":
@@ -126,6 +127,8 @@ class Feed:
         for (source, _, _), message in self._replaceable.items():
             self._message(source, message, recovered=False)
         self._replaceable.clear()
+        self._heard_s.update({entry.key[:2]: now_s for entry in self._pending if entry.topic == "status"})
+        self._forget_boards(now_s)
         kept = [entry.packed for entry in self._pending if entry.topic not in LIVE]
         live = [entry for entry in self._pending if entry.topic in LIVE]
         self._pending = []
@@ -160,6 +163,18 @@ class Feed:
         while self._history and abs(self._history[0].timestamp - now_unix_s) > HISTORY_S:
             self._history.popleft()
 
+    def _forget_boards(self, now_s: float) -> None:
+        """Drop boards that were taken away, while others of their daemon go on: a page shows few boards."""
+        newest_s: dict[int, float] = {}
+        for (source, _), heard_s in self._heard_s.items():
+            newest_s[source] = max(heard_s, newest_s.get(source, heard_s))
+        for (source, board), heard_s in tuple(self._heard_s.items()):
+            if heard_s < now_s - _GONE_S <= newest_s[source]:
+                del self._heard_s[source, board]
+                self._infos.pop((source, board), None)
+                for key in [key for key in self._newest if key[:2] == (source, board)]:
+                    del self._newest[key]
+
     def _message(self, source: int, message: Message, *, recovered: bool) -> None:
         try:
             data = checked_map(message.topic, message.data)
@@ -167,12 +182,12 @@ class Feed:
             self.unreadable += 1
             return
         if message.topic == "info":
-            known = (str(data.get("array_id", "")), int(data.get("channels", 0)))
-            key = (source, message.board)
-            if self._array_ids.get(key) != known:
-                self._array_ids[key] = known
-                geometry = geometry_of(data, self._arrays.get(known[0]))
+            before, self._infos[source, message.board] = self._infos.get((source, message.board)), data
+            if not same_array(data, before):
+                geometry = geometry_of(data, self._arrays.get(str(data["array_id"])))
                 self.add(source, "geometry", {"board": message.board, **geometry})
+        if not recovered:
+            self._newest_s[source] = float(data["timestamp"])
         self.add(source, message.topic, data, recovered)
 
 
