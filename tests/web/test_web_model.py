@@ -186,6 +186,86 @@ def test_forces_and_readings_point_the_same_way(opened: Page) -> None:
     assert model(opened, act) == [["V", 2, 0.5, 0], ["V", 2, 0.5, 0], ["N", 10, 3, 0]]
 
 
+def test_a_load_that_is_not_known_is_not_drawn(opened: Page) -> None:
+    """A calibration of shear alone says so by its standard deviation."""
+    act = """
+      board.take("info", { zero: [0] });
+      board.take("geometry", { unit: "V", names: ["a"], has_shear: false,
+        pressure: [[[0, 1]]], shear_x: [[]], shear_y: [[]] });
+      const force = { fx_n: 3, fy_n: 4, fz_n: 0, fx_sd_n: 1, fy_sd_n: 1, fz_sd_n: 1e9, calibration: "mine" };
+      board.take("force", { ...common(1, 20), seq: 0, ...force });
+      board.take("scan", { ...common(1, 20), index: 20, volts: [2], valid: [true] });
+      const { unit, load, shear } = board.loads();
+      return [unit, load, shear, board.points.load.at(-1)];"""
+    assert model(opened, act) == ["N", None, 5, None]
+
+
+@pytest.mark.parametrize("noise_lsb", [0.08, 0.15, 0.3, 3.0])
+@pytest.mark.parametrize("presses", [False, True])
+def test_only_channels_with_faults_are_called_so(opened: Page, noise_lsb: float, presses: bool) -> None:
+    """Noise below one count moves few readings of a scan; a press bends those of the taxels under it."""
+    rng = np.random.default_rng(0)
+    readings = 100.0 + rng.uniform(size=36) + noise_lsb * rng.normal(size=(100, 36))
+    readings[:, 5] += 200.0 * noise_lsb * rng.normal(size=100) + 20.0 * rng.normal(size=100)
+    if presses:
+        readings[30:32, 7] += 1000.0
+        readings[60:, 7] += 500.0
+    readings = np.round(readings)
+    readings[:, 3], readings[-1, 9] = 100.0, 0.0
+    act = f"""
+      board.health = Array(36).fill("");
+      const valid = Array.from({{ length: 36 }}, (_, k) => k !== 9);
+      board.scans = {json.dumps(readings.tolist())}.map((volts) => ({{ volts, valid }}));
+      board.judgeChannels();
+      return Object.fromEntries(board.health.map((fault, k) => [k, fault]).filter(([, fault]) => fault));"""
+    found = model(opened, act)
+    assert set(found.items()) <= {("3", "stuck"), ("5", "noisy"), ("9", "dead")}
+    if noise_lsb >= 1.0:
+        assert len(found) == 3
+
+
+def test_the_clock_of_the_server_follows_its_sleep_its_steps_and_delays(opened: Page) -> None:
+    """Its monotonic clock stands still while the host sleeps; a frame may be late after that."""
+    act = """
+      const { ServerClock } = await import("/static/stream.js");
+      const after = (browser, mono, wall, late = 0) => {
+        const clock = new ServerClock();
+        const at = { perf: 100, mono: 1000, now: 1.7e9 };
+        const frame = (dPerf, dMono, dWall, delay) => {
+          at.perf += dPerf; at.mono += dMono; at.now += dWall;
+          clock.observe(at.now, at.mono, at.perf + delay);
+        };
+        for (let k = 0; k < 50; k += 1) frame(0.1, 0.1, 0.1, 0);
+        frame(browser, mono, wall, late);
+        const wrong = [clock.at(at.perf + late) - at.now - late];
+        for (let k = 0; k < 50; k += 1) frame(0.1, 0.1, 0.1, 0);
+        return [...wrong, clock.at(at.perf) - at.now];
+      };
+      return [
+        after(30, 0.1, 30), after(30, 0.1, 30, 2), after(0.1, 0.1, 3600), after(0.1, 0.1, -3600),
+        after(0.1, 0.1, 0.1, 5),
+      ];"""
+    for wrong in model(opened, act):
+        assert wrong == pytest.approx([0.0, 0.0], abs=1e-3)
+
+
+def test_a_list_of_recordings_that_is_refused_says_why(opened: Page) -> None:
+    act = """
+      await (await import("/static/recordings.js")).listRecordings();
+      return document.querySelector("#recordings p").textContent;"""
+    assert "start tactiled web with --recordings" in model(opened, act)
+
+
+def test_a_token_of_any_characters_leaves_the_page_as_it_is(opened: Page) -> None:
+    act = """
+      const { takeToken } = await import("/static/commands.js");
+      return ["abcd+efgh/ijkl==mnop", "S3cr3t-100%-Sure-Tok"].map((token) => {
+        location.hash = `#token=${token}`;
+        return [takeToken(), location.hash];
+      });"""
+    assert model(opened, act) == [["abcd+efgh/ijkl==mnop", ""], ["S3cr3t-100%-Sure-Tok", ""]]
+
+
 def test_the_curves_of_forces_outlast_a_time_without_scans(opened: Page) -> None:
     """The first scan after it comes before its force; a calibration that is gone begins new curves."""
     act = """

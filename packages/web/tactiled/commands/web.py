@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import secrets
 from pathlib import Path
 
@@ -15,7 +16,9 @@ from tactiled.outside import read_secret
 
 _TOKEN_ENV = "TACTILED_WEB_TOKEN"
 _HOSTS_S = 2.0  # for the slowest host of a zenoh network
-_SHORTEST_TOKEN = 16  # characters: 80 bits even where it has letters and digits of one case only
+# 16 characters are 80 bits even where they are letters and digits of one case. Each stands for itself in an
+# address and in a request.
+_TOKEN = re.compile(r"[A-Za-z0-9._~+/=-]{16,}")
 
 
 @click.command()
@@ -131,6 +134,8 @@ def _token(file: Path | None) -> str:
             token = read_secret(file, "token").strip()
         except OSError as error:
             raise DataError(f"{source}: cannot be read: {error.strerror}") from None
-    if not token.isascii() or len(token) < _SHORTEST_TOKEN:
-        raise DataError(f"{source}: a token has at least {_SHORTEST_TOKEN} ASCII characters")
+    if not _TOKEN.fullmatch(token):
+        raise DataError(
+            f"{source}: a token has at least 16 characters, only letters, digits and . _ ~ + / = -"
+        )
     return token

@@ -28,7 +28,6 @@ export class BoardModel {
     this.settings = null;    // of the daemon, where this page may give commands
     this.unit = "";          // of the points
     this.slip = null;        // newest slip message of a slip that goes on
-    this.lastSlip = null;
     this.texture = null;     // newest texture message of this slide
     this.newestScan = null;
     this.scans = [];         // of the last RING_S
@@ -150,7 +149,7 @@ export class BoardModel {
     const force = this.calibrated();
     if (force !== null) {
       const known = force.fx_sd_n < UNKNOWN_SD && force.fy_sd_n < UNKNOWN_SD;
-      return { unit: "N", load: force.fz_n, loadSd: force.fz_sd_n, shear: known ? Math.hypot(force.fx_n, force.fy_n) : null,
+      return { unit: "N", load: force.fz_sd_n >= UNKNOWN_SD ? null : force.fz_n, loadSd: force.fz_sd_n, shear: known ? Math.hypot(force.fx_n, force.fy_n) : null,
         shearSd: Math.max(force.fx_sd_n, force.fy_sd_n), deg: degrees(-force.fx_n, -force.fy_n), force };
     }
     if (this.newestScan.volts.length !== this.zero.length) return { unit: this.geometry.unit, load: null, loadSd: 0, shear: null, shearSd: 0, deg: 0, force: null };
@@ -257,7 +256,7 @@ export class BoardModel {
     this.slips.push({ from: data.onset, to: null, kind: data.kind, sd: data.onset_sd_s, detected: data.detected,
       suppressed: Boolean(data.suppressed) || !data.valid, direction: data.direction_deg });
     if (this.slips.length > 200) this.slips.shift();
-    this.slip = this.lastSlip = data;
+    this.slip = data;
   }
 
   /** Reading of a channel less its zero; null where it has none. */
@@ -277,21 +276,18 @@ export class BoardModel {
     return { load: g.pressure.map(value), x: g.shear_x.map(value), y: g.shear_y.map(value) };
   }
 
-  /** Judge the channels from the newest second: invalid, far noisier than the others, or without any noise. */
+  /** Judge the channels from the newest scans: invalid, far noisier than the others, or without any noise. */
   judgeChannels() {
     const scans = this.scans.slice(-HEALTH_SCANS);
     const n = this.health.length;
     if (scans.length < HEALTH_SCANS / 2 || n === 0) return;
-    const moved = new Float64Array(n);
-    for (let i = 2; i < scans.length; i += 1) {
-      const a = scans[i - 2].volts, b = scans[i - 1].volts, c = scans[i].volts;
-      // Second differences: what a load or a slide does is nearly a straight line over 20 ms.
-      for (let k = 0; k < n; k += 1) moved[k] += (c[k] - 2 * b[k] + a[k]) ** 2;
-    }
-    const noise = Array.from(moved, (m) => Math.sqrt(m / (6 * (scans.length - 2))));
-    const median = [...noise].sort((a, b) => a - b)[n >> 1];
+    const middle = (values) => [...values].sort((a, b) => a - b)[values.length >> 1];
+    // Second differences: what a load does is nearly a straight line from scan to scan, but for a few bends, which medians leave out.
+    const bends = (k) => scans.slice(2).map(({ volts }, i) => Math.abs(volts[k] - 2 * scans[i + 1].volts[k] + scans[i].volts[k]));
+    const each = this.health.map((_, k) => bends(k)), noise = each.map(middle), median = middle(noise);
     const newest = scans[scans.length - 1];
-    this.health = noise.map((s, c) => (!newest.valid[c] ? "dead" : median > 0 && s > 8 * median ? "noisy" : median > 0 && s === 0 ? "stuck" : ""));
+    const isStuck = (c) => each[c].every((bend) => bend === 0);
+    this.health = noise.map((s, c) => (!newest.valid[c] ? "dead" : !(median > 0) ? "" : s > 8 * median ? "noisy" : isStuck(c) ? "stuck" : ""));
   }
 }
 

@@ -18,9 +18,9 @@ const FIELDS = {
 
 /** The token from the address (`#token=...`), kept for this tab and taken out of the address. */
 export function takeToken() {
-  const found = /[#&]token=([^&]+)/.exec(location.hash);
+  const found = /[#&]token=([^&]+)/.exec(location.hash); // its characters stand for themselves in an address
   if (found) {
-    sessionStorage.setItem("tactiled-token", decodeURIComponent(found[1]));
+    sessionStorage.setItem("tactiled-token", found[1]);
     history.replaceState(null, "", location.pathname + location.search);
   }
   return sessionStorage.getItem("tactiled-token") || "";

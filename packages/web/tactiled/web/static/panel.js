@@ -132,7 +132,7 @@ export class BoardPanel {
     put(at.name, board.name || "no board yet");
     put(at.what, [board.info === null ? "" : `${board.info.array_id}, ${board.info.taxels} taxels, ${board.info.channels} channels`, this.endpoint].filter(Boolean).join(", "));
     const felt = live && board.newestScan !== null && board.geometry !== null ? board.loads() : null;
-    this._loads(felt !== null && felt.load !== null ? felt : null);
+    this._loads(felt !== null && (felt.load !== null || felt.force !== null) ? felt : null);
     this._margin(live ? board.current(board.grip) : null);
     this._texture(live);
     this._strip();
@@ -240,9 +240,8 @@ export class BoardPanel {
     const channels = g.taxel_of_channel.map((t, c) => (t === taxel ? c : -1)).filter((c) => c >= 0);
     this.scope.choose(channels);
     this.chooser.offer(channels.map((c, turn) => channelCurve(c, g.names[c], turn)));
-    put(this.at.chosen, `taxel ${taxel}: `);
-    const key = channels.map((c, i) => { const s = el("span", `key k${i % 6}`, g.names[c].split(".").pop()); return s; });
-    this.at.chosen.replaceChildren(`taxel ${taxel} `, ...key);
+    const keys = channels.map((c, i) => el("span", `key k${i % 6}`, g.names[c].split(".").pop()));
+    this.at.chosen.replaceChildren(`taxel ${taxel} `, ...keys);
     this.drawn.changed = -1;
   }
 

@@ -17,6 +17,7 @@ export async function listRecordings() {
   let found;
   try { found = await (await fetch("/api/recordings")).json(); }
   catch (error) { words.textContent = `no answer from tactiled web (${error.message})`; return; }
+  if (found.ok === false) { words.textContent = found.reason; return; }
   words.textContent = found.length === 0 ? "There are no recordings yet." : found.some((one) => !one.opens) ? "Download larger recordings, and show them with tactiled web --file." : "";
   table.parentElement.hidden = found.length === 0;
   table.tHead.replaceChildren(row("th", ["name", "written until", "size", "look", "save"]));

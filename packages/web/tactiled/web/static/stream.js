@@ -5,6 +5,7 @@ import { unpack } from "./unpack.js";
 const RETRY_FIRST_MS = 250;
 const RETRY_LAST_MS = 2000;
 const FRAMES_PER_ANSWER = 2; // an answer to each would cost the server a twentieth more
+const STOOD_S = 0.5; // between two frames; by less, a clock is slewed, or read a little later than the other one
 const RATES_DIFFER = 5e-4; // largest difference in rate of two hosts' clocks: five times that of a bad crystal
 
 /** The server's wall clock as it is now, with the time that frames spent on their way. */
@@ -15,7 +16,10 @@ export class ServerClock {
 
   /** Take the clocks of a frame; `perf` is this browser's monotonic clock in seconds when the frame arrived. */
   observe(now, mono, perf) {
-    const lead = perf - mono;
+    const lead = perf - mono, { frame } = this;
+    // The monotonic clock of a host stands still while it sleeps, and its wall clock does not. A step of the wall clock leaves the lead as it was.
+    const stood = frame === null ? 0 : (now - mono) - (frame.now - frame.mono);
+    if (stood > STOOD_S && lead > this.least) { this.least = Math.min(lead, this.least + stood); this.leastAt = perf; }
     const allowed = this.least === null ? Infinity : this.least + RATES_DIFFER * (perf - this.leastAt);
     if (lead < allowed) { this.least = lead; this.leastAt = perf; }
     this.frame = { now, mono };
