@@ -1,5 +1,8 @@
 """Recordings of a directory: listed, sent and opened, and nothing else of the disk."""
 
+import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,7 +12,9 @@ from playwright.sync_api import Page, expect
 from recordings import record, simulated_reads
 from stage import stage
 
+from tactiled.resources import shipped
 from tactiled.web import recordings
+from tactiled.web.replay import ReplayFile
 from tactiled.web.server import Listening
 
 NAME = "tactile-20260102T030405.678Z.mcap"
@@ -78,7 +83,7 @@ def test_a_recording_is_opened_beside_the_live_boards(folder: Path, monkeypatch:
     assert (none.status, no.status) == (404, 404)
     assert "not a recording" in no.json["reason"]
     assert str(folder) not in no.json["reason"]
-    monkeypatch.setattr(recordings, "_LARGEST_BYTES", 1000)
+    monkeypatch.setattr(recordings, "LARGEST_BYTES", 1000)
     (large,) = serve(folder, f"api/session?{query}")
     assert "larger" in large.json["reason"]
 
@@ -91,6 +96,28 @@ def test_a_recording_that_vanishes_while_the_list_is_made_costs_only_itself(
         patched.setattr(Path, "iterdir", lambda _: iter([folder / "archived.mcap", *present]))
         listed = recordings.RecordingFolder(folder).listed()
     assert {row["name"] for row in listed} == {NAME, "no.mcap"}
+
+
+@pytest.mark.parametrize("step_s", [3.2e7, -3600.0, -3.0])
+def test_a_step_of_the_wall_clock_leaves_a_recording_whole(tmp_path: Path, step_s: float) -> None:
+    reads = simulated_reads(3.0)
+    half = len(reads) // 2
+    stepped = [replace(read, unix_offset_s=read.unix_offset_s + step_s) for read in reads[half:]]
+    record(tmp_path / NAME, reads[:half] + stepped)
+    replay = ReplayFile([tmp_path / NAME])
+    assert replay.end_s - replay.start_s == pytest.approx(3.0, abs=1.0)
+    scans = [row[2]["index"] for row in json.loads(replay.stretch(0.0, 4.0))["m"] if row[1] == "scan"]
+    assert len(scans) > 200
+    assert scans == sorted(scans)
+
+
+def test_the_largest_recording_that_is_opened_fits_into_the_memory_of_the_unit() -> None:
+    """One has about ten times as many bytes in memory as on disk."""
+    unit = shipped("systemd", "tactiled-web.service").read_text()
+    most_mb = re.search(r"^MemoryMax=(\d+)M$", unit, re.MULTILINE)
+    assert most_mb is not None
+    assert float(most_mb[1]) > 60.0 + 10 * recordings.LARGEST_BYTES / 1e6
+    assert f"at most {recordings.LARGEST_BYTES / 1e6:g} MB" in unit
 
 
 @pytest.mark.system

@@ -20,8 +20,9 @@ from tactiled.web.replay import ReplayFile
 
 _SUFFIX = ".mcap"
 _LISTED = 500  # newest
-# Opened in this process: a thread parses 100 MB in a minute, and holds ten times as much.
-_LARGEST_BYTES = 100_000_000
+# Opened in this process, which holds ten times as many bytes: the unit may have 512 MB.
+LARGEST_BYTES = 40_000_000
+"""Size of a recording that the page opens."""
 _LONGEST_CHUNK_S = 30.0  # of a recording in one answer: 3000 scans of 36 channels have 3 MB
 
 
@@ -60,7 +61,7 @@ class RecordingFolder:
                 "name": name,
                 "bytes": status.st_size,
                 "ended": status.st_mtime,
-                "opens": status.st_size <= _LARGEST_BYTES,
+                "opens": status.st_size <= LARGEST_BYTES,
             }
             for name, (_, status) in self.files().items()
         ]
@@ -71,13 +72,13 @@ class RecordingFolder:
         `DataError` where there is none of that name, it is too large, or it is no recording.
         """
         async with self._one_at_a_time:
-            if name not in (files := self.files()):
+            if name not in (files := await asyncio.to_thread(self.files)):
                 raise DataError(f"there is no recording {name!r}")
             path, status = files[name]
             if self._opened is not None and self._opened[:2] == (name, status.st_mtime_ns):
                 return self._opened.replay
-            if status.st_size > _LARGEST_BYTES:
-                raise DataError(f"{name}: larger than {_LARGEST_BYTES / 1e6:g} MB: use `tactiled web --file`")
+            if status.st_size > LARGEST_BYTES:
+                raise DataError(f"{name}: larger than {LARGEST_BYTES / 1e6:g} MB: use `tactiled web --file`")
             self._opened = None  # two large ones are too much
             try:
                 replay = await asyncio.to_thread(ReplayFile, [path], self._arrays)
@@ -134,11 +135,11 @@ class RecordingRoutes:
     async def _list(self, request: web.Request) -> web.StreamResponse:  # noqa: ARG002  a handler
         if self._folder is None:
             return answer(404, "no recordings are served: start tactiled web with --recordings")
-        return web.json_response(self._folder.listed())
+        return web.json_response(await asyncio.to_thread(self._folder.listed))
 
     async def _download(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
-        files = {} if self._folder is None else self._folder.files()
+        files = {} if self._folder is None else await asyncio.to_thread(self._folder.files)
         if name not in files:
             return answer(404, f"there is no recording {name!r}")
         # The browser takes the name of the address.

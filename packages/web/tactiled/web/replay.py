@@ -35,12 +35,16 @@ class ReplayFile:
         self._geometry = ""
         self._n_bytes = 0
         seqs: dict[tuple[str, str], int] = {}
-        for number, (path, _) in enumerate(parts):
+        offset_s: dict[
+            str, float
+        ] = {}  # of the wall clock in each run, as it began: a step would part the curves
+        for number, (path, header) in enumerate(parts):
             done = number / len(parts)
             share = None if reached is None else lambda part, done=done: reached(done + part / len(parts))
             for item in read_items(path, reached=share):
                 if isinstance(item, RecordedEvent):
-                    self._take(item, seqs, [*arrays, recorded_array])
+                    unix_offset_s = offset_s.setdefault(header.run, item.unix_offset_s)
+                    self._take(item, unix_offset_s, seqs, [*arrays, recorded_array])
         if not self._rows:
             raise DataError(f"{self._name}: has no events")
         if not self._geometry:  # no info was recorded
@@ -55,10 +59,16 @@ class ReplayFile:
         self._times = [row[0] for row in self._rows]
         self.start_s, self.end_s = self._times[0], self._times[-1]
 
-    def _take(self, item: RecordedEvent, seqs: dict[tuple[str, str], int], arrays: Sequence[Array]) -> None:
+    def _take(
+        self,
+        item: RecordedEvent,
+        unix_offset_s: float,
+        seqs: dict[tuple[str, str], int],
+        arrays: Sequence[Array],
+    ) -> None:
         topic, board = item.event.topic, item.board
         seqs[board, topic] = seq = seqs.get((board, topic), -1) + 1
-        data = to_map(item.event, seq=seq, board=board, unix_offset_s=item.unix_offset_s)
+        data = to_map(item.event, seq=seq, board=board, unix_offset_s=unix_offset_s)
         text = _text(topic, data)
         self._n_bytes += len(text)
         if self._n_bytes > _MOST_TEXT_BYTES:

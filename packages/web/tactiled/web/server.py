@@ -192,16 +192,19 @@ class PageServer:
                     for task in running:
                         task.cancel()
         finally:
-            for socket in tuple(self._sockets):
-                with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(0.5):
-                        await socket.close(code=WSCloseCode.GOING_AWAY)
+            await asyncio.gather(*map(self._leave, self._sockets))
             for commands in self._commands:
                 commands.close()
             self._guided.close()
             if listener is not None:
                 listener.close()
             await runner.cleanup()
+
+    @staticmethod
+    async def _leave(socket: web.WebSocketResponse) -> None:
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(0.5):
+                await socket.close(code=WSCloseCode.GOING_AWAY)
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
         """Send frames to all browsers: in every third turn, and in the others where a verdict has come.
