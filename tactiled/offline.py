@@ -25,7 +25,7 @@ from tactiled.force.calibration import load_calibration
 from tactiled.force.estimator import ForceEstimator, ForceSource
 from tactiled.log_summary import LogTally, summary
 from tactiled.pipeline import Pipeline, check_hello
-from tactiled.plots import PICTURES
+from tactiled.plots import check_picture
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
 from tactiled.recording.reader import Reached, batches, read_header, read_inputs
 from tactiled.recording.spacing import to_blocks
@@ -147,8 +147,8 @@ def detect_file(
     Every event is a JSON line; without `as_json` there are lines for people (`EventLines`).
     """
     choices = choices or Choices()
-    if plot is not None and not (plot.parent.is_dir() and plot.suffix in PICTURES):
-        raise ConfigError("--plot", [f"{plot}: name a {', '.join(PICTURES)} in a folder that exists"])
+    if plot is not None:
+        check_picture(plot)
     log, messages = detect_messages(path, array, rate_hz, choices, reached)
     log.keeps_events = plot is not None
     lines = EventLines("{:8.3f} s".format, choices.topics)
@@ -161,10 +161,7 @@ def detect_file(
     if plot is not None:
         from tactiled.plots.log import draw_log
 
-        try:
-            draw_log(plot, log.array, log.time_s, log.readings, log.events, path.name)
-        except OSError as error:
-            raise DataError(f"{plot}: the picture cannot be written: {error.strerror}") from None
+        draw_log(plot, log.array, log.time_s, log.readings, log.events, path.name)
     return log
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from tactiled import tomltext
-from tactiled.errors import ConfigError, DataError, OperatorError, install_command
+from tactiled.errors import DataError, OperatorError, install_command
 from tactiled.outside import need_regular
 
 CONFIG_ENV = "TACTILED_CONFIG"
@@ -104,14 +104,6 @@ def need_readable(*paths: Path) -> None:
             path.open("rb").close()
         except OSError as error:
             raise DataError(f"{path}: cannot be read: {error.strerror}") from None
-
-
-def need_picture(path: Path) -> None:
-    """Refuse a picture that cannot be written: unknown ending, or no such folder."""
-    from tactiled.plots import PICTURES
-
-    if not (path.parent.is_dir() and path.suffix in PICTURES):
-        raise ConfigError("--plot", [f"{path}: name a {', '.join(PICTURES)} in a folder that exists"])
 
 
 def need_extra(module: str, extra: str, what: str, distribution: str = "tactiled") -> None:

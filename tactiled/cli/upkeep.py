@@ -21,11 +21,11 @@ from tactiled.cli.options import (
     need_board,
     need_extra,
     need_named,
-    need_picture,
     need_toml,
 )
 from tactiled.cli.packages import OpenGroup
 from tactiled.errors import DataError
+from tactiled.plots import check_picture
 from tactiled.progress import tell
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def check_config(
             raise click.UsageError(f"{option} an array, and {file} is a {kind}")
     if plot is not None:
         need_extra("matplotlib", "plot", "check-config --plot")
-        need_picture(plot)
+        check_picture(plot)
 
     def show_valid(source: Path | str, words: str, values: dict[str, Any]) -> None:
         if as_json:

@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Wedge
 
 from tactiled.array import Array, FloatArray
+from tactiled.plots import save
 from tactiled.plots.palette import CHANNELS, NEUTRAL
 
 _ALONE_MM = 4.0  # distance of taxels assumed for the size of the marks where there is only one
@@ -60,7 +61,7 @@ def draw_array(path: Path, array: Array, lines: Sequence[str]) -> None:
         fontsize=9, frameon=False, title="channels of a taxel", alignment="left",
     )  # fmt: skip
     figure.text(0.3 / _WIDTH_IN, 0.12 / height_in, text, fontsize=8.5, family="monospace", va="bottom")
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 def _places(array: Array) -> tuple[FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from tactiled.array import FloatArray
 from tactiled.force.calibration import AXES
+from tactiled.plots import save
 
 _Z90 = 1.645
 
@@ -48,4 +49,4 @@ def draw_calibration(
         right.set_ylabel("difference (mN)")
         right.legend(loc="upper right", fontsize=8)
     grid[-1][0].set_xlabel("time (s)")
-    figure.savefig(path, dpi=110)
+    save(figure, path)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import Event, GripEvent, SlipEvent, TextureEvent
+from tactiled.plots import save
 from tactiled.plots.grooves import answer_in_words, draw_answers, draw_map
 from tactiled.plots.palette import CHANNELS, MARGIN, SLIP, TRUTH
 
@@ -76,7 +77,7 @@ def draw_log(
     if onsets:
         gross = [e for e in onsets if e.kind == "gross" and truth is None]
         _draw_onset(axes["o"], channels, time_s, volts, (gross or onsets)[0], truth, array.unit)
-    figure.savefig(path, dpi=110)
+    save(figure, path)
 
 
 @dataclass(frozen=True)

@@ -100,3 +100,14 @@ def test_what_cannot_be_drawn_is_a_usage_error(
     root = Path(__file__).parents[2]
     assert call("check-config", str(root / options[0]), *options[1:]) == 2
     assert fault in capsys.readouterr().err
+
+
+def test_a_picture_on_a_full_disk_is_an_error_of_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "full.svg"
+    picture.symlink_to("/dev/full")
+    array = Path(__file__).parents[2] / "config/arrays/load-cell.toml"
+    assert call("check-config", str(array), "--plot", str(picture)) == 2
+    last = capsys.readouterr().err.splitlines()[-1]
+    assert f"{picture}: the picture cannot be written: No space left" in last
