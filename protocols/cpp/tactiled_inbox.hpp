@@ -12,6 +12,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <map>
@@ -37,6 +38,8 @@ class Inbox {
 public:
     static constexpr double CLOCKS_PART = 5e-4;  // largest difference in rate of two hosts' crystals: five
                                                  // times the 100 ppm of a bad one
+    static constexpr double ASLEEP_S = 10.0;  // a backlog that the wall clock does not show, because it was set,
+                                              // is read within this time
     static constexpr std::size_t MOST_BOARDS = 1024;  // bounds the memory that invalid names can occupy
 
     // `stale_after_s`: silence, or age of the newest status, that counts as stale. `catch_up`: request missed
@@ -179,7 +182,8 @@ private:
     {
         status_s_ = now_s;
         const double ahead_s = message_.timestamp - unix_s;
-        Heard heard{message_.run, now_s, "", std::max(-ahead_s, behind_s(now_s)), now_s};
+        const bool is_recent = std::abs(ahead_s) <= stale_after_s_;
+        Heard heard{message_.run, now_s, "", std::max(-ahead_s, behind_s(now_s, is_recent)), now_s};
         if (ahead_s > stale_after_s_) {
             heard.fault = words("status from %.1f s ahead: the clocks differ", ahead_s);
         } else if (heard.silent_s > stale_after_s_) {
@@ -247,15 +251,18 @@ private:
             heard_[board] = std::move(heard);
     }
 
-    // Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
-    double behind_s(double now_s)
+    // Seconds that a status waited to be read, by the monotonic clocks of daemon and client. `is_recent`: by the
+    // wall clock, it did not wait. Monotonic clocks stand still while a host sleeps.
+    double behind_s(double now_s, bool is_recent)
     {
         double uptime_s = 0.0;
         if (!detail::read_float(detail::find(status_, "uptime_s"), uptime_s))
             return 0.0;
         const double lead_s = now_s - uptime_s;  // offset of both clocks plus the waiting time of this status
         const double allowed_s = least_lead_s_ + CLOCKS_PART * (now_s - lead_at_s_);
-        if (lead_run_ != message_.run || lead_s < allowed_s) {
+        const bool differ = is_recent && lead_s - allowed_s > stale_after_s_;
+        differ_s_ = differ ? std::min(differ_s_, now_s) : INF;
+        if (lead_run_ != message_.run || lead_s < allowed_s || now_s >= differ_s_ + ASLEEP_S) {
             lead_run_ = message_.run;
             least_lead_s_ = lead_s;
             lead_at_s_ = now_s;
@@ -295,6 +302,7 @@ private:
     std::map<std::string, Heard> heard_;  // by board
     std::optional<std::int64_t> lead_run_;  // run, least lead of a status, and when
     double least_lead_s_ = 0.0, lead_at_s_;
+    double differ_s_ = INF;  // since then, the monotonic clocks alone say that each status is old
     std::uint64_t malformed_ = 0;
     // Of the message that is read now; members, so that their memory is used again.
     detail::Head head_;

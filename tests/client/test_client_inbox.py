@@ -203,8 +203,8 @@ def test_crystals_that_differ_are_no_backlog(part: float, delays_s: list[float])
     inbox = Inbox(("slip",), None, 0.5, 0.0)
     for hour, delay_s in enumerate(delays_s):
         status = {"run": 1, "uptime_s": hour * 3600.0 * (1 + part)}
-        assert inbox._behind_s(status, hour * 3600.0 + delay_s) <= 0.2  # noqa: SLF001  the estimate alone, at 16 h and more
-    assert inbox._behind_s(status, hour * 3600.0 + 16.0) > 15.0  # noqa: SLF001  the estimate alone, at 16 h and more
+        assert inbox._behind_s(status, hour * 3600.0 + delay_s, is_recent=True) <= 0.2  # noqa: SLF001  the estimate alone, at 16 h and more
+    assert inbox._behind_s(status, hour * 3600.0 + 16.0, is_recent=False) > 15.0  # noqa: SLF001  the estimate alone, at 16 h and more
 
 
 def test_boards_and_topics_are_chosen() -> None:

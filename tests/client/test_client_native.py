@@ -120,6 +120,23 @@ def test_a_backlog_shows_by_clocks_that_differ_in_rate(native_inbox: Path, behin
     assert_same(native_inbox, recorded)
 
 
+@pytest.mark.parametrize("wall_is_right", [True, False])
+def test_data_are_fresh_again_after_the_daemons_host_slept(native_inbox: Path, wall_is_right: bool) -> None:
+    """Its monotonic clock stood still for an hour; a wall clock that says old, too, keeps the data stale."""
+    recorded, slept_s, fresh = RecordedInbox(now_s=0.0), 0.0, []
+    for k in range(400):
+        if k == 100:
+            recorded.now_s, slept_s = recorded.now_s + 3600.0, 3600.0
+        old_s = 0.0 if wall_is_right else slept_s
+        recorded.receive(frames_of(k, time_s=recorded.now_s - old_s, uptime_s=recorded.now_s - slept_s))
+        fresh.append(recorded.outcomes[-1]["fresh"])
+        recorded.now_s += 0.1
+    assert all(fresh[:100])
+    assert not any(fresh[100:195])
+    assert fresh[205:] == 195 * [wall_is_right]
+    assert_same(native_inbox, recorded)
+
+
 def test_many_boards_use_bounded_memory(native_inbox: Path) -> None:
     recorded = RecordedInbox(topics=("status",))
     for number in range(1100):

@@ -7,7 +7,8 @@ in a status, and that status must be recent by both clocks. Where several boards
 each of them. Messages that wait for a lost one are stale after 0.2 s, too (`WAITS_S`).
 
 Ages compare the publisher's clock with the client's: on one host they are the same, between hosts NTP must
-keep them together.
+keep them together. Monotonic clocks stand still while a host sleeps: where they alone say for 10 s that each
+status is old, and the wall clock says that it is recent, they are compared anew.
 """
 
 import math
@@ -20,6 +21,7 @@ from tactiled.client.items import Fresh, Item, Malformed, Message, Recovered, St
 from tactiled.client.parse import is_count, message_of, parse_map
 
 _CLOCKS_PART = 5e-4  # largest difference in rate of two hosts' crystals: five times the 100 ppm of a bad one
+_ASLEEP_S = 10.0  # a backlog that the wall clock does not show, because it was set, is read within this time
 
 _WAITS = "messages wait for a lost one, which was requested"
 
@@ -72,6 +74,7 @@ class Inbox:
         self._state: Literal["unknown", "fresh", "stale"] = "unknown"
         self._heard: dict[str, _Heard] = {}
         self._lead: tuple[object, float, float] = (None, 0.0, now_s)  # run, least lead, when
+        self._differ_s = math.inf  # since then, the monotonic clocks alone say that each status is old
 
     def is_fresh(self, now_s: float) -> bool:
         """Return True while the last status of each board is valid and recent: its data may be acted on."""
@@ -191,7 +194,8 @@ class Inbox:
     def _watch_age(self, status: Message, now_s: float, unix_s: float) -> list[Item]:
         self._status_s = now_s
         ahead_s = status.timestamp - unix_s
-        age_s, fault = max(-ahead_s, self._behind_s(status.data, now_s)), ""
+        behind_s = self._behind_s(status.data, now_s, is_recent=abs(ahead_s) <= self._stale_after_s)
+        age_s, fault = max(-ahead_s, behind_s), ""
         if ahead_s > self._stale_after_s:
             fault = f"status from {ahead_s:.1f} s ahead: the clocks differ"
         elif age_s > self._stale_after_s:
@@ -236,15 +240,20 @@ class Inbox:
         if board in self._heard or len(self._heard) < _MOST_BOARDS:
             self._heard[board] = heard
 
-    def _behind_s(self, status: dict[str, Any], now_s: float) -> float:
-        """Seconds that a status waited to be read, by the monotonic clocks of daemon and client."""
+    def _behind_s(self, status: dict[str, Any], now_s: float, *, is_recent: bool) -> float:
+        """Seconds that a status waited to be read, by the monotonic clocks of daemon and client.
+
+        `is_recent`: by the wall clock, it did not wait.
+        """
         uptime_s, run = status.get("uptime_s"), status.get("run")
         if not isinstance(uptime_s, float):
             return 0.0
         lead_s = now_s - uptime_s  # offset of both clocks plus the waiting time of this status
         known_run, least_s, at_s = self._lead
         allowed_s = least_s + _CLOCKS_PART * (now_s - at_s)
-        if run != known_run or lead_s < allowed_s:
+        differ = is_recent and lead_s - allowed_s > self._stale_after_s
+        self._differ_s = min(self._differ_s, now_s) if differ else math.inf
+        if run != known_run or lead_s < allowed_s or now_s >= self._differ_s + _ASLEEP_S:
             self._lead = (run, lead_s, now_s)
             return 0.0
         return lead_s - allowed_s
