@@ -93,8 +93,7 @@ class FleetList:
 
 def rows_of(host: str, reply: Mapping[str, Any] | None, unix_s: float) -> list[FleetRow]:
     """Return the boards of one host from its reply to ``state``; never raises, whatever it contains."""
-    messages = reply.get("messages") if isinstance(reply, Mapping) else None
-    if not isinstance(messages, Mapping):
+    if not (isinstance(reply, Mapping) and isinstance(messages := reply.get("messages"), Mapping)):
         return [FleetRow(host, "", "silent", reason="its bridge is there, its daemon does not answer")]
     boards: dict[str, dict[str, Mapping[str, Any]]] = {}
     for path, message in messages.items():
