@@ -18,6 +18,7 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <deque>
 #include <initializer_list>
 #include <optional>
 #include <string>
@@ -204,7 +205,7 @@ struct Reply {
 //     daemon.send("inhibit", "duration_s", 0.4);  // our own motion must not count as slip
 //
 // A command is sent once, as soon as the daemon is connected. Without a reply in time it may have been carried
-// out, or not; the caller decides whether to send it again.
+// out, or not; the caller decides whether to send it again. A command beyond 16,128 bytes throws Error.
 class Commander {
 public:
     static constexpr double TIMEOUT_S =
@@ -236,7 +237,8 @@ public:
         return wait();
     }
 
-    // Send a command without waiting; `poll` has its reply. The reply to one before is dropped.
+    // Send a command without waiting; `poll` has its reply. The reply to one before is dropped. Until the daemon
+    // is connected, the newest 64 commands wait.
     template <class... Fields> void begin(const std::string& command, const Fields&... fields)
     {
         static_assert(sizeof...(Fields) % 2 == 0, "fields are pairs of name and value");
@@ -246,7 +248,8 @@ public:
     }
 
     // Reply to the newest command, once; nullptr while there is none. Call it from time to time, because it
-    // sends what waits for the connection. Throws Error where no reply came in time.
+    // sends what waits for the connection. Throws Error where no command was replied to in time; what waits is
+    // dropped then.
     const Reply* poll()
     {
         if (id_.empty())
@@ -256,6 +259,7 @@ public:
             id_.clear();
         else if (monotonic_s() >= until_s_) {
             id_.clear();
+            unsent_.clear();
             throw Error(endpoint_ +
                         ": no answer; is tactiled running there, and has it the key of this client?");
         }
@@ -274,22 +278,41 @@ public:
     }
 
 private:
+    // A request has at most 16,384 bytes (protocols/control.md); a bridge to zenoh adds some to them.
+    static constexpr std::size_t MOST_BYTES = 16128;
+    static constexpr std::size_t MOST_UNSENT = 64;  // bounds the memory; as many as ZeroMQ queues
+
     template <class PackFields>
     void begin_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
     {
-        id_ = name_ + "-" + std::to_string(++number_);
-        request_.clear();
-        detail::Packer packer(request_);
+        const std::string id = name_ + "-" + std::to_string(++number_);
+        std::string request;
+        detail::Packer packer(request);
         packer.pack_map(4 + n_fields);
-        packer.pack("v").pack(1).pack("id").pack(id_).pack("do").pack(command);
+        packer.pack("v").pack(1).pack("id").pack(id).pack("do").pack(command);
         packer.pack("who").pack(who_);
         pack_fields(packer);
-        until_s_ = monotonic_s() + TIMEOUT_S;
-        is_sent_ = detail::send(socket_, request_);
+        if (request.size() > MOST_BYTES)
+            throw Error(command + ": " + std::to_string(request.size()) + " bytes, a request has at most " +
+                        std::to_string(MOST_BYTES));
+        if (id_.empty())  // a daemon that replies to none of many commands is dead
+            until_s_ = monotonic_s() + TIMEOUT_S;
+        id_ = id;
+        if (unsent_.size() == MOST_UNSENT)
+            unsent_.pop_front();
+        unsent_.push_back(std::move(request));
+        send_unsent();
+    }
+
+    void send_unsent()
+    {
+        while (!unsent_.empty() && detail::send(socket_, unsent_.front()))
+            unsent_.pop_front();
     }
 
     Reply wait()
     {
+        until_s_ = monotonic_s() + TIMEOUT_S;
         for (;;) {
             if (const Reply* reply = poll())
                 return *reply;
@@ -302,13 +325,13 @@ private:
     {
         if (id_.empty())
             return INF;
-        return is_sent_ ? until_s_ : std::min(until_s_, monotonic_s() + detail::RETRY_S);
+        return unsent_.empty() ? until_s_ : std::min(until_s_, monotonic_s() + detail::RETRY_S);
     }
 
     // Send what waits, and take replies until one is that of the newest command.
     bool poll_socket()
     {
-        is_sent_ = is_sent_ || detail::send(socket_, request_);
+        send_unsent();
         while (detail::take(socket_, part_)) {
             while (part_.more() && detail::take(socket_, part_)) {}
             if (is_reply())
@@ -324,7 +347,10 @@ private:
         if (!detail::check_map(detail::view(part_), "reply", head, fault))
             return false;
         detail::read_entries(detail::view(part_), entries_);
-        if (detail::text_of(detail::find(entries_, "id")) != id_)
+        const std::string id(detail::text_of(detail::find(entries_, "id")));
+        if (id.rfind(name_ + "-", 0) == 0)  // the daemon lives
+            until_s_ = monotonic_s() + TIMEOUT_S;
+        if (id != id_)
             return false;
         reply_.ok = detail::is_true(detail::find(entries_, "ok"));
         reply_.reason = detail::text_of(detail::find(entries_, "reason"));
@@ -339,8 +365,7 @@ private:
     std::string name_, id_;  // id of the command that waits for its reply; empty for none
     std::uint64_t number_ = 0;
     double until_s_ = 0.0;
-    bool is_sent_ = false;
-    std::string request_;
+    std::deque<std::string> unsent_;  // requests until the daemon is connected
     std::vector<detail::Entry> entries_;  // of the reply that is read now
     Reply reply_;
     std::optional<detail::Descriptor> descriptor_;

@@ -7,7 +7,9 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+import msgpack
 import pytest
+import zmq
 from client_programs import Program, board, process
 from cpp import ROOT, compile_native, need_native
 from patience import PATIENCE_S
@@ -127,6 +129,72 @@ def test_files_that_are_no_secret_keys_are_refused_by_their_name(native_client: 
             [native_client, "tcp://127.0.0.1:1", "fd", keys], capture_output=True, text=True, check=False
         )
         assert words in done.stderr
+
+
+COMMANDS = """
+#include <iostream>
+#include <thread>
+#include "tactiled.hpp"
+
+int main(int, char** argv)
+{
+    tactiled::Options options;
+    options.control = argv[1];
+    tactiled::Commander daemon("tcp://127.0.0.1:1", options);
+    try {
+        if (std::string(argv[2]) == "begin") {
+            daemon.begin("object-changed");  // before the daemon is connected
+            daemon.begin("friction", "value", 0.4);
+            while (!daemon.poll()) {
+            }
+            daemon.begin("mark", "text", std::string(17000, 'x'));
+        }
+        for (;;) {
+            daemon.begin("motion", "acceleration_m_s2", 9.81);
+            std::this_thread::sleep_for(std::chrono::milliseconds(10));
+            daemon.poll();
+        }
+    } catch (const tactiled::Error& error) {
+        std::cout << error.what() << std::endl;
+    }
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def commands(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    need_native()
+    folder = tmp_path_factory.mktemp("commands")
+    (folder / "commands.cpp").write_text(COMMANDS)
+    return compile_native(folder / "commands.cpp", folder / "commands")
+
+
+def test_commands_wait_for_the_connection_and_a_long_one_is_refused(commands: Path, tmp_path: Path) -> None:
+    asked: list[str] = []
+    with zmq.Context() as context, context.socket(zmq.ROUTER) as sock:
+        control = f"ipc://{tmp_path}/control.ipc"
+        sock.bind(control)
+        with subprocess.Popen([commands, control, "begin"], stdout=subprocess.PIPE, text=True) as program:
+            while program.poll() is None:
+                if sock.poll(20):
+                    who, payload = sock.recv_multipart()
+                    request = msgpack.unpackb(payload)
+                    asked.append(request["do"])
+                    reply = {"v": 1, "id": request["id"], "ok": True, "reason": "", "run": 1}
+                    sock.send_multipart([who, msgpack.packb(reply)])
+            assert program.stdout is not None
+            said = program.stdout.read()
+    assert asked == ["object-changed", "friction"]
+    assert said.startswith("mark: 17")
+    assert "a request has at most 16128" in said
+
+
+def test_a_loop_that_sends_commands_hears_that_no_daemon_replies(commands: Path, tmp_path: Path) -> None:
+    control = f"ipc://{tmp_path}/nobody.ipc"
+    done = subprocess.run(
+        [commands, control, "motion"], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert "nobody.ipc: no answer; is tactiled running there" in done.stdout
 
 
 FILLED_S = 7.5  # of the scene `hold`
