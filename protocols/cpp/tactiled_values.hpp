@@ -329,8 +329,6 @@ public:
         out_.append(text);
         return *this;
     }
-    Packer& pack(const char* text) { return pack(std::string_view(text)); }
-    Packer& pack(const std::string& text) { return pack(std::string_view(text)); }
 
     template <class T> Packer& pack(const std::vector<T>& values)
     {
