@@ -2,8 +2,9 @@
  *
  *     tactiled_client *events = tactiled_open("ipc:///run/tactiled/all/events.ipc", "slip", NULL, NULL);
  *     while (events && (kind = tactiled_next(events, -1.0)) >= 0)
- *         if (kind == TACTILED_MESSAGE && tactiled_is_fresh(events) && fabs(tactiled_age_s(events)) < 0.2)
- *             puts(tactiled_text(events, "kind"));
+ *         if (kind == TACTILED_MESSAGE && tactiled_number(events, "valid", &is_valid) == 0 && is_valid &&
+ *             tactiled_is_fresh(events) && fabs(tactiled_age_s(events)) < 0.2 && (what = tactiled_text(events, "kind")))
+ *             puts(what);
  *
  * The rules are those of tactiled.hpp; docs/native.md says how to build and use it. A client belongs to one
  * thread at a time, and only `tactiled_close` takes a NULL. What a client returns by pointer is valid until the next call with this client. Texts are
