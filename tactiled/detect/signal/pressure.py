@@ -479,8 +479,11 @@ class Levels:
         return self.contact if self.contact > 0.0 else derived
 
     def release_at(self, noise: float, swing: float) -> float:
-        """Return the level of release of a taxel."""
-        return self.release if self.release > 0.0 else _RELEASE_OF_CONTACT * self.contact_at(noise, swing)
+        """Return the level of release of a taxel, which is below the level of contact in any case."""
+        if self.release > 0.0 and self.contact > 0.0:
+            return self.release
+        derived = _RELEASE_OF_CONTACT * self.contact_at(noise, swing)
+        return min(self.release, derived) if self.release > 0.0 else derived
 
     def loading_at(self, load: float, slope_sd: float) -> float:
         """Return the slope above which the load rises, for the load of a taxel and the noise of slopes."""
@@ -565,7 +568,7 @@ class Pressure:
         self.is_field = pad.is_field
         self.set_of_load = _SET_OF_SHEARED if pad.measures_ratio else _SET_OF_LOAD
         self.of_largest = 0.0 if pad.measures_ratio else _SET_OF_LOAD
-        if levels.all_given:
+        if levels.contact > 0.0:  # contact is what exceeds that level, whatever was pressed before
             self.set_of_load = self.of_largest = 0.0
         self.set_per_scan, self.forget_per_scan = _part(_SET_S * rate_hz), _part(_LARGEST_S * rate_hz)
         self.rise_per_scan = min(_part(_RISE_S * rate_hz), _RISE_OF_SCAN)

@@ -13,6 +13,7 @@ from touches import contact_states
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, ContactLevels, FloatArray, build
 from tactiled.detect.contact.grip_detector import GripDetector
+from tactiled.detect.signal.contact_gate import ContactParams
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import ContactEvent, SlipEvent
 from tactiled.samples.block import Gap, regular_block
@@ -49,8 +50,13 @@ def press(hold_s: float, left: float, after_s: float = 30.0) -> FloatArray:
     return np.concatenate([rest, held, after])
 
 
-def contacts(array: Array, values: FloatArray, valid: NDArray[np.bool_] | None = None) -> list[ContactEvent]:
-    events = ContactGate(array).process(regular_block(values, RATE_HZ, valid=valid))
+def contacts(
+    array: Array,
+    values: FloatArray,
+    valid: NDArray[np.bool_] | None = None,
+    params: ContactParams | None = None,
+) -> list[ContactEvent]:
+    events = ContactGate(array, params).process(regular_block(values, RATE_HZ, valid=valid))
     return [event for event in events if isinstance(event, ContactEvent)]
 
 
@@ -196,6 +202,19 @@ def test_scans_without_any_reading_end_no_contact() -> None:
     events = contacts(COUNTS, values)
     assert [event.state for event in events] == ["loading", "holding", "none"]
     assert events[-1].time_s == pytest.approx(3.3, abs=0.05)  # as far back as the slope looks
+
+
+@given(release=st.floats(1.0, 2 * LOAD))
+def test_a_level_of_release_alone_makes_no_contact_flap(release: float) -> None:
+    values = readings(press(4.0, 0.0), np.ones(4))
+    events = contacts(COUNTS, values, params=ContactParams(release_volts=release))
+    assert [event.state for event in events] == ["loading", "holding", "none"]
+
+
+def test_a_level_of_contact_alone_is_the_level_after_any_press() -> None:
+    light = np.concatenate([press(2.0, 0.0, after_s=1.0), np.full(300, 0.05 * LOAD), np.zeros(100)])
+    events = contacts(COUNTS, readings(light, np.ones(4)), params=ContactParams(contact_volts=0.02 * LOAD))
+    assert [event.state for event in events] == ["loading", "holding", "none"] * 2
 
 
 @given(
