@@ -20,6 +20,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -263,10 +264,13 @@ class JointTexture:
 
     def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
         """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
-        window = self._slip.window
-        if window is None:
-            window = self._begin_window(block.rate_hz, float(np.sign(speeds[0])))
-        window.append(block, speeds, self._full_scale_volts)
+        signs = np.sign(speeds)
+        cuts = [0, *(np.flatnonzero(np.diff(signs)) + 1).tolist(), len(block)]
+        for first, end in pairwise(cuts):
+            window = self._slip.window
+            if window is None or signs[first] != window.sign:
+                window = self._begin_window(block.rate_hz, float(signs[first]))
+            window.append(block[first:end], speeds[first:end], self._full_scale_volts)
 
     def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
         """Hand the window to the worker, to track the wave of the last answer or to fit anew."""

@@ -122,6 +122,8 @@ def fit_line(window: FitWindow) -> PeriodOnly | Refusal:
     bins = np.arange(len(spectrum.values))
     swing = bins * (np.abs(spectrum.values) ** 2).sum(axis=1)
     in_band = (bins >= max(LEAST_CYCLES, band_hz[0] * duration_s)) & (bins <= band_hz[1] * duration_s)
+    if not in_band.any():
+        return Refusal("too-few-periods" if band_hz[1] * duration_s < LEAST_CYCLES else "aliased")
     strongest = int(np.argmax(np.where(in_band, swing, 0.0)))
     machine = _machine_bin(spectrum, strongest)
     if machine is not None:

@@ -1,21 +1,27 @@
 """Period without an angle: lines of known frequency, noise of any colour, intervals that hold."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from gratings import ARRAY as GRATED
 from gratings import Grating, Slide, known
+from hypothesis import given, settings
+from slips import slip_at
+from touches import pieces, splits, textures
 
 from tactiled.array import Array, FloatArray, build, load_array
 from tactiled.detect.grooves.estimator import JointTexture
-from tactiled.detect.grooves.model import channel_layout
+from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import Outcome, PeriodOnly, Refusal
 from tactiled.detect.grooves.params import JointParams, WaveParams
-from tactiled.detect.grooves.period_only import fit_wave_or_line, period_range, spectral_lines
+from tactiled.detect.grooves.period_only import fit_line, fit_wave_or_line, period_range, spectral_lines
 from tactiled.detect.grooves.swings import swing_spectrum
 from tactiled.detect.grooves.window import FitWindow
 from tactiled.detect.signal.slip_gate import KnownSliding
+from tactiled.detect.sliding.sliding_detector import LOOKS_BACK_S
 from tactiled.detect.suite import DetectParams, Suite, build_suite
-from tactiled.events.types import Candidate, TextureEvent
+from tactiled.events.types import Candidate, Event, TextureEvent, TextureStatus
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 from tactiled.tomlfile import parse
 
@@ -157,6 +163,36 @@ def test_lines_outside_the_permitted_periods_are_no_grooves() -> None:
         unknown_places(16), [ridges(6, {9.0: 1.0})], speed_mm_s=6.0, min_period_mm=1.0, max_period_mm=4.0
     )
     assert "period-only" not in {event.status for event in found}
+
+
+@pytest.mark.parametrize(
+    ("speed_mm_s", "status"), [(0.05, "too-few-periods"), (0.15, "too-few-periods"), (1e5, "aliased")]
+)
+def test_a_window_in_which_no_permitted_period_can_be_seen_says_so(
+    speed_mm_s: float, status: TextureStatus
+) -> None:
+    array, block = unknown_places(16), ridges(6, {3.0: 1.0})
+    motion = WaveMotion(speed_mm_s)
+    window = FitWindow(block.volts, block.time_s, np.zeros(16), channel_layout(array), motion, JointParams())
+    assert fit_line(window) == Refusal(status)
+
+
+@given(cuts=splits(800))
+@settings(max_examples=5, deadline=None)
+def test_scans_of_unknown_speed_are_no_part_of_a_window_of_known_speed(cuts: list[int]) -> None:
+    block = ridges(9, {4.0: 1.0}, seconds=800 / RATE_HZ)
+    estimator = JointTexture(unknown_places(16), fit=fit_wave_or_line, looks_back_s=LOOKS_BACK_S)
+    estimator.set_speed(8.0, round(6.8 * RATE_HZ))
+    onset = dataclasses.replace(slip_at(5.0, 0.0), detected_s=7.5)
+    events: list[Event] = []
+    for part in pieces(block, cuts):
+        is_detected = part.time_s[0] <= onset.detected_s <= part.time_s[-1]
+        events += estimator.process(part, [onset] if is_detected else [])
+    found = textures(events)
+    assert {event.speed_mm_s for event in found} == {8.0}
+    lines = [event for event in found if event.status == "period-only"]
+    assert lines
+    assert all(event.period_max_mm == pytest.approx(2.0, rel=0.05) for event in lines)
 
 
 def test_nothing_is_answered_over_a_flat_surface() -> None:

@@ -117,6 +117,18 @@ def test_anything_gives_finite_numbers_or_nothing(
         assert not isinstance(found, GrooveAnswer) or np.all(np.diag(found.covariance) >= 0)
 
 
+@pytest.mark.parametrize(("rate_hz", "frequency_hz"), [(2.0, 0.89), (1.0, 0.44), (0.5, 0.222)])
+def test_a_wave_is_tracked_in_scans_that_are_a_second_apart(rate_hz: float, frequency_hz: float) -> None:
+    slide = Slide(speed_mm_s=1.2 * frequency_hz, duration_s=60 / rate_hz, rate_hz=rate_hz, noise=0.002)
+    assert_right(
+        track_wave(
+            answer(fit(slide, known(slide))),
+            window(known(slide), slide.volts(ARRAY, OFFSETS_S), slide.times()),
+        ),
+        slide.gratings[0],
+    )
+
+
 @motions
 @pytest.mark.parametrize("later", [Grating(1.32, 20.0), Grating(1.08, 20.0), Grating(1.2, 30.0)])
 def test_another_pattern_is_noticed(motion_of: MotionOf, later: Grating) -> None:
