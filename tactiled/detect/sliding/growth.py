@@ -76,7 +76,7 @@ class GrowthTracker:
         halves = [max(1, round(0.5 * length_s * hops_s)) for length_s in _LENGTHS_S]
         self._lengths = tuple(2 * half for half in halves)
         self._spans = np.array([3 * half for half in halves])  # hops that a growth is of
-        self._n_lasts, self._n_ago = max(1, round(_LASTS_S * hops_s)), round(_AGO_S * hops_s)
+        self._n_lasts, self._n_ago = max(1, round(_LASTS_S * hops_s)), max(1, round(_AGO_S * hops_s))
         self._n_kept, self._n_hold = round(_KEPT_S * hops_s), max(2, round(_LEAST_HOLD_S * hops_s))
         self._n_stops = max(1, round(_STOPS_S * hops_s))
         self._reach = int(self._spans[-1])

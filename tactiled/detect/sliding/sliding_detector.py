@@ -90,20 +90,19 @@ class SlidingSlip:
                 changes = tracker.process(held, touches)
             found += [(change.row, change) for change in changes]
         for row, what in sorted(found, key=lambda pair: pair[0]):  # stable: the contact first
+            time_s, is_valid = float(item.time_s[row]), not item.late[row] and gate.lost[row] == 0
             if isinstance(what, Change):
-                events += self._changed(item, what)
+                events += self._changed(time_s, what, is_valid)
             else:
                 self._state = what
                 self._touching = gate.touched_in(row)
                 if what == "none":
-                    events += self._changed(item, Change(row, False, 0.0, 0, is_gross=False))
+                    events += self._changed(time_s, Change(row, False, 0.0, 0, is_gross=False), is_valid)
             slides = True in self._open and self._state != "none"
-            is_valid = not bool(item.late[row])
-            events += self._publish(float(item.time_s[row]), "sliding" if slides else self._state, is_valid)
+            events += self._publish(time_s, "sliding" if slides else self._state, is_valid)
         return events
 
-    def _changed(self, block: ScanBlock, change: Change) -> list[Event]:
-        time_s, is_valid = float(block.time_s[change.row]), not bool(block.late[change.row])
+    def _changed(self, time_s: float, change: Change, is_valid: bool) -> list[Event]:
         if change.is_onset:
             is_settling = time_s - self._gross_end_s < _SETTLES_S
             if not change.is_gross and not self._array.has_shear and (is_settling or self._state == "none"):

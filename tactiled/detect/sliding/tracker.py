@@ -261,7 +261,7 @@ class SlidingTracker:
         order = np.arange(self._n, self._n + self._size) % self._size
         readings, good = self._window[order], self._is_good[order]
         touching = self._touching[order]
-        if self._stops(readings):
+        if self._stops(readings, good):
             return self._end(row)
         if touching.any() != touching.all():
             return None
@@ -304,11 +304,15 @@ class SlidingTracker:
             return over_rest
         return min(over_rest, _log_odds(found, _own_power(found, found.noise), None))
 
-    def _stops(self, readings: FloatArray) -> bool:
-        """Return True where the newest readings of a slide change far less than those before."""
-        if not self.slides:
+    def _stops(self, readings: FloatArray, good: NDArray[np.bool_]) -> bool:
+        """Return True where the newest readings of a slide change far less than those before.
+
+        Held readings of channels that are not read do not change, which shows no stop.
+        """
+        is_read = good[-self._hop :].all(axis=0)
+        if not self.slides or not is_read.any():
             return False
-        newest = np.diff(readings[-self._hop :], axis=0)
+        newest = np.diff(readings[-self._hop :, is_read], axis=0)
         activity = float((newest**2).mean())
         self._activities = [*self._activities[-_MEMORY_HOPS:], activity]
         is_still = activity < _STOPPED * float(median(np.array(self._activities)))

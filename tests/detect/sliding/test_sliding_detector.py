@@ -205,6 +205,28 @@ def test_a_slide_that_stops_dead_ends_at_the_second_look_after_it() -> None:
     assert end.detected_s <= SLIDE_S[1] + 3 * hop_s
 
 
+@pytest.mark.parametrize("n_lost", [16, 12])
+@pytest.mark.parametrize("lost_s", [0.5, 1.0])
+def test_a_slide_goes_on_while_channels_are_not_read(n_lost: int, lost_s: float) -> None:
+    block = hold(0, 5 * ridges())
+    end_s = slips(detector().process(block))[-1].detected_s
+    block.valid[round(9 * RATE_HZ) : round((9 + lost_s) * RATE_HZ), :n_lost] = False
+    end = slips(detector().process(block))[-1]
+    assert (end.state, end.valid) == ("end", True)
+    assert end.detected_s >= end_s
+
+
+def test_slip_and_contact_have_no_valid_end_where_readings_end() -> None:
+    block = hold(0, 5 * ridges())
+    block.volts[round(9 * RATE_HZ) :] = np.nan
+    block.valid[round(9 * RATE_HZ) :] = False
+    events = build_suite(pad(), DetectParams(), topics=("slip", "contact")).process(block)
+    contact = [event for event in events if isinstance(event, ContactEvent)][-1]
+    assert (contact.state, contact.valid) == ("none", False)
+    end = slips(events)[-1]
+    assert (end.state, end.valid, end.detected_s) == ("end", False, contact.time_s)
+
+
 def moved(
     part: float,
     pads: int = 1,

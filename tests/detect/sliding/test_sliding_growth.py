@@ -109,6 +109,14 @@ def test_a_tug_a_second_after_the_log_begins_is_found_and_a_weak_one_waits_for_t
     assert onset_after(0.0, detector(kinds).process(held(kinds, 1, weak))) is None
 
 
+def test_a_slip_is_found_in_scans_that_are_a_second_apart() -> None:
+    time_s = np.arange(120.0)[:, np.newaxis]
+    field = 300 + np.random.default_rng(0).standard_normal((120, 15)) + 100 * np.clip((time_s - 60) / 3, 0, 1)
+    onset, end = slips(detector(FIELD).process(regular_block(field, 1.0)))
+    assert (onset.state, onset.detected_s) == ("onset", 61.0)
+    assert (end.state, end.detected_s) == ("end", 64.0)
+
+
 @pytest.mark.parametrize("rate_hz", [9.5, 31.0, 400.0])
 def test_times_are_seconds_at_any_rate(rate_hz: float) -> None:
     rng, n = np.random.default_rng(0), round(12 * rate_hz)
