@@ -365,8 +365,10 @@ class TunedSuite:
         for event in events:
             if isinstance(event, ContactEvent):
                 self._in_contact = event.state != "none"
-            elif isinstance(event, SlipEvent) and (reason := self._suppressed(event)):
-                event = replace(event, valid=False, suppressed=reason)
+            elif isinstance(event, SlipEvent):
+                is_lone_end = event.state == "end" and not self._slip_is_published
+                if (reason := self._suppressed(event)) or is_lone_end:
+                    event = replace(event, valid=False, suppressed=reason)
             elif isinstance(event, GripEvent) and self._inhibited.covers(event.time_s):
                 event = replace(event, valid=False, suppressed="inhibit")
             out.append(event)
@@ -375,7 +377,7 @@ class TunedSuite:
     def _suppressed(self, slip: SlipEvent) -> Suppressed:
         """Return the reason to suppress an event, or an empty string.
 
-        Every published onset is followed by a published end, and no end is published alone.
+        Every published onset that is valid is followed by a published end, and no valid end comes alone.
         """
         reason: Suppressed = ""
         if slip.state == "end":
@@ -386,6 +388,6 @@ class TunedSuite:
             reason = "inhibit"
         elif slip.kind == "incipient" and self._load_changes.covers(slip.onset_s, slip.detected_s):
             reason = "load-change"
-        self._slip_is_published |= not reason
+        self._slip_is_published |= slip.valid and not reason
         self._slip_suppressed = reason or self._slip_suppressed
         return reason

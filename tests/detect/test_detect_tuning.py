@@ -209,6 +209,12 @@ def test_every_published_onset_is_followed_by_a_published_end() -> None:
     assert not any(e.valid for e in said)
 
 
+def test_a_slip_whose_onset_came_late_has_no_valid_end() -> None:
+    block = replace(TOUCH, late=(TOUCH.time_s > START_S + 3.9) & (TOUCH.time_s < START_S + 6.0))
+    found = slips(run(suite(), [block]))
+    assert [(event.state, event.valid) for event in found] == [("onset", False), ("end", False)]
+
+
 def test_thresholds_are_checked_by_name_and_bound() -> None:
     tuned = suite()
     before = tuned.params
