@@ -151,13 +151,13 @@ def test_readings_are_relative_to_the_zero_of_the_array(zero_first_s: float) -> 
     """The daemon subtracts it, too: an empty hand is no contact, whatever the sensor reads at rest."""
     rest = np.linspace(0.5, 1.0, ARRAY.n_channels)
     offset = replace(ARRAY, zero=(zero_first_s == 0.0) * rest, zero_first_s=zero_first_s)
-    volts = [held(6, 3e-4), shaken(np.array([0.05, 0.3, 0.6])).items[0].volts]
-    for one in volts:
-        one[:40] -= 1.2
-    plain, found = (
-        quietly(*(recording(one + zero, array) for one in volts))
-        for array, zero in ((ARRAY, 0.0), (offset, rest))
-    )
+    (block,) = shaken(np.array([0.05, 0.3, 0.6])).items
+    assert isinstance(block, ScanBlock)
+    quiet, motion = held(6, 3e-4), block.volts.copy()
+    quiet[:40] -= 1.2
+    motion[:40] -= 1.2
+    plain = quietly(recording(quiet), recording(motion))
+    found = quietly(recording(quiet + rest, offset), recording(motion + rest, offset))
     assert found.hold_s == pytest.approx(plain.hold_s, abs=0.05)
     assert found.settings == plain.settings
     with pytest.raises(DataError, match="no contact"):

@@ -63,16 +63,16 @@ def record_live(
         scans = LiveScans(subscription, endpoint, array, report)
         if warning := _warning_of_tare(endpoint, scans.board, keys):
             report(warning)
-        array = _at_zero(scans, report)
+        zeroed = _at_zero(scans, report)
         report(f"Grip an object firmly and hold it still for {quiet_s:g} s after contact.")
-        _await_hold(scans, array)
-        quiet = _record(scans, array, "quiet hold", quiet_s, report)
+        _await_hold(scans, zeroed)
+        quiet = _record(scans, zeroed, "quiet hold", quiet_s, report)
         report(
             f"Now move arm and gripper as in normal work, without slip, for {motion_s:g} s; recording "
             f"starts in {_READY_S:g} s."
         )
         scans.listen(_READY_S)
-        motion = _record(scans, array, "motion", motion_s, report)
+        motion = _record(scans, zeroed, "motion", motion_s, report)
         report("Done; you may release the object.")
     return quiet, motion
 
