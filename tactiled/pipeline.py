@@ -169,7 +169,8 @@ class Pipeline:
         for frame in self._decoder.feed(data):
             if isinstance(frame, Corrupt):
                 self._corrupt[frame.reason] += 1
-                self._meter.reset()
+                if frame.reason != "value":  # one line: text between scans, or one scan of the measurement
+                    self._meter.reset()
                 assembler.corrupt()
                 continue
             self._frames += 1

@@ -468,3 +468,14 @@ def test_each_slip_of_stick_and_slip_goes_the_same_way() -> None:
     ]
     assert [slip.kind for slip in found].count("gross") >= 3
     assert max(abs(slip.direction_deg) for slip in found) < 10.0
+
+
+def test_text_between_the_lines_of_a_board_does_not_prevent_the_measurement_of_its_rate() -> None:
+    target = Pipeline(load_layout("load-cell"), load_array("load-cell"))
+    reads = [
+        (b"# 21 degrees\n" if number % 100 == 50 else b"") + f"{number % 7}\n".encode()
+        for number in range(500)
+    ]
+    found = [out for number, data in enumerate(reads) for out in target.receive_data(data, 5 + number / 100)]
+    (hello,) = [out for out in found if isinstance(out, Hello)]
+    assert hello.rate_hz == pytest.approx(100.0, rel=0.01)

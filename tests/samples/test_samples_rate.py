@@ -1,6 +1,8 @@
 """Measurement of the scan rate."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tactiled.samples.rate_meter import RateMeter
 
@@ -23,3 +25,14 @@ def test_a_backlog_at_the_beginning_is_not_counted() -> None:
         assert meter.add(10.0) is None
     found = [rate for k in range(300) if (rate := meter.add(10.0 + 0.01 * (k + 1))) is not None]
     assert found[0] == pytest.approx(100.0, rel=0.01)
+
+
+@given(begin_s=st.floats(0.1, 3.0), stall_s=st.floats(0.0, 1.0))
+def test_a_stall_of_the_host_does_not_change_the_rate(begin_s: float, stall_s: float) -> None:
+    meter = RateMeter()
+    for k in range(1000):
+        taken_s = k / 100
+        is_stalled = begin_s <= taken_s < begin_s + stall_s
+        if (found := meter.add(begin_s + stall_s if is_stalled else taken_s)) is not None:
+            break
+    assert found == pytest.approx(100.0, rel=0.015)
