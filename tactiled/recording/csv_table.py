@@ -106,7 +106,8 @@ class _CsvTable:
         lines = _bounded_lines(path, stream)
         top, self._n_comments = _header_and_row(lines)
         separator = _separator(top)
-        self._reader = csv.reader(chain(top, lines), delimiter=separator, skipinitialspace=separator == " ")
+        rows = chain(top, map(_without_comment, lines))
+        self._reader = csv.reader(rows, delimiter=separator, skipinitialspace=separator == " ")
         self._rows = self._filled_rows()
         self.header = [name.strip() for name in next(self._rows, [])]
         self._n_cells = len(self.header)
@@ -151,7 +152,9 @@ class _CsvTable:
             numbers.extend([_number(cells[column], where, advice) for column in needed])
             check_size(self.path, numbers.itemsize * len(numbers))
         table = np.frombuffer(numbers).reshape(-1, max(len(stamps) + len(needed), 1))
-        time_s = times.seconds([table[:, k] for k in range(len(stamps))]) if stamps else np.empty(0)
+        time_s = (
+            times.seconds(self.path, [table[:, k] for k in range(len(stamps))]) if stamps else np.empty(0)
+        )
         return time_s, table[:, len(stamps) :]
 
 
@@ -170,20 +173,33 @@ def _opened(path: Path) -> Iterator[_CsvTable]:
 def _header_and_row(lines: Iterator[str]) -> tuple[list[str], int]:
     """Return the header with the line after it, and the number of comments above.
 
-    numpy and ROS write the names of the columns as a comment, the last one above rows of numbers.
+    numpy and ROS write the names of the columns as a comment, the last one above the rows. Some cells of
+    a row may be text; it then has as many cells as the comment, and begins with a number or date.
     """
     n_comments, comment, line = 0, "", next(lines, "")
-    while line.startswith(_COMMENTS):
-        n_comments, comment, line = n_comments + 1, line, next(lines, "")
-    if comment and all(map(_is_value, line.split(_separator([line])))):
-        return [comment.lstrip("".join(_COMMENTS)), line], n_comments - 1
-    return [line, *islice(lines, 1)], n_comments
+    while line.startswith(_COMMENTS) or line.isspace():
+        n_comments, comment, line = n_comments + 1, comment if line.isspace() else line, next(lines, "")
+    names, separator = comment.lstrip("".join(_COMMENTS)), _separator([line])
+    cells = line.split(separator)
+    is_row = cells[0].strip() and _is_value(cells[0]) and len(cells) == len(names.split(separator))
+    if comment and (is_row or all(map(_is_value, cells))):
+        return [names, line], n_comments - 1
+    return [line, *map(_without_comment, islice(lines, 1))], n_comments
+
+
+def _without_comment(line: str) -> str:
+    """Return a line, or an empty one in place of a comment, so that lines are counted right."""
+    return "\n" if line.startswith(_COMMENTS) else line
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """Return the separator that the first line has most of; a space where no line has any."""
+    """Return the separator that the first line has most of; a space where no line has any.
+
+    A row of one number has no separator: its name may have spaces.
+    """
     has_any = any(one in line for one in _SEPARATORS for line in lines)
-    return max(_SEPARATORS, key=lines[0].count) if has_any else " "
+    is_single = len(lines) > 1 and len(lines[1].split()) == 1
+    return max(_SEPARATORS, key=lines[0].count) if has_any or is_single else " "
 
 
 def _bounded_lines(path: Path, stream: TextIO) -> Iterator[str]:

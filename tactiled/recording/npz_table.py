@@ -80,7 +80,7 @@ def _from_archive(
         if valid.shape != readings.shape:
             raise DataError(f"{path}: valid {valid.shape} should have the shape of {name} {readings.shape}")
         readings[valid == 0] = np.nan
-    return times, times.seconds(stamps) if stamps else None, readings.reshape(-1, n_channels)
+    return times, times.seconds(path, stamps) if stamps else None, readings.reshape(-1, n_channels)
 
 
 def _read_array(path: Path, archive: zipfile.ZipFile, name: str) -> FloatArray:

@@ -55,11 +55,21 @@ class Times(NamedTuple):
         """Name for errors."""
         return " and ".join(self.used) or "--rate"
 
-    def seconds(self, stamps: Sequence[FloatArray]) -> FloatArray:
-        """Return the times of the used columns, one at least, (n,) each."""
-        time_s = np.zeros(len(stamps[0]))
-        for unit, stamp in zip(self.units, stamps, strict=True):
-            time_s += SECONDS[unit] * stamp
+    def seconds(self, path: Path, stamps: Sequence[FloatArray]) -> FloatArray:
+        """Return the times of the used columns, one at least, (n,) each.
+
+        Raises
+        ------
+        DataError
+            The second column is no fraction of a second.
+        """
+        columns = [SECONDS[unit] * stamp for unit, stamp in zip(self.units, stamps, strict=True)]
+        if len(columns) > 1 and np.any(columns[1] >= 1):
+            raise DataError(
+                f"{path}: {self.used[1]} should be a fraction of a second, but has more than a second; if it "
+                f"is the whole time, say --time-unit {self.units[1]}"
+            )
+        time_s: FloatArray = np.sum(columns, axis=0)
         return time_s
 
 

@@ -79,6 +79,47 @@ def test_lines_are_counted_with_the_comments(tmp_path: Path) -> None:
         read_table(path)
 
 
+@pytest.mark.parametrize(
+    ("text", "columns", "readings"),
+    [
+        ("%time,header.frame_id,x\n0,ft_link,1\n0.01,ft_link,2\n", ("x",), [[1.0], [2.0]]),
+        ("# made by X\n\ntime_s,a\n0,1\n0.01,2\n", (), [[1.0], [2.0]]),
+        ("#,time_s,a,note\n1,0,5,ok\n2,0.01,6,ok\n", ("a",), [[5.0], [6.0]]),
+        ('# time_s,a\n0,1\n# a "pause\n0.01,2\n% end\n', (), [[1.0], [2.0]]),
+        ("time_s,a\n# s,V\n0,1\n0.01,2\n", (), [[1.0], [2.0]]),
+    ],
+)
+def test_comments_and_text_among_the_columns(
+    text: str, columns: tuple[str, ...], readings: list[list[float]], tmp_path: Path
+) -> None:
+    (tmp_path / "t.csv").write_text(text.replace("time,", "time_s,"))
+    time_s, found = read_table(tmp_path / "t.csv", TableOptions(columns=columns))
+    assert time_s == pytest.approx([0.0, 0.01])
+    assert found.tolist() == readings
+
+
+def test_the_name_of_a_single_column_may_have_spaces(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("Force (N)\n1\n2\n")
+    assert read_table(tmp_path / "t.csv", TableOptions(rate_hz=100.0))[1].tolist() == [[1.0], [2.0]]
+
+
+def test_lines_behind_comments_have_their_number(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("# one\n\ntime_s,a\n# two\n0,1\n# three\n0.01,x\n")
+    with pytest.raises(DataError, match="line 7: 'x' is not a number"):
+        read_table(tmp_path / "t.csv")
+    (tmp_path / "t.csv").write_text("# time_s,a\n0,NA\n0.01,2\n")
+    with pytest.raises(DataError, match="line 2: 'NA' is not a number"):
+        read_table(tmp_path / "t.csv")
+
+
+def test_a_whole_time_beside_seconds_is_no_fraction_of_them(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("sec,usec,a\n5,5000000,1\n5,5010000,2\n")
+    with pytest.raises(DataError, match=r"usec should be a fraction of a second, .* say --time-unit us"):
+        read_table(path)
+    assert read_table(path, TableOptions(time_unit="us"))[0] == pytest.approx([5.0, 5.01])
+
+
 def test_a_comment_above_dates_names_the_columns(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     path.write_text("# time,a\n2026-11-29 08:15:00.00,1\n2026-11-29 08:15:00.01,2\n")
