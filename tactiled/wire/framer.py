@@ -110,6 +110,8 @@ class LineFramer(Framer):
         try:
             text = line.decode("ascii").strip()
             parts = text.split() if self._separator in " \t" else text.split(self._separator)
+            if parts[-1:] == [""]:  # a separator ends the line
+                parts.pop()
             values = [float(part.replace("_", "x")) for part in parts]  # Python allows _ between digits
         except ValueError:
             return None

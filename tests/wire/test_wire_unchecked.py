@@ -111,6 +111,13 @@ def test_lines_give_numbers_and_refuse_what_is_none(damaged: bytes) -> None:
     assert decoder.bytes_pending == 0
 
 
+def test_a_line_may_end_with_a_separator() -> None:
+    row = [float(k) for k in range(15)]
+    line = ",".join(map(str, row)).encode()
+    items, _ = decode(LINES, CRLF + line + b"," + CRLF + line + CRLF + line + b",," + CRLF)
+    assert scans_of(items) == [row, row]
+
+
 @given(data=st.data())
 @settings(deadline=None)
 def test_any_split_of_lines_gives_the_same(data: st.DataObject) -> None:
