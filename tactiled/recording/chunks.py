@@ -43,7 +43,7 @@ _MOST_METADATA_BYTES = 1 << 20  # texts of array, layout and calibration
 _SEARCHED_BYTES, _MOST_SEARCHED_BYTES = 1 << 12, 1 << 20  # at once, for the next head: it is near, or far
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, start of the summary, start of its offsets, checksum
 # Records that may follow the indexes of a chunk.
-_BEHIND_INDEXES = (Opcode.METADATA, Opcode.CHUNK, Opcode.DATA_END)
+_BEHIND_INDEXES = (Opcode.METADATA, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.DATA_END)
 # A tactiled chunk is closed at 256 KiB and holds at most one message more; recovered ones are no larger, and
 # other tools that rewrite a recording close theirs at 4 MiB. What claims more is passed over as damage,
 # before anything is decompressed or allocated.
@@ -235,7 +235,7 @@ def _is_record(stream: BinaryIO, at: int, opcode: int, length: int) -> bool:
     if opcode == Opcode.MESSAGE_INDEX:
         entries = stream.read(_INDEX_HEAD_BYTES - _HEAD.size)[2:]
         return int.from_bytes(entries, "little") == length - (_INDEX_HEAD_BYTES - _HEAD.size)
-    return opcode in (Opcode.CHUNK, Opcode.METADATA)
+    return opcode in (Opcode.CHUNK, Opcode.METADATA, Opcode.ATTACHMENT)
 
 
 def _next_chunk(stream: BinaryIO, at: int, size: int) -> int:

@@ -207,6 +207,18 @@ def test_many_damages_raise_nothing_but_a_data_error(
     assert len(reads) == len(small[2]) or not extent.is_whole
 
 
+def test_an_attachment_of_another_tool_is_no_damage(
+    small: tuple[Path, bytes, list[Item], list[int]], tmp_path: Path
+) -> None:
+    _, data, whole, ends = small
+    path, extent = tmp_path / "a.mcap", Extent()
+    attachment = struct.pack("<BQ", Opcode.ATTACHMENT, 100) + bytes(100)
+    path.write_bytes(data[: ends[3]] + attachment + data[ends[3] : ends[-1]])
+    assert list(read_items(path, extent)) == whole[: CHUNKS * READS]
+    assert not extent.damages
+    assert not extent.lost_chunks
+
+
 @pytest.fixture(scope="module")
 def long(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
     """A recording with its events; and the middle of the third second's chunk."""
