@@ -97,10 +97,10 @@ def load_config(path: Path, port_url: str | None = None) -> Setup:
     document = tomlfile.read(path)
     if isinstance(board := document.get("board"), dict):
         # A file that the configuration names lies beside it, wherever the daemon is started.
-        files = {key: _beside(path, board[key]) for key in FILES if key in board and board[key] != NO_FORCE}
+        files = {key: beside(path, board[key]) for key in FILES if key in board and board[key] != NO_FORCE}
         document = {**document, "board": {**board, **files}}
-    if port_url is not None:
-        document = {**document, "port": {**document.get("port", {}), "url": port_url}}
+    if port_url is not None and isinstance(port := document.get("port", {}), dict):
+        document = {**document, "port": {**port, "url": port_url}}
     return _set_up(tomlfile.parse(document, Config, str(path)), str(path))
 
 
@@ -212,7 +212,7 @@ def _shown(value: object) -> str:
     return "left out" if value is None else json.dumps(value)
 
 
-def _beside(path: Path, name_or_path: object) -> object:
+def beside(path: Path, name_or_path: object) -> object:
     """Return a relative path of a configuration as a path that holds in any working directory."""
     if not isinstance(name_or_path, str) or resources.is_name(name_or_path):
         return name_or_path  # a shipped name; what is no text is refused by the schema

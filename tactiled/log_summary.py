@@ -120,6 +120,9 @@ def summary(
 ) -> Iterator[str]:
     """Yield the lines on a finished tally: `topics` were asked for; a speed of 0 was not given."""
     array, duration_s = tally.array, tally.last_s - tally.first_s
+    if duration_s == 0:
+        yield "1 scan: a rate, and events, need more"
+        return
     rate_hz = (tally.n_scans - 1) / duration_s
     spacing_s = tally.spacing_s
     jitter = float(np.abs(spacing_s - np.median(spacing_s)).mean() * rate_hz)
@@ -207,10 +210,14 @@ def _loaded_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iter
 def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
     """Yield a line for each pad whose shear opposes that of the first one, along one axis or both."""
     weights = array.shear_weights()
+    is_read = np.isfinite(readings).any(axis=0)
+    change = np.zeros_like(readings)
+    change[:, is_read] = readings[:, is_read] - np.nanmedian(readings[:, is_read], axis=0)
+    change = np.nan_to_num(change)
     shear = []
     for pad in sorted(set(array.pad.tolist())):
         along = weights[:, array.pad == pad].sum(axis=1)
-        shear.append(np.nan_to_num((readings - np.nanmedian(readings, axis=0)) @ along.T))
+        shear.append(change @ along.T)
     for number, of_pad in enumerate(shear[1:], start=1):
         products = (of_pad * shear[0]).sum(axis=0)
         size = float(np.sqrt((of_pad**2).sum() * (shear[0] ** 2).sum()))

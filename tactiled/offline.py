@@ -14,6 +14,7 @@ import numpy as np
 
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
+from tactiled.config import beside
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DETECTED_TOPICS, DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
@@ -96,13 +97,13 @@ class Choices:
         file = {} if self.config is None else tomlfile.read(self.config)
         if self.config is not None and not {"detect", "port", "board"} & set(file):
             raise ConfigError(str(self.config), ["no table [detect], [port] or [board]: no configuration"])
-        table = dict(file.get("detect", {}))
+        source = "command line" if self.config is None else f"{self.config} and command line"
+        table = _table(file, "detect", source)
         motion = {"speed_mm_s": self.speed_mm_s, "direction_deg": self.direction_deg}
         low, high = self.period_mm or (None, None)
         limits = {"min_period_mm": low, "max_period_mm": high, "max_tilt_deg": self.max_tilt_deg}
-        table["texture"] = {**table.get("texture", {}), **_given(motion | limits)}
-        table["grip"] = {**table.get("grip", {}), "publish": self.grip_hz > 0}
-        source = "command line" if self.config is None else f"{self.config} and command line"
+        table["texture"] = {**_table(table, "texture", source), **_given(motion | limits)}
+        table["grip"] = {**_table(table, "grip", source), "publish": self.grip_hz > 0}
         return parse({**table, **_given({"setting": self.setting})}, DetectParams, source)
 
     def suite(self, array: Array, params: DetectParams) -> TunedSuite:
@@ -217,8 +218,10 @@ def _messages(log: LogTally, found: Iterator[Event], choices: Choices) -> Iterat
 
 def array_of_config(config: Path | None) -> str:
     """Return the array that a configuration names, or that of the published board."""
-    board = {} if config is None else tomlfile.read(config).get("board", {})
-    return str(board.get("array", DEFAULT_ARRAY))
+    if config is None:
+        return DEFAULT_ARRAY
+    board = _table(tomlfile.read(config), "board", str(config))
+    return str(beside(config, board.get("array", DEFAULT_ARRAY)))
 
 
 def _run_recording(
@@ -231,7 +234,11 @@ def _run_recording(
 ) -> Iterator[Event]:
     """Run recorded bytes through the pipeline, without its limit on lateness."""
     header = read_header(path)
-    pipeline = Pipeline(layout, log.array, header.pipeline.model_copy(update={"detect": params}), live=False)
+    # The command line chooses the calibration.
+    pipeline_params = header.pipeline.model_copy(
+        update={"detect": params, "calibration": None, "force": False}
+    )
+    pipeline = Pipeline(layout, log.array, pipeline_params, live=False)
     pipeline.tuning = choices.suite(log.array, params)
     foreign = ""
     if choices.layout is None:
@@ -336,6 +343,14 @@ def _thinned(events: Iterator[Event], grip_hz: float, force_hz: float) -> Iterat
                 continue
             force_s = event.time_s + 1 / force_hz - 0.0005
         yield event
+
+
+def _table(document: Mapping[str, Any], key: str, source: str) -> dict[str, Any]:
+    """Return a table of a document, empty where it is left out."""
+    table = document.get(key, {})
+    if not isinstance(table, dict):
+        raise ConfigError(source, [f"{key}: should be a table"])
+    return dict(table)
 
 
 def _given(values: Mapping[str, float | str | None]) -> dict[str, float | str]:

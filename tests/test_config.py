@@ -120,6 +120,12 @@ def test_the_port_of_the_command_line_wins() -> None:
     assert load_config(SHIPPED, "/dev/ttyACM7").config.port.url == "/dev/ttyACM7"
 
 
+def test_a_port_that_is_no_table_is_refused_beside_one_of_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text('port = "/dev/ttyACM0"\n')
+    with pytest.raises(ConfigError, match="port: "):
+        load_config(tmp_path / "a.toml", "/dev/ttyACM7")
+
+
 def board_file(folder: Path, serial: str | None, text: str = "", url: str = "") -> Path:
     path = folder / f"{serial}.toml"
     pinned = f'[session]\nboard_serial = "{serial}"\n' if serial else ""

@@ -19,13 +19,16 @@ from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import Event, SlipEvent
-from tactiled.offline import Choices, detect_file
-from tactiled.pipeline import Pipeline
+from tactiled.force.calibration import load_calibration
+from tactiled.offline import Choices, array_of_config, detect_file
+from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.export import export_csv
 from tactiled.recording.replay import replay
 from tactiled.recording.writer import RecordingWriter
 from tactiled.tomlfile import parse
+from tactiled.wire.codec import Encoder
+from tactiled.wire.frames import Scan
 from tactiled.wire.layout import load_layout
 
 Floats = NDArray[np.float64]
@@ -316,6 +319,40 @@ def test_parameters_come_from_the_file_and_options_replace_them(tmp_path: Path) 
         Choices(config=config, max_tilt_deg=95.0).params()
 
 
+@pytest.mark.parametrize("text", ["detect = 5", "[detect]\ntexture = 3", "[detect]\ngrip = 3"])
+def test_a_value_in_place_of_a_table_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "a.toml").write_text(text + "\n")
+    with pytest.raises(ConfigError, match="should be a table"):
+        Choices(config=tmp_path / "a.toml").params()
+
+
+def test_an_array_of_a_configuration_lies_beside_it(tmp_path: Path) -> None:
+    config = tmp_path / "hand.toml"
+    config.write_text('[board]\narray = "./pad.toml"\n')
+    assert Path(array_of_config(config)) == tmp_path / "pad.toml"
+    config.write_text('[board]\narray = "normal-3x3"\n')
+    assert array_of_config(config) == "normal-3x3"
+    config.write_text('board = "hand"\n')
+    with pytest.raises(ConfigError, match="board: should be a table"):
+        array_of_config(config)
+
+
+def test_the_calibration_of_a_recording_does_not_bind_another_layout(tmp_path: Path) -> None:
+    calibrated = PipelineParams(force=True, calibration=load_calibration("wang2019-3x3"))
+    encoder = Encoder(load_layout("legacy-9"))
+    with RecordingWriter(
+        tmp_path / "a.mcap", Header(load_board("board-v1", "wang2019-3x3"), calibrated)
+    ) as writer:
+        for number in range(100):
+            scan = Scan(number, np.full(9, 100), 20 * number)
+            writer.read(Read(10 + number / 50, 1.7e9, encoder.encode(scan)))
+    assert detect_file(tmp_path / "a.mcap", choices=Choices(layout="legacy-9")).n_scans == 100
+
+
+def test_a_log_of_one_scan_has_a_summary() -> None:
+    assert said_of_a_pad(np.full((1, 16), 1000.0)) == ["1 scan: a rate, and events, need more"]
+
+
 def test_the_summary_says_why_nothing_came(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """With a wrong zero nothing is a contact; without ripple nothing slides."""
     choices = Choices(time_unit="ms", columns=("tax*",))
@@ -475,14 +512,17 @@ def test_a_slide_outside_the_log_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("signs", "axes"), [((-1, 1), "x"), ((1, -1), "y"), ((-1, -1), "x and y"), ((1, 1), "")]
 )
-def test_pads_whose_shear_cancels_are_named(signs: tuple[int, int], axes: str) -> None:
+@pytest.mark.parametrize("n_dead", [0, 2])
+def test_pads_whose_shear_cancels_are_named(signs: tuple[int, int], axes: str, n_dead: int) -> None:
     """One object between two fingers pulls both: pads that face each other have one axis the other way."""
     rng, pull = np.random.default_rng(0), np.sin(np.arange(100) / 5)
     pulls = np.column_stack([pull, np.roll(pull, 20)])
-    readings = np.hstack([pulls, pulls * signs]) + rng.normal(0, 0.1, (100, 4))
+    pads = [np.repeat(pad, 2, axis=0).reshape(100, 4) for pad in (pulls, pulls * signs)]
+    readings = np.hstack(pads) + rng.normal(0, 0.1, (100, 8))
+    readings[:, :n_dead] = np.nan
     table = {
         "name": "fingers",
-        "grids": [{"x_mm": [0.0], "y_mm": [0.0]}] * 2,
+        "grids": [{"x_mm": [0.0, 2.0], "y_mm": [0.0]}] * 2,
         "taxel_channels": [{"name": "x", "kind": "shear_x"}, {"name": "y", "kind": "shear_y"}],
     }
     array = build(parse(table, ArrayFile, "fingers"))
