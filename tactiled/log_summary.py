@@ -20,6 +20,7 @@ _OPPOSED = 0.7
 # Readings of which the summary is computed: every scan of a log of 19 minutes of 36 channels at 100 Hz
 # (32 MB), an even part of the scans of a longer one.
 _MOST_VALUES = 1 << 22
+_PIECE_SCANS = 1000  # that are taken at once: a row becomes several Python objects before it is thinned
 
 
 def percent(part: float) -> str:
@@ -54,8 +55,11 @@ class LogTally:
 
     def add_scans(self, time_s: FloatArray, readings: FloatArray) -> None:
         """Take consecutive scans: times (n,), readings (n, channels) as in the file."""
-        if not len(time_s):
-            return
+        for start in range(0, len(time_s), _PIECE_SCANS):
+            piece = slice(start, start + _PIECE_SCANS)
+            self._add_piece(time_s[piece], readings[piece])
+
+    def _add_piece(self, time_s: FloatArray, readings: FloatArray) -> None:
         if not self.n_scans:
             self.first_s = float(time_s[0])
         spacing_s = np.diff(time_s, prepend=self.last_s)

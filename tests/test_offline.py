@@ -5,6 +5,7 @@ import itertools
 import json
 import re
 import tomllib
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -531,6 +532,19 @@ def test_pads_whose_shear_cancels_are_named(signs: tuple[int, int], axes: str, n
     said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
     opposed = [line for line in said if line.startswith("shear of pad 1 opposes that of pad 0 along ")]
     assert [line.split(" along ")[1].split(",")[0] for line in opposed] == ([axes] if axes else [])
+
+
+def test_the_memory_of_a_tally_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(log_summary, "_MOST_VALUES", 1600)
+    tally = log_summary.LogTally(build(parse(tomllib.loads(PAD), ArrayFile, "pad")), "log")
+    time_s, readings = np.arange(100_000) / 100, np.broadcast_to(1000.0, (100_000, 16))
+    tracemalloc.start()
+    tally.add_scans(time_s, readings)
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 2e6
+    assert tally.n_scans == 100_000
+    assert tally.spacing_s == pytest.approx(0.01)
 
 
 def said_of_a_pad(readings: FloatArray) -> list[str]:
