@@ -1,5 +1,6 @@
 """Many files in one table: the same bytes on any number of cores, and one bad file is a row."""
 
+import errno
 import io
 import json
 import multiprocessing
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pyarrow.parquet
 import pytest
@@ -22,6 +24,7 @@ from tactiled.archive.detect import (
     FILE_TOPIC,
     FileJob,
     Outcome,
+    analyse,
     detect_files,
     event_rows,
     file_row,
@@ -120,6 +123,22 @@ def test_a_file_that_is_gone_and_a_name_that_is_not_utf8_are_rows(
     assert outcome.failed[0] == ("gone.mcap", "no such file any more")
     rows = pyarrow.parquet.read_table(tmp_path / "events.parquet").to_pylist()
     assert [row["file"] for row in rows] == ["gone.mcap", "\\xff.mcap"]
+
+
+def test_a_file_that_cannot_be_looked_at_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    stale = OSError(errno.ESTALE, "Stale file handle")
+    monkeypatch.setattr(Path, "exists", mock.Mock(side_effect=stale))
+    rows = pyarrow.parquet.read_table(
+        io.BytesIO(analyse(FileJob("a.npz", None, None, Choices())))
+    ).to_pylist()
+    assert [row["error"] for row in rows] == ["cannot be read: Stale file handle"]
+
+
+def test_a_file_is_found_once_however_it_is_spelled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "1.npz").touch()
+    assert matching(["a/1.npz", "./a/1.npz", "a/../a/*.npz", f"{tmp_path}/a/1.npz"]) == ["a/1.npz"]
 
 
 def test_workers_end_when_their_parent_is_killed(tmp_path: Path) -> None:

@@ -67,17 +67,18 @@ class Outcome:
 
 
 def matching(patterns: Sequence[str]) -> list[str]:
-    """Return the files of names and patterns (``*``, ``**``), sorted, each once.
+    """Return the files of names and patterns (``*``, ``**``), sorted, each once, however it is spelled.
 
     `DataError` where a name or a pattern has no file.
     """
-    found: set[str] = set()
+    found: dict[Path, str] = {}
     for pattern in patterns:
         names = [pattern] if Path(pattern).exists() else glob.glob(pattern, recursive=True)  # noqa: PTH207
         if not names:
             raise DataError(f"{pattern}: no such file, and no file matches")
-        found.update(names)
-    return sorted(found)
+        for name in sorted(names):
+            found.setdefault(Path(name).resolve(), name)
+    return sorted(found.values())
 
 
 def analyse(job: FileJob) -> bytes:
@@ -85,12 +86,14 @@ def analyse(job: FileJob) -> bytes:
 
     A file that cannot be analysed is one row with its error.
     """
-    if not Path(job.file).exists():
-        return _failed(job.file, "no such file any more")
     try:
+        if not Path(job.file).exists():
+            return _failed(job.file, "no such file any more")
         return _analysed_events(job)
     except OperatorError as error:
         return _failed(job.file, str(error))
+    except OSError as error:
+        return _failed(job.file, f"cannot be read: {error.strerror or error}")
     except MemoryError:
         return _failed(job.file, "its process has too little memory")
     except Exception as error:
