@@ -1,6 +1,7 @@
 """The emulator in real time: pty, TCP, unplugging, signals. No tight timing: the machine may be busy."""
 
 import contextlib
+import errno
 import json
 import os
 import select
@@ -14,6 +15,7 @@ import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 from patience import PATIENCE_S
@@ -327,6 +329,49 @@ def test_addresses_of_another_form_are_refused(tcp: str) -> None:
 def test_addresses_for_a_controller_of_another_form_are_refused(address: str) -> None:
     with pytest.raises(ConfigError, match=r"control: .* not of the form unix:///PATH$"):
         make_control_link(address)
+
+
+def test_an_unfinished_line_of_a_controller_ends_with_it(tmp_path: Path) -> None:
+    path = tmp_path / "control"
+    with emulated(PtyLink(None), control=make_control_link(f"unix://{path}")):
+        with socket.socket(socket.AF_UNIX) as killed:
+            killed.connect(str(path))
+            killed.sendall(b'{}\n{"grip_n": 3')
+            assert killed.recv(4096)
+        with socket.socket(socket.AF_UNIX) as peer:
+            peer.connect(str(path))
+            peer.sendall(b"{}\n")
+            assert json.loads(peer.recv(4096))["ok"]
+
+
+def test_a_stop_after_the_end_writes_into_no_other_file(tmp_path: Path) -> None:
+    with emulated(PtyLink(None)) as (emulator, _):
+        pass
+    paths = [tmp_path / str(k) for k in range(20)]
+    with contextlib.ExitStack() as stack:
+        for path in paths:  # descriptors that were freed are taken
+            stack.enter_context(path.open("wb"))
+        emulator.stop()
+    assert all(path.read_bytes() == b"" for path in paths)
+
+
+def test_a_peer_at_an_ipv6_address_is_accepted_and_may_vanish(monkeypatch: pytest.MonkeyPatch) -> None:
+    link = make_tcp_link("tcp://[::1]:0")
+    try:
+        link.open()
+    except ConfigError:
+        pytest.skip("this host has no IPv6")
+    address = link.describe()["link"]
+    assert address.startswith("socket://[::1]:")
+    with socket.create_connection(("::1", int(address.rpartition(":")[2]))) as peer:
+        wait_for(lambda: bool(link.read() or link.n_peers), "peer")
+        peer.sendall(b"hello")
+        wait_for(lambda: link.read() == b"hello", "bytes")
+        gone = mock.Mock(wraps=link._client)  # noqa: SLF001  no test can cut a cable
+        gone.recv.side_effect = TimeoutError(errno.ETIMEDOUT, "Connection timed out")
+        monkeypatch.setattr(link, "_client", gone)
+        assert link.read() == b""
+    link.close()
 
 
 def test_a_socket_of_a_living_process_is_not_taken_over(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
-from tactiled.emulator.line.links import HostLink
+from tactiled.emulator.line.links import HostLink, SocketLink
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene
@@ -60,7 +60,7 @@ class Emulator:
         seed: int = 0,
         report: Report,
         with_scans: bool = False,
-        control: HostLink | None = None,
+        control: SocketLink | None = None,
     ) -> None:
         self._scene = scene
         self._link = link
@@ -89,13 +89,12 @@ class Emulator:
     def stop(self) -> None:
         """End `run`; may be called from a signal handler or another thread."""
         self._is_stopping = True
-        with contextlib.suppress(OSError):  # `run` has ended and closed it
-            os.write(self._wake_write, b"x")
+        self._wake()
 
     def inflict(self, kind: FaultKind) -> None:
         """Cause a fault of line or board at this instant; may be called from another thread."""
         self._faults_to_cause.append(kind)
-        os.write(self._wake_write, b"x")
+        self._wake()
 
     def run_until_signal(self) -> None:
         """Solve the tables that a grooved plate needs, then run until `stop`, SIGTERM or SIGINT.
@@ -122,10 +121,16 @@ class Emulator:
             self._link.close()
             if self._control is not None:
                 self._control.close()
-            os.close(self._wake_read)
-            os.close(self._wake_write)
+            ends = self._wake_read, self._wake_write
+            self._wake_read = self._wake_write = -1  # the numbers may become those of other files
+            for end in ends:
+                os.close(end)
         counts = vars(self._port.counts) | {"bytes_overflowed": self._bytes_overflowed}
         self._report({"what": "end", "counts": counts})
+
+    def _wake(self) -> None:
+        with contextlib.suppress(OSError):  # `run` has ended
+            os.write(self._wake_write, b"x")
 
     def _power_up(self) -> None:
         self._port = self._make_port(power_up_s=time.monotonic())
@@ -171,11 +176,18 @@ class Emulator:
         if self._control is not None and any(fd in control_fds for fd in ready):
             self._obey(self._control)
 
-    def _obey(self, control: HostLink) -> None:
-        """Answer the controller, as of where a late board is; scene time is 0 before the scene begins."""
+    def _obey(self, control: SocketLink) -> None:
+        """Answer the controller, as of where a late board is; scene time is 0 before the scene begins.
+
+        A controller that has left gets no answer, and its unfinished line ends with it.
+        """
         t0_s, reached_s = self._port.board.scene_start_s, min(time.monotonic(), self._port.next_deadline_s())
         scene_s = 0.0 if t0_s is None else reached_s - t0_s
-        if answer := self._control_lines.receive(control.read(), scene_s):
+        n_peers = control.n_peers
+        answer = self._control_lines.receive(control.read(), scene_s)
+        if control.n_peers != n_peers:
+            self._control_lines = ControlLines(self._port.contact)
+        elif answer:
             control.write(answer)
 
     def _replug(self) -> None:

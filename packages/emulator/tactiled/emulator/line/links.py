@@ -92,6 +92,8 @@ class SocketLink:
         self._option, self._address = option, address
         self._listener: socket.socket | None = None
         self._client: socket.socket | None = None
+        self.n_peers = 0
+        """Peers that were accepted so far. A `read` that changes it gave the last bytes of the one before."""
 
     def open(self) -> None:
         try:
@@ -116,22 +118,23 @@ class SocketLink:
         if isinstance(self._address, Path):
             return {"link": f"unix://{self._address}"}
         host, port = self._address
-        return {"link": f"socket://{host}:{port}"}
+        return {"link": f"socket://[{host}]:{port}" if ":" in host else f"socket://{host}:{port}"}
 
     def fds(self) -> list[int]:
         return [s.fileno() for s in (self._listener, self._client) if s is not None]
 
     def read(self) -> bytes:
         data = b""
-        with contextlib.suppress(BlockingIOError):
-            while self._client is not None and len(data) < _MOST_BYTES:
-                try:
-                    chunk = self._client.recv(_READ_BYTES)
-                except ConnectionError:
-                    chunk = b""
-                data += chunk
-                if not chunk:
-                    self._hang_up()
+        while self._client is not None and len(data) < _MOST_BYTES:
+            try:
+                chunk = self._client.recv(_READ_BYTES)
+            except BlockingIOError:
+                break
+            except OSError:  # the peer hung up, or its host is gone
+                chunk = b""
+            data += chunk
+            if not chunk:
+                self._hang_up()
         self._accept()  # last, so that a host that has left makes room for the next one
         return data
 
@@ -158,6 +161,7 @@ class SocketLink:
         if client.family != socket.AF_UNIX:
             client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._client = client
+        self.n_peers += 1
 
     def _hang_up(self) -> None:
         if self._client is not None:
@@ -187,7 +191,8 @@ def make_control_link(address: str) -> SocketLink:
 def _listener(address: Path | tuple[str, int]) -> socket.socket:
     """Listen at a path, in place of a socket that a killed emulator left, or at host and port."""
     if not isinstance(address, Path):
-        return socket.create_server(address)
+        family = socket.AF_INET6 if ":" in address[0] else socket.AF_INET
+        return socket.create_server(address, family=family)
     if address.is_socket():
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
             if probe.connect_ex(str(address)) == 0:
