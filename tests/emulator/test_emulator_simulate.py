@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled import resources
+from tactiled.array import load_array
 from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array
 from tactiled.emulator.line.cable import Arrival
 from tactiled.emulator.line.faults import FaultParams
@@ -19,7 +20,7 @@ from tactiled.emulator.simulate import Simulation
 from tactiled.errors import ConfigError, ContractError
 from tactiled.wire.codec import Decoder, Encoder
 from tactiled.wire.frames import Acknowledge, Command, Corrupt, Frame, Hello, Scan
-from tactiled.wire.layout import load_layout
+from tactiled.wire.layout import compile_layout, load_layout
 
 V1 = load_layout("board-v1")
 DEMO = load_scene("prescribed")
@@ -51,6 +52,22 @@ def run(
     params = FaultParams.model_validate(faults)
     simulation = Simulation(DEMO, V1, faults=params, duration_s=duration_s, **rest)
     return simulation, decode(simulation)
+
+
+@pytest.mark.parametrize("name", ["normal-4x4", "wang2019-3x3"])
+def test_a_layout_that_carries_volts_carries_those_of_the_converter(name: str) -> None:
+    scene = load_scene("rest").with_changes(array=name)
+    array, lines = load_array(name), load_layout("pillars-3x3").file
+    hello = lines.assumed_hello
+    assert hello is not None
+    changes = {"channels": array.n_channels, "assumed_hello": hello.model_copy(update={"array_id": name})}
+    layout = compile_layout(lines.model_copy(update=changes))
+    decoder = Decoder(layout)
+    simulation = Simulation(scene, layout, duration_s=2.0)
+    scans = scans_of([item for _, data in simulation for item in decoder.feed(data)])
+    volts = np.array([scan.counts for scan in scans])
+    assert len(volts) > 50
+    assert np.abs(volts).max() < 0.05  # nothing touches the array
 
 
 def test_a_clean_run_delivers_every_scan_in_order() -> None:

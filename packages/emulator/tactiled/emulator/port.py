@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 
+from tactiled.array import Array
 from tactiled.emulator.board.firmware import Board
 from tactiled.emulator.board.identity import EmulatedBoardParams, emulated_array, identity
 from tactiled.emulator.board.scanning import ScanTruth
@@ -41,7 +42,7 @@ class EmulatedPort:
             array,
             adc_bits=hello.adc_bits,
             adc_reference_v=hello.adc_reference_v,
-            span=(array.low, array.high) if layout.carries_units else None,
+            span=_span(array, hello.adc_reference_v) if layout.carries_units else None,
         )
         self.array = array
         self.contact = sensor.contact  # source of the truth; takes a controller's grip
@@ -122,3 +123,8 @@ class EmulatedPort:
                 self._line.pull_out()
         else:
             self._line.arm(kind)
+
+
+def _span(array: Array, adc_reference_v: float) -> tuple[float, float]:
+    """Return the readings of no and of all counts, in the unit of the array: volts are those at the ADC."""
+    return (0.0, adc_reference_v) if array.unit == "V" else (array.low, array.high)
