@@ -75,6 +75,22 @@ def test_beyond_the_limit_it_accelerates_by_newtons_law() -> None:
     assert acceleration == pytest.approx((9.0 - 6.0) / 2.0 * 1e3, rel=0.01)
 
 
+def test_a_look_back_changes_no_grip_and_forgets_no_fall() -> None:
+    scene = held(PRESS, load(5.0), {"kind": "hold", "duration_s": 2.0})
+    looked, plain = contact(scene), contact(scene)
+    for one in (looked, plain):
+        one.state(np.array([1.2]))
+        one.grip(0.0)
+        one.state(np.array([2.0]))
+    looked.state(np.array([0.1]))
+    assert plain.has_fallen
+    assert looked.has_fallen
+    for one in (looked, plain):
+        one.grip(8.0)
+    at_s = np.array([0.3, 1.1, 1.9, 2.2, 2.9])
+    assert looked.state(at_s).load_n.tolist() == plain.state(at_s).load_n.tolist()
+
+
 def test_an_early_grip_keeps_the_object_and_a_late_one_loses_it() -> None:
     document = load_scene("grasp").model_dump()
     for phase in document["phases"]:

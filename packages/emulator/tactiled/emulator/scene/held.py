@@ -53,17 +53,19 @@ class HeldMotion:
         self.step_s = model.step_s / math.ceil(max(model.step_s * rate / _STABLE, 1.0))
         self._delay_steps = round(params.grip_delay_s / self.step_s)
         self._commands: list[tuple[int, float]] = []
+        self._k = self._newest = 0
+        self.has_fallen = False
         self.reset()
 
     def reset(self) -> None:
-        """Return to scene time 0; a controller's grips are repeated at their instants."""
+        """Return to scene time 0, to look back; a controller's grips are repeated at their instants."""
+        self._newest = max(self._newest, self._k)
         self._k = 0
         self._done = 0
         self._grip_goal_n: float | None = None
         self._grip_n = 0.0
         self._place = self._velocity = self._friction = 0j  # x + iy
         self._held_share = 1.0
-        self.has_fallen = False
 
     def grip(self, force_n: float) -> None:
         """Set a controller's grip, in place of the scene's load, from the end of the gripper's delay on."""
@@ -72,7 +74,8 @@ class HeldMotion:
         if step_n := self._params.grip_step_n:
             force_n = step_n * round(force_n / step_n)
         if not self._commands or self._commands[-1][1] != force_n:
-            self._commands.append((self._k + self._delay_steps, force_n))
+            now = max(self._newest, self._k)
+            self._commands.append((now + self._delay_steps, force_n))
 
     def play(self, drive: MotionState) -> tuple[FloatArray, FloatArray, TaxelForces]:
         """Do the next n steps, with the scene's motion at them: loads (n,), places (n, 2) and forces."""
