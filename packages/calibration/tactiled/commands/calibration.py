@@ -16,9 +16,9 @@ from tactiled.cli.options import (
     TOPIC,
     need_extra,
     need_named,
-    need_picture,
     need_readable,
 )
+from tactiled.plots import check_picture
 from tactiled.progress import tell
 
 RATE = click.option(
@@ -94,7 +94,7 @@ def calibrate(
     need_readable(*(path for path in (log, reference) if not path.is_dir()))
     if plot is not None:
         need_extra("matplotlib", "plot", "calibrate --plot")
-        need_picture(plot)
+        check_picture(plot)
     from tactiled.calibrate.run import calibrate_files
     from tactiled.recording.table_times import TableOptions
 
