@@ -17,6 +17,7 @@ from tactiled.force.model import bent, low_passed
 
 WITHIN_S = 5.0
 CREEP_S = (1.5, 20.0)  # low-passed copies: what a calibration of a minute can tell apart
+_LEAST_FREE = 5  # bins without contact, whose median is the offset of the reference
 _LEAST_ALWAYS = 0.4  # of the log: presses enough to tell offsets apart
 _LEAST_COVERED_S = 5.0
 _LEAST_CORRELATION = 0.5  # records of the same presses reach 0.9 and more, even with a curved sensor
@@ -194,3 +195,8 @@ def quiet_bins(log: BinnedLog) -> NDArray[np.bool_]:
     scale = np.quantile(np.abs(log.readings), 0.98, axis=0)
     limit = np.maximum(5 * log.noise, 0.005 * scale) + 1e-12
     return np.asarray((np.abs(log.readings) < limit).all(axis=1))
+
+
+def free_level(outputs: FloatArray, quiet: NDArray[np.bool_]) -> FloatArray | None:
+    """Outputs (6,) of the reference without a load; None where the array was hardly ever free."""
+    return np.asarray(np.median(outputs[quiet], axis=0)) if quiet.sum() >= _LEAST_FREE else None

@@ -2,7 +2,8 @@
 
 Every output is a weighted sum of the features of a bin: forces have weights of their own, and moments are the
 same weights times the places of the taxels. All normal equations follow from the one matrix of products of
-features. Offsets of the reference are those that it read while nothing touched the array.
+features. Offsets of the reference are those that it read while nothing touched the array; where it was never
+free, they have no prior and are eliminated by centring.
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ class LinearFit:
     """Posterior of the weights."""
 
     weights: FloatArray  # (3, features): for fx, fy, fz
+    offset: FloatArray  # (6,): of the reference
     prior_loss: FloatArray  # (rows,): whitened differences of the weights from their prior
     factors: tuple[Any, Any]  # of the precisions of fx with fy, and of fz, as `cho_factor` gives them
 
@@ -47,8 +49,8 @@ class Regression:
     """Regression of a reference on features (n, features), each of a taxel at `x_mm`, `y_mm` (features,).
 
     `outputs` (n, 6) are fx, fy, fz, tx, ty, tz, of which those `used` are known; `priors` are for fx, fy, fz.
-    `offset` (6,) are the outputs of the reference without a load: a fitted offset would be a force that the
-    running model, which reads 0 at rest, does not have.
+    `offset` (6,) are the outputs of the reference without a load, where they are known: a fitted offset would
+    be a force that the running model, which reads 0 at rest, does not have.
     """
 
     def __init__(
@@ -59,17 +61,23 @@ class Regression:
         x_mm: FloatArray,
         y_mm: FloatArray,
         priors: list[Prior],
-        offset: FloatArray,
+        offset: FloatArray | None = None,
     ) -> None:
-        self._features, self._outputs, self._used = features, outputs - offset, used
+        self._features, self._outputs, self._used = features, outputs, used
         self._x, self._y = x_mm, y_mm
-        self._priors = priors
+        self._priors, self._offset = priors, offset
         self._roots = [linalg.cholesky(prior.precision) for prior in priors]
 
     def solve(self, sd: FloatArray, rows: NDArray[np.bool_] | slice = slice(None)) -> LinearFit:
         """Return the posterior for standard deviations `sd` (6,) of the outputs, from some of the rows."""
         f, y = self._features[rows], self._outputs[rows]
-        gram, cross = f.T @ f, f.T @ y
+        if self._offset is None:
+            mean, level = f.mean(axis=0), y.mean(axis=0)
+        else:
+            mean, level = np.zeros(f.shape[1]), self._offset
+            y = y - level
+        gram = f.T @ f - len(f) * np.outer(mean, mean)
+        cross = f.T @ y - len(f) * np.outer(mean, level)
         w = np.zeros(6)
         w[self._used] = 1.0 / sd[self._used] ** 2
         x, yy = self._x, self._y
@@ -95,7 +103,8 @@ class Regression:
             root @ (row - prior.mean)
             for root, row, prior in zip(self._roots, weights, self._priors, strict=True)
         ]
-        return LinearFit(weights, np.concatenate(losses), (of_shear, of_fz))
+        offset = level - self._outputs_of(weights, mean[np.newaxis])[0]
+        return LinearFit(weights, offset, np.concatenate(losses), (of_shear, of_fz))
 
     def _outputs_of(self, weights: FloatArray, features: FloatArray) -> FloatArray:
         """Fx, fy, fz, tx, ty, tz (n, 6) of features (n, features), without offset."""
@@ -105,7 +114,7 @@ class Regression:
 
     def residuals(self, fit: LinearFit) -> FloatArray:
         """Return reference minus model (n, 6), 0 for outputs that are not known."""
-        difference = self._outputs - self._outputs_of(fit.weights, self._features)
+        difference = self._outputs - self._outputs_of(fit.weights, self._features) - fit.offset
         out = np.zeros_like(difference)
         out[:, self._used] = difference[:, self._used]
         return out

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.clock import quiet_bins
+from tactiled.calibrate.clock import free_level, quiet_bins
 from tactiled.calibrate.data import AlignedReference, BinnedLog, FittedModel
 from tactiled.calibrate.folds import correlation_bins, folds, segments
 from tactiled.calibrate.linear import Prior, Regression
@@ -67,10 +67,7 @@ def has_pairs(array: Array) -> bool:
 
 
 class PairsFitter:
-    """Fit of physics and weights to some `rows` (n,) of the bins; `late_s` is from the correlation.
-
-    In some of these bins, nothing touches the array.
-    """
+    """Fit of physics and weights to some `rows` (n,) of the bins; `late_s` is from the correlation."""
 
     def __init__(
         self,
@@ -136,7 +133,7 @@ class PairsFitter:
             x + turn * y,
             y - turn * x,
             self._priors(features, outputs),
-            np.median(outputs[self._quiet], axis=0),
+            free_level(outputs, self._quiet),
         )
 
     def _priors(self, features: FloatArray, outputs: FloatArray) -> list[Prior]:

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.checks import check_fit, check_log, check_reference, check_signs, check_unit
-from tactiled.calibrate.clock import WITHIN_S, align, quiet_bins
+from tactiled.calibrate.clock import WITHIN_S, align, free_level, quiet_bins
 from tactiled.calibrate.data import (
     AlignedReference,
     BinnedLog,
@@ -27,7 +27,6 @@ from tactiled.calibrate.pairs import PairsFitter, has_pairs
 from tactiled.calibrate.smooth import PLAIN, choose_smooth, fit_smooth
 from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
 from tactiled.calibrate.verdict import verdict
-from tactiled.errors import DataError
 from tactiled.force.calibration import AXES, CalibrationFile, ForceRange, Residuals, Uncertainty
 
 N_STAGES = 6
@@ -40,7 +39,6 @@ _MOST_BEND, _LARGEST = 0.1, 0.98  # the second: quantile of the readings
 # see, which misleads until then.
 _ALIGNED = 3
 _BY_NOISE = 0.01  # probability that noise alone bends the readings of a pause
-_LEAST_FREE = 5  # bins without contact, whose median is the offset of the reference
 _LEAST_CONTACTS = 5  # from which the drift of the force is estimated
 _PROBES = 8  # random patterns of a zero error, whose effect on the force is averaged
 _PROBED = 0.002  # of the largest reading: size of these patterns
@@ -125,22 +123,15 @@ def calibrate(
     used = reference.outputs
     rows &= ~unseen
     check_signs(log, reference.means(late_s, 0.0), used, rows, array, clocks.correlation)
-    quiet = quiet_bins(log) & rows
-    is_offset_known = int(quiet.sum()) >= _LEAST_FREE
-    if not is_offset_known and not are_poses:
-        raise DataError(
-            "the readings never come near the array's zero while the reference is recorded: let go between "
-            "presses. If you did, the sensor rests elsewhere: give zero = 'first 0.3 s', or its readings "
-            "without a load, in the array file"
-        )
     candidates: list[FittedModel] = []
     if has_pairs(array) and not are_poses:
         pairs, physics = PairsFitter(array, log, reference, late_s, rows).fit(reached)
         candidates.append(pairs)
         late_s, drift = late_s + physics["late_s"], physics["drift"]
     outputs = reference.means(late_s, drift)
-    if is_offset_known:
-        outputs = outputs - np.median(outputs[quiet], axis=0)
+    level = free_level(outputs, quiet_bins(log) & rows)
+    if level is not None:
+        outputs = outputs - level
     outputs[:, [k for k in range(6) if k not in used]] = 0.0
     data = FitData(array, log, outputs, used, rows)
     baseline = _rms(fit_smooth(data, PLAIN).left_out[rows])
