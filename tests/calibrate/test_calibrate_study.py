@@ -178,6 +178,18 @@ def test_a_log_that_begins_under_load_is_refused_with_advice() -> None:
         calibrate(pad, time_s, readings, reference, Identity("pad"))
 
 
+@pytest.mark.parametrize("is_free", [True, False])
+def test_a_log_that_is_never_at_the_zero_of_the_array_says_so(is_free: bool) -> None:
+    """Then the force without a load is unknown: a fitted one is wrong by what the reference reads there."""
+    array = replace(load_array("magnetometers-5"), zero=np.zeros(15), zero_first_s=0.0)
+    rig, rng = draw_rig(array, 1)
+    run = rig.run("walk", SECONDS, rng)
+    offset = 0.0 if is_free else 0.05 * run.readings.std() * np.linspace(1.0, 2.0, array.n_channels)
+    reference = ReferenceTable(run.reference_s, run.reference)
+    study = calibrate(array, run.loads.time_s, run.readings + offset, reference, Identity("it"))
+    assert any("never come near the array's zero" in words for words in study.file.verdict) is not is_free
+
+
 def test_grams_of_light_presses_are_refused_too() -> None:
     rig, run, _ = rig_run()
     light = replace(run.loads, taxels_n=0.08 * run.loads.taxels_n)  # 1.6 N, which are 163 g

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tactiled.array import Array, load_array
 from tactiled.calibrate.clock import align
-from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log, pose_log, start_zero
+from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log, pose_log
 from tactiled.calibrate.folds import segments
 from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
 from tactiled.calibrate.uncertainty import axis_uncertainty
@@ -18,6 +18,7 @@ from tactiled.errors import DataError
 from tactiled.force.estimator import ForceEstimator
 from tactiled.force.model import low_passed
 from tactiled.recording.spacing import to_blocks
+from tactiled.scan_log import start_zero
 
 SKIN = load_array("magnetometers-5")
 CELL = load_array("load-cell")

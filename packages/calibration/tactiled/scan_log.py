@@ -142,3 +142,14 @@ def _array_of(info: dict[str, Any], array: str | None) -> Array:
         fault = f"{known.name} has {known.n_channels} channels, the board {info['channels']}"
         raise ConfigError("--array", [fault])
     return known
+
+
+def start_zero(time_s: FloatArray, readings: FloatArray, array: Array) -> FloatArray:
+    """Zero (channels,) as a run of the detectors has it: the array's, or the median of the first scans."""
+    if not array.zero_first_s:
+        return array.zero
+    first = readings[time_s - time_s[0] < array.zero_first_s]
+    known = np.isfinite(first).any(axis=0)
+    zero = np.zeros(readings.shape[1])
+    zero[known] = np.nanmedian(first[:, known], axis=0)
+    return zero

@@ -17,6 +17,7 @@ from tactiled.array import Array, FloatArray
 from tactiled.calibrate.folds import segments
 from tactiled.errors import DataError
 from tactiled.force.calibration import OUTPUTS, Curve, PairsModelParams, SmoothModelParams
+from tactiled.scan_log import start_zero
 
 BIN_HZ = 25.0  # presses of a person rise in 0.2 s and more; shorter bins only add rows
 # A curve is tried where no reading falls below so many standard deviations of the noise that the lowest ones
@@ -224,17 +225,6 @@ def same_poses(time_s: FloatArray, table: ReferenceTable) -> tuple[NDArray[np.in
             "the reference: time_s is the number of the pose in both (--rate 1 numbers a log from 0)"
         )
     return log_rows, ReferenceTable(table.time_s[rows], table.values[rows])
-
-
-def start_zero(time_s: FloatArray, readings: FloatArray, array: Array) -> FloatArray:
-    """Zero (channels,) as a run of the detectors has it: the array's, or the median of the first scans."""
-    if not array.zero_first_s:
-        return array.zero
-    first = readings[time_s - time_s[0] < array.zero_first_s]
-    known = np.isfinite(first).any(axis=0)
-    zero = np.zeros(readings.shape[1])
-    zero[known] = np.nanmedian(first[:, known], axis=0)
-    return zero
 
 
 def _filled(time_s: FloatArray, readings: FloatArray) -> FloatArray:

@@ -16,10 +16,9 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from tactiled.array import Array, FloatArray
-from tactiled.calibrate.data import start_zero
 from tactiled.client.subscriber import Subscription
 from tactiled.errors import ConfigError, DataError
-from tactiled.scan_log import LiveScans
+from tactiled.scan_log import LiveScans, start_zero
 
 GOOD, TAXEL_GOOD = 0.05, 0.15
 """Relative standard deviations of a sensitivity, and of one taxel's, at which no more is asked for."""

@@ -44,6 +44,12 @@ _PROBES = 8  # random patterns of a zero error, whose effect on the force is ave
 _PROBED = 0.002  # of the largest reading: size of these patterns
 _LEAST_READING = 0.3  # of the largest reading of all channels: least for the largest one of a channel
 
+_NEVER_FREE = (
+    "the readings never come near the array's zero, so that the force without a contact was fitted: all "
+    "forces may be off by the same amount. Let go between presses; if you did, the sensor rests elsewhere: "
+    'write zero = "first 0.3 s" into the array file'
+)
+
 
 @dataclass(frozen=True)
 class Identity:
@@ -161,6 +167,7 @@ def calibrate(
         verdict=[
             *verdict(data, best, [axis.covariance for axis in axes]),
             *_words_of_pauses(float((log.end_s - log.start_s)[unseen].sum())),
+            *([] if level is not None or are_poses else [_NEVER_FREE]),
         ],
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
         residuals=Residuals(

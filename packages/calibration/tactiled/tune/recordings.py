@@ -6,14 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from tactiled.array import Array
-from tactiled.calibrate.data import start_zero
 from tactiled.client.commander import Commander
 from tactiled.client.subscriber import Subscription
 from tactiled.detect.tuning import relative_to
 from tactiled.errors import ConfigError, DataError, OperatorError
 from tactiled.recording.table_times import TableOptions
 from tactiled.samples.block import ScanBlock
-from tactiled.scan_log import LiveScans, read_log
+from tactiled.scan_log import LiveScans, read_log, start_zero
 from tactiled.tune.study import Recording, contact_gate, contact_level
 
 _GRIP_S = 60.0  # time for the user to pick up an object
