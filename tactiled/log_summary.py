@@ -125,7 +125,7 @@ def summary(
     """Yield the lines on a finished tally: `topics` were asked for; a speed of 0 was not given."""
     array, duration_s = tally.array, tally.last_s - tally.first_s
     if duration_s == 0:
-        yield "1 scan: a rate, and events, need more"
+        yield "1 scan: a rate and events need two or more"
         return
     rate_hz = (tally.n_scans - 1) / duration_s
     spacing_s = tally.spacing_s

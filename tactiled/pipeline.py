@@ -34,8 +34,6 @@ from tactiled.wire.frames import Acknowledge, Corrupt, Hello, Scan
 from tactiled.wire.layout import Layout
 
 RATES_HZ = (0.1, 20_000.0)  # below, a stall cannot be detected; above, no serial line can carry the scans
-
-
 _MISSED_SCANS = 5  # beyond the time of a tare, after which its scans are not of the present: as of a stall
 
 

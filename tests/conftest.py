@@ -25,7 +25,8 @@ import pytest
 from hypothesis import settings
 
 # Hypothesis checks no durations: they depend on the machine, and the benches measure them. Examples that
-# are the same in each run find faults once; so 30 are enough, and `explore` draws others, and more.
+# are the same in each run find a fault once. There are 30, because a run in CI has 30 minutes; `explore`
+# draws others, and more.
 settings.register_profile("explore", deadline=None, max_examples=200)
 settings.register_profile("same", deadline=None, derandomize=True, max_examples=30)
 settings.load_profile("same")

@@ -351,7 +351,7 @@ def test_the_calibration_of_a_recording_does_not_bind_another_layout(tmp_path: P
 
 
 def test_a_log_of_one_scan_has_a_summary() -> None:
-    assert said_of_a_pad(np.full((1, 16), 1000.0)) == ["1 scan: a rate, and events, need more"]
+    assert said_of_a_pad(np.full((1, 16), 1000.0)) == ["1 scan: a rate and events need two or more"]
 
 
 def test_the_summary_says_why_nothing_came(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -223,7 +223,7 @@ private:
             return 0.0;
         const auto found = since(now.at_s - GROWTH_S);
         const Seen &then = found == past_.end() ? past_.back() : *found;
-        return std::max(now.shear - then.shear, 0.0) / std::max(now.at_s - then.at_s, 1e-3);
+        return std::max(now.shear - then.shear, 0.0) / std::max(now.at_s - then.at_s, 1e-3);  // may come twice
     }
 
     // True where the largest shear of late has just fallen at once, and falls no further.

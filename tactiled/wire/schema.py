@@ -259,7 +259,7 @@ class LayoutFile(Params):
             if [m.name for m in self.messages if m.hex is None] != ["scan"]:
                 yield f"messages: framing.kind = '{kind}' carries scans, and commands with hex, only"
             if any(m.id for m in self.messages):
-                yield f"messages: framing.kind = '{kind}' has no id"
+                yield f"messages: framing.kind = '{kind}' carries no id: leave it out"
             if "ticks" in fields and "sequence" not in fields:
                 yield "scan: ticks without a sequence cannot be counted"
         counts = fields.get("counts")

@@ -10,6 +10,7 @@ import secrets
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -198,15 +199,10 @@ class AsyncCommander(_Connected):
 
     _make_context = zmq.asyncio.Context
 
-    def __init__(
-        self,
-        endpoint: str | None = None,
-        who: str = "",
-        control: str | None = None,
-        keys: Path | str | None = None,
-    ) -> None:
-        super().__init__(endpoint, who, control, keys)
-        self._one_at_a_time = asyncio.Lock()  # of tasks: a reply is read by whoever looks first
+    @cached_property
+    def _one_at_a_time(self) -> asyncio.Lock:
+        """Lock of tasks: a reply is read by whoever looks first."""
+        return asyncio.Lock()
 
     async def send(self, do: str, timeout_s: float = TIMEOUT_S, **arguments: Any) -> Reply:
         """Send a request and wait for the reply; errors as for `Commander.send`.

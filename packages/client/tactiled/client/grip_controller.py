@@ -258,7 +258,7 @@ class GripController:
         if not self._past:
             return 0.0
         then = (self._since(now.at_s - _GROWTH_S) or [self._past[-1]])[0]
-        return max(now.shear - then.shear, 0.0) / max(now.at_s - then.at_s, 1e-3)
+        return max(now.shear - then.shear, 0.0) / max(now.at_s - then.at_s, 1e-3)  # a message may come twice
 
     def _since(self, at_s: float) -> list[_Seen]:
         return [seen for seen in self._past if seen.at_s >= at_s - 1e-3]

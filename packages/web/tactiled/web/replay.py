@@ -35,9 +35,8 @@ class ReplayFile:
         self._geometry = ""
         self._n_bytes = 0
         seqs: dict[tuple[str, str], int] = {}
-        offset_s: dict[
-            str, float
-        ] = {}  # of the wall clock in each run, as it began: a step would part the curves
+        # Of the wall clock in each run, as it began: a step would part the curves
+        offset_s: dict[str, float] = {}
         for number, (path, header) in enumerate(parts):
             done = number / len(parts)
             share = None if reached is None else lambda part, done=done: reached(done + part / len(parts))
