@@ -359,8 +359,9 @@ class BoardRunner:
 
 
 def next_due_s(due_s: float, now_s: float) -> float:
-    """Return when a status is due after one that was due at `due_s`.
+    """Return when a status is due after one that was due at `due_s` and is sent at `now_s`.
 
-    Those that a hang missed are skipped, and boards stay apart by their phases.
+    Those that a hang missed are skipped, boards stay apart by their phases, and half a period at least lies
+    between two.
     """
-    return due_s + STATUS_PERIOD_S * (math.floor((now_s - due_s) / STATUS_PERIOD_S) + 1)
+    return due_s + STATUS_PERIOD_S * (math.floor((now_s - due_s) / STATUS_PERIOD_S + 0.5) + 1)
