@@ -12,7 +12,8 @@ from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-_FILTER = ("tactiled/detect", "bench/worlds", "packages/emulator", "config/learnt")
+_WORLDS = ("tactiled/detect", "bench/worlds", "packages/emulator")
+_FILTER = (*_WORLDS, "config/learnt")
 
 
 class Bench(NamedTuple):
@@ -32,7 +33,7 @@ BENCHES = {
         "bench.throughput.bench", ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
     ),
     "slip": Bench("bench.slip.bench", _FILTER),
-    "grip": Bench("bench.grip.bench", _FILTER),
+    "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train")),  # it trains its own
     "hands": Bench("bench.grip.hands", _FILTER),
     "hold": Bench("bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py")),
     "texture": Bench("bench.texture.bench", ("tactiled/detect/grooves",)),
