@@ -27,6 +27,7 @@ from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import special
 
 from tactiled import compiled, plain_table
 from tactiled.progress import ProgressBar
@@ -175,6 +176,14 @@ def seeds_in_words(number: int, first: int = 0) -> str:
 def over_runs(values: Sequence[float], form: str) -> str:
     """Median over repeats, with its range: ``4.5 (4.3 to 4.8)``."""
     return f"{np.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
+CONFIDENCE = 0.95  # of the largest rate that is not excluded
+
+
+def largest_rate(n: int, of: int) -> float:
+    """Return the largest rate that n cases of some do not exclude (one-sided; Clopper and Pearson 1934)."""
+    return float(special.betaincinv(n + 1, of - n, CONFIDENCE)) if of > n else 1.0
 
 
 def rms(values: ArrayLike) -> float:

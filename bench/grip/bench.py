@@ -21,9 +21,9 @@ from tactiled.detect.contact.learnt import learnt_from
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar
 
-# None of these is learnt from. A few worlds have most of the time that slides: of 48 of 12 s, the area has a
-# standard deviation of 0.02 to 0.09.
-_REPORTED, _REPORTED_QUICK = (Lot(200_000, 72, 0.2), Lot(210_000, 24, 0.6)), (Lot(200_000, 24, 0.2),)
+# None of these is learnt from, nor was a constant chosen on them, as on seeds from 200,000 and 210,000. A few
+# worlds have most of the time that slides: of 48 of 12 s, the area has a standard deviation of 0.02 to 0.09.
+_REPORTED, _REPORTED_QUICK = (Lot(220_000, 72, 0.2), Lot(230_000, 24, 0.6)), (Lot(220_000, 24, 0.2),)
 _KNOWN_SD = 0.1  # of log friction, where it is known
 # Both play the emulator's skin, array and electronics: to leave out one alone would leave its physics in.
 _SAME_SKIN = frozenset({"grasps", "plates"})
@@ -62,10 +62,10 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
         aims_table(aims(scores, scan_cost())),
         "u: utilisation, where the true one is 0.5 or more. By true friction: shear over load, divided by "
         "the true friction, in place of a filter. False gross slips are counted per hour of contact, at the "
-        "threshold at which the recall is 80 %; a gross slip is found if it is reported between 0.1 s before "
-        "and 0.3 s after it begins. Below half: gross slips that are reported in worlds whose utilisation "
-        "never reaches 0.5; all of them are false. Processor time at 100 Hz: hot with one scan right after "
-        "the other, live with one every 10 ms.",
+        "threshold with the fewest of those with a recall of 80 % or more; a gross slip is found if it is "
+        "reported between 0.1 s before and 0.3 s after it begins. Below half: gross slips that are reported "
+        "in worlds whose utilisation never reaches 0.5; all of them are false. Processor time at 100 Hz: hot "
+        "with one scan right after the other, live with one every 10 ms.",
         table(_row(name, kind, one) for name, kinds in scores.items() for kind, one in kinds.items()),
     ]
 

@@ -14,7 +14,7 @@ from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.contact.learnt import Learnt
 
 RECALL = 0.8
-_EARLY_S, _LATE_S = 0.1, 0.3  # of an alarm about the beginning of gross slip, within which it is found
+_EARLY_S, _LATE_S = 0.1, 0.3  # before and after the beginning of gross slip: an alarm then finds it
 _OFF_S = 0.08
 _ANNOUNCED_S = 0.02  # between values that a hand announces
 _USED = 0.5  # utilisation from which its error counts
@@ -138,40 +138,34 @@ def _skill(p: FloatArray, truth: NDArray[np.bool_]) -> float:
 
 
 def _false_per_h(courses: Sequence[Course]) -> float:
-    """Return false gross slips an hour at the recall, over all thresholds."""
+    """Return the fewest false gross slips an hour of the thresholds that reach the recall."""
     hours = sum(len(c.at) / c.world.rate_hz for c in courses) / 3600
     n = sum(len(c.world.gross_s) for c in courses)
     points = []
     for threshold in (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95):
         found, wrong = np.sum([_alarms(c, threshold) for c in courses], axis=0)
         points.append((found / max(n, 1), wrong / hours))
-    points.sort()
-    recall, false = np.array(points).T
-    return float(np.interp(RECALL, recall, false)) if recall[-1] >= RECALL else float("nan")
+    return min((false for recall, false in points if recall >= RECALL), default=float("nan"))
 
 
 def _alarms(c: Course, threshold: float) -> tuple[int, int]:
     """Return true slips that an alarm finds, and alarms without a slip."""
     rate = c.world.rate_hz
     n_off = max(1, round(_OFF_S * rate))
-    alarms: list[list[int]] = []  # first and last scan of each
+    alarms: list[int] = []  # first scan of each
     is_open, low, last = False, 0, -1
     for at, p in zip(c.at.tolist(), c.p_sliding.tolist(), strict=True):
         is_open = is_open and at == last + 1  # another contact ends it
         last = at
         if is_open:
-            alarms[-1][1] = at
             low = low + 1 if p < threshold / 2 else 0
             is_open = low < n_off
         elif p >= threshold:
             is_open, low = True, 0
-            alarms.append([at, at])
-    begin, end = np.array(alarms).reshape(-1, 2).T / rate
-    found = sum(
-        bool(np.any((begin <= t + _LATE_S) & (end >= t - _EARLY_S) & ((begin >= t - _EARLY_S) | (end >= t))))
-        for t in c.world.gross_s
-    )
+            alarms.append(at)
+    begin = np.array(alarms) / rate
+    found = sum(bool(np.any((begin >= t - _EARLY_S) & (begin <= t + _LATE_S))) for t in c.world.gross_s)
     reach = round(_LATE_S * rate)
     gross = c.world.gross
-    wrong = sum(not gross[max(0, a - reach) : a + reach + 1].any() for a, _ in alarms)
+    wrong = sum(not gross[max(0, a - reach) : a + reach + 1].any() for a in alarms)
     return found, wrong

@@ -135,7 +135,7 @@ def _offset_error_ms(guest: Guest, found: Recorded) -> float:
 
 
 def _worst(age_s: list[float]) -> float:
-    """Largest age; infinite without scans, below zero if an instant is ahead of its arrival by more."""
+    """Largest distance of an instant from its arrival, either way; infinite without scans."""
     return max((abs(s) for s in age_s), default=float("inf"))
 
 
@@ -389,8 +389,11 @@ def fill_memory(guest: Guest) -> list[Aim]:
     after = metrics(guest)
     guest.run("rm /dev/shm/fill")
     restarts = int(guest.run(f"systemctl show -P NRestarts {UNIT}")) - restarts
+    lost = int(after[_MISSING] - before[_MISSING])
+    # A new process counts from 0, and knows nothing of the scans before it.
+    words = f"{lost}" if not restarts else "not counted: the daemon was restarted"
     return [
-        never("64 MB of memory left for 30 s: scans lost", int(after[_MISSING] - before[_MISSING])),
+        aim("64 MB of memory left for 30 s: scans lost", "none", words, not (lost or restarts)),
         never("64 MB of memory left for 30 s: restarts", restarts),
     ]
 
@@ -398,12 +401,16 @@ def fill_memory(guest: Guest) -> list[Aim]:
 def load_processor(guest: Guest, board: Board, other: Board) -> list[Aim]:
     """Let programs compete for the processor with one daemon for a board, then with one for two boards."""
     busy = [f"busy-{number}" for number in range(_BUSY_PROGRAMS)]
+    restarts = 0
 
     def compete() -> None:
+        nonlocal restarts
         for unit in busy:
             guest.run(f"systemd-run --quiet --unit {unit} sh -c 'while :; do :; done'")
         time.sleep(_BUSY_S)
         guest.run(f"systemctl stop {' '.join(busy)}")
+        # Before the unit is stopped: its next start counts from 0.
+        restarts += sum(int(guest.run(f"systemctl show -P NRestarts {unit}")) for unit in (UNIT, _ALL_UNIT))
 
     found = [recorded(guest, board, compete)]
     other_config = CONFIG.replace(board.serial, other.serial)
@@ -414,7 +421,6 @@ def load_processor(guest: Guest, board: Board, other: Board) -> list[Aim]:
     )
     guest.plug(other, 2)
     found.append(recorded(guest, board, compete, _ALL_UNIT))
-    restarts = sum(int(guest.run(f"systemctl show -P NRestarts {unit}")) for unit in (UNIT, _ALL_UNIT))
     guest.run(f"systemctl disable --now {_ALL_UNIT}; systemctl enable --now {UNIT}; rm {other_config}")
     guest.unplug(other)
     aims = [never(f"{_BUSY_PROGRAMS} busy programs for {_BUSY_S:g} s, both units: restarts", restarts)]

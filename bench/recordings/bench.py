@@ -209,11 +209,11 @@ def _row(one: Found) -> dict[str, str]:
 
 
 def _each_log(words: Sequence[str], values: Sequence[float]) -> str:
-    """Return what is said of each log; of more than five, of the middle one, the least and the most."""
+    """Return what is said of each log; of more than five, of the (lower) median, the least and the most."""
     if len(words) <= _MOST_LOGS:
         return "; ".join(words)
     order = np.argsort(values)
-    middle, least, most = (words[order[k]] for k in (len(words) // 2, 0, -1))
+    middle, least, most = (words[order[k]] for k in ((len(words) - 1) // 2, 0, -1))
     return f"{middle}, from {least} to {most}"
 
 

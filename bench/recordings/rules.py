@@ -19,8 +19,8 @@ _START_S = 0.3
 _MOVES_SCANS = 8
 # Of the largest: below, the centre of a pad and the shape of the channels are those of noise.
 _LEAST_LOAD = 0.2
-# Power of changes from scan to scan at the strongest line over the median: 22 of the 24 slides of FabricSlide
-# have more with the right line, 6 of 40 slides over other materials have more.
+# Power of changes from scan to scan at the strongest line over the median: 21 of the 24 slides of FabricSlide
+# have more with the right line, 7 of 40 slides over other materials have more.
 _LINE_OVER_BAND = 30.0
 _LEAST_CYCLES = 3
 _FEATURE_S = (0.05, 0.1, 0.2, 0.4, 0.8)

@@ -28,6 +28,7 @@ class Case:
 
     block: ScanBlock
     utilisation: FloatArray  # (n,): tangential load over its limit
+    touching: NDArray[np.bool_]  # (n,)
     # gross_s, gross_end_s, tenth_s: first gross slip: from where all of the contact slips until it stops; a
     # tenth of the area slips since. Infinite where there is none.
     gross_s: float
@@ -48,10 +49,10 @@ class Case:
 
     @property
     def nothing(self) -> NDArray[np.bool_]:
-        """Scans (n,) at which less than a tenth of the area slips, and did so in the last 0.1 s."""
+        """Scans (n,) of contact in which less than a tenth of the area slips, as in the 0.1 s before."""
         before = round(_JUST_NOW_S * self.block.rate_hz)
         recent = np.convolve(self.partial, np.ones(before + 1))[: len(self.utilisation)] > 0.5
-        return np.asarray(~recent)
+        return np.asarray(self.touching & ~recent)
 
 
 def from_world(world: World) -> Case:
@@ -66,6 +67,7 @@ def from_world(world: World) -> Case:
     return Case(
         block=world.block,
         utilisation=np.minimum(world.utilisation, 1.0),
+        touching=world.touching,
         gross_s=gross_s,
         gross_end_s=end_s,
         tenth_s=world.tenth_s[0] if world.slips else np.inf,

@@ -40,12 +40,9 @@ def reported_early(reported: Sequence[Reported]) -> list[bool]:
 
 
 def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
-    """Return, for each gross slip, True if one was open, or was reported up to a time after its beginning."""
+    """Return, for each gross slip, True if reported at most `AHEAD_S` early, and at most some time late."""
     return [
-        is_early(case, events)
-        or any(
-            case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in gross_onsets(events)
-        )
+        any(case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in gross_onsets(events))
         for case, events in reported
         if case.slips
     ]
@@ -61,9 +58,13 @@ def rests_called_gross(reported: Sequence[Reported], most_used: float = 1.0) -> 
 
 
 def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each slow slip, True if an event was open `AHEAD_S` before it became gross."""
+    """Return, for each slow slip, True if an event of it was open `AHEAD_S` before it became gross.
+
+    An event that was reported more than `AHEAD_S` before a tenth of the area slipped is of no slip.
+    """
     return [
-        open_at(events, case.gross_s - AHEAD_S) is not None
+        (slip := open_at(events, case.gross_s - AHEAD_S)) is not None
+        and slip.detected_s >= case.tenth_s - AHEAD_S
         for case, events in reported
         if case.slips and case.gross_s - case.tenth_s >= SLOW_S
     ]

@@ -37,9 +37,10 @@ def bench_texture(progress: ProgressBar, options: BenchOptions) -> list[str]:
             found[name] = counted(trials, progress, name)
     return [
         "Errors of the angle / of the period, each divided by its Cramer-Rao bound; in brackets, the part of "
-        f"the windows that are answered. Each cell has {n} windows ({seeds_in_words(n)}) of three periods or "
-        "more. Gratings have periods of 0.6 to 6 mm, and are turned by -75 to 75 degrees from the motion; "
-        "speeds are 0.5 to 10 mm/s. A 3x3 array feels a ripple of 20 mV in white noise. Speed known:",
+        f"the windows that are answered. Each cell has {n} windows ({seeds_in_words(n)}); those with less "
+        "than three periods are left out, and errors of wrong answers, too. Gratings have periods of 0.6 to "
+        "6 mm, and are turned by -75 to 75 degrees from the motion; speeds are 0.5 to 10 mm/s. A 3x3 array "
+        "feels a ripple of 20 mV in white noise. Speed known:",
         over_bound_table(found["grid"], True),
         "Speed unknown:",
         over_bound_table(found["grid"], False),

@@ -7,13 +7,11 @@ answers cannot show to be small enough: a quick run leaves most so.
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from scipy import special
 
-from bench.report import NONE, Aim, Table, aim, grouped, never, rms, table
+from bench.report import CONFIDENCE, NONE, Aim, Table, aim, grouped, largest_rate, never, rms, table
 from bench.texture.trials import MIN_PERIODS, QUANTITIES, Quantity, Trial
 
 SPEEDS = {True: "speed known", False: "speed unknown"}
-CONFIDENCE = 0.95  # of the largest rate that is not excluded
 _WITHIN = 1.96  # sigmas of a 95 % interval
 
 
@@ -32,8 +30,8 @@ class TrialSet:
 
     @property
     def most_wrong(self) -> float:
-        """Largest rate of wrong answers that is not excluded (one-sided, Clopper and Pearson 1934)."""
-        return float(special.betaincinv(self.n_wrong + 1, len(self.right), CONFIDENCE)) if self.right else 1.0
+        """Largest rate of wrong answers that is not excluded."""
+        return largest_rate(self.n_wrong, len(self.ok))
 
     @property
     def bounded(self) -> list[Trial]:

@@ -111,7 +111,8 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
 
 def grooveless_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     """Ask the joint fit for the grating of a surface without one: any answer is wrong."""
-    volts, offset_s = grooveless.readings(name, ARRAY, np.random.default_rng(seed))
+    rng = np.random.default_rng([seed, *name.encode(), is_speed_known])
+    volts, offset_s = grooveless.readings(name, ARRAY, rng)
     slide = Wave(1.0, 0.0, grooveless.SPEED_MM_S)  # of which the period is not asked
     answer = joint(volts, offset_s, slide, is_speed_known=is_speed_known)
     return Trial(grooveless.WINDOW_S, is_speed_known, answer.status, is_wrong=answer.status == "ok")

@@ -12,7 +12,7 @@ from tactiled.progress import ProgressBar
 
 @click.command()
 @click.argument("name", type=click.Choice(["slip"]))
-@click.option("--quick", is_flag=True, help="Few worlds: a minute, and trees that know little.")
+@click.option("--quick", is_flag=True, help="Few worlds: a minute, and trees that know little; needs --to.")
 @click.option("--to", type=FILE, help="Write here, not over the trees that are shipped.")
 def train(name: str, quick: bool, to: Path | None) -> None:
     """Learn the trees of a detector from worlds of known truth.
@@ -26,6 +26,8 @@ def train(name: str, quick: bool, to: Path | None) -> None:
     from bench.train.slip import train_slip  # scikit-learn takes seconds to load
 
     assert name == "slip"
+    if quick and to is None:
+        raise click.UsageError("--quick needs --to FILE: such trees are not to be shipped")
     with ProgressBar(f"train {name}", None) as progress:
         about = train_slip(progress, is_quick=quick, to=to)
     click.echo(json.dumps(about["learnt_from"]))

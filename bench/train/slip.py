@@ -37,7 +37,10 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
         forests = first_forests(pool, worlds, sets, progress, shapes)
     table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
-    about = _about(lots, shapes, looks, table)  # before a file that git knows is written over
+    command = "./run train slip" + " --quick" * is_quick
+    about = {"command": command} | _about(
+        lots, shapes, looks, table
+    )  # before a file that git knows is written over
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)
@@ -49,7 +52,6 @@ def _about(
     lots: Sequence[Lot], shapes: Shapes, looks: Mapping[str, Sequence[Looks]], table: Mapping[str, Any]
 ) -> dict[str, Any]:
     return {
-        "command": "./run train slip",
         "commit": commit(),
         "python": platform.python_version(),
         "scikit-learn": sklearn.__version__,

@@ -22,6 +22,7 @@ _ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit
 _CHANNEL_STEP_S = 250e-6
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 TOUCHING_N = 0.03 * START_N
+_MOVES_MM_S = 0.05
 _GROSS_SCANS, _STICK_SCANS = 2, 4  # as in `sensors`: shorter slides and rests do not count
 _TOLD, _TOLD_N = 0.2, 1.0  # utilisation and load from which readings tell their ratio to the forces
 _SMOOTH_SCANS = 21
@@ -36,7 +37,7 @@ class Played:
     volts: FloatArray  # (n, channels)
     load_n: FloatArray  # (n,)
     shear_n: FloatArray  # (n, 2): friction on the skin, against its motion
-    friction: FloatArray  # (n,): coefficient that the contact bears at rest
+    friction: FloatArray  # (n,): coefficient that the contact bears at the speed of its base
     slides: NDArray[np.bool_]  # (n,): all of the contact slides
 
 
@@ -57,13 +58,15 @@ def play(scene: Scene, array: Array) -> Played:
         speed.append(truth.speed_mm_s(some[:, 0]))
     clean, load_n = np.concatenate(volts), np.concatenate(load)
     noise = scene.electronics.noise_v * ScanNoise(scene.seed, clean.shape[1]).normal(0, n)
-    moves = np.concatenate(speed) > 0.05
+    speed_mm_s, surface = np.concatenate(speed), scene.surface
+    # As in the contact model `lumped`: a slide that begins fast has no static peak.
+    fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
     return Played(
         volts=adc_counts(clean + noise, _ADC_BITS, _ADC_V) * (_ADC_V / 2**_ADC_BITS),
         load_n=load_n,
         shear_n=np.concatenate(shear),
-        friction=np.full(n, scene.surface.friction * scene.surface.static_ratio),
-        slides=(np.concatenate(shares) > ALL_SLIDES) & moves & (load_n > TOUCHING_N),
+        friction=surface.friction * (1.0 + (surface.static_ratio - 1.0) * fall),
+        slides=(np.concatenate(shares) > ALL_SLIDES) & (speed_mm_s > _MOVES_MM_S) & (load_n > TOUCHING_N),
     )
 
 

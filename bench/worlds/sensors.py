@@ -37,7 +37,7 @@ class Forces:
 
     step_s: float
     load: FloatArray  # (n, taxels): N
-    shear: FloatArray  # (n, 2, taxels): force of the skin on the object, against its motion, N
+    shear: FloatArray  # (n, 2, taxels): force of the object on the skin, against its motion, N
     utilisation: FloatArray  # (n,)
     slides: NDArray[np.bool_]  # (n,): all loaded places are at their limit, and the object moves
     limit: FloatArray  # (n,): shear that the contact bears, N

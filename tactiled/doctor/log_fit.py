@@ -120,8 +120,8 @@ def _signs(array: Array, change: FloatArray) -> Finding:
         words = "load channels rise where the log changes most"
         if array.has_shear:
             words += (
-                "; a log does not show the signs of shear channels: push the skin along +x and +y; x and y "
-                "must rise, otherwise directions are wrong by up to 180 deg"
+                "; a log does not show the signs of shear channels: drag the skin over a table along +x and "
+                "+y; x and y must rise, otherwise directions are wrong by up to 180 deg"
             )
         return Finding("log: signs", "ok", words)
     words = f"fall where the log changes most: {_names(array, falls)}"

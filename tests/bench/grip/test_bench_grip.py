@@ -61,6 +61,11 @@ def test_a_constant_probability_has_no_skill(worlds: list[World]) -> None:
     assert found.auc == pytest.approx(0.5)
 
 
+def test_an_alarm_that_never_ends_finds_no_slip(worlds: list[World]) -> None:
+    always = [dataclasses.replace(c, p_sliding=np.full(len(c.at), 0.5)) for c in map(truth, worlds)]
+    assert np.isnan(score(always).false_per_h)  # it is no report from 0.1 s before a slip to 0.3 s after it
+
+
 def test_the_filter_is_run_over_a_world_with_what_is_stated_and_announced(worlds: list[World]) -> None:
     world = next(world for world in worlds if world.slips)
     plain = course(world)

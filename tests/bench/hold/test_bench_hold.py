@@ -107,6 +107,7 @@ def test_a_daemon_that_restarts_is_silent_and_then_does_not_know_the_contact() -
 def test_aims_are_judged_on_drops_and_on_what_held() -> None:
     held = [GraspResult("none", False, 1.3, 0.0, float("nan"))] * 199
     lost = [GraspResult("none", True, float("nan"), 20.0, 0.05)]
-    assert [aim.verdict for aim in aims(held * 4 + lost)] == ["met", "met"]
+    assert [aim.verdict for aim in aims(held * 5 + lost)] == ["met", "met"]  # 1 of 996: below 0.48 %
+    assert [aim.verdict for aim in aims(held * 4 + lost)] == ["open", "met"]
     assert [aim.verdict for aim in aims(held)] == ["open", "met"]
     assert [aim.verdict for aim in aims(held[:98] + lost)] == ["MISSED", "met"]

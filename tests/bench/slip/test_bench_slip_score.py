@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+import pytest
 from slips import slip_at
 
 from bench.slip.cases import Case, Reported
@@ -17,6 +18,7 @@ from bench.slip.score import (
     rests_called_gross,
     slow_reported_ahead,
 )
+from bench.worlds.world import INCIPIENT_USED
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import regular_block
 
@@ -30,6 +32,7 @@ def case(*, slips: bool = True) -> Case:
     return Case(
         block=regular_block(np.zeros((len(t), 36)), RATE_HZ),
         utilisation=used if slips else 0.7 * used,
+        touching=t >= 0.5,
         gross_s=4.0 if slips else np.inf,
         gross_end_s=6.0 if slips else np.inf,
         tenth_s=2.3 if slips else np.inf,
@@ -58,6 +61,22 @@ def test_events_of_the_truth_answer_every_question() -> None:
     assert QUESTIONS["direction at gross slip"](reported) == "15.0 deg, 0 of 1 inside, 0 reversed"
 
 
+def test_an_event_that_was_reported_before_anything_slips_is_of_no_slip() -> None:
+    for kind in ("incipient", "gross"):
+        early = [Reported(case(), [event(kind, 1.0)])]
+        assert slow_reported_ahead(early) == gross_reported(early, 0.3) == [False]
+    assert reported_early(early) == [True]
+    assert false_onsets(early)[0] == 1
+
+
+def test_nothing_can_be_false_without_contact() -> None:
+    untouched = [Reported(case(slips=False), [event("incipient", 0.2)])]
+    n, hours = false_onsets(untouched)
+    slipping_s = float((case(slips=False).utilisation >= INCIPIENT_USED).sum()) / RATE_HZ + 0.1
+    assert n == 0
+    assert hours == pytest.approx((8.0 - 0.5 - slipping_s) / 3600, abs=0.03 / 3600)
+
+
 def test_no_events_miss_everything() -> None:
     reported = [Reported(case(), [])]
     assert slow_reported_ahead(reported) == gross_reported(reported, 0.3) == [False]
@@ -68,7 +87,7 @@ def test_events_at_the_wrong_time_count_against_the_detector() -> None:
     nothing_s = float(case().nothing.sum()) / RATE_HZ
     n, hours = false_onsets([early])
     assert (n, hours) == (1, nothing_s / 3600)
-    assert QUESTIONS["onsets an hour where nothing slips"]([early]) == "876 (1 in 0.001 h)"
+    assert QUESTIONS["onsets an hour where nothing slips"]([early]) == "997 (1 in 0.001 h)"
     assert reported_early([early]) == [True]
     assert ended_while_it_slides([early]) == [True]
     turned = Reported(case(), [*early.events, event("incipient", 5.05)])

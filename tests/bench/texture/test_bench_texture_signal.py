@@ -109,7 +109,8 @@ def test_derivatives_are_those_of_the_signal() -> None:
     wave, time_s, step = Wave(1.7, 25.0, 1.3, 10.0), scans(3), 1e-6
     ends = [wave_volts(Wave(1.7 + d, 25.0, 1.3, 10.0), sensed, time_s) for d in (step, -step)]
     alone = 1 / np.linalg.norm((ends[0] - ends[1]) / (2 * step) / sensed.noise_volts)
-    assert bound(wave, sensed, time_s, is_speed_known=True).period_sd_mm > alone
+    # The angle and the amplitudes are not known, either, which costs a fifth.
+    assert alone < bound(wave, sensed, time_s, is_speed_known=True).period_sd_mm < 1.5 * alone
 
 
 def test_signal_is_its_own_model() -> None:

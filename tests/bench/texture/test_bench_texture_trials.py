@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bench.texture import trials
 from bench.texture.grooveless import SURFACES
 from bench.texture.signal import Grating, Wave, bound, draw_grating
 from bench.texture.tables import TrialSet
@@ -95,7 +96,11 @@ def test_clean_windows_are_answered_near_the_bound() -> None:
     assert found.over_bound("period") < 2
 
 
-def test_an_answer_without_grooves_is_wrong() -> None:
+def test_an_answer_without_grooves_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as answered:
+        answered.setattr(trials, "joint", lambda *_, **__: answer(grating().wave))
+        found = grooveless_trial(next(iter(SURFACES)), True, 0)
+    assert (found.status, found.is_wrong) == ("ok", True)
     for name in SURFACES:
         found = grooveless_trial(name, True, 0)
         assert found.status != "ok"

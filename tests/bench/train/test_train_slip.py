@@ -121,7 +121,7 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     assert done.exit_code == 0, done.output
     assert set(json.loads(done.stdout)) == {"strokes", "laws"}
     about = json.loads(path.with_suffix(".json").read_text())
-    assert about["command"] == "./run train slip"
+    assert about["command"] == "./run train slip --quick"
     with np.load(path) as table:
         (world,) = draw("laws", range(7001, 7002), 0.1)
         events = GripDetector(world.array, learnt=learnt_from(table)).process(world.block)
