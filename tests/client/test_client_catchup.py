@@ -10,15 +10,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from messages import CONTACT, SLIP, STATUS, anything
 
-from tactiled.client import Item, Lost, Message, Recovered, Restarted
-from tactiled.client.catchup import HOLD_S, PROBE_S
+from tactiled.client import Item, Lost, Malformed, Message, Recovered, Restarted
+from tactiled.client.catchup import HOLD_S, PROBE_S, WAITS_S
 from tactiled.client.inbox import Inbox
 from tactiled.daemon.zmq.control import Control
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.publisher import Publisher
 from tactiled.daemon.zmq.requests import Requester
 from tactiled.events import codec
-from tactiled.events.types import Event
+from tactiled.events.types import Event, ScanEvent
 
 SOMEONE = Requester("1", may_command=True)
 UNIX_S = 1.7e9
@@ -148,6 +148,8 @@ def lost(story: Iterable[int | str]) -> int:
         ("heard missed heard restart answered", "0, lost 1, 2"),
         ("heard missed heard restart answered heard answered", "0, lost 1, 2, restarted, 0"),
         ("heard missed heard restart heard answered", "0, lost 1, 2, restarted, 0"),
+        # an answer of the new run, whose message has the number of the missing one, does not fill the gap
+        ("heard missed heard restart missed missed answered", "0, lost 1, 2"),
     ],
 )  # fmt: skip
 def test_what_becomes_of_missed_messages(steps: str, story: str) -> None:
@@ -179,6 +181,68 @@ def test_other_topics_do_not_wait_for_one() -> None:
     assert world.story() == [0, "r1", 2]
 
 
+def test_of_a_new_run_also_a_topic_without_earlier_messages_is_fetched_from_its_beginning() -> None:
+    world = World()
+    world.play("heard", "restart", "heard")
+    world.publish(CONTACT, heard=False)
+    world.publish(CONTACT, heard=True)
+    world.exchange()
+    assert world.story("contact") == ["restarted", "r0", 1]
+
+
+def test_a_late_subscriber_gets_no_scan_of_before() -> None:
+    world = World()
+    scan = ScanEvent(time_s=0.0, index=0, volts=(1.5,), valid=(True,), time_sd_s=2e-5, age_s=0.0, late=False)
+    world.publish(scan, heard=False)
+    world.publish(SLIP, heard=False)
+    world.subscribe("scan", "slip")
+    world.status()
+    world.exchange()
+    assert world.story("slip") == ["r0"]
+    assert world.story("scan") == []
+
+
+def test_messages_of_another_board_are_not_recovered() -> None:
+    world = World()
+    for board in ("b", "c"):
+        world.publish(SLIP, heard=False, board=board)
+    world.inbox = Inbox(("slip",), "b", 1e9, world.now_s, can_ask=True, is_patient=True)
+    world.items = world.inbox.tick(world.now_s)
+    world.exchange()
+    assert [item.message.board for item in world.items if isinstance(item, Recovered)] == ["b"]
+
+
+def test_data_are_not_fresh_while_messages_have_waited_for_a_lost_one() -> None:
+    world = World()
+    world.status()
+    world.play("heard", "missed", "heard")
+    assert world.inbox.is_fresh(world.now_s)
+    assert not world.inbox.is_fresh(world.now_s + WAITS_S)  # asked before anything else was read
+
+
+def test_what_has_waited_for_a_late_answer_is_no_present_message() -> None:
+    world = World()
+    world.play("heard", "missed", "heard")
+    world.wait(WAITS_S + 0.1)
+    world.exchange()
+    assert world.story() == [0, "r1", "r2"]
+
+
+def test_while_no_request_can_be_sent_only_the_newest_question_waits() -> None:
+    world = World()
+    world.deaf = True
+    world.subscribe("slip")
+    world.play("probe", "probe", "probe")
+    assert len(world.inbox.catch_up.unsent) == 1
+
+
+def test_a_reply_that_is_no_message_is_reported_and_counted() -> None:
+    world = World()
+    (item,) = world.inbox.answer(b"\xc1", world.now_s, world.now_s)
+    assert isinstance(item, Malformed)
+    assert world.inbox.malformed == 1
+
+
 def test_messages_dropped_by_the_store_are_counted_as_lost() -> None:
     world = World(history_mb=0.01)
     world.publish(SLIP, heard=True)
@@ -206,6 +270,7 @@ def test_a_hole_of_several_replies_is_filled_in_order() -> None:
         world.exchange_once()
     assert world.story() == [0, *[f"r{seq}" for seq in range(1, n_missed + 1)], n_missed + 1]
     assert n_requests > 3
+    assert world.inbox.catch_up.recovered == n_missed
 
 
 def test_a_late_answer_changes_nothing() -> None:
@@ -234,6 +299,25 @@ def test_a_reply_that_overtakes_waiting_messages_hides_none_of_them(topic: str) 
     world.exchange()  # the reply has number 2, and the subscriber has read nothing yet
     world.items += [item for args in waiting for item in receive(*args)]
     assert world.story(topic) == [0, 1, 2]
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_reply_that_overtakes_messages_of_a_board_without_a_status_hides_none_of_them(
+    is_known: bool,
+) -> None:
+    world = World(topics=("slip",))
+    if is_known:
+        world.status()
+    world.subscribe("slip")
+    for _ in range(3):
+        world.publish(SLIP, heard=False)
+    reply = world.control.answer(msgpack.packb(world.inbox.catch_up.unsent[0]), SOMEONE, world.now_s)
+    world.items += world.inbox.answer(reply, world.now_s, world.now_s + UNIX_S)
+    for seq in range(3):
+        frames = codec.encode(SLIP, seq=seq, board="b", unix_offset_s=UNIX_S, run=world.publisher.run)
+        world.items += world.inbox.receive(frames, world.now_s, world.now_s + UNIX_S)
+    world.status()
+    assert world.story() == [0, 1, 2]
 
 
 steps = st.lists(

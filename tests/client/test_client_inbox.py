@@ -181,6 +181,20 @@ def test_a_status_from_the_future_is_stale_and_no_restart() -> None:
     assert stale == Stale("status from 3600.0 s ahead: the clocks differ", 0.0)
 
 
+def test_a_status_from_a_second_ahead_is_stale() -> None:
+    daemon = Daemon(topics=("slip",))
+    (stale,) = daemon.status(timestamp=daemon.now_s + UNIX_S + 1.0)
+    assert stale == Stale("status from 1.0 s ahead: the clocks differ", 0.0)
+    assert not daemon.fresh
+
+
+@pytest.mark.parametrize("valid", [None, 0, 1, "true"])
+def test_a_status_that_does_not_say_that_data_are_valid_is_stale(valid: Any) -> None:
+    daemon = Daemon(topics=("slip",))
+    assert kinds(daemon.status(valid=valid)) == ["Stale"]
+    assert not daemon.fresh
+
+
 def test_a_backlog_is_stale_although_the_wall_clock_was_set_back_meanwhile() -> None:
     daemon = Daemon(topics=("slip",))
     daemon.status()
@@ -243,6 +257,16 @@ def test_a_board_that_falls_silent_beside_another_is_stale() -> None:
         daemon.now_s += 0.1
     reasons = [item.reason if isinstance(item, Stale) else "fresh" for item in items]
     assert reasons == ["fresh", "board TS0001: no status read for 0.5 s", "fresh"]
+
+
+def test_a_board_that_a_restarted_daemon_does_not_read_is_forgotten_at_once() -> None:
+    daemon = Daemon(topics=("slip",))
+    daemon.board = "TS0002"
+    lost = {"state": "no-device", "valid": False, "reason": "unplugged", "age_s": 3.0}
+    assert kinds(daemon.status(**lost)) == ["Stale"]
+    daemon.restart()  # by a configuration that names one board
+    daemon.board = "TS0001"
+    assert daemon.status() == [Fresh()]
 
 
 def test_late_messages_of_the_run_before_are_not_handed_on() -> None:
@@ -376,6 +400,14 @@ def test_the_age_of_other_messages_is_that_of_their_timestamp() -> None:
     assert isinstance(message, Message)
     first_s = message.age_s
     assert first_s <= message.onset_age_s <= message.age_s
+
+
+def test_names_without_end_are_refused_from_a_thousand_boards_on() -> None:
+    daemon = Daemon(topics=("slip",))
+    for number in range(2000):
+        daemon.board = f"TS{number}"
+        daemon.status()
+    assert 900 < daemon.inbox.malformed < 1000
 
 
 def test_restart_forgets_only_that_board() -> None:
