@@ -146,6 +146,17 @@ def test_a_gross_slip_in_the_first_message_that_counts_bounds_friction_by_what_i
     assert commands[1] == pytest.approx(commands[0], rel=0.1)
 
 
+@pytest.mark.parametrize("angle", [0.5, math.pi / 2, 4.0])
+def test_shear_counts_alike_in_every_direction(angle: float) -> None:
+    along_x = [grip(k / 100, shear=1.0 + k / 100) for k in range(200)]
+    turned = [
+        message
+        | {"shear_x": message["shear_x"] * math.cos(angle), "shear_y": message["shear_x"] * math.sin(angle)}
+        for message in along_x
+    ]
+    assert played(pressed(), turned) == pytest.approx(played(pressed(), along_x))
+
+
 @given(st.sampled_from([{"valid": False}, {"late": True}, {"state": "none"}, {"load": 0.0}]))
 def test_what_cannot_be_trusted_changes_nothing(fault: dict[str, Any]) -> None:
     controller = pressed()
@@ -175,6 +186,20 @@ def test_a_clock_that_is_set_back_moves_the_grip_by_little(by_s: float) -> None:
     assert after == pytest.approx([held_n] * 600, rel=0.01)
     slipping = controller.take(grip(12.0 - by_s, state="gross"), 6.0)
     assert slipping >= 1.3 * held_n  # and a slip is answered at once
+
+
+def test_after_a_clock_that_is_set_back_shear_that_follows_an_easing_grip_is_a_slip() -> None:
+    controller = pressed()
+    played(controller, [grip(1000.0 + k / 100, shear=1.5 + k / 100) for k in range(50)])
+    before_n = controller.command_n
+    dropped = [grip(1000.5 + k / 100, shear=shear) for k, shear in enumerate((2.0, 1.9, 1.9))]
+    assert played(controller, dropped)[-1] > before_n
+    held_n = played(controller, [grip(900.0 + k / 100) for k in range(300)])[-1]
+    easing = [
+        controller.take(grip(903.0 + k / 100, 1 - 0.005 * k, 4.0 - 0.02 * k), 6.0 - 0.03 * k)
+        for k in range(1, 13)
+    ]
+    assert max(easing) > 1.2 * held_n
 
 
 GAP = {"state": "none", "valid": False, "load": 0.0, "friction": 0.0, "friction_low": 0.0}  # as a gap is sent
@@ -272,12 +297,14 @@ def test_a_contact_whose_beginning_was_not_seen_is_held_by_its_shear_and_by_what
     assert played(controller, unseen) == pytest.approx(played(undisturbed, after), rel=0.1)
 
 
-def test_stale_data_tighten_once_and_ease_nothing() -> None:
+@pytest.mark.parametrize("again_s", [6.5, 5.0])  # also by a clock that was set back meanwhile
+def test_stale_data_tighten_once_and_ease_nothing_for_a_second(again_s: float) -> None:
     controller = pressed()
     before_n = played(controller, [grip(k / 100) for k in range(600)])[-1]
     tight_n = controller.blind()
     assert tight_n == controller.blind() == pytest.approx(grip_controller.BLIND * before_n, rel=0.02)
-    assert played(controller, [grip(5.0 + k / 100) for k in range(90)])[-1] == tight_n
+    assert played(controller, [grip(again_s + k / 100) for k in range(90)])[-1] == tight_n
+    assert played(controller, [grip(again_s + 1 + k / 100) for k in range(300)])[-1] < 0.9 * tight_n
 
 
 @given(
