@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -45,6 +46,7 @@ def test_every_command_is_recorded_with_requester_and_result(tmp_path: Path) -> 
             assert done.ok
             row = await audited(daemon, done.data["id"])
             assert (row["command"], row["who"], row["key"], row["ok"]) == ("mark", "test", "", True)
+            assert row["uid"] == os.getuid()
             assert json.loads(row["arguments"]) == {"text": "the cup is full"}
             assert row["board"] == "TS0001"
             refused = await commander.send("thresholds", values={"grip.nonsense": 1.0})

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tactiled.daemon.zmq.commands import DRIFT, EVENT_PERIOD_S, WINDOW_S, MotionSenders, SenderClock
-from tactiled.daemon.zmq.requests import Motion
+from tactiled.daemon.zmq.commands import DRIFT, EVENT_PERIOD_S, WINDOW_S, Commands, MotionSenders, SenderClock
+from tactiled.daemon.zmq.requests import Motion, Requester
 
 ROUNDING_S = 1e-6  # of clocks that count from 1970
 ME = ("", "1", "me")
@@ -48,6 +48,15 @@ def test_a_clock_that_was_set_is_followed_after_two_windows(jump_s: float) -> No
     assert late_s == pytest.approx(0.0, abs=2 * DRIFT * WINDOW_S)
 
 
+@pytest.mark.parametrize("jump_s", [-1000.0, 1000.0])
+def test_a_clock_that_was_set_in_a_long_pause_is_followed_at_once(jump_s: float) -> None:
+    clock = SenderClock()
+    for k in range(100):
+        clock.offset_s(100.0 + 0.1 * k, 500.0 + 0.1 * k)
+    sent_s, now_s = 210.0 + 3 * WINDOW_S + jump_s, 610.0 + 3 * WINDOW_S
+    assert sent_s + clock.offset_s(sent_s, now_s) == pytest.approx(now_s)
+
+
 def motion(**fields: Any) -> Motion:
     return Motion(v=1, id="1", do="motion", **fields)
 
@@ -69,6 +78,28 @@ def test_each_sender_has_a_clock_of_its_own_and_few_are_kept() -> None:
         _, course = senders.course(command, ("", "1", str(k)), 200.0)
         assert course["time_s"] == [200.0]
     assert len(senders._senders) <= 8  # noqa: SLF001  the bound on memory
+
+
+class CourseKeeper:
+    """Pipeline that keeps the instants of announced motion."""
+
+    def __init__(self) -> None:
+        self.times_s: list[list[float]] = []
+
+    def command(self, _name: str, arguments: dict[str, Any], _now_s: float) -> tuple[str, list[Any]]:
+        self.times_s.append(arguments["time_s"])
+        return "", []
+
+
+def test_programs_of_one_name_on_two_connections_have_two_clocks() -> None:
+    pipeline: Any = CourseKeeper()
+    commands = Commands(pipeline, lambda *_: None, lambda _: "")
+    for k in range(3):
+        for connection, zero_s in (("1", 5000.0), ("2", 4000.0)):
+            sent_s, now_s = zero_s + 0.1 * k, 200.0 + 0.1 * k
+            command = motion(acceleration_m_s2=9.81, time_s=sent_s, sent_s=sent_s)
+            assert commands.do(command, Requester(connection, may_command=True), now_s) == ""
+            assert pipeline.times_s[-1] == pytest.approx([now_s])
 
 
 @pytest.mark.parametrize(
