@@ -263,6 +263,7 @@ def test_a_board_that_stays_busy_is_named_and_its_line_is_not_suspected() -> Non
         bench.run(0.1)
     assert bench.reason == "the board is busy and puts off start: it is asked again until it is ready"
     assert bench.state() == "syncing"
+    assert {command.name for command in bench.sent[1:]} == {"start"}  # it is not asked who it is again
     bench.board.refuses.clear()
     bench.run(1.0)
     assert (bench.state(), bench.reason) == ("running", "")
@@ -358,6 +359,15 @@ def test_leaving_stops_the_board_and_restores_nothing() -> None:
     bench.run(1.0)
     assert not bench.board.streaming
     assert bench.session.deadline_s == math.inf
+
+
+def test_leaving_sends_nothing_to_a_board_that_is_not_the_configured_one() -> None:
+    bench = Bench(SessionParams(board_serial="another"))
+    bench.plug()
+    bench.run(0.5)
+    assert bench.state() == "fault"
+    assert bench.session.stop(bench.now_s) == []
+    assert not bench.session.is_stopping
 
 
 def test_the_last_stop_waits_for_its_own_answer_or_the_loss_of_the_port() -> None:
