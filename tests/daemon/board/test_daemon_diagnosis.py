@@ -108,6 +108,19 @@ def test_a_console_is_quoted() -> None:
     assert "waiting for image" in fault
 
 
+def test_a_port_that_is_opened_anew_is_judged_by_its_own_bytes() -> None:
+    line = Line([b"ets Jul 29 2019 rst:0x1 (POWERON_RESET) " * 5] * 20)
+    assert "this is text" in line.fault
+    watch, opened_s = line.watch, line.now_s + 1.0
+    watch.reset(opened_s)
+    for k in range(30):
+        watch.received(b"\x00\xff", opened_s + k / 10)
+        watch.count(replace(EMPTY, bytes_in=2 * k), None, opened_s + k / 10)
+    fault = watch.fault(opened_s + 2.9)
+    assert "no frame structure in it" in fault
+    assert "text" not in fault
+
+
 def test_heavy_noise_is_not_a_wrong_baud_rate() -> None:
     parts = []
     for part in scans(LAYOUT):
@@ -206,6 +219,14 @@ def test_a_board_that_flags_overruns_is_overloaded_and_its_cable_is_good(is_pty:
     assert "missed scan instants before" in fault
     assert advice in fault
     assert not [word for word in CABLE if word in warning + fault]
+
+
+def test_a_board_on_a_port_that_is_opened_anew_is_not_called_overloaded_for_the_one_before() -> None:
+    watch, health, now_s = overloaded(is_pty=False)
+    watch.reset(now_s + 1.0)
+    watch.count(health, None, now_s + 1.0)
+    assert not watch.is_overloaded
+    assert "is the board powered" in watch.fault(now_s + 3.0)
 
 
 def test_scans_that_are_missing_between_intact_frames_are_not_blamed_on_the_cable() -> None:
