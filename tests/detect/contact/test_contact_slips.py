@@ -1,5 +1,6 @@
 """Slip events of the contact filter: order, kinds, direction, ends, and the states of the contact."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -89,6 +90,34 @@ def test_the_direction_is_that_of_the_motion(direction_deg: float) -> None:
         error_deg = (event.direction_deg - direction_deg + 180) % 360 - 180
         assert abs(error_deg) < 3 * event.direction_sd_deg + 0.2
         assert event.direction_sd_deg < 5
+
+
+def test_the_direction_of_the_next_slip_is_its_own() -> None:
+    """The object slides along +x, is let go at once, and slides along +y half a second later."""
+    t = np.arange(430) / RATE_HZ
+    load = LOADS * np.interp(t, [0.5, 1.0], [0.0, 1.0])[:, np.newaxis]
+    readings = slide(0.0)[: len(t)].volts.copy()
+    readings[t > 3.3, 0::3] = readings[:200, 0::3][: int((t > 3.3).sum())]
+    readings[:, 1::3] += slid_to(load, np.interp(t, [3.7, 4.2], [0.0, 1.0]), MU, (np.zeros(9), np.ones(9)))[
+        :, 1
+    ]
+    told = slips(GripDetector(ARRAY, KNOWN).process(regular_block(readings, RATE_HZ)))
+    assert [(event.state, event.kind) for event in told[2:]] == [
+        ("end", "gross"),
+        ("onset", "incipient"),
+        ("onset", "gross"),
+    ]
+    assert [event.direction_deg for event in told[3:]] == pytest.approx([90.0, 90.0], abs=2.0)
+
+
+def test_the_instant_of_a_slip_is_no_surer_than_the_clock() -> None:
+    block = slide()[:350]
+    exact = slips(GripDetector(ARRAY, KNOWN).process(dataclasses.replace(block, time_sd_s=np.zeros(350))))
+    told = slips(GripDetector(ARRAY, KNOWN).process(dataclasses.replace(block, time_sd_s=np.full(350, 0.05))))
+    assert len(told) == 2
+    assert [event.onset_sd_s for event in told] == pytest.approx(
+        [math.hypot(event.onset_sd_s, 0.05) for event in exact]
+    )
 
 
 def test_a_skin_that_turns_on_the_spot_has_no_direction() -> None:
