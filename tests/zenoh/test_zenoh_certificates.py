@@ -117,7 +117,7 @@ def test_faults_are_reported_before_anything_is_written(tmp_path: Path) -> None:
 
 
 MEMBERS = FleetMembers(
-    {"hall": "10.0.0.1", "lab": "[fe80::1]:7000", "yard": "yard.example:7448"},
+    {"hall": "10.0.0.1", "lab": "[fe80::1]:7000", "six": "[fe80::2]", "yard": "yard.example:7448"},
     ["r1", "r2"],
     ["dash"],
     ["gripper"],
@@ -147,7 +147,7 @@ def test_every_member_is_a_client_of_all_routers(folder: Path) -> None:
         assert found["mode"] == "client"
         assert found["scouting"] == {"multicast": {"enabled": False}}
         assert found["connect"]["endpoints"] == [
-            "tls/10.0.0.1:7447", "tls/[fe80::1]:7000", "tls/yard.example:7448"
+            "tls/10.0.0.1:7447", "tls/[fe80::1]:7000", "tls/[fe80::2]:7447", "tls/yard.example:7448"
         ]  # fmt: skip
         assert "listen" not in found
         assert "access_control" not in found
@@ -158,12 +158,18 @@ def test_each_pair_of_routers_has_one_connection(folder: Path) -> None:
     assert {name: found["connect"]["endpoints"] for name, found in routers.items()} == {
         "hall": [],
         "lab": ["tls/10.0.0.1:7447"],
-        "yard": ["tls/10.0.0.1:7447", "tls/[fe80::1]:7000"],
+        "six": ["tls/10.0.0.1:7447", "tls/[fe80::1]:7000"],
+        "yard": ["tls/10.0.0.1:7447", "tls/[fe80::1]:7000", "tls/[fe80::2]:7447"],
+    }
+    assert {name: found["listen"]["endpoints"] for name, found in routers.items()} == {
+        "hall": ["tls/[::]:7447"],
+        "lab": ["tls/[::]:7000"],
+        "six": ["tls/[::]:7447"],
+        "yard": ["tls/[::]:7448"],
     }
     for found in routers.values():
         assert found["mode"] == "router"
         assert found["scouting"] == {"multicast": {"enabled": False}}
-        assert found["listen"]["endpoints"] == ["tls/[::]:7447"]
         assert found["access_control"] == access_control(MEMBERS)
 
 
@@ -191,6 +197,7 @@ def test_certificates_are_of_this_authority_for_825_days(folder: Path) -> None:
     [
         ("hall", "IP Address:10.0.0.1"),
         ("lab", "IP Address:FE80:0:0:0:0:0:0:1"),
+        ("six", "IP Address:FE80:0:0:0:0:0:0:2"),
         ("yard", "DNS:yard.example"),
         ("dash", "DNS:dash"),
     ],

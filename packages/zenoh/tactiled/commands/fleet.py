@@ -149,7 +149,10 @@ def fleet(
 
 @click.command("fleet")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--router", "routers", multiple=True, metavar="NAME=ADDRESS", help="Router and its address.")
+@click.option(
+    "--router", "routers", multiple=True, metavar="NAME=ADDRESS[:PORT]",
+    help="Router and its address; it listens at that port. [default port: 7447]",
+)  # fmt: skip
 @click.option("--robot", "robots", multiple=True, metavar="NAME", help="Host of a daemon, as in --host.")
 @click.option("--reader", "readers", multiple=True, metavar="NAME", help="Who may read all robots.")
 @click.option("--commander", "commanders", multiple=True, metavar="NAME", help="Who may command them, too.")

@@ -27,7 +27,7 @@ from tactiled.outside import json_of, read_text
 PORT = 7447
 _DAYS = 825  # the longest that TLS libraries of all platforms accept
 _NAME = r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}"
-_ADDRESS = r"([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])(:\d{1,5})?"
+_ADDRESS = r"([A-Za-z0-9_.-]+|\[[0-9A-Fa-f:.]+\])(?::(\d{1,5}))?"  # host and port
 _CURVE = "prime256v1"
 
 
@@ -108,7 +108,7 @@ def router_config(folder: Path, name: str, members: FleetMembers) -> dict[str, A
     return {
         "mode": "router",
         "scouting": {"multicast": {"enabled": False}},
-        "listen": {"endpoints": [f"tls/[::]:{PORT}"]},
+        "listen": {"endpoints": [f"tls/[::]:{_host_and_port(members.routers[name])[1]}"]},
         "connect": {"endpoints": [_locator(address) for address in others]},
         "transport": {"link": {"tls": _tls(folder, name, "listen") | _tls(folder, name, "connect")}},
         "access_control": access_control(members),
@@ -166,8 +166,15 @@ def _member(folder: Path, name: str, members: FleetMembers) -> dict[str, Any]:
     }
 
 
+def _host_and_port(address: str) -> tuple[str, str]:
+    """Return host, IPv6 in brackets, and port of a router's address."""
+    match = re.fullmatch(_ADDRESS, address)
+    assert match is not None  # `make_fleet` refuses others
+    return match[1], match[2] or str(PORT)
+
+
 def _locator(address: str) -> str:
-    return f"tls/{address}" if ":" in address else f"tls/{address}:{PORT}"
+    return f"tls/{':'.join(_host_and_port(address))}"
 
 
 def _tls(folder: Path, name: str, way: str) -> dict[str, Any]:
@@ -201,7 +208,7 @@ def _key(folder: Path, name: str) -> None:
 def _certificate(folder: Path, name: str, address: str) -> None:
     """Make key and certificate of a member; that of a router has its address, which members verify."""
     _key(folder, name)
-    host = address.rsplit(":", 1)[0].strip("[]") if address else name
+    host = _host_and_port(address)[0].strip("[]") if address else name
     is_number = re.fullmatch(r"[0-9.]+|[0-9a-fA-F:]+:[0-9a-fA-F:]*", host)
     extensions = folder / f"{name}.ext"
     extensions.write_text(
