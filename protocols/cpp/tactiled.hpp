@@ -238,7 +238,7 @@ public:
     }
 
     // Send a command without waiting; `poll` has its reply. The reply to one before is dropped. Until the daemon
-    // is connected, the newest 64 commands wait.
+    // is connected, the newest 64 commands wait; of `motion`, the newest alone.
     template <class... Fields> void begin(const std::string& command, const Fields&... fields)
     {
         static_assert(sizeof...(Fields) % 2 == 0, "fields are pairs of name and value");
@@ -282,6 +282,10 @@ private:
     static constexpr std::size_t MOST_BYTES = 16128;
     static constexpr std::size_t MOST_UNSENT = 64;  // bounds the memory; as many as ZeroMQ queues
 
+    struct Unsent {
+        std::string command, request;
+    };
+
     template <class PackFields>
     void begin_fields(const std::string& command, std::uint32_t n_fields, const PackFields& pack_fields)
     {
@@ -298,15 +302,19 @@ private:
         if (id_.empty())  // a daemon that replies to none of many commands is dead
             until_s_ = monotonic_s() + TIMEOUT_S;
         id_ = id;
+        if (command == "motion")  // the acceleration of the past is none of now
+            unsent_.erase(std::remove_if(unsent_.begin(), unsent_.end(),
+                                         [](const Unsent& waiting) { return waiting.command == "motion"; }),
+                          unsent_.end());
         if (unsent_.size() == MOST_UNSENT)
             unsent_.pop_front();
-        unsent_.push_back(std::move(request));
+        unsent_.push_back(Unsent{command, std::move(request)});
         send_unsent();
     }
 
     void send_unsent()
     {
-        while (!unsent_.empty() && detail::send(socket_, unsent_.front()))
+        while (!unsent_.empty() && detail::send(socket_, unsent_.front().request))
             unsent_.pop_front();
     }
 
@@ -365,7 +373,7 @@ private:
     std::string name_, id_;  // id of the command that waits for its reply; empty for none
     std::uint64_t number_ = 0;
     double until_s_ = 0.0;
-    std::deque<std::string> unsent_;  // requests until the daemon is connected
+    std::deque<Unsent> unsent_;  // until the daemon is connected
     std::vector<detail::Entry> entries_;  // of the reply that is read now
     Reply reply_;
     std::optional<detail::Descriptor> descriptor_;

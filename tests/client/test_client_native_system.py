@@ -149,6 +149,16 @@ int main(int, char** argv)
             }
             daemon.begin("mark", "text", std::string(17000, 'x'));
         }
+        if (std::string(argv[2]) == "away") {
+            daemon.begin("object-changed");
+            for (int k = 0; k < 100; ++k)
+                daemon.begin("motion", "acceleration_m_s2", double(k));
+            daemon.begin("friction", "value", 0.4);
+            std::cout << "waits" << std::endl;
+            while (!daemon.poll()) {
+            }
+            return 0;
+        }
         for (;;) {
             daemon.begin("motion", "acceleration_m_s2", 9.81);
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -187,6 +197,27 @@ def test_commands_wait_for_the_connection_and_a_long_one_is_refused(commands: Pa
     assert asked == ["object-changed", "friction"]
     assert said.startswith("mark: 17")
     assert "a request has at most 16128" in said
+
+
+def test_of_the_motion_of_a_time_without_a_daemon_the_newest_is_sent(commands: Path, tmp_path: Path) -> None:
+    control = f"ipc://{tmp_path}/control.ipc"
+    asked: list[tuple[str, float | None]] = []
+    with (
+        zmq.Context() as context,
+        context.socket(zmq.ROUTER) as sock,
+        subprocess.Popen([commands, control, "away"], stdout=subprocess.PIPE, text=True) as program,
+    ):
+        assert program.stdout is not None
+        assert program.stdout.readline() == "waits\n"
+        sock.bind(control)
+        while program.poll() is None:
+            if sock.poll(20):
+                who, payload = sock.recv_multipart()
+                request = msgpack.unpackb(payload)
+                asked.append((request["do"], request.get("acceleration_m_s2")))
+                reply = {"v": 1, "id": request["id"], "ok": True, "reason": "", "run": 1}
+                sock.send_multipart([who, msgpack.packb(reply)])
+    assert asked == [("object-changed", None), ("motion", 99.0), ("friction", None)]
 
 
 def test_a_loop_that_sends_commands_hears_that_no_daemon_replies(commands: Path, tmp_path: Path) -> None:
