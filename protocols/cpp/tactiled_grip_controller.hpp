@@ -125,7 +125,8 @@ private:
     static constexpr double INF = std::numeric_limits<double>::infinity();
     static constexpr double SURELY = 0.87, FORGET_PER_S = 0.01, RENEW_PER_S = 0.3, GREW = 1.02;
     static constexpr double LEAD_S = 0.08, LEAD_MOST = 0.5, GROWTH_S = 0.03, GROWS = 0.08, LEAST = 0.05;
-    static constexpr double DROP = 0.03, FLAT = 0.012, FLAT_S = 0.009, DROP_S = 0.035, PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
+    static constexpr double DROP = 0.03, DROP_PER_S = 1.0, FLAT_PER_S = 1.2, FLAT_S = 0.009, DROP_S = 0.035;
+    static constexpr double PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
     static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7, DENIED = 0.4;
     static constexpr double CALM_S = 0.1, CALM_AFTER_SLIP_S = 0.3, CALM_AFTER_STALE_S = 1.0, EASE_PER_S = 4.0;
@@ -235,12 +236,14 @@ private:
             return false;
         const Seen &peak = *std::max_element(recent, past_.cend(), weaker);
         const double largest = std::max_element(past_.begin(), past_.end(), weaker)->shear;
-        const double least_drop = DROP + TIGHTENED * std::max(now.load / peak.load - 1, 0.0);
+        const double least_drop = std::max(DROP, DROP_PER_S * (now.at_s - peak.at_s)) +
+                                  TIGHTENED * std::max(now.load / peak.load - 1, 0.0);
         auto before = past_.cend() - 1;
         while (before != recent && before->at_s > now.at_s - FLAT_S)
             --before;
-        const bool found = peak.shear >= PEAK * largest && (1 - FLAT) * before->shear < now.shear &&
-                           now.shear < (1 - least_drop) * peak.shear;
+        const double least = (1 - FLAT_PER_S * (now.at_s - before->at_s)) * before->shear;
+        const bool found =
+            peak.shear >= PEAK * largest && least < now.shear && now.shear < (1 - least_drop) * peak.shear;
         if (found)
             dropped_s_ = now.at_s;
         return found;

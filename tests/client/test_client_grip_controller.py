@@ -113,6 +113,7 @@ def largest_n(rate_hz: int, shear_at: Callable[[float], float]) -> float:
 MOTIONS: dict[str, Callable[[float], float]] = {  # shear of an object that sticks
     "jerk": lambda at_s: 1.0 + 10.0 * min(max(at_s - 3.0, 0.0), 0.1),
     "sway": lambda at_s: 1.0 + 0.2 * math.sin(10 * math.pi * at_s),
+    "slow sway": lambda at_s: 1.0 + 0.2 * math.sin(4 * math.pi * at_s),
     "set down": lambda at_s: 1.0 - max(at_s - 3.0, 0.0) / 0.3,
 }
 
@@ -122,6 +123,7 @@ MOTIONS: dict[str, Callable[[float], float]] = {  # shear of an object that stic
     [
         *itertools.product(("jerk", "set down"), (20, 50, 500, 1000)),
         *itertools.product(("sway",), (500, 1000)),  # 5 Hz have too few scans at the others
+        *itertools.product(("slow sway",), (200, 500, 1000)),
     ],
 )
 def test_an_object_that_moves_and_sticks_is_gripped_alike_at_every_rate(motion: str, rate_hz: int) -> None:

@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +111,13 @@ def test_both_have_the_same_numbers() -> None:
     assert of_header == of_module
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> None:
+def assert_same_forces(program: Path, drawn: Iterable[dict[str, Any]], seed: int) -> None:
+    """Play messages to both; their load is over the force that the gripper exerts. Some readings are lost."""
     rng = np.random.default_rng([seed, 1])
     limits = 0.5 + 0.4 * float(rng.random()), 6.0, 1.0, 40.0
     controller = GripController(*limits)
     lines, expected, present_n = [" ".join(map(repr, limits))], [controller.command_n], 6.0
-    for message in messages(seed):
+    for message in drawn:
         message["load"] *= present_n
         if rng.random() < 0.005:
             lines.append("blind")
@@ -134,6 +134,24 @@ def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> N
     found = [float(line) for line in done.stdout.splitlines()]
     assert found == pytest.approx(expected, rel=1e-9)
     assert len(set(expected)) >= 5
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_both_controllers_command_the_same_forces(program: Path, seed: int) -> None:
+    assert_same_forces(program, messages(seed), seed)
+
+
+@pytest.mark.parametrize("rate_hz", [100, 200, 500, 1000])
+def test_both_controllers_command_the_same_forces_while_an_object_sways(program: Path, rate_hz: int) -> None:
+    sway = (
+        {
+            "timestamp": k / rate_hz, "load": 0.7, "shear_y": 0.0, "friction_low": 0.5, "friction": 0.6,
+            "shear_x": (k > 0.7 * rate_hz) * (2.0 + 0.4 * math.sin(4 * math.pi * k / rate_hz)),
+            "state": "sticking", "board": "left", "valid": True, "late": False,
+        }
+        for k in range(3 * rate_hz)
+    )  # fmt: skip
+    assert_same_forces(program, sway, rate_hz)
 
 
 @pytest.mark.parametrize(

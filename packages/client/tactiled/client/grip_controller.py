@@ -32,8 +32,11 @@ _GROWTH_S = 0.03  # over which the growth of shear is measured
 _GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grows
 _LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
-_DROP, _FLAT = 0.03, 0.012  # shear falls by so much at once, and then no further: sliding friction is less
-_FLAT_S = 0.009  # time before in which it falls no further: a scan at 100 Hz, several of faster boards
+_DROP, _DROP_PER_S = 0.03, 1.0  # shear falls by so much, and so fast: sliding friction is less
+_FLAT_PER_S, _FLAT_S = (
+    1.2,
+    0.009,
+)  # and then falls more slowly: over a scan at 100 Hz, several of faster boards
 _DROP_S, _PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 _TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
 _REST_S = 0.6  # of messages that are kept
@@ -270,9 +273,11 @@ class GripController:
             return False
         peak = max(recent, key=lambda seen: seen.shear)
         is_peak = peak.shear >= _PEAK * max(seen.shear for seen in self._past)
-        least_drop = _DROP + _TIGHTENED * max(now.load / peak.load - 1, 0.0)
+        least_drop = max(_DROP, _DROP_PER_S * (now.at_s - peak.at_s))
+        least_drop += _TIGHTENED * max(now.load / peak.load - 1, 0.0)
         before = next((seen for seen in reversed(recent) if seen.at_s <= now.at_s - _FLAT_S), recent[0])
-        drops = is_peak and (1 - _FLAT) * before.shear < now.shear < (1 - least_drop) * peak.shear
+        least = (1 - _FLAT_PER_S * (now.at_s - before.at_s)) * before.shear
+        drops = is_peak and least < now.shear < (1 - least_drop) * peak.shear
         if drops:
             self._dropped_s = now.at_s
         return drops
