@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import filecmp
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -67,6 +68,7 @@ def recover(
     replace_original : bool
         Remove the original once the new file is on disk, and copy its modification time to the new file.
         An original with damage is kept, as ``NAME.active.damaged``, unless only its last chunk is not whole.
+        A new file that is there already, with the same bytes, is of a recovery that was killed before that.
 
     Raises
     ------
@@ -80,7 +82,7 @@ def recover(
             _claim(stream, path, must_lock=replace_original)
         header = read_header(path)
         try:
-            with _finished_file(out) as target:
+            with _finished_file(out, may_repeat=replace_original) as target:
                 copy = _Copy(target, header)
                 for found in readable_chunks(path, stream, extent):
                     copy.take(found)
@@ -130,6 +132,8 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
         raise DataError(f"{directory}: cannot be read: {error.strerror}") from None
     for path in paths:
         try:
+            with contextlib.suppress(OSError):  # of a recovery that was killed: it takes the room of the next
+                _part_of(default_name(path)).unlink()
             left_mb = free_mb(directory) - path.stat().st_size / 1e6
             if left_mb < min_free_mb:
                 yield False, f"{path}: skipped, because its copy would leave only {left_mb:.0f} MB free"
@@ -219,17 +223,31 @@ class _Copy:
         return self._channels[key]
 
 
-@contextlib.contextmanager
-def _finished_file(out: Path) -> Iterator[BinaryIO]:
-    """Open a new file that gets its name only once it is complete and on disk."""
-    if out.exists():
+def _part_of(out: Path) -> Path:
+    return out.with_name(f"{out.name}.part")
+
+
+def _check_name(out: Path, new: Path | None = None) -> None:
+    """Raise `DataError` where there is a file of this name, other than one with the bytes of the new one."""
+    if out.exists() and (new is None or not filecmp.cmp(new, out, shallow=False)):
         raise DataError(f"{out}: exists already; choose another name with --out")
-    part = out.with_name(f"{out.name}.part")
+
+
+@contextlib.contextmanager
+def _finished_file(out: Path, *, may_repeat: bool) -> Iterator[BinaryIO]:
+    """Open a new file that gets its name only once it is complete and on disk.
+
+    With `may_repeat`, it may replace a file that has the same bytes.
+    """
+    if not may_repeat:
+        _check_name(out)
+    part = _part_of(out)
     try:
         with part.open("wb") as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
+        _check_name(out, part)
         part.rename(out)
     except BaseException:
         part.unlink(missing_ok=True)

@@ -166,6 +166,23 @@ def test_a_file_without_room_for_its_copy_or_with_a_finished_one_beside_it_is_le
         list(recover_directory(tmp_path / "none"))
 
 
+def test_a_recovery_that_was_killed_is_ended_by_the_next_one(tmp_path: Path) -> None:
+    active, out = tmp_path / (name(0) + ACTIVE), tmp_path / name(0)
+    data = leave_unfinished(out, 5)
+    part = tmp_path / (name(0) + ".part")
+    part.write_bytes(b"half")  # killed while it copied
+    ((good, _),) = recover_directory(tmp_path, min_free_mb=1e12)
+    assert not good
+    assert [path.name for path in tmp_path.iterdir()] == [active.name]
+    assert all(good for good, _ in recover_directory(tmp_path))
+    recovered = out.read_bytes()
+    active.write_bytes(data)  # killed before the original was removed
+    ((good, words),) = recover_directory(tmp_path)
+    assert good, words
+    assert [path.name for path in tmp_path.iterdir()] == [out.name]
+    assert out.read_bytes() == recovered
+
+
 def test_a_file_that_cannot_be_locked_is_removed_and_can_be_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
