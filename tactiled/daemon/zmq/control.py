@@ -26,6 +26,8 @@ logger = logging.getLogger(__name__)
 
 # Limit of the messages in a reply: 200 scans. A minute of scans takes 30 round trips.
 REPLY_BYTES = 128 * 1024
+# Clients of ours take frames of 1 MiB; some bytes less, for what precedes the reply in a queue of that size.
+LONGEST_REPLY_BYTES = 2**20 - 1024
 _NO_COMMANDS = (
     "commands are not taken over TCP without a key, because TCP does not tell which user asks: send them to "
     "the ipc endpoint (tactiled command does), or set publish.allow_commands_over_tcp"
@@ -64,9 +66,14 @@ class Control:
         try:
             if isinstance(request, CommandRequest):
                 return self._command(request, requester, now_s)
-            if isinstance(request, Events):
-                return self._events(request)
-            return self._state(request, now_s)
+            reply = self._events(request) if isinstance(request, Events) else self._state(request, now_s)
+            if len(reply) <= LONGEST_REPLY_BYTES:
+                return reply
+            too_long = (
+                f"the reply has {len(reply)} bytes, {LONGEST_REPLY_BYTES} are the most: ask for the topics "
+                "that you need with `events`"
+            )
+            return self._reply(request.id, request.do, too_long)
         except Exception as error:  # a bug in the control channel must not stop sensing
             fault = f"a fault of tactiled, please report it: {error!r:.200}"
             self.bad.add(f"{request.do}: {fault}", now_s)

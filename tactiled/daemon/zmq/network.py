@@ -20,7 +20,7 @@ import zmq
 import zmq.asyncio
 
 from tactiled.daemon.zmq import zmtp
-from tactiled.daemon.zmq.control import REPLY_BYTES, CommandedBoard, Control
+from tactiled.daemon.zmq.control import LONGEST_REPLY_BYTES, CommandedBoard, Control
 from tactiled.daemon.zmq.endpoints import bind
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.daemon.zmq.peers import HANDSHAKE_S, Bounds, Peer, PeerServer, Queued, StepLimit
@@ -34,8 +34,8 @@ _LOG_PERIOD_S = 1.0  # of the counts of repeated conditions
 _HIGH_WATER = 16
 # Parts of a request: number of a correlating REQ, empty part of a REQ, payload.
 _MOST_PARTS = 3
-# Four of the longest replies are kept for a client. A request costs at most some 0.3 ms.
-BOUNDS = Bounds(LONGEST_BYTES, 4 * REPLY_BYTES, steps_per_s=500.0)
+# The longest reply is kept for a client, or eight with missed messages. A request costs some 0.3 ms at most.
+BOUNDS = Bounds(LONGEST_BYTES, LONGEST_REPLY_BYTES + 1024, steps_per_s=500.0)
 
 
 @dataclass

@@ -35,6 +35,7 @@ from tactiled.daemon.zmq.requests import (
     Requester,
     parse,
 )
+from tactiled.events.types import RecordingEvent
 from tactiled.limited_log import PERIOD_S
 
 SOMEONE = Requester("1", may_command=True)
@@ -307,6 +308,26 @@ def test_any_zmq_client_can_ask(tmp_path: Path, kind: int, options: tuple[int, .
             sock.connect(control(tmp_path))
             await sock.send(request("state"))
             assert msgpack.unpackb(await sock.recv())["ok"]
+
+    server.run(story)
+
+
+@pytest.mark.parametrize(("n_bytes", "is_told"), [(400_000, True), (600_000, False)])
+def test_a_state_of_large_messages_arrives_or_is_refused(tmp_path: Path, n_bytes: int, is_told: bool) -> None:
+    server = served(tmp_path)
+    large = RecordingEvent(
+        time_s=1.0, state="off", reason=n_bytes * "x", file="", parts=0, bytes_written=0, free_mb=0.0,
+        reads_dropped=0, reads_waiting=0,
+    )  # fmt: skip
+    for board in ("b", "c"):
+        server.network.publisher.send(large, board=board, unix_offset_s=0.0)
+
+    async def story() -> None:
+        async with AsyncCommander(endpoint(tmp_path)) as daemon:
+            reply = await daemon.send("state")
+            assert reply.ok == is_told
+            assert len(reply.data.get("messages", ())) == (2 if is_told else 0)
+            assert is_told or "ask for the topics that you need" in reply.reason
 
     server.run(story)
 
