@@ -346,6 +346,18 @@ def test_full_scale_is_rest_where_readings_fall_under_load(unit: str, tmp_path: 
         assert scan.valid == tuple(falls.tolist())
 
 
+@pytest.mark.parametrize("unit", ["count", "V"])
+def test_readings_beyond_the_range_of_the_array_are_not_valid_as_in_a_log(unit: str, tmp_path: Path) -> None:
+    encoder, hello = Encoder(LAYOUT), hello_of_board()
+    per_count = 1.0 if unit == "count" else hello.volts_per_count
+    array = dataclasses.replace(in_unit(tmp_path, unit), low=100 * per_count, high=3000 * per_count)
+    counts = np.resize([0, 99, 100, 2999, 3000, 4095], 36)
+    data = encoder.encode(hello) + encoder.encode(Scan(sequence=0, ticks=0, flags=0, counts=counts))
+    (scan,) = (e for e in Pipeline(LAYOUT, array).receive_data(data, 1.0) if isinstance(e, ScanEvent))
+    assert scan.valid == tuple(array.in_range(counts * per_count).tolist())
+    assert scan.valid[:6] == (False, False, True, True, False, False)
+
+
 def test_a_board_of_counts_does_not_fit_an_array_in_another_unit(tmp_path: Path) -> None:
     fault = check_hello(hello_of_board(), LAYOUT, in_unit(tmp_path, "N"))
     assert fault is not None

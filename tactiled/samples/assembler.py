@@ -63,7 +63,7 @@ class Assembler:
     in_counts : bool
         Readings are the converter's counts as they came, not volts.
     in_range : callable, optional
-        Returns True for the readings in a unit that are not saturated. Without it, these are the finite ones.
+        Returns True for the readings that the range of the array has. Without it, these are the finite ones.
     falls_under_load : (channels,) bool, optional
         Channels for which the largest count of the converter is rest; for others it is a saturated reading.
     """
@@ -90,7 +90,7 @@ class Assembler:
         self._layout = layout
         self._live = live
         self._in_counts = in_counts or layout.carries_units
-        self._in_range = (in_range or np.isfinite) if layout.carries_units else None
+        self._in_range = in_range or np.isfinite
         falls = np.zeros(layout.n_channels, np.bool_) if falls_under_load is None else falls_under_load
         self._rests_at_full = falls.astype(np.int64)
         self._params = params or SampleParams()
@@ -174,7 +174,7 @@ class Assembler:
         conversion = self._conversion = Conversion(
             hello,
             1.0 if self._in_counts else hello.volts_per_count,
-            2**hello.adc_bits - 1 + self._rests_at_full,
+            None if self._layout.carries_units else 2**hello.adc_bits - 1 + self._rests_at_full,
             np.array(hello.channel_offset_s or (0.0,) * self._layout.n_channels),
             self._fault_flag,
             self._in_range,

@@ -132,27 +132,27 @@ class Conversion:
     hello: Hello
     per_count: float  # unit of the array for each count of the frames
     # (channels,): least count that is no reading. That is the largest of the converter, beyond which the load
-    # may be higher; one more for channels that fall under load, which rest there
-    full_count: NDArray[np.int64]
+    # may be higher; one more for channels that fall under load, which rest there. None: frames carry units
+    full_count: NDArray[np.int64] | None
     channel_offset_s: FloatArray  # (channels,): as in `ScanBlock`
     fault_flag: int  # flag of a frame none of whose readings is valid; 0 where the layout has none
-    # Returns True for the readings that are not saturated, in place of `full_count`
-    in_range: Callable[[FloatArray], NDArray[np.bool_]] | None
+    # Returns True for the readings in the range of the array, and neither saturated nor NaN
+    in_range: Callable[[FloatArray], NDArray[np.bool_]]
 
     def readings(self, frames: Sequence[Scan]) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the readings (frames, channels), and which of them are valid."""
         counts = np.array([frame.counts for frame in frames])
-        # Zero is a valid reading without contact.
-        if self.in_range is None:
-            valid = counts < self.full_count
+        readings = np.asarray(counts * self.per_count, dtype=np.float64)
+        valid = self.in_range(readings)
+        if self.full_count is None:
+            readings = np.where(np.isfinite(readings), readings, np.nan)
         else:
-            valid = self.in_range(counts)
-            counts = np.where(np.isfinite(counts), counts, np.nan)
+            valid = valid & (counts < self.full_count)
         if self.fault_flag:
             sound = [not frame.flags & self.fault_flag for frame in frames]
             if not all(sound):
                 valid &= np.array(sound)[:, np.newaxis]
-        return np.asarray(counts * self.per_count, dtype=np.float64), valid
+        return readings, valid
 
 
 class ScanRun:
@@ -176,7 +176,7 @@ class ScanRun:
     def rows(self) -> list[tuple[tuple[float, ...], tuple[bool, ...]]]:
         """Return the readings of each scan, and which of them are valid."""
         of_all, are_valid = self.readings()
-        if self.conversion.in_range is not None:  # readings in a unit need not be finite, as messages must
+        if self.conversion.full_count is None:  # readings in a unit need not be finite, as messages must
             of_all = np.where(np.isfinite(of_all), of_all, 0.0)
         return list(zip(map(tuple, of_all.tolist()), map(tuple, are_valid.tolist()), strict=True))
 

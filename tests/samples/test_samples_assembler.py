@@ -351,7 +351,7 @@ def test_the_latency_timer_counts_whether_the_adapter_or_the_board_is_known_firs
 
 def test_a_reading_that_is_no_number_is_none_to_detectors_and_0_in_messages() -> None:
     """As in a log: a channel without a reading must not look like one that nothing presses."""
-    conversion = Conversion(hello(), 1.0, np.zeros(3, np.int64), np.zeros(3), 0, np.isfinite)
+    conversion = Conversion(hello(), 1.0, None, np.zeros(3), 0, np.isfinite)
     frame = Scan(sequence=0, ticks=None, flags=0, counts=np.array([np.nan, -np.inf, 2.0]))
     run = ScanRun([TimedScan(frame, 0, 50.0, 1e-3, late=False)], conversion)
     assert np.array_equal(run.block().volts, [[np.nan, np.nan, 2.0]], equal_nan=True)
