@@ -59,6 +59,8 @@ void print_diagnostics(const Json& map)
         state.take(map.at("status").get<tactiled::Status>(), map.at("age_s"), 0.0);
         state.admit("status", map.at("age_s"), 0.0);
     }
+    state.malformed = map.value("malformed", 0);
+    state.lost = map.value("lost", 0);
     const double now_s = map.at("now_s");
     std::cout << "{is_fresh: " << std::boolalpha << state.is_fresh(now_s) << ", message: ";
     to_flow_style_yaml(diagnostics(state, now_s, 1.5), std::cout);
@@ -113,6 +115,8 @@ int main()
             print_taxels(map);
         if (map.at("topic") == "frame")
             std::cout << frame_of(map.at("data")) << std::endl;
+        if (map.at("topic") == "instant")
+            print(ros_time(std::stod(map.at("data").get<std::string>())), true);
         if (map.at("topic") == "diagnostics")
             print_diagnostics(map);
         if (map.at("topic") == "steps")

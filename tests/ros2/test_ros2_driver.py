@@ -162,12 +162,11 @@ def test_messages_have_all_fields_in_si_units(play: Play) -> None:
         assert ros == {"header": header} | in_si("", each)[1]
 
 
-@pytest.mark.parametrize("unix_s", [-3.0, 0.25, 1.7e9 + 0.25, 2.0**31 + 5.5])
+@pytest.mark.parametrize("unix_s", [math.nan, -3.0, 0.25, 1.7e9 + 0.25, 2.0**31 + 5.5])
 def test_stamps_are_within_a_microsecond_and_the_range_of_ros(play: Play, unix_s: float) -> None:
-    (found,) = play([{"topic": "wrench", "data": force() | {"timestamp": unix_s}, "calibrated_only": False}])
-    time = found["header"]["stamp"]
+    (time,) = play([{"topic": "instant", "data": repr(unix_s)}])
     assert 0 <= time["nanosec"] < 10**9
-    expected_s = max(unix_s, 0.0) if unix_s < 2**31 else 2**31 - 0.5
+    expected_s = 2**31 - 0.5 if unix_s >= 2**31 else max(0.0, unix_s)  # 0 for NaN
     assert time["sec"] + time["nanosec"] * 1e-9 == pytest.approx(expected_s, abs=1e-6)
 
 
@@ -319,19 +318,29 @@ def test_diagnostics(
         ("frames_corrupt", "0"),
         ("force_calibration", "none"),
         ("messages_too_old", str(int(abs(age_s) > FRESH_S))),
+        ("messages_lost", "0"),
         ("messages_malformed", "0"),
         ("messages_refused", "0"),
     ]
 
 
 @pytest.mark.parametrize(
-    ("is_active", "words"),
-    [(False, "the node is not active"), (True, "no status was received: is tactiled running?")],
+    ("is_active", "malformed", "words"),
+    [
+        (False, 0, "the node is not active"),
+        (True, 0, "no status was received: is tactiled running?"),
+        (True, 3, "no status can be read: is tactiled of another version?"),
+    ],
 )
-def test_diagnostics_without_a_status_say_why(play: Play, is_active: bool, words: str) -> None:
-    (found,) = play([{"topic": "diagnostics", "is_active": is_active, "now_s": 0.1}])
+def test_diagnostics_without_a_status_say_why(
+    play: Play, is_active: bool, malformed: int, words: str
+) -> None:
+    line = {"topic": "diagnostics", "is_active": is_active, "malformed": malformed, "lost": 5, "now_s": 0.1}
+    (found,) = play([line])
     (entry,) = found["message"]["status"]
     assert (int(entry["level"]), entry["message"], found["is_fresh"]) == (STALE, words, False)
+    counts = {pair["key"]: int(pair["value"]) for pair in entry["values"] if "messages" in pair["key"]}
+    assert (counts["messages_malformed"], counts["messages_lost"]) == (malformed, 5)
 
 
 def step(topic: str, now_s: float, age_s: float = 0.0, **fields: Any) -> dict[str, Any]:
@@ -386,3 +395,27 @@ def test_the_latched_contact_follows_silence_and_return(play: Play) -> None:
     for each in contacts.values():
         assert each["header"] == {"stamp": {"sec": 1, "nanosec": 500_000_000}, "frame_id": FRAME}
         assert (each["board"], each["seq"], each["taxels"]) == ("TS0001", -1, [])
+
+
+def test_a_lost_contact_is_replaced_by_that_of_the_next_status(play: Play) -> None:
+    """What subscribers know is what the newest status says, and nothing is said twice."""
+    rng = random.Random(6)
+    steps: list[dict[str, Any]] = []
+    actual, contacts = "none", ("none", "holding", "sliding")
+    for n in range(1000):
+        if rng.random() < 0.5:
+            actual = rng.choice(contacts)
+            if rng.random() < 0.6:  # others are lost
+                steps.append(step("contact", n / 10, state=actual))
+        steps.append(step("status", n / 10, contact=actual))
+    (found,) = play([{"topic": "steps", "steps": steps}])
+    known, n_made = "unknown", 0
+    for sent, row in zip(steps, found, strict=True):
+        if sent["topic"] == "contact" and row["is_admitted"]:
+            known = sent["state"]
+        if "contact" in row:
+            made = row["contact"]
+            assert (made["previous"], made["valid"], made["state"] == known) == (known, True, False)
+            known, n_made = made["state"], n_made + 1
+        assert sent["topic"] == "contact" or sent["data"]["contact"] == known
+    assert n_made > 100

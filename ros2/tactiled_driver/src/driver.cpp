@@ -218,6 +218,7 @@ private:
             } catch (const std::exception&) {
                 ++state_.refused;
             }
+            state_.lost = events_->lost();
             state_.malformed = events_->malformed() + n_unread_;
         }
     }
@@ -261,7 +262,7 @@ private:
             clouds_->publish(cloud_);
     }
 
-    // Replace the latched contact when the board becomes stale, and when it is fresh again.
+    // Replace the latched contact when the board becomes stale, when it is fresh again, and when one was missed.
     void watch()
     {
         const auto contact = state_.changed_contact(tactiled::monotonic_s(), tactiled::unix_s());

@@ -108,9 +108,11 @@ struct BoardState {
     double status_age_s = 0.0;                                   // its age then
     std::string calibration = "none";                            // of the newest force
     std::string contact = tactiled::Contact::STATE_UNKNOWN;      // newest state that was published
+    bool is_contact_missed = false;                              // the newest status had another one when it came
     bool was_fresh = false;                                      // at the newest `changed_contact`
-    // Messages that were not published: old ones; those that cannot be read; those the middleware did not take.
-    std::uint64_t too_old = 0, malformed = 0, refused = 0;
+    // Messages that were not published: old ones; those that did not arrive; those that cannot be read; those the
+    // middleware did not take.
+    std::uint64_t too_old = 0, lost = 0, malformed = 0, refused = 0;
 
     // True while messages about the skin may be published.
     bool is_fresh(double now_s) const
@@ -123,6 +125,7 @@ struct BoardState {
         status = newest;
         status_s = now_s;
         status_age_s = age_s;
+        is_contact_missed = status.contact != contact;  // the daemon had sent its change before
     }
 
     // True where a message that was received now may be published; others are counted. An age below 0 shows that a
@@ -135,13 +138,15 @@ struct BoardState {
     }
 
     // Contact in place of the latched one. When the board becomes stale, it is unknown and not valid, so that a late
-    // subscriber does not receive the state before it. When the board is fresh again, it is that of the status,
-    // without taxels. Otherwise there is none. `seq` is -1, because the daemon did not send it.
+    // subscriber does not receive the state before it. When the board is fresh again, or a contact was missed, it is
+    // that of the status, without taxels. Otherwise there is none. `seq` is -1, because the daemon did not send it.
     std::optional<tactiled::Contact> changed_contact(double now_s, double unix_s)
     {
-        if (is_fresh(now_s) == was_fresh)
+        const bool is_fresh_now = is_fresh(now_s);
+        if (is_fresh_now == was_fresh && !(is_fresh_now && is_contact_missed))
             return std::nullopt;
-        was_fresh = !was_fresh;
+        was_fresh = is_fresh_now;
+        is_contact_missed = false;
         tactiled::Contact made;
         made.v = status.v;
         made.timestamp = unix_s;
@@ -170,6 +175,8 @@ inline Verdict verdict(const BoardState& state, double now_s)
     char text[96];
     if (!state.is_active)
         return {DiagnosticStatus::STALE, "the node is not active"};
+    if (status.v == 0 && state.malformed > 0)
+        return {DiagnosticStatus::STALE, "no status can be read: is tactiled of another version?"};
     if (status.v == 0)
         return {DiagnosticStatus::STALE, "no status was received: is tactiled running?"};
     if (silent_s > FRESH_S) {
@@ -214,6 +221,7 @@ inline diagnostic_msgs::msg::DiagnosticArray diagnostics(const BoardState& state
     }
     add("force_calibration", state.calibration);
     add("messages_too_old", std::to_string(state.too_old));
+    add("messages_lost", std::to_string(state.lost));
     add("messages_malformed", std::to_string(state.malformed));
     add("messages_refused", std::to_string(state.refused));
     return array;
