@@ -23,11 +23,13 @@ _ALL_ENABLED = f"/etc/systemd/system/multi-user.target.wants/{_ALL}"
 _SHIPPED_RULE = {"0403:6001", "0403:6015"}  # adapters of the shipped udev rule
 _OTHER_RULE = """\
 # Written by `tactiled setup` for {name}: the port of this {follows}, with a name that follows it.
-ACTION=="add", SUBSYSTEM=="tty", SUBSYSTEMS=="usb", ATTRS{{idVendor}}=="{vendor}", \\
+ACTION!="remove", SUBSYSTEM=="tty", SUBSYSTEMS=="usb", ATTRS{{idVendor}}=="{vendor}", \\
     ATTRS{{idProduct}}=="{product}", ENV{{{key}}}=="{value}", GROUP="dialout", MODE="0660", \\
     SYMLINK+="tactiled-{name}", \\
     TAG+="systemd", ENV{{SYSTEMD_WANTS}}+="tactiled@{name}.service"
 """
+# For adapters that are plugged in already; no other device of the host is asked to begin anew.
+_TRIGGER = ("udevadm", "trigger", "--action=add", "--subsystem-match=tty", "--subsystem-match=usb-serial")
 _SOCKET = (
     "the adapter has no serial number: the rule and the port follow the USB socket that it is plugged into; "
     "leave it there, or run this again"
@@ -160,7 +162,7 @@ def make_plan(
         rule = _own_rule(name, port, serial)
         files.append(PlannedFile(f"/etc/udev/rules.d/99-tactiled-{name}.rules", rule))
     if port.vendor:
-        commands += [("udevadm", "control", "--reload"), ("udevadm", "trigger", "--action=add")]
+        commands += [("udevadm", "control", "--reload"), _TRIGGER]
     if for_all:
         # Files that do not fit together would stop the daemon of all boards.
         check = f"{shlex.quote(program)} check-config /etc/tactiled >/dev/null"

@@ -55,6 +55,22 @@ def test_an_adapter_that_the_shipped_rule_does_not_know_gets_its_own() -> None:
     assert "tactiled@left.service" in rule.text
 
 
+@pytest.mark.parametrize("port", [FTDI, OTHER])
+def test_a_port_keeps_its_name_at_later_events(port: FoundPort) -> None:
+    """Udev removes a link that no rule gives at an event, such as the change of `udevadm trigger`."""
+    plan = make_plan(board(port), None)
+    text = "".join(file.text for file in plan.files if "rules.d" in file.path).replace("\\\n", "")
+    actions = {line.split(", ")[0] for line in text.splitlines() if "SYMLINK+=" in line}
+    assert actions == {'ACTION!="remove"'}
+
+
+def test_setup_triggers_no_devices_but_serial_ports() -> None:
+    (trigger,) = [command for command in make_plan(board(), None).commands if "trigger" in command]
+    assert {word for word in trigger if "match" in word} == {
+        "--subsystem-match=tty", "--subsystem-match=usb-serial",
+    }  # fmt: skip
+
+
 def own_rule(plan: SetupPlan) -> str:
     (text,) = [file.text for file in plan.files if f"99-tactiled-{plan.name}.rules" in file.path]
     return text
