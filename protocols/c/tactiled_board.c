@@ -138,7 +138,7 @@ size_t tactiled_encode_acknowledge(const tactiled_acknowledge *acknowledge, tact
 
 uint_least32_t tactiled_largest_rate_millihertz(uint_least32_t baud)
 {
-    return baud / 10u * 950u / TACTILED_SCAN_OCTETS; /* 32 bits suffice up to 45 Mbaud */
+    return TACTILED_LARGEST_RATE_MILLIHERTZ(baud);
 }
 
 /* ---- host to board ------------------------------------------------------------------------------- */

@@ -10,6 +10,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 /* Any unsigned type of at least eight bits; define TACTILED_OCTET where the serial driver has its own. */
 #ifdef TACTILED_OCTET
 typedef TACTILED_OCTET tactiled_octet;
@@ -82,7 +86,9 @@ size_t tactiled_encode_scan(const tactiled_scan *scan, tactiled_octet *out);
 size_t tactiled_encode_hello(const tactiled_hello *hello, tactiled_octet *out);
 size_t tactiled_encode_acknowledge(const tactiled_acknowledge *acknowledge, tactiled_octet *out);
 
-/* Largest rate that leaves a twentieth of the line free, as set_rate must check it (8N1: ten bits an octet). */
+/* Largest rate that leaves a twentieth of the line free, as set_rate must check it (8N1: ten bits an octet);
+ * the macro is for constants. 32 bits suffice up to 45 Mbaud. */
+#define TACTILED_LARGEST_RATE_MILLIHERTZ(baud) ((baud) / 10u * 950u / TACTILED_SCAN_OCTETS)
 uint_least32_t tactiled_largest_rate_millihertz(uint_least32_t baud);
 
 /* What the encoders are made of: begin, put body octets in order, end. */
@@ -124,5 +130,9 @@ typedef enum {
 /* Takes one octet from the line. */
 tactiled_received tactiled_receive(tactiled_receiver *receiver, uint_least16_t octet,
                                    tactiled_command *command);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

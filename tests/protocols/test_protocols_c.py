@@ -242,6 +242,60 @@ def test_the_rate_that_fits_the_line(answer: Answer) -> None:
     assert answer(f"rate {baud}" for baud in bauds) == expected
 
 
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Werror"]
+
+
+@pytest.mark.parametrize("fast_ppm", [-300.0, -20.0, 0.0, 20.0, 300.0])
+def test_a_stamp_of_the_firmware_is_when_its_timer_fired(tmp_path: Path, fast_ppm: float) -> None:
+    example, program = SOURCES / "example", tmp_path / "firmware"
+    sources = [
+        Path(__file__).with_name("port_of_the_host.c"),
+        example / "firmware.c",
+        SOURCES / "tactiled_board.c",
+    ]
+    flags = [*FLAGS, f"-DFAST_PPM={fast_ppm}", f"-I{example}"]
+    subprocess.run(["cc", *flags, "-o", str(program), *map(str, sources)], check=True)
+    sent = subprocess.run([program], capture_output=True, check=True, timeout=60).stdout
+    scans = [item for item in Decoder(LAYOUT).feed(sent) if isinstance(item, Scan)]
+    assert [scan.sequence for scan in scans] == list(range(201))
+    period_us = 10_000 * (1 - fast_ppm * 1e-6)
+    assert [scan.ticks for scan in scans] == pytest.approx([n * period_us for n in range(201)], abs=1000)
+
+
+@pytest.mark.parametrize(("baud", "sample_us"), [(57_600, 80), (115_200, 300)])
+def test_a_default_rate_that_the_board_cannot_keep_is_not_compiled(
+    tmp_path: Path, baud: int, sample_us: int
+) -> None:
+    shutil.copytree(SOURCES, tmp_path / "c")
+    for name, old, new in (("firmware.h", "BAUD 115200u", f"BAUD {baud}u"),
+                           ("firmware.c", "SAMPLE_US 80u", f"SAMPLE_US {sample_us}u")):  # fmt: skip
+        file = tmp_path / "c" / "example" / name
+        file.write_text(file.read_text().replace(old, new))
+    command = ["cc", *FLAGS, "-fsyntax-only", str(tmp_path / "c" / "example" / "firmware.c")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, "cannot keep DEFAULT_RATE_MILLIHERTZ" in done.stderr) == (1, True)
+
+
+def test_a_program_in_cpp_finds_the_functions(tmp_path: Path) -> None:
+    (tmp_path / "main.cpp").write_text(
+        '#include "example/firmware.h"\nint main() { return tactiled_largest_rate_millihertz(BAUD) == 0; }\n'
+    )
+    library, program = tmp_path / "board.o", tmp_path / "main"
+    subprocess.run(["cc", *FLAGS, "-c", str(SOURCES / "tactiled_board.c"), "-o", str(library)], check=True)
+    command = [
+        "c++",
+        "-Wall",
+        "-Werror",
+        f"-I{SOURCES}",
+        str(tmp_path / "main.cpp"),
+        str(library),
+        "-o",
+        str(program),
+    ]
+    subprocess.run(command, check=True)
+    subprocess.run([program], check=True)
+
+
 def test_the_source_uses_nothing_that_means_eight_bits() -> None:
     forbidden = r"\b(u?int8_t|memcpy|memset|sizeof|unsigned char|malloc|union)\b"
     for name in ("tactiled_board.h", "tactiled_board.c", "example/firmware.h", "example/firmware.c"):

@@ -16,7 +16,6 @@
 #define FIRMWARE_VERSION "example-1"
 #define BOARD_SERIAL "TB-EXAMPLE" /* different on each board: read it from flash */
 #define ARRAY_ID "wang2019-3x3"
-#define BAUD 115200u
 #define DEFAULT_RATE_MILLIHERTZ 100000u
 #define ADC_BITS 12u
 #define ADC_REFERENCE_MILLIVOLTS 3000u
@@ -76,8 +75,15 @@ static void take_scan(void)
 void firmware_timer_fired(void)
 {
     uint_least32_t late_us = port_ticks_us() - due_us;
-    if (!running || late_us >= 0x80000000u) {
-        return; /* was pending when the main loop stopped the timer, or began it anew */
+    if (!running) {
+        return; /* was pending when the main loop stopped the timer */
+    }
+    if (late_us >= 0x80000000u) {
+        if (0u - late_us > period_us / 2u) {
+            return; /* was pending when the main loop began the timer anew */
+        }
+        due_us += late_us; /* the timer runs a little faster than the board clock */
+        late_us = 0u;
     }
     while (late_us >= period_us) { /* interrupts were away for so long that the timer has fired again */
         miss_scan();
@@ -168,6 +174,12 @@ static void say_hello(void)
     send_frame(tactiled_encode_hello(&hello, frame), RESERVED_FOR_ACKNOWLEDGES);
 }
 
+#if DEFAULT_RATE_MILLIHERTZ < SLOWEST_MILLIHERTZ || \
+    DEFAULT_RATE_MILLIHERTZ > TACTILED_LARGEST_RATE_MILLIHERTZ(BAUD) || \
+    1000000000u / DEFAULT_RATE_MILLIHERTZ <= TACTILED_CHANNELS * SAMPLE_US
+#error "the board cannot keep DEFAULT_RATE_MILLIHERTZ: see period_of"
+#endif
+
 /* Period of a rate, to the nearest microsecond: 0.05 % at 1 kHz; 0 for a rate that the board cannot keep. */
 static uint_least32_t period_of(uint_least32_t rate_millihertz)
 {
@@ -184,8 +196,10 @@ static void start(void)
     port_lock();
     due_us = port_ticks_us();
     port_timer_start(period_us);
+    port_unlock();
     next_flags |= TACTILED_FIRST_AFTER_START;
-    take_scan(); /* the first scan at once */
+    take_scan(); /* the first scan at once; the UART goes on, and the timer has no effect until `running` */
+    port_lock();
     due_us += period_us;
     running = 1;
     port_unlock();

@@ -8,12 +8,19 @@
 
 #include "../tactiled_board.h"
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define BAUD 115200u /* of the UART */
+
 /* ---- the port implements ------------------------------------------------------------------------- */
 
 /* Board clock in microseconds: 0 at boot, never stops, wraps at 2^32. */
 uint_least32_t port_ticks_us(void);
 
-/* Calls firmware_timer_fired each period_us, first after one period; a running timer begins anew. */
+/* Calls firmware_timer_fired each period_us, first after one period; a running timer begins anew. Timer and
+ * port_ticks_us count the same clock: with two, the stamps would drift apart from the scans. */
 void port_timer_start(uint_least32_t period_us);
 void port_timer_stop(void);
 
@@ -54,5 +61,9 @@ typedef struct {
     uint_least32_t octets_dropped; /* from the host: the receive queue was full */
 } firmware_faults_t;
 extern volatile firmware_faults_t firmware_faults;
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

@@ -7,7 +7,6 @@
 #define REGISTER(address) (*(volatile uint32_t *)(address))
 
 #define CLOCK_HZ 25000000u
-#define BAUD 115200u
 
 #define TIMER_CONTROL REGISTER(0x40000000u)
 #define TIMER_VALUE REGISTER(0x40000004u)
