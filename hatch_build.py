@@ -74,8 +74,8 @@ def compile_modules(root: Path) -> list[Path]:
     found, due = [], []
     for source in (names.module_source(name, root) for name in names.MODULES):
         library = names.module_library(source)
-        for old in set(source.parent.glob(f"_{source.stem}_*")) - {library}:
-            old.unlink()
+        for old in set(source.parent.glob(f"_{source.stem}_*.so")) - {library}:
+            old.unlink(missing_ok=True)  # another process may do the same
         if library.exists():
             library.touch()  # newer than its sources, by which `run` sees that there is nothing to do
         else:

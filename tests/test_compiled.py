@@ -359,6 +359,20 @@ def test_the_hook_compiles_a_module_and_one_of_another_source_is_refused(tree: P
     assert not library.exists()
 
 
+@needs_compiled
+def test_the_hook_removes_old_libraries_and_nothing_else(tree: Path) -> None:
+    """A library that another process is about to finish, and a source with a longer name, stay."""
+    hook, names = load(ROOT / "hatch_build.py"), load(tree / "tactiled" / "compiled.py")
+    source = tree / "tactiled" / "small.py"
+    library = names.module_library(source)
+    old = library.with_name(library.name.replace("_small_", "_small_0"))
+    others = {library.with_suffix(".12345"), source.with_name("_small_parts.py")}
+    for path in (old, *others):
+        path.touch()
+    assert hook.compile_modules(tree) == [library]
+    assert set(source.parent.glob("_small_*")) == {library, *others}
+
+
 @pytest.mark.parametrize("compiler", ["no-such-compiler", "false"])
 def test_without_a_compiler_scans_take_plain_python(
     tree: Path, compiler: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
