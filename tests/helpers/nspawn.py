@@ -181,13 +181,13 @@ def wait_until(reached: Callable[[], bool], what: str, limit_s: float = COMMAND_
 
 def make_package(wheels: Path) -> None:
     """The Debian package of the old version, in a folder beside its wheels."""
-    build = [str(CHECKOUT / "packages/debian/build"), "--version", OLD, "--wheels", str(wheels)]
-    subprocess.run([*build, "--out", str(wheels / "packages")], check=True, timeout=DOWNLOAD_S)
+    build = [str(CHECKOUT / "packages/debian/build"), "--version", OLD, "--wheels", ".", "--out", "packages"]
+    subprocess.run(build, cwd=wheels, check=True, timeout=DOWNLOAD_S)
 
 
 def make_upgrade(wheels: Path) -> None:
     """The old package as one of the new version; to install and compile all of it again takes a minute."""
-    (old,) = (wheels / "packages").glob(f"tactiled_{OLD}_*.deb")
+    (old,) = (wheels / "packages").glob(f"tactiled_{OLD}+py3.11_*.deb")
     tree, new = wheels / "upgrade", old.with_name(old.name.replace(OLD, NEW))
     subprocess.run(["dpkg-deb", "--raw-extract", old, tree], check=True, timeout=DOWNLOAD_S)
     for path in (tree / "DEBIAN/control", *tree.glob("opt/tactiled/lib/*/site-packages/tactiled/version.py")):

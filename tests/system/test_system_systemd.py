@@ -37,7 +37,7 @@ PACKAGES = "/wheels/packages"
 def debian(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Container]:
     """A booted Debian that has never heard of tactiled; skipped, with the reason, where none can be."""
     folder = tmp_path_factory.mktemp("debian")
-    root, wheels = folder / "root", folder / "wheels"
+    root, wheels = folder / "root", folder / "all wheels"
     wheels.mkdir()
     try:
         make_all(root, wheels)
@@ -164,7 +164,7 @@ def found(container: Container) -> set[str]:
 def test_the_package_from_installation_to_purge(debian: Container) -> None:
     """It is installed without network, runs a board, is upgraded, and purged clean."""
     before = found(debian)
-    debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{OLD}_*.deb")
+    debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{OLD}+py3.11_*.deb")
     assert [*debian.root.glob("opt/tactiled/lib/*/site-packages/tactiled/web/__pycache__/*.pyc")]
     assert debian.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {OLD}"
     assert debian.run("id", "-gn", "tactiled").strip() == "tactiled"
@@ -183,7 +183,7 @@ def test_the_package_from_installation_to_purge(debian: Container) -> None:
         forward_over_zenoh(debian)
         pids = {int(debian.shown(name, "MainPID")[0]) for name in (unit(), *CLIENTS)}
 
-        debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{NEW}_*.deb")
+        debian.run("sh", "-c", f"dpkg -i {PACKAGES}/tactiled_{NEW}+py3.11_*.deb")
         assert debian.run("tactiled", "--version").splitlines()[0] == f"tactiled, version {NEW}"
         for name in (unit(), *CLIENTS):
             assert debian.shown(name, "ActiveState") == ["active"]
@@ -192,9 +192,11 @@ def test_the_package_from_installation_to_purge(debian: Container) -> None:
             info = until_message(subscription, "info").data
         assert info["tactiled_version"] == NEW
 
+        debian.run("systemctl", "enable", unit(), *CLIENTS)
         debian.run("dpkg", "--remove", "tactiled")
         for name in (unit(), *CLIENTS):
             assert debian.shown(name, "ActiveState", "LoadState") == ["inactive", "not-found"]
+            assert (debian.root / UNITS / "multi-user.target.wants" / name).is_symlink()  # until purged
         assert (debian.root / f"etc/tactiled/{LEFT}.toml").exists()  # until purged
         rule = "/etc/udev/rules.d/99-tactiled-left.rules"  # as `tactiled setup` writes it
         debian.run("sh", "-c", f"mkdir -p /etc/udev/rules.d && touch {rule}")
