@@ -38,6 +38,7 @@ STANDARD = (
     "sensor_msgs/msg/PointCloud2",
     "diagnostic_msgs/msg/DiagnosticArray",
 )
+EXAMPLE = ROOT / "ros2" / "tactiled_examples" / "scripts" / "grip_controller.py"
 FRESH_S = 0.5
 Play = Callable[[Sequence[Mapping[str, Any]]], list[Any]]
 
@@ -419,3 +420,43 @@ def test_a_lost_contact_is_replaced_by_that_of_the_next_status(play: Play) -> No
             known, n_made = made["state"], n_made + 1
         assert sent["topic"] == "contact" or sent["data"]["contact"] == known
     assert n_made > 100
+
+
+class Node:
+    """What the example takes from ROS's class."""
+
+    def __init__(self, _: str) -> None:
+        self.create_publisher = self.create_subscription = self.get_logger = MagicMock()
+
+
+@pytest.mark.parametrize(
+    ("valid", "silent_s", "age_s", "tightens"),
+    [
+        (True, 0.0, 0.1, True),
+        (True, 0.2, 0.1, True),
+        (True, 0.4, 0.1, False),
+        (False, 0.0, 0.1, False),
+        (True, 0.0, 0.3, False),
+        (True, 0.0, -0.3, False),
+    ],
+)
+def test_the_example_tightens_at_young_slips_while_the_board_is_fresh(
+    monkeypatch: pytest.MonkeyPatch, valid: bool, silent_s: float, age_s: float, tightens: bool
+) -> None:
+    """Freshness is by the monotonic clock, so that no clock that is set prolongs it."""
+    packages = ("rclpy", "rclpy.qos", "std_msgs", "std_msgs.msg", "tactiled_msgs", "tactiled_msgs.msg")
+    stubs: dict[str, Any] = {name: MagicMock() for name in packages}
+    stubs["rclpy.node"] = SimpleNamespace(Node=Node)
+    for name, stub in stubs.items():
+        monkeypatch.setitem(sys.modules, name, stub)
+    controller = runpy.run_path(str(EXAMPLE))["GripController"]
+    onset = stubs["tactiled_msgs.msg"].Slip.STATE_ONSET
+    monotonic_s, unix_s = 50.0, 1.7e9
+    monkeypatch.setattr("time.monotonic", lambda: monotonic_s)
+    monkeypatch.setattr("time.time", lambda: unix_s)
+    node = controller()
+    node.on_status(SimpleNamespace(valid=valid))
+    monotonic_s += silent_s
+    detected = SimpleNamespace(**stamp(unix_s - age_s))
+    node.on_slip(SimpleNamespace(valid=True, state=onset, kind="gross", direction_rad=0.0, detected=detected))
+    assert node.force_n == (2.5 if tightens else 2.0)
