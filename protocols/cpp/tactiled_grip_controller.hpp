@@ -160,7 +160,6 @@ private:
         contact_s_ -= by_s;
         left_s_ -= by_s;
         touched_s_ -= by_s;
-        calm_from_s_ -= by_s;
         dropped_s_ -= by_s;
         steady_from_s_ -= by_s;
     }

@@ -226,7 +226,6 @@ class GripController:
         self._contact_s -= by_s
         self._left_s -= by_s
         self._touched_s -= by_s
-        self._calm_from_s -= by_s
         self._dropped_s -= by_s
         self._steady_from_s -= by_s
 
