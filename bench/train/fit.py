@@ -46,14 +46,12 @@ class Shapes(NamedTuple):
     soon: Shape
 
 
-# Trees of the signs learn fast, and from leaves of many rows: on generators that were left out, their mean
-# area is 0.883, with a rate of 0.08 and leaves of 400 rows 0.873, at the same cost of a look.
 SHIPPED = Shapes(
-    signs=Shape(trees=80, leaves=16, rate=0.2, least_rows=4000),
+    signs=Shape(trees=80, leaves=16, rate=0.08, least_rows=400),
     state=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
     soon=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
 )
-QUICK = Shapes(*(shape._replace(trees=8, bins=8, least_rows=400) for shape in SHIPPED))
+QUICK = Shapes(*(shape._replace(trees=8, bins=8) for shape in SHIPPED))
 # Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
 # begins within the longest horizon: priors. Generators have other ones, each its own.
 _SLIDES, _SOON = 0.1, 0.02
