@@ -144,7 +144,7 @@ def test_contact_is_compared_with_the_force() -> None:
     light = replace(one, forces=np.where(forces == 1.0, 0.1, forces))  # 1.7 % of the range: neither
     assert agreement(forces[:, 2] > 0, light) == 1.0
     assert str(Contacts([0.5, 0.75])) == "0.50; 0.75"
-    assert str(Contacts([0.9, 0.1, 0.2, 0.3, 0.4, 0.5])) == "0.40, from 0.10 to 0.90"
+    assert str(Contacts([0.9, 0.1, 0.2, 0.3, 0.4, 0.5])) == "0.30, from 0.10 to 0.90"  # the lower median
 
 
 def test_a_resistance_tells_the_force_by_its_inverse() -> None:
