@@ -47,3 +47,7 @@ def test_an_environment_is_made_once_for_each_folder_and_version_of_python(tmp_p
     assert not installs(tmp_path / "link")
     (moved / "requirements/plot.txt").write_text("new==1\n")
     assert [installs(moved), installs(moved)] == [True, False]
+    other = tmp_path / "other"
+    shutil.copytree(moved, other, ignore=shutil.ignore_patterns(".venv"))
+    (other / ".venv").symlink_to(moved / ".venv")
+    assert [installs(other), installs(other), installs(moved)] == [True, False, False]

@@ -49,10 +49,10 @@ class Case:
 
     @property
     def nothing(self) -> NDArray[np.bool_]:
-        """Scans (n,) of contact in which less than a tenth of the area slips, as in the 0.1 s before."""
+        """Scans (n,) at which less than a tenth of the area slips, as in the 0.1 s before."""
         before = round(_JUST_NOW_S * self.block.rate_hz)
         recent = np.convolve(self.partial, np.ones(before + 1))[: len(self.utilisation)] > 0.5
-        return np.asarray(self.touching & ~recent)
+        return np.asarray(~recent)
 
 
 def from_world(world: World) -> Case:

@@ -71,11 +71,11 @@ def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
 
 
 def false_onsets(reported: Sequence[Reported]) -> tuple[int, float]:
-    """Return the onsets of both kinds while nothing slips, and the hours in which nothing does."""
+    """Return the onsets of both kinds while nothing slips, and the hours of contact in which nothing does."""
     n, hours = 0, 0.0
     for case, events in reported:
         nothing = case.nothing
-        hours += float(nothing.sum()) / case.block.rate_hz / 3600
+        hours += float((nothing & case.touching).sum()) / case.block.rate_hz / 3600
         for event in events:
             row = round((event.detected_s - float(case.block.time_s[0])) * case.block.rate_hz)
             n += event.state == "onset" and bool(nothing[row])

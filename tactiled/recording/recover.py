@@ -132,7 +132,9 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
         raise DataError(f"{directory}: cannot be read: {error.strerror}") from None
     for path in paths:
         try:
-            with contextlib.suppress(OSError):  # of a recovery that was killed: it takes the room of the next
+            # What a recovery left that was killed takes the room of the next.
+            with contextlib.suppress(OSError, DataError), open_recording(path) as stream:
+                _claim(stream, path, must_lock=True)  # another recovery may be writing it
                 _part_of(default_name(path)).unlink()
             left_mb = free_mb(directory) - path.stat().st_size / 1e6
             if left_mb < min_free_mb:

@@ -79,7 +79,7 @@ void firmware_timer_fired(void)
         return; /* was pending when the main loop stopped the timer */
     }
     if (late_us >= 0x80000000u) {
-        if (0u - late_us > period_us / 2u) {
+        if (0u - late_us > period_us / 64u) {
             return; /* was pending when the main loop began the timer anew */
         }
         due_us += late_us; /* the timer runs a little faster than the board clock */
