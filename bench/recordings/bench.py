@@ -136,7 +136,7 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "a source: the period of a grating, the forces, or, for each log, whether there is a slip, a touch "
         "or the loss of an object. Ridge with squares is a ridge regression on the readings and their "
         "squares. Rules and trees are scored on each object after they have learnt from the other objects "
-        "of the source. Force: rms error of each axis, divided by its range, in a cross- validation that "
+        "of the source. Force: rms error of each axis, divided by its range, in a cross-validation that "
         "leaves out whole contacts; in brackets, the part of the 90 % intervals that contain the true "
         "force. Contact: the mean of two parts, of the scans with more than 5 % of the range of force that "
         "are reported as contact, and of those with less than 0.5 % that are not; chance gives 0.5. Commas "

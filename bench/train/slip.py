@@ -38,9 +38,8 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     table = fit(worlds, forests, shapes=shapes)
     progress.advance("trees of the state")
     command = "./run train slip" + " --quick" * is_quick
-    about = {"command": command} | _about(
-        lots, shapes, looks, table
-    )  # before a file that git knows is written over
+    # Before a file that git knows is written over.
+    about = {"command": command} | _about(lots, shapes, looks, table)
     path = to or ROOT.joinpath(*FILE)
     path.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(path, **table)

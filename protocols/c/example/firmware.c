@@ -80,9 +80,9 @@ void firmware_timer_fired(void)
     }
     if (late_us >= 0x80000000u) {
         if (0u - late_us > period_us / 64u) {
-            return; /* was pending when the main loop began the timer anew */
+            return; /* was pending: the timer was begun anew, or the interrupt before this one came late */
         }
-        due_us += late_us; /* the timer runs a little faster than the board clock */
+        due_us += late_us; /* a timer that is up to 1.5 % faster than the board clock */
         late_us = 0u;
     }
     while (late_us >= period_us) { /* interrupts were away for so long that the timer has fired again */
