@@ -47,7 +47,7 @@ class Shapes(NamedTuple):
 
 
 SHIPPED = Shapes(
-    signs=Shape(trees=80, leaves=16, rate=0.08, least_rows=400),
+    signs=Shape(trees=80, leaves=16, rate=0.2, least_rows=4000),
     state=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
     soon=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
 )
