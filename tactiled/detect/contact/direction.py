@@ -47,8 +47,7 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     """
     totals = shears.sum(axis=2)
     now = shears[-n_averaged:].mean(axis=0)
-    change = now.sum(axis=1) - totals
-    start = int(np.argmax((change**2).sum(axis=1)))
+    start = _grows_from(totals, now.sum(axis=1), n_averaged)
     before = shears[max(0, start - n_averaged + 1) : start + n_averaged].mean(axis=0)
     # Not np.hypot, which is the C library's: its last bit depends on the processor.
     size = math.hypot(*(now - before).sum(axis=1))
@@ -66,6 +65,17 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     sd = math.hypot(_spread(now - before, contact), _TURNS_SD * turn, (_BEND_LEFT if slides else 1.0) * bend)
     cos, sin = math.cos(angle), math.sin(angle)
     return _opposed_to(np.array([cos * along[0] - sin * along[1], sin * along[0] + cos * along[1]]), sd)
+
+
+def _grows_from(totals: FloatArray, now: FloatArray, n_averaged: int) -> int:
+    """Return the scan from which shear grew to its present value (2,).
+
+    It is the one of the largest change; but where shear was released first, the one at which least was left.
+    """
+    farthest = int(np.argmax(((now - totals) ** 2).sum(axis=1)))
+    released = (totals[farthest : max(farthest + 1, len(totals) - n_averaged)] ** 2).sum(axis=1)
+    least = int(np.argmin(released))
+    return farthest + least if released[least] < float(now @ now) else farthest
 
 
 def opposed(contact: ContactFilter, shears: FloatArray) -> Direction:

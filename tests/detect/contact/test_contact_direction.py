@@ -66,6 +66,14 @@ def test_shear_that_falls_while_all_slides_opposes_the_slip() -> None:
     assert abs(found(course).angle_deg) < 90.0  # of a contact that holds, the growth counts
 
 
+@pytest.mark.parametrize("is_gross", [True, False])
+def test_a_shear_that_was_released_first_does_not_turn_the_direction(is_gross: bool) -> None:
+    released = np.linspace(0.7, 0.05, 40)[:, np.newaxis] * np.array([[0.0, 1.0]])
+    grows = np.array([[0.0, 0.05]]) + arc(0.0)
+    told = found(np.concatenate([released, grows]), is_gross=is_gross)
+    assert abs(abs(told.angle_deg) - 180.0) < 5.0  # of the growth along +x
+
+
 def test_few_taxels_have_the_noise_and_the_unequal_resistors_of_one() -> None:
     assert found(arc(0.0), n=1).sd_deg == pytest.approx(np.degrees(0.05), rel=0.01)
     assert found(arc(0.0), n=4).sd_deg < 0.01
