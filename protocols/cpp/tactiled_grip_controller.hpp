@@ -125,7 +125,7 @@ private:
     static constexpr double INF = std::numeric_limits<double>::infinity();
     static constexpr double SURELY = 0.87, FORGET_PER_S = 0.01, RENEW_PER_S = 0.3, GREW = 1.02;
     static constexpr double LEAD_S = 0.08, LEAD_MOST = 0.5, GROWTH_S = 0.03, GROWS = 0.08, LEAST = 0.05;
-    static constexpr double DROP = 0.03, DROP_PER_S = 1.0, FLAT_PER_S = 1.2, FLAT_S = 0.009, DROP_S = 0.035;
+    static constexpr double DROP = 0.03, DROP_PER_S = 1.0, FLAT_PER_S = 1.0, FLAT_S = 0.009, DROP_S = 0.035;
     static constexpr double PEAK = 0.93, TIGHTENED = 0.5, REST_S = 0.6;
     static constexpr double FOLLOWS = 0.6, FOLLOW_S = 0.2, FOLLOWS_ON = 0.25, CHANGED = 0.03, WATCH_S = 0.3;
     static constexpr double PLATEAU_S = 0.15, PLATEAU = 1.03, WEAKER = 0.7, RECOVER_PER_S = 0.05, GRASP_MOST = 1.7, DENIED = 0.4;
@@ -254,7 +254,7 @@ private:
         if (grip.state == Grip::STATE_GROSS)
             return now.shear / now.load;
         const bool watched = now.at_s < dropped_s_ + WATCH_S;
-        const auto before = since(std::max(now.at_s - FOLLOW_S, watched ? dropped_s_ + 2e-3 : 0.0));
+        const auto before = since(std::max(now.at_s - FOLLOW_S, dropped_s_ + 2e-3));
         const Seen &then = before == past_.end() ? now : *before;
         if (std::min(then.shear, now.shear) < LEAST * then.load || std::min(then.force_n, now.force_n) <= 0)
             return 0.0;

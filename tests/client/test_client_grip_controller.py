@@ -74,6 +74,17 @@ def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_f
         assert (after_n >= grip_controller.GRASP_AGAIN * before_n * 0.99) == is_slip
 
 
+@given(fall_per_s=st.floats(0.05, 5.0), rate_hz=st.integers(20, 1000))
+def test_shear_that_falls_evenly_is_no_slip(fall_per_s: float, rate_hz: int) -> None:
+    controller = pressed()
+    falls_s = min(0.3, 0.8 / fall_per_s)
+    messages = [
+        grip(at_s, shear=1.0 - fall_per_s * max(at_s - 0.3, 0.0))
+        for at_s in np.arange(0.0, 0.3 + falls_s, 1 / rate_hz).tolist()
+    ]
+    assert max(played(controller, messages)) <= 6.0
+
+
 @pytest.mark.parametrize(("shear_follows", "is_slip"), [(1.0, True), (0.0, False)])
 def test_shear_that_follows_an_easing_grip_is_a_slip(shear_follows: float, is_slip: bool) -> None:
     controller = pressed()
