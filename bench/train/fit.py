@@ -48,8 +48,8 @@ class Shapes(NamedTuple):
 
 SHIPPED = Shapes(
     signs=Shape(trees=80, leaves=16, rate=0.2, least_rows=4000),
-    state=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
-    soon=Shape(trees=45, leaves=12, rate=0.1, least_rows=400),
+    state=Shape(trees=24, leaves=12, rate=0.2, least_rows=4000),
+    soon=Shape(trees=24, leaves=12, rate=0.2, least_rows=2000),
 )
 QUICK = Shapes(*(shape._replace(trees=8, bins=8) for shape in SHIPPED))
 # Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
