@@ -25,7 +25,7 @@ from tactiled.array import FloatArray
 HANDS = (
     "carry", "carry", "carry", "carry", "carry", "carry", "carry", "slide", "creep", "slow-pull", "slow-pull",
     "fast-pull", "fast-pull", "twist", "ease", "ease", "falling-friction", "fill", "tap", "sway", "sway",
-    "reverse", "near-limit", "near-limit", "rest", "low", "low", "slide", "creep",
+    "reverse", "near-limit", "near-limit", "rest", "low", "low", "slide", "creep", "slanted", "slanted",
 )  # fmt: skip
 TOUCHING = 0.03  # of the usual load
 AT_LIMIT, ALMOST = 0.99, 0.93  # of its limit: a place slips; or has slipped just now

@@ -252,6 +252,13 @@ def _slide(rng: np.random.Generator, left_s: float, low: float, high: float) -> 
     return replace(_course(t, load, travel_mm=np.cumsum(course) * STEP_S), spring=rng.uniform(0.7, 3.0))
 
 
+def _slanted(rng: np.random.Generator, left_s: float) -> Course:
+    """Press whose pull is in proportion to the load from the touch on."""
+    t = _time(_length(rng, left_s, 3.0, 8.0))
+    load, _, _ = _touch(rng, t)
+    return _course(t, load, pull=max(rng.uniform(-0.2, 0.9), 0.0) * load)
+
+
 def _carry(rng: np.random.Generator, left_s: float) -> Course:
     """Grasp, lift, transport with accelerations, set down, release; sometimes something goes wrong."""
     t = _time(_length(rng, left_s, 14.0, 40.0))
@@ -321,6 +328,7 @@ ROUNDS: Mapping[str, Callable[[np.random.Generator, float], Course]] = {
     "near-limit": lambda rng, left_s: _rest(rng, left_s, 0.8, 0.94),
     "rest": lambda rng, left_s: _rest(rng, left_s, 0.0, 0.6),
     "low": _low,
+    "slanted": _slanted,
     "slide": lambda rng, left_s: _slide(rng, left_s, 2.0, 30.0),
     "creep": lambda rng, left_s: _slide(rng, left_s, 0.2, 2.0),
 }

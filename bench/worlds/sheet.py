@@ -30,7 +30,7 @@ from tactiled.array import FloatArray
 HANDS = (
     "slow-pull", "slow-pull", "slow-pull", "slow-pull", "fast-pull", "fast-pull", "fast-pull", "twist",
     "twist", "ease", "ease", "tap", "sway", "sway", "sway", "reverse", "reverse", "near-limit", "near-limit",
-    "rest", "low", "low", "low", "slide", "creep",
+    "rest", "low", "low", "low", "slide", "creep", "slanted", "slanted",
 )  # fmt: skip
 # A probing hand pushes further than the elastic travel, which friction that grows with speed lengthens.
 _REACH = {
