@@ -17,9 +17,9 @@ from tactiled.progress import ProgressBar
 def train(name: str, quick: bool, to: Path | None) -> None:
     """Learn the trees of a detector from worlds of known truth.
 
-    slip: the contact filter, from every generator of bench/worlds; 45 minutes on two cores. What was learnt
-    from, and what was tuned, stands beside the trees in a file with the ending .json. How well they do on
-    generators that are left out prints `./run bench grip`.
+    slip: the contact filter, from every generator of bench/worlds; 12 to 45 minutes on two cores. What
+    was learnt from, and what was tuned, stands beside the trees in a file with the ending .json. How well
+    they do on generators that are left out prints `./run bench grip`.
 
     Example: ./run train slip --quick --to /tmp/slip.npz
     """

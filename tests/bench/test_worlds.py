@@ -17,7 +17,7 @@ def grasps() -> list[World]:
 
 
 # Number of worlds, minutes: most generators play them together, plates one by one.
-_SIZES = {"bristles": (14, 0.14), "plates": (3, 0.12)}
+_SIZES = {"bristles": (14, 0.14), "sheet": (14, 0.14), "plates": (3, 0.12)}
 
 
 @pytest.fixture(scope="module", params=NEW)

@@ -139,9 +139,9 @@ class SlipThresholds(NamedTuple):
 
 
 SETTINGS: Mapping[str, SlipThresholds] = {
-    "fast": SlipThresholds(incipient=0.7, gross=0.25),
-    "balanced": SlipThresholds(incipient=0.9, gross=0.35),
-    "quiet": SlipThresholds(incipient=0.98, gross=0.5),
+    "fast": SlipThresholds(incipient=0.7, gross=0.3),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.4),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.55),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
 

@@ -109,7 +109,7 @@ class GripDetector:
     ...     if event.topic == "grip" and f"{event.time_s:.2f}" in ("3.90", "4.60"):
     ...         print(f"{event.time_s:.2f} s: {event.state}, utilisation {event.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.1
-    4.23 s: incipient slip since 4.11 s
+    4.23 s: incipient slip since 4.12 s
     4.60 s: partial, utilisation 0.5
     """
 
