@@ -21,6 +21,7 @@ from tactiled.detect.signal.contact_gate import (
     contact_event,
     lost_contact_event,
 )
+from tactiled.detect.signal.quantise import Quantiser
 from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -160,7 +161,9 @@ class GripDetector:
         self._readings = TaxelReadings(array, rate_hz)
         self._newest = self._readings.recent[-1]  # views, which each scan changes
         self._reading = self._newest.reshape(-1)
-        self._ripple = TravellingRipple(array, rate_hz)
+        self._ripple = TravellingRipple(
+            array, rate_hz, self.tracker.rest.least_step, Quantiser(array).volts_per_step
+        )
         self._slips = PosteriorSlips(rate_hz)
         self._filter = ContactFilter(
             Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),

@@ -6,8 +6,10 @@ the loads and those through the shears, each taxel weighed by its load, are ther
 the spectrum is then taken for a travelling ripple where
 
 1. it stands out of the other frequencies,
-2. most of it is in what the planes leave, and
-3. its phases fill the circle: a part that shakes has phases of 0 and 180 degrees only.
+2. most of it is in what the planes leave,
+3. its phases fill the circle: a part that shakes has phases of 0 and 180 degrees only, and
+4. it is more than rounding makes: readings that creep step from one whole number of the converter to the
+   next, all at one frequency, each with a phase of its own.
 
 A line needs four periods, and a window that holds the beginning of the slide shows more than a line. So
 windows of 2 to 16 s are looked at: the two shortest each half second, the others in turn.
@@ -19,6 +21,8 @@ import numpy as np
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.fast import Means
+from tactiled.detect.contact.readings import response_weights
+from tactiled.detect.signal.front_end import Reals
 from tactiled.detect.signal.median import median
 
 _HOP_S = 0.5  # choice
@@ -38,6 +42,8 @@ _LOBE, _HARMONICS = 2, (2, 3)  # derived
 _BEYOND_PLANES = 0.1  # derived: of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
 _MOST_ALIKE = 0.7  # prior: mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
 _STOPPED = 0.25  # prior: power of the newest quarter over that of the window
+_ROUNDING = 12.0  # derived: rounding to a step q errs by a variance of q^2 / 12
+_HANN = 8.0  # derived: variance of a sine over its power in a Hann window, times the square of the samples
 
 
 class TravellingRipple:
@@ -47,6 +53,12 @@ class TravellingRipple:
     ----------
     array : Array
         With places, loads and shears.
+    rate_hz : float
+        Scan rate.
+    least_steps : (channels,) float64
+        Least difference between two readings so far, infinite where there is none: a view, read at each look.
+    unit_per_step : float
+        Unit of the array for each of these steps.
 
     Attributes
     ----------
@@ -54,13 +66,15 @@ class TravellingRipple:
         Length of the window in which a ripple travels now; 0.0 where none does.
     """
 
-    def __init__(self, array: Array, rate_hz: float) -> None:
+    def __init__(self, array: Array, rate_hz: float, least_steps: Reals, unit_per_step: float = 1.0) -> None:
         n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
         self._step_s = n_mean / rate_hz
         self._hop = max(4, round(_HOP_S / self._step_s))
         places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
         self.can_tell = array.has_places and array.n_taxels >= _FEWEST
+        self._least_steps = least_steps
+        self._rounding = response_weights(array) ** 2 * (unit_per_step**2 / _ROUNDING)
         self._means = Means(n_mean, _LONG[-1] * self._hop, 3 * array.n_taxels)
         self.reset()
 
@@ -113,6 +127,10 @@ class TravellingRipple:
         turns = hann * np.exp(-2j * np.pi * cycles[peak] * np.arange(n) / n)
         whole = float((np.abs(turns @ flat) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
+            return False
+        steps = np.asarray(self._least_steps)
+        rounding = self._rounding @ np.where(np.isfinite(steps), steps, 0.0) ** 2
+        if _HANN * power[peak] <= n**2 * float((rounding @ beyond**2).sum()):
             return False
         energy = (series**2).mean(axis=0)
         return bool(energy[-n // 4 :].mean() > _STOPPED * energy.mean())

@@ -21,8 +21,8 @@ LOADS = np.repeat(np.array([0.4, 0.8, 0.5, 0.9, 1.8, 1.1, 0.6, 1.2, 0.7]), 4)
 SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))
 
 
-def seen(readings: FloatArray, rate_hz: float = RATE_HZ) -> FloatArray:
-    ripple = TravellingRipple(ARRAY, rate_hz)
+def seen(readings: FloatArray, rate_hz: float = RATE_HZ, least_step: float = 0.0) -> FloatArray:
+    ripple = TravellingRipple(ARRAY, rate_hz, np.full(36, least_step))
     return np.array([ripple.take((RESPONSES @ row).ravel()) for row in readings])
 
 
@@ -73,8 +73,18 @@ def test_noise_drift_and_steps_do_not_travel() -> None:
         assert not seen(LOADS + readings).any()
 
 
+@pytest.mark.parametrize("least_step", [0.0, 2.4e-3])
+def test_readings_that_creep_over_steps_of_the_converter_do_not_travel(least_step: float) -> None:
+    """Rounding errors of one frequency, with phases of their own: only the size differs from a ripple."""
+    rng = np.random.default_rng(2)
+    creeps = LOADS + 5e-3 * TIME_S[:, np.newaxis] + rng.uniform(0, 2.4e-3, 36) + noise(1e-4)
+    rounded = 2.4e-3 * np.round(creeps / 2.4e-3)
+    assert seen(rounded, least_step=least_step).any() == (least_step == 0.0)
+    assert seen(2.4e-3 * np.round(over_grating() / 2.4e-3), least_step=least_step).any()
+
+
 def test_a_ripple_is_over_when_the_skin_stops_and_forgotten_with_the_contact() -> None:
-    ripple = TravellingRipple(ARRAY, RATE_HZ)
+    ripple = TravellingRipple(ARRAY, RATE_HZ, np.zeros(36))
     slide = over_grating()
     assert [ripple.take((RESPONSES @ row).ravel()) for row in slide[:1000]][-1] > 0
     rest = LOADS + slide[999] - LOADS + noise()
@@ -86,8 +96,8 @@ def test_a_ripple_is_over_when_the_skin_stops_and_forgotten_with_the_contact() -
 
 def test_few_taxels_cannot_tell() -> None:
     array = load_array("normal-4x4")
-    assert TravellingRipple(array, RATE_HZ).can_tell
-    ripple = TravellingRipple(load_array("load-cell"), RATE_HZ)
+    assert TravellingRipple(array, RATE_HZ, np.zeros(16)).can_tell
+    ripple = TravellingRipple(load_array("load-cell"), RATE_HZ, np.zeros(1))
     assert not ripple.can_tell
     assert ripple.take(np.ones(3)) == 0.0
 
