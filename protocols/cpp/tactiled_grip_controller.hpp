@@ -27,7 +27,7 @@ namespace tactiled {
 class GripController {
 public:
     static constexpr double PRESS_S = 0.6;
-    static constexpr double TARGET = 0.95;
+    static constexpr double TARGET = 0.9;
     static constexpr double GRASP_AGAIN = 1.4;
     static constexpr double GONE_S = 0.2;
     static constexpr double BLIND = 1.3;

@@ -22,7 +22,7 @@ from tactiled.events.types import GripState
 
 # Set on emulated grasps (`./run bench hold`, seeds from 500); docs/hold.md has what they give on others.
 PRESS_S = 0.6  # from touch: the grip is kept, so that the shear that pressing alone makes can be told
-TARGET = 0.95  # utilisation (95 % quantile) at which an object is held
+TARGET = 0.9  # utilisation (95 % quantile) at which an object is held
 _SURELY = 0.87  # of the median of friction, that the bound is at most
 _FORGET_PER_S = 0.01  # rate at which the friction bound is lost: surfaces get wet
 _RENEW_PER_S, _GREW = 0.3, 1.02  # the same while shear has grown so within _REST_S, which is new evidence
