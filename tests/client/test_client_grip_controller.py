@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tactiled.client import GripController, grip_controller
@@ -75,6 +75,8 @@ def test_shear_that_drops_at_once_and_stays_is_a_slip_and_a_shear_that_goes_on_f
 
 
 @given(fall_per_s=st.floats(0.05, 5.0), rate_hz=st.integers(20, 1000))
+@example(fall_per_s=1.1, rate_hz=100)
+@example(fall_per_s=1.1, rate_hz=30)
 def test_shear_that_falls_evenly_is_no_slip(fall_per_s: float, rate_hz: int) -> None:
     controller = pressed()
     falls_s = min(0.3, 0.8 / fall_per_s)

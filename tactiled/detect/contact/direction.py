@@ -25,6 +25,8 @@ from tactiled.events.types import UNKNOWN_SD_DEG
 _TURNS, _TURNS_SD = 0.4, 0.33
 _MODEL_SD = 0.05  # derived: radians: resistors that are 5 % unequal turn one taxel by so much
 _FEWEST = 4  # derived: taxels whose spread has a variance: fewer have no more than three degrees of freedom
+# prior: of the square of the largest change of shear: noise makes less
+_GREW = 0.1
 AVERAGED, AVERAGED_S = 3, 0.06  # choice: scans at each end of the growth, and their time at most
 # derived: of the angle from the growth to its first half: what that half still has of the bend of the second.
 _BEND_LEFT = 0.2
@@ -71,11 +73,14 @@ def _grows_from(totals: FloatArray, now: FloatArray, n_averaged: int) -> int:
     """Return the scan from which shear grew to its present value (2,).
 
     It is the one of the largest change; but where shear was released first, the one at which least was left.
+    Where shear has hardly grown since, it fell and rests: what is left of the change is noise.
     """
-    farthest = int(np.argmax(((now - totals) ** 2).sum(axis=1)))
+    change = ((now - totals) ** 2).sum(axis=1)
+    farthest = int(np.argmax(change))
     released = (totals[farthest : max(farthest + 1, len(totals) - n_averaged)] ** 2).sum(axis=1)
-    least = int(np.argmin(released))
-    return farthest + least if released[least] < float(now @ now) else farthest
+    least = farthest + int(np.argmin(released))
+    grows = (totals[least] ** 2).sum() < now @ now and change[least] > _GREW * change[farthest]
+    return least if grows else farthest
 
 
 def opposed(contact: ContactFilter, shears: FloatArray) -> Direction:

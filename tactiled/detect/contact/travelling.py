@@ -43,7 +43,10 @@ _BEYOND_PLANES = 0.1  # derived: of the line's power: of a rigid motion, gains t
 _MOST_ALIKE = 0.7  # prior: mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
 _STOPPED = 0.25  # prior: power of the newest quarter over that of the window
 _ROUNDING = 12.0  # derived: rounding to a step q errs by a variance of q^2 / 12
-_HANN = 8.0  # derived: variance of a sine over its power in a Hann window, times the square of the samples
+# derived: variance of a sine over its power in a Hann window, times the number of samples squared
+_HANN = 8.0
+# choice: steps of a channel over those of most: a still channel that jumped has shown no step
+_OF_USUAL = 2.0
 
 
 class TravellingRipple:
@@ -56,7 +59,8 @@ class TravellingRipple:
     rate_hz : float
         Scan rate.
     least_steps : (channels,) float64
-        Least difference between two readings so far, infinite where there is none: a view, read at each look.
+        Least difference between readings of two scans in a row, infinite before 16 scans were read: a view,
+        which each look reads.
     unit_per_step : float
         Unit of the array for each of these steps.
 
@@ -128,12 +132,19 @@ class TravellingRipple:
         whole = float((np.abs(turns @ flat) ** 2).sum())
         if power[peak] < _BEYOND_PLANES * whole or abs((z**2).sum()) > _MOST_ALIKE * power[peak]:
             return False
-        steps = np.asarray(self._least_steps)
-        rounding = self._rounding @ np.where(np.isfinite(steps), steps, 0.0) ** 2
-        if _HANN * power[peak] <= n**2 * float((rounding @ beyond**2).sum()):
+        if _HANN * power[peak] <= n**2 * float(((self._of_rounding() * (load > 0)) @ beyond**2).sum()):
             return False
         energy = (series**2).mean(axis=0)
         return bool(energy[-n // 4 :].mean() > _STOPPED * energy.mean())
+
+    def _of_rounding(self) -> FloatArray:
+        """Return the variance (3, taxels) that rounding adds to loads and shears."""
+        steps = np.array(self._least_steps)
+        is_known = np.isfinite(steps)
+        if not is_known.any():
+            return np.zeros(self._rounding.shape[:2])
+        usual = float(median(steps[is_known]))
+        return np.asarray(self._rounding @ np.where(is_known, np.minimum(steps, _OF_USUAL * usual), 0.0) ** 2)
 
 
 @functools.lru_cache(maxsize=16)

@@ -627,7 +627,7 @@ class Pressure:
         loads, is_hidden, is_read, is_lost = 0.0, False, False, False
         for p in range(self.n_pads):
             self.heaviest[p] = 0.0
-        becomes_known = False if levels.all_given else self.rest.take(row, steps, ok)
+        becomes_known = self.rest.take(row, steps, ok) and not levels.all_given
         for t in range(taxels):
             total, largest, smallest, held_total = 0.0, -_INFINITE, _INFINITE, 0.0
             taxel_noise, is_ok, n_read, n_ok = 0.0, True, 0, 0

@@ -74,6 +74,16 @@ def test_a_shear_that_was_released_first_does_not_turn_the_direction(is_gross: b
     assert abs(abs(told.angle_deg) - 180.0) < 5.0  # of the growth along +x
 
 
+@pytest.mark.parametrize("is_gross", [True, False])
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_a_shear_that_fell_and_rests_is_no_growth(is_gross: bool, seed: int) -> None:
+    left = np.concatenate([np.linspace(0.6, 0.3, 40), np.full(40, 0.3)])
+    course = left[:, np.newaxis] * np.array([[1.0, 0.0]])
+    course += 1e-3 * np.random.default_rng(seed).standard_normal(course.shape)
+    fell_deg = 180.0 if is_gross else 0.0  # a slip opposes what is left; of a contact that holds, the change
+    assert abs((found(course, is_gross=is_gross).angle_deg - fell_deg + 180.0) % 360.0 - 180.0) < 5.0
+
+
 def test_few_taxels_have_the_noise_and_the_unequal_resistors_of_one() -> None:
     assert found(arc(0.0), n=1).sd_deg == pytest.approx(np.degrees(0.05), rel=0.01)
     assert found(arc(0.0), n=4).sd_deg < 0.01

@@ -1,5 +1,7 @@
 """A ripple that travels is seen; what a hand does to a rigid body, noise and drift are not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gratings import ARRAY, Grating, Slide
@@ -7,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from touches import onsets
 
-from tactiled.array import FloatArray, load_array
+from tactiled.array import ContactLevels, FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.readings import response_weights
 from tactiled.detect.contact.travelling import TravellingRipple
@@ -81,6 +83,21 @@ def test_readings_that_creep_over_steps_of_the_converter_do_not_travel(least_ste
     rounded = 2.4e-3 * np.round(creeps / 2.4e-3)
     assert seen(rounded, least_step=least_step).any() == (least_step == 0.0)
     assert seen(2.4e-3 * np.round(over_grating() / 2.4e-3), least_step=least_step).any()
+
+
+@pytest.mark.parametrize("contact", [ARRAY.contact, None])
+def test_a_contact_that_creeps_over_steps_of_the_converter_is_no_slide(contact: ContactLevels | None) -> None:
+    """Also where the array file gives the levels of contact, which do without a noise."""
+    pressed = np.clip((TIME_S - 1.0) / 0.5, 0.0, 1.0)[:, np.newaxis]
+    phases = np.random.default_rng(2).uniform(0, 2.4e-3, 36)
+
+    def kinds(readings: FloatArray) -> set[str]:
+        rounded = 2.4e-3 * np.round((pressed * readings + phases) / 2.4e-3)
+        detector = GripDetector(replace(ARRAY, contact=contact))
+        return {event.kind for event in onsets(detector.process(regular_block(rounded, RATE_HZ)))}
+
+    assert "gross" not in kinds(LOADS + 5e-3 * TIME_S[:, np.newaxis] + noise(1e-4))
+    assert "gross" in kinds(over_grating())
 
 
 def test_a_ripple_is_over_when_the_skin_stops_and_forgotten_with_the_contact() -> None:
