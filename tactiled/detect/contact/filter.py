@@ -143,7 +143,10 @@ SETTINGS: Mapping[str, SlipThresholds] = {
     "balanced": SlipThresholds(incipient=0.9, gross=0.4),
     "quiet": SlipThresholds(incipient=0.98, gross=0.55),
 }
-"""Probabilities from which incipient and gross slip are reported, by setting (docs/grip.md)."""
+"""Probabilities from which incipient and gross slip are reported, by setting (docs/slip.md).
+
+Tuned on worlds of all generators, seeds from 500,000 and, of hands that hold, from 520,000.
+"""
 
 
 def _zeros(n: int) -> "array[float]":

@@ -21,7 +21,7 @@ from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
 WANG = load_array("wang2019-3x3")
-TOUCH = Touch(slide_s=2.5, stop_s=4.5, lift_s=5.5, end_s=6.0, uneven=0.1)  # even: as a rest
+TOUCH = Touch(slide_s=2.5, stop_s=4.5, lift_s=5.5, end_s=6.0, uneven=0.1)  # a clear slide
 
 
 def wang_in(unit: str, low: float, high: float, zero: str) -> Array:

@@ -33,7 +33,7 @@ _GROWS = 0.08  # of the shear, by which it is extrapolated where it clearly grow
 _LEAST = 0.05  # of the load: less shear is no object in the air
 # Signs of slip in shear, load and force: an object that sticks keeps its shear, whatever the grip does.
 _DROP, _DROP_PER_S = 0.03, 1.0  # shear falls by so much, and so fast: sliding friction is less
-_FLAT_PER_S = 1.0  # and then falls more slowly: an even fall, however fast, is none of both
+_FLAT_PER_S = 1.0  # and then falls more slowly: an even fall, however fast, never meets both
 _FLAT_S = 0.009  # over this time: a scan at 100 Hz, several of faster boards
 _DROP_S, _PEAK = 0.035, 0.93  # within this time, from so much of its largest value
 _TIGHTENED = 0.5  # of the growth of the load, by which readings of shear may fall on their own
