@@ -47,7 +47,8 @@ def test_scores_of_the_truth_are_perfect(worlds: list[World]) -> None:
     assert (found.auc, found.skill_300ms) == pytest.approx((1.0, 1.0))
     assert (found.used_rms, found.coverage) == (0.0, 1.0)
     assert found.friction_rms == pytest.approx(0.0, abs=1e-12)
-    assert (found.told_gross, found.resting_false_per_h) == (1.0, 0.0)
+    assert (found.told_gross, found.rests_while_gross, found.resting_false_per_h) == (1.0, 0.0, 0.0)
+    assert found.auc_interval == (1.0, 1.0)
     assert found.false_per_h == 0.0
 
 
@@ -59,6 +60,16 @@ def test_a_constant_probability_has_no_skill(worlds: list[World]) -> None:
     found = score(told)
     assert found.skill_300ms == pytest.approx(0.0, abs=1e-9)
     assert found.auc == pytest.approx(0.5)
+    assert found.auc_interval == pytest.approx((0.5, 0.5))
+
+
+def test_worlds_that_disagree_make_the_interval_of_the_area_wide(worlds: list[World]) -> None:
+    slipping = [truth(world) for world in worlds if world.slips]
+    turned = [dataclasses.replace(c, p_sliding=1 - c.p_sliding) for c in slipping[::2]]
+    found = score(slipping[1::2] + turned)
+    low, high = found.auc_interval
+    assert low < found.auc < high
+    assert high - low > 0.3
 
 
 def test_an_alarm_that_never_ends_finds_no_slip(worlds: list[World]) -> None:
