@@ -44,7 +44,7 @@ class Played:
 def play(scene: Scene, array: Array) -> Played:
     """Play a scene without line and clock, with its noise; channels are read one after the other."""
     sensor = Sensor(scene, array, adc_bits=_ADC_BITS, adc_reference_v=_ADC_V)
-    truth = Truth(scene, 0.0, sensor.contact, array)
+    truth = Truth(scene, 0.0, sensor.contact)
     n = int(scene.duration_s * RATE_HZ) - 1
     time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(array.n_channels)
     volts, load, shear, shares, speed = [], [], [], [], []

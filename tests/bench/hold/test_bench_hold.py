@@ -12,10 +12,10 @@ from bench.hold.bench import aims
 from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, least_n, play
 from tactiled.array import load_array
 from tactiled.client.subscriber import STALE_AFTER_S
+from tactiled.emulator.control import move_grip
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.families.holding import EVENTS, LIFTED_S, hold
 from tactiled.emulator.scene.motion import SceneMotion
-from tactiled.emulator.scene.physical import PhysicalContact
 
 ARRAY = load_array("wang2019-3x3")
 
@@ -31,8 +31,7 @@ def test_the_batch_moves_as_the_emulator_does() -> None:
         if scan == 200:
             batch.command(np.full(2, 9.0))
             for contact in contacts:
-                assert isinstance(contact, PhysicalContact)
-                contact.grip(9.0)
+                move_grip(contact, 9.0)
     np.testing.assert_allclose(batch.grip_n, [state.load_n[0] for state in states], atol=1e-9)
     np.testing.assert_allclose(batch.place_mm, [state.travel_mm[0] for state in states], atol=2e-4)
 

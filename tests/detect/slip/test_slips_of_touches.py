@@ -121,7 +121,7 @@ def played(made: Callable[[int], Scene], seed: int) -> tuple[FloatArray, FloatAr
     offset_s: FloatArray = np.arange(ARRAY.n_channels) * np.float64(2.5e-4)
     time_s = np.arange(round(100 * scene.duration_s))[:, np.newaxis] / 100 + offset_s
     parts = [sensor.volts(part) for part in np.array_split(time_s, max(1, len(time_s) // 16))]
-    return np.concatenate(parts), offset_s, Truth(scene, 0.0, sensor.contact, ARRAY)
+    return np.concatenate(parts), offset_s, Truth(scene, 0.0, sensor.contact)
 
 
 def seen(made: Callable[[int], Scene], seed: int, noise: float) -> tuple[ScanBlock, Truth]:

@@ -23,15 +23,15 @@ class Walk:
         self.rng = np.random.default_rng(3)
         self.place = np.zeros(3)
 
-    def advance(self, n: int) -> FloatArray:
-        walk = self.place + np.cumsum(self.rng.normal(size=(n, 3)), axis=0)
+    def advance(self, time_s: FloatArray) -> FloatArray:
+        walk = self.place + np.cumsum(self.rng.normal(size=(len(time_s), 3)), axis=0)
         self.place = walk[-1]
         return np.asarray(walk)
 
 
 TRUE = Walk()
 TRUE.reset()
-PATH = TRUE.advance(20_000)
+PATH = TRUE.advance(np.arange(20_000) * np.float64(STEP_S))
 
 
 @given(st.lists(st.floats(0, 120), min_size=1, max_size=40), st.sampled_from([1, 7, 64]))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from patience import PATIENCE_S
 
 from tactiled.array import load_array
-from tactiled.emulator.control import ControlLines
+from tactiled.emulator.control import ControlLines, has_fallen, move_grip
 from tactiled.emulator.line.links import PtyLink, make_control_link
 from tactiled.emulator.realtime import Emulator
 from tactiled.emulator.scene.contact import make_contact
@@ -80,13 +80,13 @@ def test_a_look_back_changes_no_grip_and_forgets_no_fall() -> None:
     looked, plain = contact(scene), contact(scene)
     for one in (looked, plain):
         one.state(np.array([1.2]))
-        one.grip(0.0)
+        move_grip(one, 0.0)
         one.state(np.array([2.0]))
     looked.state(np.array([0.1]))
-    assert plain.has_fallen
-    assert looked.has_fallen
+    assert has_fallen(plain)
+    assert has_fallen(looked)
     for one in (looked, plain):
-        one.grip(8.0)
+        move_grip(one, 8.0)
     at_s = np.array([0.3, 1.1, 1.9, 2.2, 2.9])
     assert looked.state(at_s).load_n.tolist() == plain.state(at_s).load_n.tolist()
 
@@ -126,7 +126,7 @@ def test_a_controllers_grips_are_repeated_when_the_past_is_computed_again() -> N
     model = contact(held(PRESS, load(3.0), {"kind": "hold", "duration_s": 7.0}))
     for time_s in np.arange(0, 2, 0.01):
         if 0.99 < time_s < 1.01:
-            model.grip(18.0)
+            move_grip(model, 18.0)
         model.state(np.array([time_s]))
     instants = np.arange(0.9, 1.5, 0.01)
     first = model.state(instants)
@@ -143,7 +143,7 @@ def test_grip_follows_at_its_rate() -> None:
         held(PRESS, load(1.0), {"kind": "hold", "duration_s": 2.0}, held_object={"grip_rate_n_s": 20.0})
     )
     model.play_until(1.0)
-    model.grip(20.0)
+    move_grip(model, 20.0)
     grip_n = model.state(np.arange(1.1, 1.9, 0.01)).load_n
     assert np.diff(grip_n).max() <= 0.2 + 1e-9
     assert grip_n[-1] == pytest.approx(20.0)
@@ -161,7 +161,7 @@ def test_a_released_object_falls() -> None:
     scene = held(PRESS, load(3.0), {"kind": "lift", "duration_s": 0.5}, {"kind": "rest", "duration_s": 1.0})
     model = contact(scene)
     model.play_until(2.4)
-    assert model.has_fallen
+    assert has_fallen(model)
     assert np.hypot(*model.state(np.array([2.4])).travel_mm[0]) == pytest.approx(20.0)
 
 
@@ -184,7 +184,7 @@ def test_impossible_grips_are_refused() -> None:
     model = contact(held(PRESS))
     for force_n in (-1.0, float("nan"), float("inf"), 1e9):
         with pytest.raises(ConfigError, match="not a force from 0 to 2000 N"):
-            model.grip(force_n)
+            move_grip(model, force_n)
     plain = Simulation(load_scene("prescribed"), V1)
     with pytest.raises(ConfigError, match="nothing to grip"):
         plain.grip(1.0)
@@ -270,7 +270,7 @@ def test_a_gripper_has_a_delay_and_a_resolution() -> None:
     gripper = {"grip_rate_n_s": 1000.0, "grip_delay_s": 0.05, "grip_step_n": 0.5}
     model = contact(held(PRESS, load(1.0), {"kind": "hold", "duration_s": 1.0}, held_object=gripper))
     model.play_until(1.0)
-    model.grip(12.3)
+    move_grip(model, 12.3)
     grip_n = model.state(np.arange(1.0, 1.2, 0.01)).load_n
     assert np.all(grip_n[:4] == 10.0)
     assert np.all(grip_n[10:] == 12.5)
@@ -292,6 +292,6 @@ def test_friction_that_falls_lets_go_where_friction_no_longer_bears_the_load() -
 def test_a_press_alone_does_not_hold_what_is_lifted_and_filled() -> None:
     model = contact(load_scene("hold"))
     model.play_until(4.0)
-    assert not model.has_fallen
+    assert not has_fallen(model)
     model.play_until(7.0)
-    assert model.has_fallen
+    assert has_fallen(model)

@@ -7,9 +7,9 @@ import pytest
 
 from tactiled.array import load_array
 from tactiled.emulator.board.sensor import Sensor
+from tactiled.emulator.control import move_grip
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.loading import CreepLag
-from tactiled.emulator.scene.physical import PhysicalContact
 
 WANG = load_array("wang2019-3x3")
 PRESS = {"kind": "press", "duration_s": 0.5, "force_n": 10.0}
@@ -48,11 +48,10 @@ def test_a_controllers_grip_enters_creep() -> None:
 
     def conductance(**electronics: float) -> dict[float, float]:
         worn = sensor(**held, electronics={"dead_zone_n": 0.0, "noise_v": 0.0, **electronics})
-        assert isinstance(worn.contact, PhysicalContact)
         at = {}
         for time_s in np.arange(0.0, 3.0, 0.01).round(2):
             if time_s in (1.0, 2.0):
-                worn.contact.grip(30.0 if time_s == 1.0 else 15.0)
+                move_grip(worn.contact, 30.0 if time_s == 1.0 else 15.0)
             volts = worn.volts(np.full((1, 36), time_s))[0, 0]
             at[float(time_s)] = volts / (3.3 - volts)
         return at

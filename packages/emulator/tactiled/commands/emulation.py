@@ -32,7 +32,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
         run_page_demo(port, opens=not no_browser)
         return
     need_extra("matplotlib", "plot", "the picture of the demo")
-    from tactiled.demo import run_demo
+    from tactiled.demo.play import run_demo
 
     sys.exit(0 if run_demo(out) else 1)
 

@@ -24,9 +24,9 @@ _LONGEST_LINE = 4096  # bytes; longer lines are no command and are dropped, whic
 
 def move_grip(contact: SceneContact, force_n: float) -> None:
     """Set the grip on a held object; `ConfigError` if there is none, or the force is not from 0 to 2000 N."""
-    if not isinstance(contact, PhysicalContact):
+    if not isinstance(contact, PhysicalContact) or contact.held is None:
         raise ConfigError("grip", ["this scene has no held object: there is nothing to grip"])
-    contact.grip(force_n)
+    contact.held.grip(force_n)
 
 
 class ControlLines:
@@ -73,8 +73,13 @@ def contact_report(contact: SceneContact, scene_s: float) -> dict[str, Any]:
         "velocity_mm_s": state.velocity_mm_s[0].tolist(),
         "normal_n": state.normal_n[0].tolist(),
         "tangential_n": state.tangential_n[0].tolist(),
-        "fallen": isinstance(contact, PhysicalContact) and contact.has_fallen,
+        "fallen": has_fallen(contact),
     }
+
+
+def has_fallen(contact: SceneContact) -> bool:
+    """Return whether a held object has slipped out of the grip."""
+    return isinstance(contact, PhysicalContact) and contact.held is not None and contact.held.has_fallen
 
 
 def _refusal(why: str) -> dict[str, Any]:

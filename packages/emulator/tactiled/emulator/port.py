@@ -44,7 +44,6 @@ class EmulatedPort:
             adc_reference_v=hello.adc_reference_v,
             span=_span(array, hello.adc_reference_v) if layout.carries_units else None,
         )
-        self.array = array
         self.contact = sensor.contact  # source of the truth; takes a controller's grip
         self.board = Board(layout, hello, params, sensor, power_up_s=power_up_s, on_scan=self._scanned)
         self._on_scan = on_scan

@@ -11,7 +11,6 @@ import contextlib
 import os
 import select
 import signal
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -24,9 +23,7 @@ from tactiled.emulator.control import ControlLines, contact_report
 from tactiled.emulator.line.faults import FaultKind, FaultParams
 from tactiled.emulator.line.links import HostLink, SocketLink
 from tactiled.emulator.port import EmulatedPort
-from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.description import Scene
-from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.physical import PhysicalContact
 from tactiled.emulator.scene.truth import Truth
 from tactiled.wire.layout import Layout
@@ -102,7 +99,8 @@ class Emulator:
         `ConfigError` where the link cannot be made.
         """
         self._solve_tables()
-        self._power_up()  # of a board that waited, hellos and faults would all come at once
+        # Anew: the scene was played, and of a board that waited, hellos and faults would all come at once.
+        self._power_up()
         with _stopped_by_signals(self.stop):
             self.run()
 
@@ -138,7 +136,7 @@ class Emulator:
 
     def _solve_tables(self) -> None:
         """Play a scene over grooves once: tables that are not shipped, a minute each, are solved and kept."""
-        contact = make_contact(SceneMotion(self._scene), self._port.array)
+        contact = self._port.contact
         if not isinstance(contact, PhysicalContact) or not contact.has_tables:
             return
         told_s, duration_s = time.monotonic(), self._scene.duration_s
@@ -202,7 +200,7 @@ class Emulator:
         t0_s = self._port.board.scene_start_s
         if t0_s is not None and not self._is_scene_reported:
             self._is_scene_reported = True
-            truth = Truth(self._scene, t0_s, self._port.contact, self._port.array)
+            truth = Truth(self._scene, t0_s, self._port.contact)
             self._report({"what": "scene", **truth.to_map()})
 
     def _report_behind(self) -> None:
@@ -220,10 +218,7 @@ class Emulator:
 
 @contextlib.contextmanager
 def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Let SIGTERM and SIGINT call `stop`; handlers can only be set in the main thread."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
+    """Let SIGTERM and SIGINT call `stop`."""
     numbers = (signal.SIGTERM, signal.SIGINT)
     before = [signal.signal(number, lambda *_: stop()) for number in numbers]
     try:

@@ -63,7 +63,7 @@ class Simulation:
         t0_s = self._port.board.scene_start_s
         if t0_s is None:
             raise ContractError("the scene has not begun: iterate the simulation first")
-        return Truth(self._scene, t0_s, self._port.contact, self._port.array)
+        return Truth(self._scene, t0_s, self._port.contact)
 
     def grip(self, force_n: float) -> None:
         """Set a controller's grip on a held object from now on; see `move_grip`."""

@@ -24,8 +24,8 @@ class GridSource(Protocol):
         """Return to step 0."""
         ...
 
-    def advance(self, n: int) -> FloatArray:
-        """Rows (n, width) of the coming n grid points; the first call begins at time 0."""
+    def advance(self, time_s: FloatArray) -> FloatArray:
+        """Rows (n, width) at the coming n grid points, of which the first is time 0."""
         ...
 
 
@@ -84,7 +84,8 @@ class GridInterpolator:
         if number < self._made and number not in self._blocks:
             self.reset()
         while self._made <= number:
-            self._blocks[self._made] = self._source.advance(self._block)
+            step = np.arange(self._made * self._block, (self._made + 1) * self._block)
+            self._blocks[self._made] = self._source.advance(step * np.float64(self._step_s))
             self._made += 1
             if len(self._blocks) * self._block > max(_KEPT_STEPS, 4 * self._block):
                 self._blocks.popitem(last=False)

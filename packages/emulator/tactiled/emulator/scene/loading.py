@@ -5,8 +5,6 @@ import math
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.emulator.mechanics.lumped import Lumped
-from tactiled.emulator.scene.motion import SceneMotion
 
 
 class CreepLag:
@@ -34,23 +32,3 @@ class CreepLag:
             rest = before + left * relaxed
         self._rest = rest
         return np.array(relaxed_n)
-
-
-class PrescribedLag:
-    """Lagged load of a scene without controller; a `stepper.GridSource` of one column."""
-
-    step_s = Lumped.step_s
-
-    def __init__(self, motion: SceneMotion) -> None:
-        self._motion = motion
-        self._lag = CreepLag(self.step_s, motion.scene.electronics.creep_time_s)
-        self.reset()
-
-    def reset(self) -> None:
-        self._k = 0
-        self._lag.reset()
-
-    def advance(self, n: int) -> FloatArray:
-        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(self.step_s)
-        self._k += n
-        return self._lag.feed(self._motion.at(time_s).load_n)[:, None]

@@ -23,7 +23,7 @@ _BLOCK_S = 0.16  # computed at once otherwise: some scans, and a short pause of 
 # takes a twentieth of such a sine and a seventh of such a pulse; of a sine of two steps nothing is left.
 _SINE_STEPS, _PULSE_STEPS = 8, 4
 _ROUNDING = 1e-9
-# Columns of `ContactStepper` after those of channels and taxels.
+# Columns of `PhysicalContact` after those of channels and taxels.
 _SLIPPING, _LOAD, _TRAVEL, _VELOCITY, _RELAXED, _WHOLE = 0, 1, slice(2, 4), slice(4, 6), 6, 7
 
 
@@ -45,40 +45,47 @@ class PhysicalContact:
     """Contact of the skin with the surfaces of a scene, stepped on a model of single taxels.
 
     The constructor raises `ConfigError` where the model cannot play the scene.
+
+    Columns of the rows on the grid of its steps: forces on the channels; normal force, x and y of the
+    tangential force, and slipping share of each taxel; then for the whole contact the slipping share, load,
+    travel (2), velocity (2) and the load through the creep's lag.
     """
 
     def __init__(self, motion: SceneMotion, array: Array, model: type[TaxelModel]) -> None:
-        self._source = ContactStepper(motion, array, model)
-        block_s = _SCAN_S if self._source.held else _BLOCK_S
-        block = max(1, round(block_s / self._source.step_s))
-        self._stepper = GridInterpolator(self._source, step_s=self._source.step_s, block=block)
+        scene = motion.scene
+        self._motion = motion
         self._n_channels, self._n_taxels = array.n_channels, array.n_taxels
+        self._share = taxel_shares(motion, array)
+        self._read = ChannelForces(motion, array)
+        surfaces = [model_surface(plate) for plate in motion.surfaces]
+        self._models = [model(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
+        self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
+        self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
+        self._offset_mm = [offset_mm(plate, scene.seed) for plate in motion.surfaces]
+        self.held: HeldMotion | None = None
+        self._step_s, block_s = model.step_s, _BLOCK_S
+        if scene.held_object is not None:
+            (flat,) = self._models
+            assert isinstance(flat, Lumped)  # a held object has one flat surface
+            taxel_mm = self._middle_mm + self._from_middle
+            self.held = HeldMotion(scene, scene.held_object, flat, self._share, taxel_mm, self._offset_mm[0])
+            self._step_s, block_s = self.held.step_s, _SCAN_S
+        _check_grid(scene, self._step_s)
+        self._lag = CreepLag(self._step_s, scene.electronics.creep_time_s)
+        # Slip as far as the contact was ever computed; a look back does not shorten it.
+        self.watch = SlipEpisodeTracker()
+        block = max(1, round(block_s / self._step_s))
+        self._stepper = GridInterpolator(self, step_s=self._step_s, block=block)
 
     @property
     def has_tables(self) -> bool:
         """Return whether the plates of the scene are played from tables, which may have to be solved."""
-        return isinstance(self._source.models[0], Periodic)
-
-    @property
-    def has_fallen(self) -> bool:
-        """Return whether a held object has slipped out of the grip."""
-        return self._source.held is not None and self._source.held.has_fallen
-
-    @property
-    def watch(self) -> SlipEpisodeTracker:
-        """Slip as far as the contact was ever computed; a look back does not shorten it."""
-        return self._source.watch
+        return isinstance(self._models[0], Periodic)
 
     @property
     def played_s(self) -> float:
         """Scene time up to which the contact is computed."""
         return self._stepper.made_s
-
-    def grip(self, force_n: float) -> None:
-        """Set a controller's grip from the first instant that is not yet computed; see `HeldMotion.grip`."""
-        if self._source.held is None:
-            raise ConfigError("grip", ["this scene has no held object; a controller can move nothing in it"])
-        self._source.held.grip(force_n)
 
     def play_until(self, end_s: float) -> None:
         """Compute the contact up to an instant of scene time."""
@@ -112,53 +119,18 @@ class PhysicalContact:
             velocity_mm_s=whole[:, _VELOCITY],
         )
 
-
-class ContactStepper:
-    """Step the contact of a scene on its time grid; a `stepper.GridSource`.
-
-    Columns of its rows: forces on the channels; normal force, x and y of the tangential force, and slipping
-    share of each taxel; then for the whole contact the slipping share, load, travel (2), velocity (2) and the
-    load through the creep's lag.
-    """
-
-    def __init__(self, motion: SceneMotion, array: Array, model: type[TaxelModel]) -> None:
-        scene = motion.scene
-        self._motion = motion
-        self._share = taxel_shares(motion, array)
-        self._read = ChannelForces(motion, array)
-        surfaces = [model_surface(plate) for plate in motion.surfaces]
-        self.models = [model(surface, self._read.azimuth_deg, array.n_taxels) for surface in surfaces]
-        self._middle_mm = np.array([array.x_mm.mean(), array.y_mm.mean()])
-        self._from_middle = np.stack([array.x_mm, array.y_mm], axis=-1) - self._middle_mm
-        self._offset_mm = [offset_mm(plate, scene.seed) for plate in motion.surfaces]
-        self.held: HeldMotion | None = None
-        self.step_s = model.step_s
-        if scene.held_object is not None:
-            (flat,) = self.models
-            assert isinstance(flat, Lumped)  # a held object has one flat surface
-            taxel_mm = self._middle_mm + self._from_middle
-            self.held = HeldMotion(scene, scene.held_object, flat, self._share, taxel_mm, self._offset_mm[0])
-            self.step_s = self.held.step_s
-        _check_grid(scene, self.step_s)
-        self._lag = CreepLag(self.step_s, scene.electronics.creep_time_s)
-        self.watch = SlipEpisodeTracker()
-        self.reset()
-
     def reset(self) -> None:
-        """Return to scene time 0; what `watch` has found stays."""
-        for model in self.models:
+        """Return to scene time 0, for the grid; what `watch` has found stays."""
+        for model in self._models:
             model.reset()
-        self._is_fresh = [True] * len(self.models)
-        self._k = 0
+        self._is_fresh = [True] * len(self._models)
         self._before_mm: FloatArray | None = None
         self._lag.reset()
         if self.held:
             self.held.reset()
 
-    def advance(self, n: int) -> FloatArray:
-        """Rows (n, width) of the next n grid points."""
-        time_s: FloatArray = np.arange(self._k, self._k + n) * np.float64(self.step_s)
-        self._k += n
+    def advance(self, time_s: FloatArray) -> FloatArray:
+        """Rows (n, width) at the next n grid points."""
         state = self._motion.at(time_s)
         if self.held is not None:
             return self._rows(time_s, *self.held.play(state))
@@ -176,7 +148,7 @@ class ContactStepper:
         turned = np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
         base_mm = self._middle_mm + turned + travel_mm[:, None, :]
         parts: list[tuple[FloatArray, TaxelForces]] = []
-        for number, model in enumerate(self.models):
+        for number, model in enumerate(self._models):
             share = self._motion.surface_share(number, time_s)
             if not share.any():
                 if not self._is_fresh[number]:
@@ -184,7 +156,7 @@ class ContactStepper:
                 self._is_fresh[number] = True
                 continue
             self._is_fresh[number] = False
-            felt = model.run(loads_n, base_mm - self._offset_mm[number], self.step_s)
+            felt = model.run(loads_n, base_mm - self._offset_mm[number], self._step_s)
             parts.append((share, felt))
         return parts[0][1] if len(parts) == 1 else _blended(parts)
 
@@ -193,7 +165,7 @@ class ContactStepper:
     ) -> FloatArray:
         slipping_share = _slipping_share(felt)
         before = travel_mm[:1] if self._before_mm is None else self._before_mm[None]
-        velocity = np.diff(travel_mm, axis=0, prepend=before) / self.step_s
+        velocity = np.diff(travel_mm, axis=0, prepend=before) / self._step_s
         self._before_mm = travel_mm[-1]
         shear_n = np.linalg.norm(felt.tangential_n, axis=-1).sum(axis=1)
         self.watch.feed(time_s, slipping_share, felt.normal_n.sum(axis=1), shear_n, travel_mm)

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
+from tactiled.emulator.mechanics.lumped import Lumped
 from tactiled.emulator.mechanics.stepper import GridInterpolator
 from tactiled.emulator.mechanics.unevenness import friction_factor
-from tactiled.emulator.scene.loading import PrescribedLag
+from tactiled.emulator.scene.loading import CreepLag
 from tactiled.emulator.scene.motion import ComplexArray, SceneMotion
 from tactiled.emulator.scene.phases import GroovedPlate
 from tactiled.emulator.scene.physical import ContactState
@@ -38,8 +39,8 @@ class SignalContact:
 
     def __init__(self, motion: SceneMotion, array: Array) -> None:
         self._motion = motion
-        lag = PrescribedLag(motion)
-        self._lag = GridInterpolator(lag, step_s=lag.step_s, block=_LOADS_AT_ONCE)
+        self._lag = CreepLag(Lumped.step_s, motion.scene.electronics.creep_time_s)
+        self._relaxed = GridInterpolator(self, step_s=Lumped.step_s, block=_LOADS_AT_ONCE)
         rng = np.random.default_rng([motion.scene.seed, 1])
         taxel_share = _shares(rng, np.zeros(array.n_taxels, dtype=np.int64))
         self._taxel_share, self._taxel_mm = taxel_share, array.x_mm + 1j * array.y_mm
@@ -56,6 +57,14 @@ class SignalContact:
         self._tangential = (kinds == "shear_x") | (kinds == "shear_y")
         self._channel_mm = self._taxel_mm[taxel]
 
+    def reset(self) -> None:
+        """Return to scene time 0, for the grid of the creep's lag."""
+        self._lag.reset()
+
+    def advance(self, time_s: FloatArray) -> FloatArray:
+        """Load (n, 1) through the creep's lag at the next n grid points."""
+        return self._lag.feed(self._motion.at(time_s).load_n)[:, None]
+
     def forces(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `PhysicalContact.forces`."""
         state = self._motion.at(time_s)
@@ -65,7 +74,7 @@ class SignalContact:
         tilt = np.minimum(_TILT_PER_FRICTION * friction, _LARGEST_TILT)
         tilted = normal * (1.0 + tilt * (self._side_x * shear.real + self._side_y * shear.imag))
         pulled = normal * friction * (self._shear_x * shear.real + self._shear_y * shear.imag)
-        relaxed = self._lag.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
+        relaxed = self._relaxed.at(time_s, np.zeros(time_s.shape[1], dtype=np.int64))
         return np.where(self._tangential, pulled, tilted), relaxed
 
     def state(self, time_s: FloatArray) -> ContactState:

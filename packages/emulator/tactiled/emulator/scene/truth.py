@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tactiled.array import Array, FloatArray, load_array
+from tactiled.array import FloatArray, load_array
 from tactiled.emulator.scene.contact import SceneContact, make_contact
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.motion import SceneMotion
@@ -44,29 +44,22 @@ class Truth:
 
     `t0_s` is the instant at which the scene began: 0 for scene time, or the host's monotonic instant of the
     ``start`` command, which the emulator reports. `contact` is the one that played the scene, with any grip
-    of a controller; without it the scene is played again, on its own array.
+    of a controller; without it the scene is played again.
     """
 
-    def __init__(
-        self, scene: Scene, t0_s: float = 0.0, contact: SceneContact | None = None, array: Array | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, t0_s: float = 0.0, contact: SceneContact | None = None) -> None:
         self.scene = scene
         self.t0_s = t0_s
         self.motion = SceneMotion(scene)
         self.phases = self._phases()
         self._given_contact = contact
-        self._given_array = array
-
-    @cached_property
-    def array(self) -> Array:
-        return self._given_array or load_array(self.scene.array)
 
     @cached_property
     def contact(self) -> SceneContact:
         """Contact model of the scene; if none was given, one that has played the scene to its end."""
         if self._given_contact is not None:
             return self._given_contact
-        contact = make_contact(self.motion, self.array)
+        contact = make_contact(self.motion, load_array(self.scene.array))
         if isinstance(contact, PhysicalContact):
             contact.play_until(self.scene.duration_s)
         return contact
