@@ -18,8 +18,6 @@ from tactiled.zenoh.session import ZenohAddress, chunk_of, parse_address
         ("zenoh://10.0.0.1:7000/robot7", ZenohAddress("tcp/10.0.0.1:7000", "robot7", None)),
         ("zenoh://[::1]:7000/*", ZenohAddress("tcp/[::1]:7000", "*", None)),
         ("zenoh:///robot7", ZenohAddress("tcp/127.0.0.1:7447", "robot7", None)),
-        ("zenoh:///robot7?config=a.json5", ZenohAddress("", "robot7", Path("a.json5"))),
-        ("zenoh://router/robot7?config=a.json5", ZenohAddress("tls/router:7447", "robot7", Path("a.json5"))),
     ],
 )
 def test_endpoints(endpoint: str, expected: ZenohAddress) -> None:
@@ -27,9 +25,9 @@ def test_endpoints(endpoint: str, expected: ZenohAddress) -> None:
 
 
 def test_the_keys_of_a_client_are_its_configuration() -> None:
-    assert parse_address("zenoh://router/r", Path("k.json5")) == ZenohAddress(
-        "tls/router:7447", "r", Path("k.json5")
-    )
+    keys = Path("k.json5")
+    assert parse_address("zenoh://router/r", keys) == ZenohAddress("tls/router:7447", "r", keys)
+    assert parse_address("zenoh:///r", keys) == ZenohAddress("", "r", keys)
 
 
 @pytest.mark.parametrize(
@@ -42,6 +40,7 @@ def test_the_keys_of_a_client_are_its_configuration() -> None:
         "zenoh://r/a/b",
         "zenoh://r:x/a",
         "zenoh://r/a$b",
+        "zenoh://r/a?config=k.json5",
     ],
 )
 def test_endpoints_without_a_host_are_refused(endpoint: str) -> None:

@@ -195,27 +195,28 @@ class LivelyBoards:
     def __init__(self, session: "zenoh.Session", host: str) -> None:
         self._session = session
         self._host = host
-        self._tokens: dict[bytes, zenoh.LivelinessToken] = {}
-        self._heard_s: dict[bytes, float] = {}
+        # Token of each board, and when its newest status was heard.
+        self._boards: dict[bytes, tuple[zenoh.LivelinessToken, float]] = {}
 
     def heard(self, topic: bytes, now_s: float) -> None:
         """Take note of a status."""
-        if topic not in self._tokens:
+        if topic in self._boards:
+            token, _ = self._boards[topic]
+        else:
             board = chunk_of(topic.decode(errors="replace").split("/")[1])
-            self._tokens[topic] = self._session.liveliness().declare_token(f"tactile/{self._host}/{board}")
+            token = self._session.liveliness().declare_token(f"tactile/{self._host}/{board}")
             logger.info("tactile/%s/%s is on the network", self._host, board)
-        self._heard_s[topic] = now_s
+        self._boards[topic] = token, now_s
 
     def drop_silent(self, now_s: float) -> None:
         """Take back the tokens of boards without a status."""
-        for topic in [topic for topic, at_s in self._heard_s.items() if now_s > at_s + _ALIVE_S]:
-            self._tokens.pop(topic).undeclare()
-            del self._heard_s[topic]
+        for topic in [topic for topic, (_, at_s) in self._boards.items() if now_s > at_s + _ALIVE_S]:
+            self._boards.pop(topic)[0].undeclare()
             logger.warning("%s: silent, taken from the network", topic.decode(errors="replace"))
 
     def close(self) -> None:
         """Take back all tokens."""
-        for token in self._tokens.values():
+        for token, _ in self._boards.values():
             token.undeclare()
 
 

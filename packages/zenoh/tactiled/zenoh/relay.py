@@ -21,6 +21,7 @@ _PATIENCE_S = 5.0  # a reply takes milliseconds; a daemon that is being restarte
 _LONGEST_WHO = 64
 _LONGEST_BYTES = 16 * 1024 - 256  # the daemon cuts the connection of all for one byte more than 16 kB
 _NO_COMMANDS = "this bridge takes no commands: its owner may start it with --allow-commands"
+_NOT_HERE = "commands go to the key tactile/HOST/command"
 
 Respond = Callable[[bytes], None]
 """Takes the reply; an empty one ends the request without any."""
@@ -60,8 +61,8 @@ class Relay:
             self._refuse({}, "id or do is missing, or no text", respond)
             return
         if do not in QUESTIONS:
-            if reason := self._fault_of_command(may_command=may_command):
-                self._refuse(request, reason, respond)
+            if not self._allow_commands or not may_command:
+                self._refuse(request, _NOT_HERE if self._allow_commands else _NO_COMMANDS, respond)
                 return
             who = request.get("who")
             request["who"] = f"{who[: _LONGEST_WHO - 6] if isinstance(who, str) else ''} zenoh".strip()
@@ -76,17 +77,12 @@ class Relay:
         waiting = self._waiting.get(id_)
         if waiting is not None and waiting.request != payload:
             self._refuse(request, "id: another request with it waits for its reply", respond)
-        elif self._is_full(waiting) or (waiting is None and not self._ask(payload)):
-            respond(b"")  # the client repeats a question
-        else:
-            waiting = waiting or self._waiting.setdefault(id_, _Waiting([], now_s + _PATIENCE_S, payload))
+        elif waiting is not None and len(waiting.respond) < _MOST_REPEATS:
             waiting.respond.append(respond)
-
-    def _fault_of_command(self, *, may_command: bool) -> str:
-        """Return why a command is refused; empty where it is not."""
-        if not self._allow_commands:
-            return _NO_COMMANDS
-        return "" if may_command else "commands go to the key tactile/HOST/command"
+        elif waiting is None and len(self._waiting) < _MOST_WAITING and self._ask(payload):
+            self._waiting[id_] = _Waiting([respond], now_s + _PATIENCE_S, payload)
+        else:
+            respond(b"")  # the client repeats a question
 
     def reply(self, payload: bytes) -> None:
         """Take a reply of the daemon."""
@@ -94,12 +90,6 @@ class Relay:
         if waiting is not None:
             for respond in waiting.respond:
                 respond(payload)
-
-    def _is_full(self, waiting: _Waiting | None) -> bool:
-        """Return True when a request, new or repeated, is not to be kept."""
-        if waiting is None:
-            return len(self._waiting) >= _MOST_WAITING
-        return len(waiting.respond) >= _MOST_REPEATS
 
     def _expire(self, now_s: float) -> None:
         for id_ in [id_ for id_, waiting in self._waiting.items() if now_s >= waiting.until_s]:

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import msgpack
 import zenoh
@@ -22,7 +22,7 @@ _LONGEST_CHUNK = 128
 
 @dataclass(frozen=True)
 class ZenohAddress:
-    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST?config=FILE``."""
+    """Parts of an endpoint ``zenoh://ROUTER:PORT/HOST``, and the file of the client that goes there."""
 
     router: str  # locator, such as ``tcp/router:7447``; empty: the file of the configuration has it
     host: str  # name under which `tactiled zenoh` publishes; ``*`` for all hosts
@@ -42,8 +42,8 @@ class ZenohAddress:
 def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
     """Parse an endpoint.
 
-    `keys` is a configuration of zenoh with the certificates of this client; the endpoint may name it instead.
-    With it, the router is reached over TLS. `ConfigError` where it names no host, or has other faults.
+    `keys` is a configuration of zenoh with the certificates of this client, with which the router is reached
+    over TLS. `ConfigError` where the endpoint names no host, or has other faults.
     """
     form = f"it should look like {ZENOH_SCHEME}ROUTER:7447/HOST"
     try:
@@ -54,17 +54,13 @@ def parse_address(endpoint: str, keys: Path | None = None) -> ZenohAddress:
     if not endpoint.startswith(ZENOH_SCHEME):
         raise ConfigError("endpoint", [f"{endpoint!r} is none of zenoh; {form}"])
     host = url.path.strip("/")
-    if not is_chunk(host) and host != "*":
-        raise ConfigError("endpoint", [f"{endpoint!r} names no host; {form}"])
-    named = parse_qs(url.query).get("config", [])
-    config = keys or (Path(named[0]) if named else None)
-    router = ""
+    if url.query or (not is_chunk(host) and host != "*"):
+        raise ConfigError("endpoint", [f"{endpoint!r} names no host, or more than that; {form}"])
+    router = DEFAULT_ROUTER if keys is None else ""
     if url.hostname:
         name = f"[{url.hostname}]" if ":" in url.hostname else url.hostname
-        router = f"{'tcp' if config is None else 'tls'}/{name}:{port or 7447}"
-    elif config is None:
-        router = DEFAULT_ROUTER
-    return ZenohAddress(router, host, config)
+        router = f"{'tcp' if keys is None else 'tls'}/{name}:{port or 7447}"
+    return ZenohAddress(router, host, keys)
 
 
 def is_chunk(name: str) -> bool:
@@ -161,12 +157,11 @@ def spread(endpoints: Sequence[str], keys: Path | None, timeout_s: float) -> tup
     """
     found: list[str] = []
     for endpoint in endpoints:
-        path, query, options = endpoint.partition("?")
-        if not (endpoint.startswith(ZENOH_SCHEME) and path.endswith("/*")):
+        if not (endpoint.startswith(ZENOH_SCHEME) and endpoint.endswith("/*")):
             found.append(endpoint)
             continue
         hosts = sorted(states(endpoint, keys, timeout_s))
         if not hosts:
             raise UnavailableError(f"{endpoint}: no host of tactiled is on this network")
-        found += [f"{path[:-1]}{host}{query}{options}" for host in hosts]
+        found += [f"{endpoint[:-1]}{host}" for host in hosts]
     return tuple(found)
