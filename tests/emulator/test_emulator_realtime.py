@@ -333,7 +333,7 @@ def test_addresses_for_a_controller_of_another_form_are_refused(address: str) ->
 
 def test_an_unfinished_line_of_a_controller_ends_with_it(tmp_path: Path) -> None:
     path = tmp_path / "control"
-    with emulated(PtyLink(None), control=make_control_link(f"unix://{path}")):
+    with emulated(PtyLink(tmp_path / "board"), control=make_control_link(f"unix://{path}")):
         with socket.socket(socket.AF_UNIX) as killed:
             killed.connect(str(path))
             killed.sendall(b'{}\n{"grip_n": 3')
@@ -345,7 +345,7 @@ def test_an_unfinished_line_of_a_controller_ends_with_it(tmp_path: Path) -> None
 
 
 def test_a_stop_after_the_end_writes_into_no_other_file(tmp_path: Path) -> None:
-    with emulated(PtyLink(None)) as (emulator, _):
+    with emulated(PtyLink(tmp_path / "board")) as (emulator, _):
         pass
     paths = [tmp_path / str(k) for k in range(20)]
     with contextlib.ExitStack() as stack:

@@ -237,7 +237,9 @@ def test_a_controller_moves_the_grip_of_a_running_emulator(tmp_path: Path) -> No
 
     address = f"unix://{tmp_path}/control"
     scene = held(PRESS, load(2.0), {"kind": "hold", "duration_s": 60.0})
-    emulator = Emulator(scene, V1, PtyLink(None), report=report, control=make_control_link(address))
+    emulator = Emulator(
+        scene, V1, PtyLink(tmp_path / "board"), report=report, control=make_control_link(address)
+    )
     thread = threading.Thread(target=emulator.run)
     thread.start()
     try:

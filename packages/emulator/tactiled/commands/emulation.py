@@ -120,7 +120,7 @@ def emulate(
     Emulator(
         played,
         load_layout(protocol),
-        PtyLink(link) if tcp is None else make_tcp_link(tcp),
+        make_tcp_link(tcp or "") if link is None else PtyLink(link),
         board=None if board is None else tomlfile.load(board, EmulatedBoardParams),
         faults=None if faults is None else tomlfile.load(faults, FaultParams),
         seed=seed,

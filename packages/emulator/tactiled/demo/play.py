@@ -60,7 +60,8 @@ Lines = Queue[tuple[str, dict[str, Any] | None]]
 class DemoRecord:
     """Data of the subscriber and the emulator, on the host's monotonic clock."""
 
-    t0_s: float | None = None  # instant of scene time 0; None until the board is started
+    t0_s: float  # instant of scene time 0
+    unix_offset_s: float  # from this clock to epoch seconds
     time_s: list[float] = dataclasses.field(default_factory=list)
     volts: list[list[float]] = dataclasses.field(default_factory=list)
     events: list[Event] = dataclasses.field(default_factory=list)
@@ -75,8 +76,7 @@ def run_demo(picture: Path) -> bool:
     """
     if not picture.parent.is_dir() or picture.suffix not in (".png", ".pdf", ".svg"):
         raise ConfigError("--out", [f"{picture}: name a .png, .pdf or .svg in a folder that exists"])
-    seen, cut_short = DemoRecord(), ""
-    unix_offset_s = time.time() - time.monotonic()
+    cut_short, unix_offset_s = "", time.time() - time.monotonic()
     with ExitStack() as stack:
         folder, link, endpoint, config = stack.enter_context(demo_folder())
         lines: Lines = Queue()
@@ -98,7 +98,8 @@ def run_demo(picture: Path) -> bool:
         await_line(lines, "subscriber", "the daemon's first status")
         _say("board: tactiled emulate --scene", SCENE, "--link", str(link))
         start("board", "emulate", "--scene", SCENE, "--link", str(link))
-        seen.t0_s = t0_s = await_line(lines, "board", "the start of the scene", "scene")["t0_s"]
+        t0_s = await_line(lines, "board", "the start of the scene", "scene")["t0_s"]
+        seen = DemoRecord(t0_s, unix_offset_s)
         bar = stack.enter_context(ProgressBar("demo", end_s))
         while not cut_short and (not seen.time_s or seen.time_s[-1] < t0_s + end_s):
             bar.reach(time.monotonic() - t0_s)
@@ -107,21 +108,19 @@ def run_demo(picture: Path) -> bool:
                     played_s = time.monotonic() - t0_s
                     cut_short = f"the {name} process ended after {played_s:.1f} of {end_s:.1f} s"
                 elif name == "subscriber":
-                    _receive(message, unix_offset_s, seen)
+                    _receive(message, seen)
             while true_events and time.monotonic() >= t0_s + true_events[0][0]:
                 scene_s, words = true_events.pop(0)
                 _say(f"{scene_s:6.2f} s  true:", words)
             if not cut_short and time.monotonic() > t0_s + end_s + GRACE_S:
                 reached_s = seen.time_s[-1] - t0_s if seen.time_s else 0.0
                 cut_short = f"{GRACE_S:g} s after its end, scans had come of {reached_s:.1f} of {end_s:.1f} s"
-    return _judge(picture, seen, truth, slides, t0_s, cut_short)
+    return _judge(picture, seen, truth, slides, cut_short)
 
 
-def _judge(
-    picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float, cut_short: str
-) -> bool:
+def _judge(picture: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], cut_short: str) -> bool:
     """Print the results; estimates are judged only if the host kept up with the board."""
-    verdict = compare(slides, seen.events, t0_s, true_releases(truth))
+    verdict = compare(slides, seen.events, seen.t0_s, true_releases(truth))
     _say("host:", str(seen.host))
     if too_slow := seen.host.too_slow(is_wrong=verdict.is_groove_wrong):
         load, _, _ = os.getloadavg()
@@ -135,19 +134,18 @@ def _judge(
         _say(f"the demo was cut short: {cut_short}")
     if seen.time_s:
         whole = picture.with_stem(f"{picture.stem}-log")
-        title = _draw(picture, whole, seen, truth, slides, t0_s)
+        title = _draw(picture, whole, seen, truth, slides)
         click.echo(f"\n{title}.\npictures: {picture} (the slips), {whole} (all that was read and found)")
     for words in verdict.wrong:
         _say("not judged:" if too_slow else "wrong:", words)
     return not (too_slow or cut_short or verdict.wrong)
 
 
-def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) -> None:
+def _receive(message: dict[str, Any], seen: DemoRecord) -> None:
     """Store a message of the subscriber and print events."""
     topic = message["topic"]
-    time_s = message["timestamp"] - unix_offset_s
     if topic == "scan":
-        seen.time_s.append(time_s)
+        seen.time_s.append(message["timestamp"] - seen.unix_offset_s)
         seen.volts.append(message["volts"])
         host = seen.host
         host.scans += 1
@@ -158,11 +156,11 @@ def _receive(message: dict[str, Any], unix_offset_s: float, seen: DemoRecord) ->
         return
     if topic == "status":
         seen.host.fits_late = message["fits_late"]
-    event = _event(topic, message, unix_offset_s)
+    event = _event(topic, message, seen.unix_offset_s)
     if event is not None:
         seen.events.append(event)
     if topic in ("contact", "slip", "texture"):
-        found_s = message[evidence_key(topic)] - unix_offset_s - (time_s if seen.t0_s is None else seen.t0_s)
+        found_s = message[evidence_key(topic)] - seen.unix_offset_s - seen.t0_s
         _say(f"{found_s:6.2f} s  found:", event_words(topic, message))
 
 
@@ -181,9 +179,8 @@ def _event(topic: str, message: dict[str, Any], unix_offset_s: float) -> Event |
     return kind(**fields)
 
 
-def _draw(
-    picture: Path, whole: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip], t0_s: float
-) -> str:
+def _draw(picture: Path, whole: Path, seen: DemoRecord, truth: Truth, slides: Sequence[TrueSlip]) -> str:
+    t0_s = seen.t0_s
     shear_s = [phase.start_s for phase in truth.phases if phase.kind == "slide"]
     instant_s = np.array(seen.time_s) - t0_s
     played = (instant_s >= 0) & (instant_s <= truth.scene.duration_s)

@@ -22,11 +22,11 @@ class PtyLink:
     """Pty with a symbolic link to its device, which is replaced in one step and removed at close.
 
     The device end is kept open here, so that the port stays while hosts come and go. It is raw: there is no
-    echo and no line discipline before a host sets anything. Without a path the report has the name of the
-    device. `open` raises `ConfigError` where the path exists and is no symbolic link, or cannot be made.
+    echo and no line discipline before a host sets anything. `open` raises `ConfigError` where the path exists
+    and is no symbolic link, or cannot be made.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
         self._master = self._slave = -1
         self._device = ""
@@ -36,25 +36,24 @@ class PtyLink:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self._device = os.ttyname(self._slave)
-        if self._path is not None:
-            try:
-                self._point(self._path)
-            except OSError as error:
-                self.close()
-                raise ConfigError("link", [f"cannot make {self._path}: {error.strerror}"]) from None
+        try:
+            self._point()
+        except OSError as error:
+            self.close()
+            raise ConfigError("link", [f"cannot make {self._path}: {error.strerror}"]) from None
 
     def close(self) -> None:
         if self._master < 0:
             return
         with contextlib.suppress(OSError):  # replaced by another emulator, or gone
-            if self._path is not None and str(self._path.readlink()) == self._device:
+            if str(self._path.readlink()) == self._device:
                 self._path.unlink()
         os.close(self._master)
         os.close(self._slave)
         self._master = self._slave = -1
 
     def describe(self) -> dict[str, str]:
-        return {"device": self._device, "link": str(self._path or self._device)}
+        return {"device": self._device, "link": str(self._path)}
 
     def fds(self) -> list[int]:
         return [self._master] if self._master >= 0 else []
@@ -71,8 +70,9 @@ class PtyLink:
         except BlockingIOError:
             return 0
 
-    def _point(self, path: Path) -> None:
+    def _point(self) -> None:
         """Make or replace the link in one step, so that a host never finds none."""
+        path = self._path
         if path.exists() and not path.is_symlink():
             raise FileExistsError(0, "it exists and is no symbolic link")
         fresh = path.with_name(f".{path.name}.{os.getpid()}")

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tactiled.array import Array, FloatArray
 from tactiled.emulator.rig.motion import Loads
@@ -26,13 +27,7 @@ class ReferenceSensor:
     @property
     def rotation(self) -> FloatArray:
         """Matrix (3, 3) from the array's axes to the sensor's."""
-        a, b, c = self.turn_rad
-        cross = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
-        angle = float(np.linalg.norm(self.turn_rad))
-        if angle == 0:
-            return np.eye(3)
-        k = cross / angle
-        return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)
+        return np.asarray(Rotation.from_rotvec(self.turn_rad).as_matrix())
 
     def seen(self, wrench: FloatArray) -> FloatArray:
         """Return the wrench (n, 6) about the sensor's origin in its axes, without noise and offset."""
