@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bench.recordings.log import Log
 from tactiled.array import Array, FloatArray
 from tactiled.calibrate.data import ReferenceTable
-from tactiled.calibrate.study import Identity, calibrate
+from tactiled.calibrate.study import calibrate
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.sliding import growth
 from tactiled.detect.suite import DetectParams, build_suite
@@ -94,7 +94,7 @@ def forces(log: Log, array: Array, ridge: Ridge | None, *, are_poses: bool) -> F
     values[:, :3] = log.forces
     table = ReferenceTable(log.time_s, values)
     try:
-        study = calibrate(array, log.time_s, log.readings, table, Identity(log.name), are_poses=are_poses)
+        study = calibrate(array, log.time_s, log.readings, table, log.name, are_poses=are_poses)
     except DataError:
         return None
     used = [axis for axis in study.used if axis < 3]

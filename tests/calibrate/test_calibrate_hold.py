@@ -4,7 +4,7 @@ import numpy as np
 
 from tactiled.array import load_array
 from tactiled.calibrate.data import ReferenceTable
-from tactiled.calibrate.study import Identity, calibrate
+from tactiled.calibrate.study import calibrate
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.force.estimator import ForceEstimator
@@ -55,7 +55,7 @@ def test_the_persistent_contact_of_the_emulator_stays_within_its_interval() -> N
     values = np.full((len(load), 6), np.nan)
     values[:, 2] = load + 0.02 * np.random.default_rng(1).standard_normal(len(load))
     table = ReferenceTable(time_s, values)
-    file = calibrate(ARRAY, time_s, volts, table, Identity("balance")).file
+    file = calibrate(ARRAY, time_s, volts, table, "balance").file
     rate_hz = 0.5
     hour_s = np.arange(0, 3600.0, 1 / rate_hz)
     # The scene names no contact model; prescribed signals are 40 times faster than the physical one.

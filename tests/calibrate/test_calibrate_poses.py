@@ -9,7 +9,7 @@ from commands import call
 
 from tactiled.array import Array, ArrayFile, build
 from tactiled.calibrate.data import ReferenceTable
-from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
+from tactiled.calibrate.study import CalibrationStudy, calibrate
 from tactiled.errors import DataError
 from tactiled.tomlfile import parse
 
@@ -46,7 +46,7 @@ def fitted(array: Array, readings: np.ndarray, values: np.ndarray) -> Calibratio
     rows = np.arange(len(values), dtype=np.float64)
     table = ReferenceTable(rows, values)
     times = np.arange(len(readings), dtype=np.float64)
-    return calibrate(array, times, readings, table, Identity("poses"), are_poses=True)
+    return calibrate(array, times, readings, table, "poses", are_poses=True)
 
 
 def test_poses_in_any_order_give_the_same_errors_and_no_creep() -> None:
@@ -74,7 +74,7 @@ def test_a_pose_that_lacks_in_one_file_moves_no_other() -> None:
     rows = np.arange(len(values), dtype=np.float64)
     table = ReferenceTable(np.delete(rows, 360), np.delete(values, 360, axis=0))
     log, own = np.delete(readings, 380, axis=0), np.delete(rows, 380)
-    found = calibrate(chip(), own, log, table, Identity("poses"), are_poses=True)
+    found = calibrate(chip(), own, log, table, "poses", are_poses=True)
     assert len(found.left_out) == 598
     assert (np.sqrt((found.left_out[:, :3] ** 2).mean(axis=0)) < 0.02 * np.ptp(values[:, :3], axis=0)).all()
 
@@ -84,7 +84,7 @@ def test_poses_that_do_not_belong_together_are_refused() -> None:
     rows = np.arange(len(values), dtype=np.float64)
     table = ReferenceTable(rows + 0.5, values)
     with pytest.raises(DataError, match="0 poses are in both files"):
-        calibrate(chip(), rows, readings, table, Identity("poses"), are_poses=True)
+        calibrate(chip(), rows, readings, table, "poses", are_poses=True)
     with pytest.raises(DataError, match="poses have no beginning"):
         fitted(chip(zero="first 0.3 s"), readings, values)
     readings[5, 1] = np.nan

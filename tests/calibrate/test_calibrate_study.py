@@ -12,7 +12,7 @@ from tactiled.array import ArrayFile, TaxelChannel, build, load_array
 from tactiled.calibrate.checks import check_reference
 from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log
 from tactiled.calibrate.pairs import PairsFitter, _peaks
-from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate
+from tactiled.calibrate.study import CalibrationStudy, calibrate
 from tactiled.emulator.rig.motion import Loads
 from tactiled.emulator.rig.reference import ReferenceSensor
 from tactiled.emulator.rig.session import Rig, RigRun, draw_rig
@@ -42,7 +42,7 @@ def table(run: RigRun, columns: str = "fx fy fz tx ty tz") -> ReferenceTable:
 
 def study(run: RigRun, reference: ReferenceTable, readings: np.ndarray | None = None) -> CalibrationStudy:
     volts = run.readings if readings is None else readings
-    return calibrate(ARRAY, run.loads.time_s, volts, reference, Identity("mine"))
+    return calibrate(ARRAY, run.loads.time_s, volts, reference, "mine")
 
 
 @cache
@@ -175,7 +175,7 @@ def test_a_log_that_begins_under_load_is_refused_with_advice() -> None:
     reference = ReferenceTable(time_s, values)
     readings = np.rint(1000.0 + 100.0 * fz_n + 3.0 * rng.normal(size=6000))[:, np.newaxis]
     with pytest.raises(DataError, match="begins under load"):
-        calibrate(pad, time_s, readings, reference, Identity("pad"))
+        calibrate(pad, time_s, readings, reference, "pad")
 
 
 @pytest.mark.parametrize("is_free", [True, False])
@@ -186,7 +186,7 @@ def test_a_log_that_is_never_at_the_zero_of_the_array_says_so(is_free: bool) -> 
     run = rig.run("walk", SECONDS, rng)
     offset = 0.0 if is_free else 0.05 * run.readings.std() * np.linspace(1.0, 2.0, array.n_channels)
     reference = ReferenceTable(run.reference_s, run.reference)
-    study = calibrate(array, run.loads.time_s, run.readings + offset, reference, Identity("it"))
+    study = calibrate(array, run.loads.time_s, run.readings + offset, reference, "it")
     assert any("never come near the array's zero" in words for words in study.file.verdict) is not is_free
 
 
@@ -248,7 +248,7 @@ def test_a_probe_on_one_taxel_at_a_time_separates_them() -> None:
     seen = rig.reference.seen(Loads(time_s, taxels_n).wrench(ARRAY))
     readings = rig.sensor.readings(taxels_n, 100.0, np.random.default_rng(4))
     reference = ReferenceTable(time_s, seen)
-    found = calibrate(ARRAY, reference.time_s, readings, reference, Identity("probe"))
+    found = calibrate(ARRAY, reference.time_s, readings, reference, "probe")
     assert not any("hardly separated" in words for words in found.file.verdict)
 
 
@@ -279,7 +279,7 @@ def test_a_magnetometer_skin_of_any_rate_and_zero(stride: int, unit_offset: floa
     rig, rng = draw_rig(array, 4)
     run, test = rig.run("walk", 60.0, rng), rig.run("hold", 20.0, rng)
     time_s, readings = run.loads.time_s[::stride], run.readings[::stride] + unit_offset
-    found = calibrate(array, time_s, readings, table(run), Identity("skin"))
+    found = calibrate(array, time_s, readings, table(run), "skin")
     assert found.model == "smooth"
     assert found.rms[2] <= 1.01 * found.baseline[2]
     events = ForceEstimator(array, found.file).process(regular_block(test.readings[::stride], 100.0 / stride))

@@ -12,7 +12,7 @@ from tactiled.array import Array, load_array
 from tactiled.calibrate.clock import align
 from tactiled.calibrate.data import AlignedReference, ReferenceTable, bin_log, pose_log
 from tactiled.calibrate.folds import segments
-from tactiled.calibrate.study import CalibrationStudy, Identity, calibrate, force_walk
+from tactiled.calibrate.study import CalibrationStudy, calibrate, force_walk
 from tactiled.calibrate.uncertainty import axis_uncertainty
 from tactiled.errors import DataError
 from tactiled.force.estimator import ForceEstimator
@@ -70,7 +70,7 @@ def live_error_n(
 def test_an_uneven_log_is_calibrated_as_well_as_an_even_one() -> None:
     rng = np.random.default_rng(0)
     for time_s in (np.arange(0.0, 100.0, 0.07), uneven_s(100.0, rng)):
-        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(), Identity("skin"))
+        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(), "skin")
         assert found.file.smooth is not None
         assert found.file.smooth.creep_s
         later_s = uneven_s(200.0, np.random.default_rng(5))
@@ -83,7 +83,7 @@ def test_the_offset_of_the_clocks_is_within_its_standard_deviation() -> None:
     for seed in range(6):
         rng = np.random.default_rng(seed)
         time_s, late_s = uneven_s(100.0, rng), float(rng.uniform(-1.0, 1.0))
-        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(late_s), Identity("skin"))
+        found = calibrate(SKIN, time_s, creeping_skin(time_s, rng), reference(late_s), "skin")
         assert 0.0 < found.late_sd_s < 0.5
         misses.append((found.late_s - late_s) / found.late_sd_s)
     assert max(np.abs(misses)) < 4.0
@@ -93,10 +93,10 @@ def test_records_of_one_clock_are_not_moved() -> None:
     rng = np.random.default_rng(3)
     time_s = uneven_s(100.0, rng)
     readings = creeping_skin(time_s, rng)
-    found = calibrate(SKIN, time_s, readings, reference(), Identity("skin"), is_same_clock=True)
+    found = calibrate(SKIN, time_s, readings, reference(), "skin", is_same_clock=True)
     assert (found.late_s, found.late_sd_s) == (0.0, 0.0)
     with pytest.raises(DataError, match="overlap"):
-        calibrate(SKIN, time_s + 500.0, readings, reference(), Identity("skin"), is_same_clock=True)
+        calibrate(SKIN, time_s + 500.0, readings, reference(), "skin", is_same_clock=True)
 
 
 @pytest.mark.parametrize(("log_from_s", "origin_s"), [(0.0, 30.0), (0.0, -70.0), (0.0, 1e9), (30.0, 0.0)])
@@ -107,7 +107,7 @@ def test_clocks_of_other_origins_are_told_from_records_that_began_apart(
     time_s = np.arange(0.0, 100.0, 0.04)
     readings = creeping_skin(time_s, np.random.default_rng(0))
     rows = time_s >= log_from_s
-    found = calibrate(SKIN, time_s[rows] + origin_s, readings[rows], reference(), Identity("skin"))
+    found = calibrate(SKIN, time_s[rows] + origin_s, readings[rows], reference(), "skin")
     assert found.late_s == pytest.approx(-origin_s, abs=0.1)
     assert found.rms[2] < 0.4
 
@@ -117,10 +117,10 @@ def test_a_press_in_a_pause_of_the_reference_is_no_force_of_zero(offset_n: float
     rng = np.random.default_rng(0)
     time_s = np.arange(0.0, 100.0, 0.04)
     table, readings = reference(), creeping_skin(time_s, rng)
-    whole = calibrate(SKIN, time_s, readings, table, Identity("skin"))
+    whole = calibrate(SKIN, time_s, readings, table, "skin")
     seen = (table.time_s < 31.0) | (table.time_s > 51.0)  # two presses are missing
     holed = ReferenceTable(table.time_s[seen], table.values[seen] + offset_n)
-    found = calibrate(SKIN, time_s, readings, holed, Identity("skin"))
+    found = calibrate(SKIN, time_s, readings, holed, "skin")
     for one in (whole, found):
         assert np.sqrt((live_error_n(one, SKIN, time_s, readings) ** 2).mean()) < 0.4
     assert any("s were left out: the reference pauses" in words for words in found.file.verdict)
@@ -135,7 +135,7 @@ def test_a_hole_does_not_mislead_the_clocks(late_s: float, seed: int) -> None:
     readings += 3.0 * rng.standard_normal(readings.shape)
     seen = (table.time_s < 31.0) | (table.time_s > 51.0)
     holed = ReferenceTable(table.time_s[seen] + late_s, table.values[seen])
-    found = calibrate(SKIN, time_s, readings, holed, Identity("skin"))
+    found = calibrate(SKIN, time_s, readings, holed, "skin")
     assert found.late_s == pytest.approx(late_s, abs=0.1)
     assert np.sqrt((live_error_n(found, SKIN, time_s, readings) ** 2).mean()) < 0.4
 
@@ -150,7 +150,7 @@ def test_a_reference_that_stutters_is_taken(is_same_clock: bool) -> None:
     seen = (table.time_s - 3.3) % 8.0 > 1.2
     stuttering = ReferenceTable(table.time_s[seen], table.values[seen])
     readings = (force_n + 0.05 * rng.standard_normal(len(time_s)))[:, np.newaxis]
-    found = calibrate(CELL, time_s, readings, stuttering, Identity("cell"), is_same_clock=is_same_clock)
+    found = calibrate(CELL, time_s, readings, stuttering, "cell", is_same_clock=is_same_clock)
     assert found.late_s == pytest.approx(0.0, abs=0.1)
     assert np.sqrt((found.left_out[:, 2] ** 2).mean()) < 0.3
 
@@ -164,7 +164,7 @@ def test_noise_bends_no_pause_of_one_channel() -> None:
     rows = np.unique(np.concatenate([rows, np.maximum(rows - 1, 0)]))
     readings = (force_n + 0.5 * rng.standard_normal(len(time_s)))[:, np.newaxis]
     written = ReferenceTable(table.time_s[rows], table.values[rows])
-    found = calibrate(CELL, time_s, readings, written, Identity("cell"))
+    found = calibrate(CELL, time_s, readings, written, "cell")
     assert not any("left out: the reference" in words for words in found.file.verdict)
 
 
@@ -197,7 +197,7 @@ def test_a_reference_that_is_written_on_a_change_is_used_whole(
     changes = np.flatnonzero(np.diff(value, prepend=np.nan) != 0)
     rows = np.unique(np.concatenate([changes, np.maximum(changes - 1, 0)]))
     written = ReferenceTable(table.time_s[rows], table.values[rows] + offset_n)
-    found = calibrate(SKIN, time_s, readings, written, Identity("skin"))
+    found = calibrate(SKIN, time_s, readings, written, "skin")
     assert not any("left out: the reference" in words for words in found.file.verdict)
     assert np.sqrt((live_error_n(found, SKIN, time_s, readings) ** 2).mean()) < error_n
 
@@ -220,7 +220,7 @@ def test_a_resistive_cell_follows_the_curve_of_its_divider(curve: str) -> None:
     force_n = presses_n(time_s)
     falls = np.exp(-force_n / 5.0) if curve == "log" else 1.0 / (1.0 + force_n / 3.0)
     readings = (3.0 * falls + 1e-3 * rng.standard_normal(len(time_s)))[:, np.newaxis]
-    found = calibrate(cell, time_s, readings, reference(), Identity("cell"))
+    found = calibrate(cell, time_s, readings, reference(), "cell")
     assert found.file.smooth is not None
     assert found.file.smooth.curve == curve
     assert found.rms[2] < 0.3 * found.baseline[2]
@@ -307,14 +307,14 @@ def test_bins_of_scans_whose_stamps_come_in_bunches_are_as_long_as_those_of_othe
 def test_a_log_of_a_few_scans_is_refused(n: int, rate_hz: float) -> None:
     readings = np.random.default_rng(0).standard_normal((n, CELL.n_channels))
     with pytest.raises(DataError, match="press for"):
-        calibrate(CELL, np.arange(n) / rate_hz, readings, reference(), Identity("cell"))
+        calibrate(CELL, np.arange(n) / rate_hz, readings, reference(), "cell")
 
 
 def test_scans_that_are_too_far_apart_are_refused_as_such() -> None:
     time_s = np.arange(0.0, 100.0, 0.5)
     readings = 100.0 + presses_n(5.0 * time_s)[:, np.newaxis]  # presses of two seconds
     with pytest.raises(DataError, match="record at 10 Hz or more"):
-        calibrate(CELL, time_s, readings, reference(), Identity("cell"))
+        calibrate(CELL, time_s, readings, reference(), "cell")
 
 
 def test_a_press_is_never_half_in_a_fold() -> None:

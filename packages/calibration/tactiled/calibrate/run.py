@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from tactiled.calibrate.reference import COLUMNS, read_reference
-from tactiled.calibrate.study import N_STAGES, CalibrationStudy, Identity, calibrate
+from tactiled.calibrate.study import N_STAGES, CalibrationStudy, calibrate
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
 from tactiled.force.calibration import save_calibration
@@ -51,15 +51,16 @@ def calibrate_files(
         names = ", ".join(map(shown, table.unused[:_MOST_NAMES]))
         more = ", ..." if len(table.unused) > _MOST_NAMES else ""
         tell(f"{reference}: columns not used: {names}{more}; known are {', '.join(COLUMNS)}")
-    identity = Identity(out.stem, board or data.board, time.strftime("%Y-%m-%d"))
     with ProgressBar("calibrate", N_STAGES) as bar:
         found = calibrate(
             data.array,
             data.time_s,
             data.readings,
             table,
-            identity,
+            out.stem,
             bar.advance,
+            board=board or data.board,
+            date=time.strftime("%Y-%m-%d"),
             is_same_clock=is_same_clock,
             are_poses=are_poses,
         )

@@ -150,8 +150,8 @@ def _by_zero(data: FitData, kinds: SmoothFeatures, features: FloatArray) -> Floa
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, np.newaxis] * vectors.T)
 
 
-def choose_smooth(data: FitData) -> SmoothFit:
-    """Fit all choices of features; return the one with the fewest that is as good as the best.
+def choose_smooth(data: FitData) -> tuple[SmoothFit, SmoothFit]:
+    """Fit all choices of features; return the plain one, and the one with the fewest as good as the best.
 
     As good means: its mean square error in the folds and by the zero is larger by at most one standard
     error, contact by contact (Hastie, Tibshirani, Friedman, The Elements of Statistical Learning, 2nd ed.,
@@ -173,7 +173,8 @@ def choose_smooth(data: FitData) -> SmoothFit:
     least = min(errors.values(), key=np.mean)
     excess = {terms: found - least for terms, found in errors.items()}
     good = [fits[terms] for terms, e in excess.items() if e.mean() <= e.std() / math.sqrt(len(e))]
-    return fits[PLAIN] if fits[PLAIN] in good else min(good, key=lambda fit: fit.features.shape[1])
+    plain = fits[PLAIN]
+    return plain, plain if plain in good else min(good, key=lambda fit: fit.features.shape[1])
 
 
 def _ridges(features: FloatArray, outputs: FloatArray, strengths: FloatArray) -> list[FloatArray]:

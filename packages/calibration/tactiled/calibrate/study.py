@@ -24,7 +24,7 @@ from tactiled.calibrate.data import (
     same_poses,
 )
 from tactiled.calibrate.pairs import PairsFitter, has_pairs
-from tactiled.calibrate.smooth import PLAIN, choose_smooth, fit_smooth
+from tactiled.calibrate.smooth import choose_smooth
 from tactiled.calibrate.uncertainty import AxisUncertainty, axis_uncertainty
 from tactiled.calibrate.verdict import verdict
 from tactiled.force.calibration import AXES, CalibrationFile, ForceRange, Residuals, Uncertainty
@@ -44,20 +44,12 @@ _PROBES = 8  # random patterns of a zero error, whose effect on the force is ave
 _PROBED = 0.002  # of the largest reading: size of these patterns
 _LEAST_READING = 0.3  # of the largest reading of all channels: least for the largest one of a channel
 
+_LEFT_OUT = "{:.1f} s were left out: the reference pauses there, and the readings change"
 _NEVER_FREE = (
     "the readings never come near the array's zero, so that the force without a contact was fitted: all "
     "forces may be off by the same amount. Let go between presses; if you did, the sensor rests elsewhere: "
     'write zero = "first 0.3 s" into the array file'
 )
-
-
-@dataclass(frozen=True)
-class Identity:
-    """Entries of the file that the data does not contain."""
-
-    name: str
-    board: str = ""
-    date: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +80,15 @@ def calibrate(
     time_s: FloatArray,
     readings: FloatArray,
     table: ReferenceTable,
-    identity: Identity,
+    name: str,
     reached: Callable[[str], None] = lambda _: None,
     *,
+    board: str = "",
+    date: str = "",
     is_same_clock: bool = False,
     are_poses: bool = False,
 ) -> CalibrationStudy:
-    """Fit a calibration.
+    """Fit a calibration; its file has `name`, `board` and `date`.
 
     `readings` (n, channels) are as the sensor gave them, NaN where missing. `reached` is called with a few
     words after each of `N_STAGES` stages. With `is_same_clock`, no offset between the times of log and
@@ -140,9 +134,9 @@ def calibrate(
         outputs = outputs - level
     outputs[:, [k for k in range(6) if k not in used]] = 0.0
     data = FitData(array, log, outputs, used, rows)
-    baseline = _rms(fit_smooth(data, PLAIN).left_out[rows])
-    reached("baseline")
-    candidates.append(choose_smooth(data).model(data))
+    plain, smooth = choose_smooth(data)
+    candidates.append(smooth.model(data))
+    reached("regression")
     shown, segment = data.shown, data.segment
     best = _chosen(candidates, data)
     reached("choice of the model")
@@ -153,20 +147,21 @@ def calibrate(
     for axis in range(3):
         if axis in used:
             sd[:, axis] = np.sqrt(axes[axis].variance(best.features, forces[:, axis], forces[:, 2]))
+    baseline = _rms(plain.left_out[rows])
     ranges = [(float(column.min()), float(column.max())) for column in shown[:, :3].T]
     rms = [float(value) if k in used else None for k, value in enumerate(_rms(best.left_out)[:3])]
     size = np.abs(log.readings)
     walk_n = [0.0] * 3 if are_poses else force_walk(best.left_out, log.middle_s[rows], segment)
     file = CalibrationFile(
-        name=identity.name,
+        name=name,
         array=array.name,
         channels=array.n_channels,
-        board=identity.board,
-        date=identity.date,
+        board=board,
+        date=date,
         axes=[axis for k, axis in enumerate(AXES) if k in used],
         verdict=[
             *verdict(data, best, [axis.covariance for axis in axes]),
-            *_words_of_pauses(float((log.end_s - log.start_s)[unseen].sum())),
+            *([_LEFT_OUT.format(float((log.end_s - log.start_s)[unseen].sum()))] if unseen.any() else []),
             *([] if level is not None or are_poses else [_NEVER_FREE]),
         ],
         range=ForceRange(fx_n=ranges[0], fy_n=ranges[1], fz_n=ranges[2]),
@@ -215,12 +210,6 @@ def _unseen(log: BinnedLog, pause: NDArray[np.int64]) -> NDArray[np.bool_]:
         )
         unseen[bins] = (bend**2).sum(axis=1).max() - by_noise > most**2
     return unseen
-
-
-def _words_of_pauses(unseen_s: float) -> list[str]:
-    if not unseen_s:
-        return []
-    return [f"{unseen_s:.1f} s were left out: the reference pauses there, and the readings change"]
 
 
 def _rms(left_out: FloatArray) -> FloatArray:
