@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -22,10 +23,9 @@ from recordings import record, simulated_reads
 
 from tactiled.archive.detect import (
     FILE_TOPIC,
-    FileJob,
     Outcome,
     analyse,
-    detect_files,
+    detect_patterns,
     event_rows,
     file_row,
     in_order,
@@ -52,16 +52,21 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def jobs_of(runs: Path) -> list[FileJob]:
-    names = matching([f"{runs}/**/*.mcap"])
-    return [FileJob(name, None, None, Choices()) for name in names]
+def detect(names: list[str], to: Path, n_workers: int, choices: Choices | None = None) -> Outcome:
+    return detect_patterns(names, to, None, None, choices or Choices(), n_workers)
+
+
+@pytest.fixture
+def files_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let files vanish between the search for them and their analysis."""
+    monkeypatch.setattr("tactiled.archive.detect.matching", list)
 
 
 @pytest.fixture(scope="module")
 def expected(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """The table as one process computes it."""
     to = tmp_path_factory.mktemp("one") / "events.parquet"
-    detect_files(jobs_of(runs), to, 1)
+    detect([f"{runs}/**/*.mcap"], to, 1)
     return to.read_bytes()
 
 
@@ -93,7 +98,7 @@ def test_a_bad_file_is_a_row_with_its_error(runs: Path, expected: bytes, tmp_pat
 
 
 def test_two_processes_write_the_same_bytes(runs: Path, expected: bytes, tmp_path: Path) -> None:
-    outcome = detect_files(jobs_of(runs), tmp_path / "events.parquet", 2)
+    outcome = detect([f"{runs}/**/*.mcap"], tmp_path / "events.parquet", 2)
     assert (tmp_path / "events.parquet").read_bytes() == expected
     assert [file for file, _ in outcome.failed] == [f"{runs}/bad.mcap"]
 
@@ -107,19 +112,19 @@ def test_a_process_that_ends_is_an_error_and_leaves_no_table(runs: Path, tmp_pat
     killer = threading.Thread(target=kill)
     killer.start()
     with pytest.raises(OperatorError, match="its process ended, out of memory"):
-        detect_files(jobs_of(runs), tmp_path / "events.parquet", 1)
+        detect([f"{runs}/**/*.mcap"], tmp_path / "events.parquet", 1)
     killer.join()
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("files_go")
 def test_a_file_that_is_gone_and_a_name_that_is_not_utf8_are_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     odd = os.fsdecode(b"\xff.mcap")
     Path(odd).write_bytes(b"")
-    jobs = [FileJob(name, None, None, Choices()) for name in ("gone.mcap", odd)]
-    outcome = detect_files(jobs, tmp_path / "events.parquet", 1)
+    outcome = detect(["gone.mcap", odd], tmp_path / "events.parquet", 1)
     assert outcome.failed[0] == ("gone.mcap", "no such file any more")
     rows = pyarrow.parquet.read_table(tmp_path / "events.parquet").to_pylist()
     assert [row["file"] for row in rows] == ["gone.mcap", "\\xff.mcap"]
@@ -128,9 +133,7 @@ def test_a_file_that_is_gone_and_a_name_that_is_not_utf8_are_rows(
 def test_a_file_that_cannot_be_looked_at_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     stale = OSError(errno.ESTALE, "Stale file handle")
     monkeypatch.setattr(Path, "exists", mock.Mock(side_effect=stale))
-    rows = pyarrow.parquet.read_table(
-        io.BytesIO(analyse(FileJob("a.npz", None, None, Choices())))
-    ).to_pylist()
+    rows = pyarrow.parquet.read_table(io.BytesIO(analyse("a.npz", None, None, Choices()))).to_pylist()
     assert [row["error"] for row in rows] == ["cannot be read: Stale file handle"]
 
 
@@ -169,9 +172,8 @@ def is_alive(pid: int) -> bool:
 
 
 def test_a_wrong_parameter_is_found_before_any_file(runs: Path, tmp_path: Path) -> None:
-    jobs = [FileJob(f"{runs}/bad.mcap", None, None, Choices(setting="none"))]
     with pytest.raises(ConfigError, match="setting"):
-        detect_files(jobs, tmp_path / "events.parquet", 1)
+        detect([f"{runs}/bad.mcap"], tmp_path / "events.parquet", 1, Choices(setting="none"))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -238,16 +240,18 @@ def test_the_outcome_is_a_line(outcome: Outcome, words: str) -> None:
     assert outcome.words(Path("t")) == words
 
 
+@pytest.mark.usefixtures("files_go")
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(OperatorError, match="cannot be written: No such file"):
-        detect_files([FileJob("a", None, None, Choices())], tmp_path / "none" / "events.parquet", 1)
+        detect(["a"], tmp_path / "none" / "events.parquet", 1)
 
 
+@pytest.mark.usefixtures("files_go")
 def test_a_second_run_into_one_table_is_refused_and_leaves_the_first_alone(tmp_path: Path) -> None:
     to, other = tmp_path / "events.parquet", tmp_path / "events.parquet.unfinished"
     other.write_bytes(b"of the first run")
     with pytest.raises(OperatorError, match=r"another run writes it, as .*unfinished exists"):
-        detect_files([FileJob("gone.mcap", None, None, Choices())], to, 1)
+        detect(["gone.mcap"], to, 1)
     assert other.read_bytes() == b"of the first run"
     assert not to.exists()
 
@@ -255,14 +259,15 @@ def test_a_second_run_into_one_table_is_refused_and_leaves_the_first_alone(tmp_p
 def test_jobs_are_begun_only_a_little_ahead_of_the_table(tmp_path: Path) -> None:
     begun: list[str] = []
 
-    def jobs() -> Iterator[FileJob]:
+    def files() -> Iterator[str]:
         for k in range(10):
             begun.append(f"{tmp_path}/{k}.mcap")
-            yield FileJob(begun[-1], None, None, Choices())
+            yield begun[-1]
 
+    rows_of = partial(analyse, array=None, rate_hz=None, choices=Choices())
     found = []
     with ThreadPoolExecutor(2) as workers:
-        for n_done, rows in enumerate(in_order(workers, jobs(), 3)):
+        for n_done, rows in enumerate(in_order(workers, rows_of, files(), 3)):
             assert len(begun) == min(n_done + 3, 10)
             found += pyarrow.parquet.read_table(io.BytesIO(rows))["file"].to_pylist()
     assert found == begun

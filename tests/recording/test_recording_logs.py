@@ -13,7 +13,7 @@ from bombs import npz_that_claims
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from tactiled.archive.detect import FileJob, analyse
+from tactiled.archive.detect import analyse
 from tactiled.array import FloatArray, load_array
 from tactiled.errors import DataError
 from tactiled.log_summary import LogTally
@@ -224,7 +224,7 @@ def test_rows_of_a_table_of_events_name_the_board_and_come_in_groups(
     detect_file(path)
     printed = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     monkeypatch.setattr("tactiled.archive.detect._GROUP_EVENTS", 3)
-    found = parquet.ParquetFile(pyarrow.BufferReader(analyse(FileJob(str(path), None, None, Choices()))))
+    found = parquet.ParquetFile(pyarrow.BufferReader(analyse(str(path), None, None, Choices())))
     assert found.num_row_groups == -(-len(printed) // 3) + 1
     rows_found = found.read().to_pylist()
     assert [row["topic"] for row in rows_found] == [*(event["topic"] for event in printed), "file"]

@@ -7,10 +7,11 @@ import io
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, get_args, get_origin
 
@@ -43,16 +44,6 @@ _FILE_COLUMNS = [
 
 
 @dataclass(frozen=True)
-class FileJob:
-    """Analysis of one file."""
-
-    file: str  # path, which is its name in the table
-    array: str | None
-    rate_hz: float | None
-    choices: Choices
-
-
-@dataclass(frozen=True)
 class Outcome:
     """Result of a run over many files."""
 
@@ -81,73 +72,84 @@ def matching(patterns: Sequence[str]) -> list[str]:
     return sorted(found.values())
 
 
-def analyse(job: FileJob) -> bytes:
+def analyse(file: str, array: str | None, rate_hz: float | None, choices: Choices) -> bytes:
     """Return the rows of one file as Parquet: events in groups, then the row of the file as the last group.
 
     A file that cannot be analysed is one row with its error.
     """
     try:
-        if not Path(job.file).exists():
-            return _failed(job.file, "no such file any more")
-        return _analysed_events(job)
+        if not Path(file).exists():
+            return _failed(file, "no such file any more")
+        return _analysed_events(file, array, rate_hz, choices)
     except OperatorError as error:
-        return _failed(job.file, str(error))
+        return _failed(file, str(error))
     except OSError as error:
-        return _failed(job.file, f"cannot be read: {error.strerror or error}")
+        return _failed(file, f"cannot be read: {error.strerror or error}")
     except MemoryError:
-        return _failed(job.file, "its process has too little memory")
+        return _failed(file, "its process has too little memory")
     except Exception as error:
-        return _failed(job.file, f"bug: {type(error).__name__}: {error}")
+        return _failed(file, f"bug: {type(error).__name__}: {error}")
 
 
-def _analysed_events(job: FileJob) -> bytes:
+def _analysed_events(file: str, array: str | None, rate_hz: float | None, choices: Choices) -> bytes:
     """Analyse a file, and compress its events as they come."""
     sink = io.BytesIO()
-    log, messages = detect_messages(Path(job.file), job.array, job.rate_hz, job.choices)
+    log, messages = detect_messages(Path(file), array, rate_hz, choices)
     with pyarrow.parquet.ParquetWriter(sink, schema()) as writer:
         while group := list(itertools.islice(messages, _GROUP_EVENTS)):
-            writer.write_table(event_rows(job.file, group))
-        writer.write_table(file_row(job.file, "\n".join(job.choices.summary(log))))
+            writer.write_table(event_rows(file, group))
+        writer.write_table(file_row(file, "\n".join(choices.summary(log))))
     return sink.getvalue()
 
 
-def detect_files(jobs: Sequence[FileJob], to: Path, n_workers: int | None) -> Outcome:
-    """Analyse files and write one table, in the order of `jobs`; it has its name once it is whole.
+def detect_patterns(
+    patterns: Sequence[str],
+    to: Path,
+    array: str | None,
+    rate_hz: float | None,
+    choices: Choices,
+    n_workers: int | None,
+) -> Outcome:
+    """Analyse the files of names and patterns, as ``tactiled detect --to`` does, and write one table.
 
-    `OperatorError` where the table cannot be written, or a process ended.
+    It has its name once it is whole. `OperatorError` where it cannot be written, or a process ended; others
+    as for `matching`.
     """
-    if jobs:
-        jobs[0].choices.params()  # a fault of these is no fault of a file
+    choices.params()  # a fault of these is no fault of a file
+    files = matching(patterns)
+    rows_of = partial(analyse, array=array, rate_hz=rate_hz, choices=choices)
     n_ahead = _JOBS_AHEAD * (n_workers or os.cpu_count() or 1)
     n_done, n_events, failed = 0, 0, []
     try:
         with (
             _whole_file(to) as sink,
             pyarrow.parquet.ParquetWriter(sink, schema()) as writer,
-            ProgressBar(f"detect {len(jobs)} files", len(jobs)) as progress,
+            ProgressBar(f"detect {len(files)} files", len(files)) as progress,
             executor(n_workers) as workers,
         ):
-            for job, rows in zip(jobs, in_order(workers, jobs, n_ahead), strict=True):
+            for file, rows in zip(files, in_order(workers, rows_of, files, n_ahead), strict=True):
                 n_rows, error = _append(writer, rows)
                 n_events += n_rows
                 if error:
-                    failed.append((job.file, error))
+                    failed.append((file, error))
                 n_done += 1
-                progress.advance(job.file)
+                progress.advance(file)
     except BrokenProcessPool:
         raise OperatorError(
-            f"{jobs[n_done].file}, or one after it: its process ended, out of memory? Fewer --jobs need less"
+            f"{files[n_done]}, or one after it: its process ended, out of memory? Fewer --jobs need less"
         ) from None
     except OSError as error:
         raise OperatorError(f"{to}: cannot be written: {error.strerror}") from None
-    return Outcome(len(jobs), n_events, tuple(failed))
+    return Outcome(len(files), n_events, tuple(failed))
 
 
-def in_order(workers: Executor, jobs: Iterable[FileJob], n_ahead: int) -> Iterator[bytes]:
-    """Yield the rows of each file in the order of the jobs; at most `n_ahead` jobs are begun ahead of it."""
+def in_order(
+    workers: Executor, rows_of: Callable[[str], bytes], files: Iterable[str], n_ahead: int
+) -> Iterator[bytes]:
+    """Yield the rows of the files in their order; at most `n_ahead` files are begun ahead of it."""
     begun: deque[Future[bytes]] = deque()
-    for job in jobs:
-        begun.append(workers.submit(analyse, job))
+    for file in files:
+        begun.append(workers.submit(rows_of, file))
         if len(begun) == n_ahead:
             yield begun.popleft().result()
     while begun:
@@ -174,19 +176,6 @@ def _whole_file(to: Path) -> Iterator[BinaryIO]:
     except BaseException:
         unfinished.unlink(missing_ok=True)
         raise
-
-
-def detect_patterns(
-    patterns: Sequence[str],
-    to: Path,
-    array: str | None,
-    rate_hz: float | None,
-    choices: Choices,
-    n_workers: int | None,
-) -> Outcome:
-    """Analyse the files of names and patterns, as ``tactiled detect --to`` does; errors as for its parts."""
-    jobs = [FileJob(name, array, rate_hz, choices) for name in matching(patterns)]
-    return detect_files(jobs, to, n_workers)
 
 
 def _append(writer: pyarrow.parquet.ParquetWriter, rows: bytes) -> tuple[int, str]:
