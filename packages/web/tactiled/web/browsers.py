@@ -25,7 +25,7 @@ class Browser:
     """Frames that wait for one browser."""
 
     def __init__(self, socket: web.WebSocketResponse) -> None:
-        self._socket = socket
+        self.socket = socket
         self._live: deque[bytes] = deque()
         self._kept: deque[bytes] = deque()
         self._sent = self._taken = 0  # frames after the history
@@ -72,13 +72,13 @@ class Browser:
     async def send_all(self) -> None:
         """Send queued frames until the connection ends or the browser is hopelessly behind."""
         with suppress(ConnectionError, TimeoutError):
-            while not self._socket.closed and len(self._kept) <= _KEPT_FRAMES:
+            while not self.socket.closed and len(self._kept) <= _KEPT_FRAMES:
                 await self._filled.wait()
                 self._filled.clear()
                 while len(self._kept) <= _KEPT_FRAMES and (frame := self._next()) is not None:
                     self._sent += 1
                     async with asyncio.timeout(_STUCK_S):
-                        await self._socket.send_bytes(frame)
+                        await self.socket.send_bytes(frame)
 
     def _next(self) -> bytes | None:
         """Return the frame to be sent next: events first, then live frames for which there is room."""

@@ -121,7 +121,6 @@ class PageServer:
         arrays = [*params.arrays.values()]
         self._feed = Feed(arrays)
         self._browsers: set[Browser] = set()
-        self._sockets: set[web.WebSocketResponse] = set()
         self._commands = [DaemonCommands(endpoint, params.keys) for endpoint in params.endpoints]
         files = {array.name: file for file, array in params.arrays.items()}
         self._guided = GuidedVerbs(params.endpoints, files, params.keys)
@@ -151,10 +150,6 @@ class PageServer:
 
         `UnavailableError` where the port is in use, or the address is none of this host.
         """
-        with limit_rate_of(_LOGGERS, self._log):
-            await self._serve(ready, stop)
-
-    async def _serve(self, ready: Callable[[str], None], stop: asyncio.Event) -> None:
         runner = web.AppRunner(
             self.application(),
             access_log=None,
@@ -162,9 +157,10 @@ class PageServer:
             keepalive_timeout=IDLE_S,
             lingering_time=_LINGERING_S,
         )
-        await runner.setup()
-        listener: asyncio.Server | None = None
-        try:
+        async with contextlib.AsyncExitStack() as stack:
+            stack.enter_context(limit_rate_of(_LOGGERS, self._log))
+            await runner.setup()
+            stack.push_async_callback(runner.cleanup)
             assert runner.server is not None  # made by setup
             try:
                 listener = await asyncio.get_running_loop().create_server(
@@ -177,34 +173,31 @@ class PageServer:
                 where = f"{self._params.host}:{self._params.port}"
                 words = f"{where}: the page cannot be served there: {error.strerror}"
                 raise UnavailableError(words) from None
-            host, port = listener.sockets[0].getsockname()[:2]
-            with contextlib.ExitStack() as stack:
-                subscriptions = [
-                    stack.enter_context(Subscription(endpoint, keys=self._params.keys))
-                    for endpoint in self._params.endpoints
-                ]
-                ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
-                async with asyncio.TaskGroup() as tasks:
-                    running = [tasks.create_task(self._flush(subscriptions))]
-                    if self._params.guard.allows_commands:
-                        running.append(tasks.create_task(self._follow_settings()))
-                    await stop.wait()
-                    for task in running:
-                        task.cancel()
-        finally:
-            await asyncio.gather(*map(self._leave, self._sockets))
+            stack.callback(listener.close)
+            stack.callback(self._guided.close)
             for commands in self._commands:
-                commands.close()
-            self._guided.close()
-            if listener is not None:
-                listener.close()
-            await runner.cleanup()
+                stack.callback(commands.close)
+            stack.push_async_callback(self._leave)
+            subscriptions = [
+                stack.enter_context(Subscription(endpoint, keys=self._params.keys))
+                for endpoint in self._params.endpoints
+            ]
+            host, port = listener.sockets[0].getsockname()[:2]
+            ready(f"http://{f'[{host}]' if ':' in host else host}:{port}/")
+            async with asyncio.TaskGroup() as tasks:
+                running = [tasks.create_task(self._flush(subscriptions))]
+                if self._params.guard.allows_commands:
+                    running.append(tasks.create_task(self._follow_settings()))
+                await stop.wait()
+                for task in running:
+                    task.cancel()
 
-    @staticmethod
-    async def _leave(socket: web.WebSocketResponse) -> None:
+    async def _leave(self) -> None:
+        """Close the connections of the browsers that answer."""
+        closing = [browser.socket.close(code=WSCloseCode.GOING_AWAY) for browser in self._browsers]
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(0.5):
-                await socket.close(code=WSCloseCode.GOING_AWAY)
+                await asyncio.gather(*closing)
 
     async def _flush(self, subscriptions: Sequence[Subscription]) -> None:
         """Send frames to all browsers: in every third turn, and in the others where a verdict has come.
@@ -290,12 +283,11 @@ class PageServer:
         socket.headers.update(_HEADERS)
         browser = Browser(socket)
         self._browsers.add(browser)  # before any wait, so that the limit holds
-        self._sockets.add(socket)
         try:
             await socket.prepare(request)
             browser.forget()
             await socket.send_bytes(self._feed.history(time.time(), time.monotonic()))
-            sending = asyncio.create_task(self._send(browser, socket))
+            sending = asyncio.create_task(self._send(browser))
             try:
                 async for message in socket:
                     browser.answered(message.data)
@@ -306,15 +298,14 @@ class PageServer:
             pass  # closed while the history was being sent
         finally:
             self._browsers.discard(browser)
-            self._sockets.discard(socket)
         return socket
 
     @staticmethod
-    async def _send(browser: Browser, socket: web.WebSocketResponse) -> None:
+    async def _send(browser: Browser) -> None:
         await browser.send_all()
         with contextlib.suppress(TimeoutError, ConnectionError):
             async with asyncio.timeout(1.0):
-                await socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
+                await browser.socket.close(code=WSCloseCode.TRY_AGAIN_LATER)
 
     def _refuse(self, request: web.Request) -> str:
         return self._params.guard.refuse_command(request.headers.get("Authorization"))
