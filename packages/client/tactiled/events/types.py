@@ -9,7 +9,7 @@ unknown quantity has a value that shows it (a direction without information has 
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeVar, get_args
+from typing import Any, ClassVar, Literal, TypeVar
 
 UNKNOWN_SD_DEG = 180.0  # no information: wider than the uniform distribution on a circle (104)
 UNKNOWN_SD_N = 1e9  # no information: no skin bears so much
@@ -332,16 +332,4 @@ class CommandEvent(Event):
     scan_index: int
 
 
-AnyEvent = (
-    SlipEvent
-    | ContactEvent
-    | GripEvent
-    | ForceEvent
-    | TextureEvent
-    | ScanEvent
-    | StatusEvent
-    | InfoEvent
-    | RecordingEvent
-    | CommandEvent
-)
-EVENT_TYPES: dict[str, type[Event]] = {kind.topic: kind for kind in get_args(AnyEvent)}
+EVENT_TYPES: dict[str, type[Event]] = {kind.topic: kind for kind in Event.__subclasses__()}

@@ -81,14 +81,10 @@ def make_fleet(folder: Path, new: FleetMembers) -> list[Path]:
         raise OperatorError("keys fleet needs openssl: sudo apt install openssl")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (folder / "ca-key.pem").exists():
-        _key(folder, "ca")
-        _openssl(
-            folder, "req", "-x509", "-new", "-key", "ca-key.pem", "-sha256", "-days", str(4 * _DAYS),
-            "-subj", "/CN=tactiled fleet", "-addext", "basicConstraints=critical,CA:TRUE",
-            "-addext", "keyUsage=critical,keyCertSign,cRLSign", "-out", "ca.pem",
-        )  # fmt: skip
+        own = ("basicConstraints=critical,CA:TRUE", "keyUsage=critical,keyCertSign,cRLSign")
+        _certify(folder, "ca", "tactiled fleet", 4 * _DAYS, own)
     for name in new.names:
-        _certificate(folder, name, new.routers.get(name, ""))
+        _certify_member(folder, name, new.routers.get(name, ""))
     for name in everyone.names:
         config = (
             router_config(folder, name, everyone)
@@ -200,36 +196,30 @@ def _read(folder: Path) -> FleetMembers:
         raise ConfigError(str(file), [f"is no file of `tactiled keys fleet`: {error}"]) from None
 
 
-def _key(folder: Path, name: str) -> None:
-    (folder / f"{name}-key.pem").touch(0o600)
-    _openssl(folder, "ecparam", "-name", _CURVE, "-genkey", "-noout", "-out", f"{name}-key.pem")
-
-
-def _certificate(folder: Path, name: str, address: str) -> None:
+def _certify_member(folder: Path, name: str, address: str) -> None:
     """Make key and certificate of a member; that of a router has its address, which members verify."""
-    _key(folder, name)
     host = _host_and_port(address)[0].strip("[]") if address else name
     is_number = re.fullmatch(r"[0-9.]+|[0-9a-fA-F:]+:[0-9a-fA-F:]*", host)
-    extensions = folder / f"{name}.ext"
-    extensions.write_text(
-        "basicConstraints=critical,CA:FALSE\nkeyUsage=critical,digitalSignature\n"
-        f"extendedKeyUsage=serverAuth,clientAuth\nsubjectAltName={'IP' if is_number else 'DNS'}:{host}\n"
+    extensions = (
+        "basicConstraints=critical,CA:FALSE",
+        "keyUsage=critical,digitalSignature",
+        "extendedKeyUsage=serverAuth,clientAuth",
+        f"subjectAltName={'IP' if is_number else 'DNS'}:{host}",
     )
-    try:
-        _openssl(
-            folder, "req", "-new", "-key", f"{name}-key.pem", "-subj", f"/CN={name}", "-out", f"{name}.csr"
-        )
-        _openssl(
-            folder, "x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca-key.pem",
-            "-CAcreateserial", "-days", str(_DAYS), "-sha256", "-extfile", extensions.name,
-            "-out", f"{name}.pem",
-        )  # fmt: skip
-    finally:
-        extensions.unlink()
-        (folder / f"{name}.csr").unlink(missing_ok=True)
+    _certify(folder, name, name, _DAYS, extensions, "-CA", "ca.pem", "-CAkey", "ca-key.pem")
 
 
-def _openssl(folder: Path, *words: str) -> None:
-    done = subprocess.run(["openssl", *words], cwd=folder, capture_output=True, text=True, check=False)
+def _certify(
+    folder: Path, name: str, common_name: str, days: int, extensions: Sequence[str], *signed_by: str
+) -> None:
+    """Make a key and its certificate, by default signed by the key itself."""
+    (folder / f"{name}-key.pem").touch(0o600)
+    words = [word for extension in extensions for word in ("-addext", extension)]
+    command = [
+        "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", f"ec_paramgen_curve:{_CURVE}", "-nodes",
+        "-keyout", f"{name}-key.pem", "-out", f"{name}.pem", "-subj", f"/CN={common_name}", "-sha256",
+        "-days", str(days), *words, *signed_by,
+    ]  # fmt: skip
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     if done.returncode:
-        raise OperatorError(f"openssl {words[0]}: {done.stderr.strip()[-300:]}")
+        raise OperatorError(f"openssl req: {done.stderr.strip()[-300:]}")
