@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tactiled.calibrate.reference import read_reference
+from tactiled.calibrate.run import read_reference
 from tactiled.cli.entry import cli
 from tactiled.errors import ConfigError, DataError
 from tactiled.force.calibration import load_calibration

@@ -6,17 +6,21 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
-from tactiled.calibrate.reference import COLUMNS, read_reference
+from tactiled.calibrate.data import ReferenceTable
 from tactiled.calibrate.study import N_STAGES, CalibrationStudy, calibrate
 from tactiled.errors import ConfigError, DataError
 from tactiled.events.types import ForceEvent
-from tactiled.force.calibration import save_calibration
+from tactiled.force.calibration import OUTPUTS, save_calibration
 from tactiled.outside import shown
 from tactiled.progress import ProgressBar, tell
+from tactiled.recording.csv_table import read_named
 from tactiled.recording.table_times import TableOptions
 from tactiled.scan_log import read_log
 
+COLUMNS = tuple(f"{name}_{'n' if name[0] == 'f' else 'nmm'}" for name in OUTPUTS)
+_LEAST_ROWS = 20  # of a reference
 _TAKEN = sorted(ForceEvent.UNCALIBRATED)
 _MOST_NAMES = 12  # of columns, in a line for people
 _LONGEST = 64  # characters of the field `calibration` of messages
@@ -75,6 +79,27 @@ def calibrate_files(
         from tactiled.plots.calibration import draw_calibration
 
         draw_calibration(plot, found.time_s, found.reference, found.left_out, found.sd, found.used, out.stem)
+
+
+def read_reference(path: Path, *, are_poses: bool = False) -> ReferenceTable:
+    """Read the CSV of a force sensor: times, and any of the forces and moments; rows with holes are left out.
+
+    Rows of poses count from 0 where they have no time. `DataError` where the file is not such a table; the
+    message names the line or the row.
+    """
+    options = TableOptions(rate_hz=1.0 if are_poses else None)
+    time_s, outputs, unused = read_named(path, COLUMNS, options)
+    row = np.arange(len(time_s))
+    has = np.asarray(np.isfinite(outputs).any(axis=0))
+    if not has[:3].any():
+        raise DataError(f"{path}: needs a force: at least one of {', '.join(COLUMNS[:3])}")
+    kept = np.isfinite(time_s) & np.isfinite(outputs[:, has]).all(axis=1)
+    row, time_s, outputs = row[kept], time_s[kept], outputs[kept]
+    if len(row) < _LEAST_ROWS:
+        raise DataError(f"{path}: {len(row)} rows without holes; at least {_LEAST_ROWS} are needed")
+    if (backwards := np.flatnonzero(np.diff(time_s) <= 0)).size:
+        raise DataError(f"{path}: times do not grow at row {row[backwards[0] + 1] + 1}")
+    return ReferenceTable(time_s, outputs, unused)
 
 
 def in_words(found: CalibrationStudy) -> list[str]:

@@ -27,7 +27,7 @@ def demo(out: Path, page: bool, port: int, no_browser: bool) -> None:
     """
     if page:
         find("web", "the page")
-        from tactiled.demo.page import run_page_demo
+        from tactiled.demo.play import run_page_demo
 
         run_page_demo(port, opens=not no_browser)
         return

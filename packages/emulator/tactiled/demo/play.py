@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 import threading
 import time
+import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -37,6 +38,7 @@ SCENE = "demo"
 RELEASE = "slip without motion: the remaining shear is released"
 START_WITHIN_S = 60.0  # of each process; Python and its libraries take 6 s to start on a small loaded machine
 GRACE_S = 5.0  # for scans that are late at the end; a longer backlog means that the host is too slow
+_REST_S = 8.0  # between two plays below the page: the board is pulled out and plugged in, as the lamp shows
 _CONFIG = """\
 [port]
 url = "{link}"
@@ -78,11 +80,11 @@ def run_demo(picture: Path) -> bool:
         raise ConfigError("--out", [f"{picture}: name a .png, .pdf or .svg in a folder that exists"])
     cut_short, unix_offset_s = "", time.time() - time.monotonic()
     with ExitStack() as stack:
-        folder, link, endpoint, config = stack.enter_context(demo_folder())
+        folder, link, endpoint, config = stack.enter_context(_demo_folder())
         lines: Lines = Queue()
 
         def start(name: str, *arguments: str) -> None:
-            stack.enter_context(process(name, arguments, lines, folder))
+            stack.enter_context(_process(name, arguments, lines, folder))
 
         _say("subscriber: tactiled listen", endpoint)
         start("subscriber", "listen", endpoint)
@@ -95,15 +97,15 @@ def run_demo(picture: Path) -> bool:
             [(phase.start_s, _phase_words(phase)) for phase in truth.phases]
             + [(slip.onset_s, RELEASE) for slip in truth.slips if slip.direction_deg is None]
         )
-        await_line(lines, "subscriber", "the daemon's first status")
+        _await_line(lines, "subscriber", "the daemon's first status")
         _say("board: tactiled emulate --scene", SCENE, "--link", str(link))
         start("board", "emulate", "--scene", SCENE, "--link", str(link))
-        t0_s = await_line(lines, "board", "the start of the scene", "scene")["t0_s"]
+        t0_s = _await_line(lines, "board", "the start of the scene", "scene")["t0_s"]
         seen = DemoRecord(t0_s, unix_offset_s)
         bar = stack.enter_context(ProgressBar("demo", end_s))
         while not cut_short and (not seen.time_s or seen.time_s[-1] < t0_s + end_s):
             bar.reach(time.monotonic() - t0_s)
-            for name, message in take_lines(lines):
+            for name, message in _take_lines(lines):
                 if message is None:
                     played_s = time.monotonic() - t0_s
                     cut_short = f"the {name} process ended after {played_s:.1f} of {end_s:.1f} s"
@@ -200,8 +202,35 @@ def _draw(picture: Path, whole: Path, seen: DemoRecord, truth: Truth, slides: Se
     return title
 
 
+def run_page_demo(port: int, *, opens: bool) -> None:
+    """Play the demo scene again and again below the live page, until Ctrl-C.
+
+    With `opens`, the browser of this desktop shows the page. `DemoError` where a process does not start or
+    ends.
+    """
+    play_s = load_scene(SCENE).duration_s + _REST_S
+    lines: Lines = Queue()
+    with ExitStack() as stack:
+        folder, link, endpoint, config = stack.enter_context(_demo_folder())
+        stack.enter_context(_process("daemon", ("run", "--config", str(config)), lines, folder))
+        page = ("web", "--events", endpoint, "--port", str(port), "--allow-commands")
+        stack.enter_context(_process("page", page, lines, folder))
+        url = _await_line(lines, "page", "the address of the page")["url"]
+        click.echo(f"The page: {url}\nCtrl-C ends the demo.", err=True)
+        if opens:
+            webbrowser.open(url)
+        with contextlib.suppress(KeyboardInterrupt):
+            while True:
+                with _process("board", ("emulate", "--scene", SCENE, "--link", str(link)), lines, folder):
+                    until_s = time.monotonic() + play_s
+                    while time.monotonic() < until_s:
+                        for name, message in _take_lines(lines):
+                            if message is None and name != "board":  # a board ends after each play
+                                raise DemoError(f"the {name} process ended; see above")
+
+
 @contextlib.contextmanager
-def demo_folder() -> Iterator[tuple[Path, Path, str, Path]]:
+def _demo_folder() -> Iterator[tuple[Path, Path, str, Path]]:
     """Make a folder for the block; yield it, the board's port, the daemon's endpoint and configuration."""
     # The name of a socket has at most 107 bytes, and TMPDIR may be longer.
     place = "/tmp" if len(tempfile.gettempdir()) > 60 else None  # the name is random
@@ -212,7 +241,7 @@ def demo_folder() -> Iterator[tuple[Path, Path, str, Path]]:
 
 
 @contextlib.contextmanager
-def process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) -> Iterator[None]:
+def _process(name: str, arguments: tuple[str, ...], lines: Lines, folder: Path) -> Iterator[None]:
     """Run a tactiled command; its JSON lines go to `lines`, and its stderr is printed if it fails."""
     log = folder / f"{name}.log"
     with log.open("w+") as words:
@@ -237,7 +266,7 @@ def _read(name: str, stream: IO[str], lines: Lines) -> None:
     lines.put((name, None))
 
 
-def take_lines(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
+def _take_lines(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
     """Yield queued lines, waiting up to 0.1 s for the first."""
     try:
         yield lines.get(timeout=0.1)
@@ -247,11 +276,11 @@ def take_lines(lines: Lines) -> Iterator[tuple[str, dict[str, Any] | None]]:
         return
 
 
-def await_line(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[str, Any]:
+def _await_line(lines: Lines, name: str, what: str, kind: str | None = None) -> dict[str, Any]:
     """Wait for the first line of a process, or the first of a given `kind`."""
     until_s = time.monotonic() + START_WITHIN_S
     while time.monotonic() < until_s:
-        for who, message in take_lines(lines):
+        for who, message in _take_lines(lines):
             if message is None:
                 raise DemoError(f"the {who} process ended before {what}; see above")
             if who == name and kind in (None, message.get("what")):
