@@ -120,13 +120,13 @@ class GuidedVerbs:
             self._files = tempfile.TemporaryDirectory(prefix="tactiled-web-", ignore_cleanup_errors=True)
         log = Path(self._files.name, "new.npz")  # until it is whole: a run that is cancelled changes nothing
         arguments = ["calibrate", f"{log}", f"--guide={self._endpoints[source]}", *self._options(fields)]
-        async with aclosing(_run(arguments)) as lines:
+        async with aclosing(_run(arguments, log.parent)) as lines:
             async for line in lines:
                 if "found" in line:
                     log.replace(log.with_name("log.npz"))
                     self._log = _Log(self._log.number + 1, array, fields.get("board", ""))
                     line["found"]["log"] = self._log.number
-                yield _without_folder(line, log.parent)
+                yield line
 
     async def _fit(self, reference: Path, name: str) -> Lines:
         """Yield the lines of `tactiled calibrate`."""
@@ -134,13 +134,13 @@ class GuidedVerbs:
         array = self._array_files.get(self._log.array, self._log.array)
         about = f"--array={array}", f"--board={self._log.board}"
         arguments = ["calibrate", f"{log}", f"--reference={reference}", f"--out={file}", *about]
-        async with aclosing(_run(arguments)) as lines:
+        async with aclosing(_run(arguments, log.parent)) as lines:
             async for line in lines:
                 if "found" in line:
                     text = file.read_text(encoding="utf-8")
                     file.unlink()
-                    line |= {"found": line["found"] | {"file": text}}
-                yield _without_folder(line, reference.parent)
+                    line["found"]["file"] = text
+                yield line
 
     def _options(self, fields: Mapping[str, Any]) -> list[str]:
         """Return options; what the browser sent stands behind ``=``, so that it is no option."""
@@ -148,12 +148,6 @@ class GuidedVerbs:
         options["--array"] = self._array_files.get(fields.get("array", ""))
         options["--keys"] = self._keys
         return [f"{option}={value}" for option, value in options.items() if value is not None]
-
-
-def _without_folder(line: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return a line without a folder of this server, which tells a browser nothing."""
-    told = {key: line[key].replace(f"{folder}/", "") for key in ("words", "reason") if key in line}
-    return line | told
 
 
 async def _refuse_upload(request: web.Request, to: Path) -> web.Response | None:
@@ -186,8 +180,11 @@ async def _send(request: web.Request, headers: Mapping[str, str], run: Lines) ->
     return response
 
 
-async def _run(arguments: Sequence[str]) -> Lines:
-    """Yield what a verb says, then its result; the process ends with the iteration."""
+async def _run(arguments: Sequence[str], folder: Path | None = None) -> Lines:
+    """Yield what a verb says, then its result; the process ends with the iteration.
+
+    A `folder` of this server is left out of its words: it tells a browser nothing.
+    """
     # -P: modules of the folder in which the server was started are not those of tactiled.
     command = [sys.executable, "-P", "-m", "tactiled", *arguments]
     none, pipe = asyncio.subprocess.DEVNULL, asyncio.subprocess.PIPE
@@ -206,6 +203,8 @@ async def _run(arguments: Sequence[str]) -> Lines:
             if not line:
                 break
             words = line.decode(errors="replace").rstrip("\n")
+            if folder is not None:
+                words = words.replace(f"{folder}/", "")
             said = words or said
             left = _LEFT.fullmatch(words)
             yield {"words": words} if left is None else {"left_s": int(left[1])}
