@@ -1,7 +1,6 @@
 """Both kinds of subscription, and `listen`, against real sockets."""
 
 import asyncio
-import io
 import json
 import math
 import re
@@ -249,26 +248,27 @@ def test_an_invalid_endpoint_is_a_config_error(endpoint: str) -> None:
 
 
 @pytest.mark.usefixtures("publisher")
-def test_listen_prints_json_lines_until_it_has_its_count(endpoint: str) -> None:
-    out, err = io.StringIO(), io.StringIO()
+def test_listen_prints_json_lines_until_it_has_its_count(
+    endpoint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with limit():
-        assert listen(endpoint, ("slip",), count=3, timeout_s=PATIENCE_S, out=out, err=err) == 0
-    rows = [json.loads(line) for line in out.getvalue().splitlines()]
+        assert listen(endpoint, ("slip",), count=3, timeout_s=PATIENCE_S) == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [row["topic"] for row in rows] == ["slip"] * 3
     assert rows[0]["state"] == "onset"
 
 
 @pytest.mark.usefixtures("publisher")
-def test_listen_ends_when_the_time_is_up(endpoint: str) -> None:
-    out, err = io.StringIO(), io.StringIO()
+def test_listen_ends_when_the_time_is_up(endpoint: str, capsys: pytest.CaptureFixture[str]) -> None:
     with limit():
-        assert listen(endpoint, ("texture",), timeout_s=0.3, out=out, err=err) == 1
+        assert listen(endpoint, ("texture",), timeout_s=0.3) == 1
         duration_s = 0.5
-        while listen(endpoint, ("slip",), timeout_s=duration_s, out=out, err=err) == 1:
+        while listen(endpoint, ("slip",), timeout_s=duration_s) == 1:
             duration_s *= 2  # nothing came yet on this host
-        assert listen(endpoint, ("slip",), count=10_000, timeout_s=0.3, out=out, err=err) == 1
-    assert "0 messages in 0.3 s" in err.getvalue()
-    assert "fresh" in err.getvalue()
+        assert listen(endpoint, ("slip",), count=10_000, timeout_s=0.3) == 1
+    said = capsys.readouterr().err
+    assert "0 messages in 0.3 s" in said
+    assert "fresh" in said
 
 
 def test_listen_ends_when_messages_come_faster_than_they_are_printed(
@@ -276,24 +276,26 @@ def test_listen_ends_when_messages_come_faster_than_they_are_printed(
 ) -> None:
     monkeypatch.setattr(Subscription, "next_item", lambda *_: Fresh())
     with limit():
-        assert listen(endpoint, timeout_s=0.1, out=io.StringIO(), err=io.StringIO()) == 1
+        assert listen(endpoint, timeout_s=0.1) == 1
 
 
 def sent(topic: str, data: dict[str, Any]) -> Message:
     return Message(topic, "TS1", 0, 0.0, data, 0.0, 0.0, 0.0)
 
 
-def test_listen_prints_no_line_that_is_no_json(endpoint: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_listen_prints_no_line_that_is_no_json(
+    endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     items = iter([*(sent("grip", {"load": load}) for load in (math.nan, b"\0", math.inf, 1.5)), None])
     monkeypatch.setattr(Subscription, "next_item", lambda *_: next(items))
-    out, err = io.StringIO(), io.StringIO()
-    assert listen(endpoint, timeout_s=1.0, out=out, err=err) == 0
-    assert out.getvalue() == '{"topic": "grip", "load": 1.5}\n'
-    assert err.getvalue().count("malformed: grip contains a value that JSON cannot represent") == 3
+    assert listen(endpoint, timeout_s=1.0) == 0
+    out, err = capsys.readouterr()
+    assert out == '{"topic": "grip", "load": 1.5}\n'
+    assert err.count("malformed: grip contains a value that JSON cannot represent") == 3
 
 
 def test_listen_in_words_prints_a_line_for_an_event_and_none_for_scans(
-    endpoint: str, monkeypatch: pytest.MonkeyPatch
+    endpoint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     contact = to_map(CONTACT, seq=0, board="TS1", unix_offset_s=0.0)
     status = to_map(STATUS, seq=0, board="TS1", unix_offset_s=0.0)
@@ -302,15 +304,15 @@ def test_listen_in_words_prints_a_line_for_an_event_and_none_for_scans(
         sent("contact", {**contact, "state": 5}), Stale("\x1b[2J", 0.5), None,
     ])  # fmt: skip
     monkeypatch.setattr(Subscription, "next_item", lambda *_: next(items))
-    out, err = io.StringIO(), io.StringIO()
     with limit():
-        assert listen(endpoint, timeout_s=1.0, as_json=False, out=out, err=err) == 0
-    said = [re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3}  (.*)", line) for line in out.getvalue().splitlines()]
+        assert listen(endpoint, timeout_s=1.0, as_json=False) == 0
+    out, err = capsys.readouterr()
+    said = [re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3}  (.*)", line) for line in out.splitlines()]
     assert [line and line[1] for line in said] == [
         "contact none -> loading",
         "contact none -> loading (recovered)",
     ]
-    words = [line.split("  ")[-1] for line in err.getvalue().splitlines()]
+    words = [line.split("  ")[-1] for line in err.splitlines()]
     assert words == [
         "fresh: the board runs", "malformed: contact: state is 5", "stale: ?[2J", "3 messages in 1 s",
     ]  # fmt: skip

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import TextIO, cast
+from typing import cast
 
 from tactiled.client.items import Fresh, Lost, Malformed, Message, Recovered, Restarted, Stale
 from tactiled.client.subscriber import Subscription
@@ -26,36 +26,32 @@ _LATER_S = 1.0
 def listen(
     endpoint: str = DEFAULT_ENDPOINT,
     topics: Sequence[str] = (),
-    board: str | None = None,
     *,
     count: int | None = None,
     timeout_s: float | None = None,
     keys: Path | None = None,
     as_json: bool = True,
-    out: TextIO | None = None,
-    err: TextIO | None = None,
 ) -> int:
     """Print messages until there were `count` lines, `timeout_s` has passed, or Ctrl-C.
 
-    Messages go to `out`, as JSON lines or for people (`EventLines`); all else goes to `err`. Return 0 when
+    Messages go to stdout, as JSON lines or for people (`EventLines`); all else goes to stderr. Return 0 when
     `count` was reached, or without `count` after any message or Ctrl-C; 1 when `timeout_s` passed before.
     """
-    out = sys.stdout if out is None else out
-    err = sys.stderr if err is None else err
     line_of = _json_line if as_json else partial(_line, EventLines(clock_words, topics))
     until_s = None if timeout_s is None else time.monotonic() + timeout_s
     received = printed = 0
 
     def say(words: str) -> None:
-        print(printable(words if as_json else f"{clock_words(time.time())}  {words}"), file=err, flush=True)
+        words = words if as_json else f"{clock_words(time.time())}  {words}"
+        print(printable(words), file=sys.stderr, flush=True)
 
     try:
         # Any text is harmless: it matches no message.
-        with Subscription(endpoint, cast(Sequence[Topic], topics), board, keys=keys) as subscription:
+        with Subscription(endpoint, cast(Sequence[Topic], topics), keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)
                 if item is None or (until_s is not None and time.monotonic() > until_s + _LATER_S):
-                    print(f"{received} messages in {timeout_s:g} s", file=err)
+                    print(f"{received} messages in {timeout_s:g} s", file=sys.stderr)
                     return 0 if received and count is None else 1
                 message = item.message if isinstance(item, Recovered) else item
                 if not isinstance(message, Message):
@@ -68,13 +64,13 @@ def listen(
                     continue
                 received += 1
                 if line is not None:
-                    print(line, file=out, flush=True)
+                    print(line, flush=True)
                     printed += 1
     except KeyboardInterrupt:
         return 0
     except BrokenPipeError:
         # The reader has closed the pipe, as `| head` does; Python's flush at exit must not print an error.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
