@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.control import move_grip
-from tactiled.emulator.line.faults import FaultCounts, FaultParams
+from tactiled.emulator.line.faults import FaultParams
 from tactiled.emulator.port import EmulatedPort
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.truth import Truth
@@ -51,11 +51,7 @@ class Simulation:
         self._port = EmulatedPort(
             scene, layout, power_up_s=_POWER_UP_S, board=board, faults=faults, seed=seed, on_scan=note
         )
-
-    @property
-    def counts(self) -> FaultCounts:
-        """Counts of the faults so far."""
-        return self._port.counts
+        self.counts = self._port.counts  # of the faults so far
 
     @property
     def truth(self) -> Truth:

@@ -208,20 +208,16 @@ class Board:
         begin_board_s, scene_s = scanning.begin_board_s, scanning.scene_s
         counts = scanning.take(self._index)
         began_s = self._crystal.true_s(begin_board_s)
-        if self._to_miss > 0:
+        is_missed = self._to_miss > 0
+        if is_missed:
             self._to_miss -= 1
             self._overrun = True
-            self._attempted(began_s, scene_s, sent=False)
-            return
-        flags = self._layout.flag("first_after_start") * self._first_after_start
-        flags |= self._layout.flag("overrun") * self._overrun
-        self._send(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
-        self._first_after_start = self._overrun = False
-        self._attempted(began_s, scene_s, sent=True)
-
-    def _attempted(self, began_s: float, scene_s: float, *, sent: bool) -> None:
-        """Report a scan instant and use up its sequence number."""
-        truth = ScanTruth(self._index, self._sequence, self._boot_count, began_s, scene_s, sent)
+        else:
+            flags = self._layout.flag("first_after_start") * self._first_after_start
+            flags |= self._layout.flag("overrun") * self._overrun
+            self._send(Scan(self._sequence, counts, self._crystal.ticks(begin_board_s), flags), end_s)
+            self._first_after_start = self._overrun = False
+        truth = ScanTruth(self._index, self._sequence, self._boot_count, began_s, scene_s, not is_missed)
         self._on_scan(truth)
         self._index += 1
         self._sequence = (self._sequence + 1) % (1 << self._sequence_bits)

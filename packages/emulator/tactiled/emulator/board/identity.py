@@ -62,7 +62,6 @@ def emulated_array(scene: Scene, layout: Layout) -> Array:
 def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello:
     """Hello of the board, or the one that the layout assumes."""
     assumed = layout.file.assumed_hello
-    version = layout.file.protocol_version
     if assumed is not None:
         typical_hz = None if "rate_hz" in params.model_fields_set else assumed.typical_rate_hz
         hello = layout.assumed_hello(typical_hz or params.rate_hz)
@@ -75,7 +74,7 @@ def identity(params: EmulatedBoardParams, layout: Layout, array: Array) -> Hello
         adc_bits=params.adc_bits,
         adc_reference_v=params.adc_reference_v,
         channel_offset_s=tuple(params.channel_step_s * c for c in range(layout.n_channels)),
-        protocol_version=version,
+        protocol_version=layout.file.protocol_version,
         firmware_version=params.firmware_version,
         boot_count=params.boot_count,
     )

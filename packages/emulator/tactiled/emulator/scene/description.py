@@ -93,18 +93,13 @@ class Scene(Params):
         for index, extra in enumerate(self.disturbances):
             if extra.on in ("pull_n", "friction") and held is None:
                 raise ValueError(f"disturbances[{index}]: {extra.on} is of an object; add [held_object]")
-        if self.contact == "signal" and (reason := self.needs_mechanics):
-            raise ValueError(f'contact = "signal" prescribes and cannot play {reason}; use "mechanics"')
-        return self
-
-    @property
-    def needs_mechanics(self) -> str:
-        """Part of the scene that cannot be prescribed; empty where there is none."""
         reasons = [f"a {p.kind} phase" for p in self.phases if isinstance(p, RotatePhase | LoadPhase)]
-        reasons += ["a held object"] * (self.held_object is not None)
+        reasons += ["a held object"] * (held is not None)
         reasons += ["touching"] * bool(self.touching)
         reasons += ["load_gradient_per_mm"] * any(self.load_gradient_per_mm)
-        return reasons[0] if reasons else ""
+        if self.contact == "signal" and reasons:
+            raise ValueError(f'contact = "signal" prescribes and cannot play {reasons[0]}; use "mechanics"')
+        return self
 
     @property
     def duration_s(self) -> float:
