@@ -137,7 +137,9 @@ class Feed:
         packed = [entry.packed for entry in live if entry.topic != "scan" and newest[entry.key] is entry]
         packed += [entry.packed for entry in live if entry.topic == "scan"]
         both = [*kept, *packed] if kept and packed else []
-        return Frames(*(_frame(now_unix_s, now_s, messages) for messages in (kept, packed, both)))
+        return Frames(
+            *(pack_frame(now_unix_s, now_s, some) if some else None for some in (kept, packed, both))
+        )
 
     def history(self, now_unix_s: float, now_s: float) -> bytes:
         """Return a frame with the newest state of each board, and a minute of events and thinned scans.
@@ -200,10 +202,6 @@ def _packed(source: int, topic: str, data: Mapping[str, Any], recovered: bool) -
         seen["volts"] = msgpack.ExtType(_FLOATS, struct.pack(f"<{len(volts)}f", *volts))
     packed: bytes = _PACKER.pack([source, topic, seen, recovered])
     return packed
-
-
-def _frame(now_unix_s: float, now_s: float, packed: Sequence[bytes]) -> bytes | None:
-    return pack_frame(now_unix_s, now_s, packed) if packed else None
 
 
 def pack_frame(now_unix_s: float, now_s: float, packed: Sequence[bytes]) -> bytes:
