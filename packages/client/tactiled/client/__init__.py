@@ -13,8 +13,12 @@ Needs pyzmq and msgpack only. ::
                 case Stale(reason=reason):
                     hold_without_touch(reason)
 
-Commands to the daemon: ``AsyncCommander().send("inhibit", duration_s=0.4)``, and ``announce_motion`` for the
-hand's own acceleration. `GripController` turns `grip` messages into the force to grip with.
+`age_s` of any message is the age of its evidence, so that it is right for every topic; the onset of a slip
+lies further back (`onset_age_s`). `Recovered` has a message that was missed and requested again, so it is
+old. `Lost` counts messages that cannot be recovered. Commands to the daemon:
+``AsyncCommander().send("inhibit", duration_s=0.4)``, and ``announce_motion`` for the hand's own acceleration.
+
+`GripController` turns `grip` messages into the force to grip with.
 
 Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
 """
