@@ -6,6 +6,8 @@ scene (untouched, held, sliding over grooves whose speed is not given) are compa
 machines differ; the spread over repeats shows what the comparison is worth.
 """
 
+import functools
+import itertools
 import json
 import subprocess
 import tempfile
@@ -43,8 +45,6 @@ from bench.report import (
 )
 from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.scene.phases import GroovedPlate
-from tactiled.emulator.scene.truth import Truth
 from tactiled.errors import OperatorError
 from tactiled.progress import ProgressBar
 from tactiled.wire.codec import Decoder
@@ -53,7 +53,8 @@ from tactiled.wire.layout import load_layout
 
 SCENE = str(Path(__file__).with_name("scene.toml"))
 REFERENCE = Path(__file__).with_name("reference.c")
-PHASES = ("rest", "contact", "sliding")
+PROGRAMS = {"daemon": "tactiled", "reference": "C"}
+_PHASES = {"rest": "rest", "hold": "contact", "slide": "sliding"}
 _REPEATS, _QUICK_REPEATS = 3, 1
 # Left out at the beginning of each phase: the start of the processes, and the time until the first fit.
 _SETTLE_S = 4.0
@@ -107,7 +108,8 @@ def bench_latency(progress: ProgressBar, options: BenchOptions) -> list[str]:
             runs.append(play_scene(folder, reference))
     text = (
         f"{repeats} runs; {load_words()}. Ratios are those of two programs in the same run: median and range "
-        "over the runs."
+        f"over the runs. The first {_SETTLE_S:g} s of each phase are left out: until then, processes start, "
+        "and a slide has no groove fit."
     )
     return [text, _latency_table(runs), aims_table(_aims(runs))]
 
@@ -119,7 +121,7 @@ def play_scene(folder: Path, reference: Path) -> Run:
     config = daemon_config(folder / "tactiled.toml", daemon_link, endpoint)
     relayed, heard = folder / "relayed", folder / "heard"
     cpu: dict[str, list[tuple[float, float]]] = {"daemon": [], "reference": []}
-    end_s = scene_end_s()
+    end_s = max(end_s for _, end_s in spans_of_phases().values())
     with ExitStack() as stack:
         listen = (*PYTHON, "bench.latency.listen", endpoint, str(port), heard)
         stack.enter_context(running(*listen, ready="ready"))
@@ -151,24 +153,16 @@ def _scene_start_s(emulator: subprocess.Popen[str]) -> float:
     raise OperatorError("the emulated board ended before its scene began: was the daemon able to start it?")
 
 
-def scene_end_s() -> float:
-    """End of the last phase to be measured, in the scene's time."""
-    return max(span[1] for span in spans_of_phases())
-
-
-def spans_of_phases() -> list[tuple[float, float, str]]:
+@functools.cache
+def spans_of_phases() -> dict[str, tuple[float, float]]:
     """Begin and end of each phase to be measured, in the scene's time."""
-    spans = []
-    truth = Truth(load_scene(SCENE))
-    starts = [phase.start_s for phase in truth.phases]
-    for phase, end_s in zip(truth.phases, [*starts[1:], truth.scene.duration_s], strict=True):
-        begin_s = phase.start_s + _SETTLE_S
-        kind = {"rest": "rest", "hold": "contact"}.get(phase.kind, "")
-        if phase.kind == "slide" and isinstance(phase.surface, GroovedPlate):
-            kind = "sliding"
-        if kind and end_s > begin_s:
-            spans.append((begin_s, end_s, kind))
-    return spans
+    phases = load_scene(SCENE).phases
+    ends_s = itertools.accumulate(phase.duration_s for phase in phases)
+    return {
+        _PHASES[phase.kind]: (end_s - phase.duration_s + _SETTLE_S, end_s)
+        for phase, end_s in zip(phases, ends_s, strict=True)
+        if phase.kind in _PHASES
+    }
 
 
 def matched(
@@ -180,23 +174,23 @@ def matched(
 ) -> Run:
     """Match frames and messages of a run, by the sequence number, which no scene is long enough to wrap."""
     decoder, counts = Decoder(_LAYOUT), dict[int, bytes]()
-    written_s: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
-    came_s: dict[str, dict[int, float]] = {"daemon": {}, "reference": {}}
+    written_s: dict[str, dict[int, float]] = {name: {} for name in PROGRAMS}
     for line in relayed.read_text().splitlines():
-        daemon_s, reference_s, octets = json.loads(line)
+        *both_s, octets = json.loads(line)
         for frame in decoder.feed(bytes.fromhex(octets)):
             if isinstance(frame, Scan):
                 counts[frame.sequence] = frame.counts.tobytes()
-                written_s["daemon"][frame.sequence] = daemon_s
-                written_s["reference"][frame.sequence] = reference_s
+                for name, at_s in zip(PROGRAMS, both_s, strict=True):
+                    written_s[name][frame.sequence] = at_s
     # Readings of an untouched skin repeat, so only the others tell which index the first frame has.
     repeats = Counter(counts.values())
     by_counts = {octets: sequence for sequence, octets in counts.items() if repeats[octets] == 1}
-    offsets, scan_times, lags, fits_late = Counter[int](), dict[int, float](), [], 0
+    offsets, scan_times, answered = Counter[int](), dict[int, float](), dict[int, float]()
+    lags, fits_late = [], 0
     for line in heard.read_text().splitlines():
         time_s, said = json.loads(line)
         if said["topic"] == "reference":
-            came_s["reference"][said["sequence"]] = time_s
+            answered[said["sequence"]] = time_s
         elif said["topic"] == "scan":
             octets = np.rint(np.array(said["volts"]) / _ADC_VOLTS).astype(np.int64).tobytes()
             scan_times[said["index"]] = time_s
@@ -206,39 +200,31 @@ def matched(
             lags.append((time_s - start_s, said["loop_lag_s"]))
             fits_late = max(fits_late, said["fits_late"])
     [(offset, _)] = offsets.most_common(1)
-    came_s["daemon"] = {index + offset: time_s for index, time_s in scan_times.items()}
-    found: dict[str, dict[str, PhaseLatency]] = {"daemon": {}, "reference": {}}
-    longest_lag_s: dict[str, float] = {}
-    for phase in PHASES:
-        spans = [(begin, end) for begin, end, kind in spans_of_phases() if kind == phase]
-        for program, written in written_s.items():
-            chosen = {n: at_s for n, at_s in written.items() if _is_in(spans, at_s - start_s)}
-            latencies = [came_s[program][n] - at_s for n, at_s in chosen.items() if n in came_s[program]]
-            lost, cpu_part = len(chosen) - len(latencies), _cpu_part(cpu[program], spans)
-            found[program][phase] = PhaseLatency(np.array(latencies), lost, cpu_part)
-        longest_lag_s[phase] = max((lag_s for at_s, lag_s in lags if _is_in(spans, at_s)), default=0.0)
+    came_s = {
+        "daemon": {index + offset: time_s for index, time_s in scan_times.items()},
+        "reference": answered,
+    }
+    found: dict[str, dict[str, PhaseLatency]] = {name: {} for name in PROGRAMS}
+    longest_lag_s = {}
+    for phase, (begin_s, end_s) in spans_of_phases().items():
+        for name in PROGRAMS:
+            chosen = {n: at_s for n, at_s in written_s[name].items() if begin_s <= at_s - start_s < end_s}
+            came = came_s[name]
+            latencies = [came[n] - at_s for n, at_s in chosen.items() if n in came]
+            used_s = np.diff(np.interp([begin_s, end_s], *np.array(cpu[name]).T))[0]
+            found[name][phase] = PhaseLatency(
+                np.array(latencies), len(chosen) - len(latencies), float(used_s) / (end_s - begin_s)
+            )
+        longest_lag_s[phase] = max((lag_s for at_s, lag_s in lags if begin_s <= at_s < end_s), default=0.0)
     return Run(found["daemon"], found["reference"], longest_lag_s, fits_late, memory_mb)
-
-
-def _is_in(spans: Sequence[tuple[float, float]], at_s: float) -> bool:
-    return any(begin <= at_s < end for begin, end in spans)
-
-
-def _cpu_part(samples: Sequence[tuple[float, float]], spans: Sequence[tuple[float, float]]) -> float:
-    """Processor time over time, within spans."""
-    times, used = np.array(samples).T
-    total_s = sum(end - begin for begin, end in spans)
-    used_s = sum(float(np.diff(np.interp([begin, end], times, used))[0]) for begin, end in spans)
-    return used_s / total_s
 
 
 def _latency_table(runs: Sequence[Run]) -> str:
     rows = []
-    for phase in PHASES:
+    for phase in spans_of_phases():
         row = {"phase": phase}
-        for name in ("daemon", "reference"):
+        for name, label in PROGRAMS.items():
             each: list[PhaseLatency] = [getattr(run, name)[phase] for run in runs]
-            label = "tactiled" if name == "daemon" else "C"
             p50, p99, most = (
                 float(np.median([one.quantile_ms(q) for one in each])) for q in (0.5, 0.99, 1.0)
             )
@@ -258,29 +244,25 @@ def _longest_turn_ms(runs: Sequence[Run], phase: str) -> float:
 
 def _aims(runs: Sequence[Run]) -> list[Aim]:
     turn_ms, rest_ms = (_longest_turn_ms(runs, phase) for phase in ("sliding", "rest"))
-    ratios = [
-        median_aim(
-            f"p{percent} of tactiled over C, {phase}",
-            limit,
-            [run.ratio(phase, percent / 100) for run in runs],
-            ".1f",
-        )
-        for percent, limit in ((50, 2.5), (99, 3.0))
-        for phase in PHASES
-    ]
     over_rest = f"{turn_ms / max(rest_ms, 1e-6):.1f} times {rest_ms:.1f} ms"
     memory_mb = float(np.median([run.memory_mb for run in runs]))
+
+    def over_c(words: str, limit: float, phase: str, ratios: Sequence[float]) -> Aim:
+        return median_aim(f"{words} of tactiled over C, {phase}", limit, ratios, ".1f")
+
     return [
-        *ratios,
+        *(
+            over_c(f"p{percent}", limit, phase, [run.ratio(phase, percent / 100) for run in runs])
+            for percent, limit in ((50, 2.5), (99, 3.0))
+            for phase in spans_of_phases()
+        ),
         at_most("longest turn of the loop while sliding, on a quiet machine", 5.0, turn_ms, ".1f", " ms"),
         aim("the same, on any machine", "at most 3 times that at rest", over_rest, turn_ms <= 3 * rest_ms),
         never("scans lost", sum(one.lost for run in runs for one in run.daemon.values())),
         never("groove fits late", sum(run.fits_late for run in runs)),
         at_most("memory of the daemon after the slide (RSS)", 110.0, memory_mb, ".0f", " MB"),
         *(
-            median_aim(
-                f"processor of tactiled over C, {phase}", limit, [run.cpu_ratio(phase) for run in runs], ".1f"
-            )
+            over_c("processor", limit, phase, [run.cpu_ratio(phase) for run in runs])
             for phase, limit in (("rest", 10.0), ("sliding", 15.0))
         ),
     ]
