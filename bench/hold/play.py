@@ -45,13 +45,13 @@ def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class GraspResult:
-    """One grasp; `over_least` and `reaction_s` as in `Episodes`."""
+    """What is reported of a grasp."""
 
     event: str
     dropped: bool
-    over_least: float
+    over_least: float  # mean grip over mean least grip while the object hangs freely; NaN where dropped
     slid_mm: float
-    reaction_s: float
+    reaction_s: float  # as `reaction_s` returns it
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,42 +67,34 @@ class Episodes:
     place_mm: FloatArray  # (scans, e): distance that the object has moved over the skin
     dropped: NDArray[np.bool_]  # (e,)
 
-    @property
-    def over_least(self) -> FloatArray:
-        """Mean grip over mean least grip while the object hangs freely; NaN where it was dropped."""
-        hangs = slice(round(LIFTED_S * RATE_HZ), None)
-        found = self.grip_n[hangs].mean(axis=0) / self.least_n[hangs].mean(axis=0)
-        return np.asarray(np.where(self.dropped, np.nan, found))
-
-    @property
-    def reaction_s(self) -> FloatArray:
-        """Time from the first gross slip of each grasp to a command that is a twentieth higher (e,).
-
-        The command is compared with that of `_BEFORE_S` before, so that a command ahead of the slip is a time
-        below zero. NaN without a gross slip, infinite without a reaction.
-        """
-        found = np.full(len(self.scenes), np.nan)
-        before = round(_BEFORE_S * RATE_HZ)
-        for e in range(len(self.scenes)):
-            begins = np.flatnonzero(self.slides[:, e])
-            if len(begins):
-                since = max(begins[0] - before, 0)
-                tighter = np.flatnonzero(self.command_n[since:, e] > _TIGHTER * self.command_n[since, e])
-                found[e] = (since + tighter[0] - begins[0]) / RATE_HZ if len(tighter) else np.inf
-        return found
-
     def results(self) -> list[GraspResult]:
         """Return what is reported of each grasp."""
+        hangs = slice(round(LIFTED_S * RATE_HZ), None)
+        over_least = self.grip_n[hangs].mean(axis=0) / self.least_n[hangs].mean(axis=0)
         return [
             GraspResult(
                 event=scene.description,
                 dropped=bool(self.dropped[e]),
-                over_least=float(self.over_least[e]),
+                over_least=float("nan") if self.dropped[e] else float(over_least[e]),
                 slid_mm=float(self.place_mm[-1, e]),
-                reaction_s=float(self.reaction_s[e]),
+                reaction_s=reaction_s(self.slides[:, e], self.command_n[:, e]),
             )
             for e, scene in enumerate(self.scenes)
         ]
+
+
+def reaction_s(slides: NDArray[np.bool_], command_n: FloatArray) -> float:
+    """Return the time from the first gross slip of a grasp to a command that is a twentieth higher.
+
+    The command is compared with that of `_BEFORE_S` before, so that a command ahead of the slip is a time
+    below zero. NaN without a gross slip, infinite without a reaction.
+    """
+    begins = np.flatnonzero(slides)
+    if not len(begins):
+        return float("nan")
+    since = max(begins[0] - round(_BEFORE_S * RATE_HZ), 0)
+    tighter = np.flatnonzero(command_n[since:] > _TIGHTER * command_n[since])
+    return float(since + tighter[0] - begins[0]) / RATE_HZ if len(tighter) else float("inf")
 
 
 def play(

@@ -23,8 +23,8 @@ from bench.processes import (
     compile_program,
     daemon_config,
     free_port,
+    next_line,
     running,
-    wait_for_path,
 )
 from bench.report import BenchOptions, aims_table, load_words, median_aim, over_runs, table
 from tactiled import compiled
@@ -37,7 +37,8 @@ from tactiled.progress import ProgressBar
 from tactiled.recording.contents import Header, Read, load_board
 from tactiled.recording.writer import RecordingWriter
 
-SCENES = ("rest", "slide")
+# Words for each scene, and the aim for times real time
+SCENES = {"rest": ("detect, rest", 1000.0), "slide": ("detect, sliding over grooves", 200.0)}
 _HERE = Path(__file__).parent
 _SCANS, _REFERENCE_SCANS = 30_000, 500_000
 _REPEATS, _QUICK_REPEATS = 3, 1
@@ -52,8 +53,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
     part = _QUICK_PART if options.quick else 1
     repeats = _QUICK_REPEATS if options.quick else _REPEATS
     times_real: dict[str, list[float]] = {scene: [] for scene in SCENES}
-    scans_per_s: dict[str, list[float]] = {"C": [], "tactiled": []}
-    lost = 0
+    c_per_s, daemon_per_s, lost = [], [], 0
     with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
         folder = Path(name)
         program = compile_program(folder, REFERENCE)
@@ -62,28 +62,26 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
             progress.reach(0.1 + 0.9 * repeat / repeats)
             for scene in SCENES:
                 times_real[scene].append(duration_s[scene] / _cpu_of_detect(folder / f"{scene}.mcap"))
-            scans_per_s["C"].append(_flood_reference(folder, program, _REFERENCE_SCANS // part))
+            c_per_s.append(_flood_reference(folder, program, _REFERENCE_SCANS // part))
             speed, n_lost = _flood_daemon(folder, _SCANS // part)
-            scans_per_s["tactiled"].append(speed)
+            daemon_per_s.append(speed)
             lost += n_lost
-    over_c = (np.array(scans_per_s["tactiled"]) / scans_per_s["C"]).tolist()
-    columns = {"C": ([1.0], "not counted"), "tactiled": (over_c, str(lost))}
+    over_c = (np.array(daemon_per_s) / c_per_s).tolist()
+    floods = ("C", c_per_s, [1.0], "not counted"), ("tactiled", daemon_per_s, over_c, f"{lost}")
     return [
         f"{repeats} repeats (median and range); {load_words()}. Path of a scan: {compiled.path_words()}.",
         table(
             {
                 "flood through a pty": name,
-                "scans/s": over_runs(scans_per_s[name], ",.0f"),
+                "scans/s": over_runs(scans_per_s, ",.0f"),
                 "over C": over_runs(ratios, ".3f"),
                 "scans lost": n_lost,
             }
-            for name, (ratios, n_lost) in columns.items()
+            for name, scans_per_s, ratios, n_lost in floods
         ),
         table(
-            {"file": name, "times real time": over_runs(times, ".0f")}
-            for name, times in zip(
-                ("detect, rest", "detect, sliding over grooves"), times_real.values(), strict=True
-            )
+            {"file": words, "times real time": over_runs(times_real[scene], ".0f")}
+            for scene, (words, _) in SCENES.items()
         ),
         aims_table(
             [
@@ -96,7 +94,7 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
                         ".0f",
                         is_least=True,
                     )
-                    for scene, limit in zip(SCENES, (1000.0, 200.0), strict=True)
+                    for scene, (_, limit) in SCENES.items()
                 ),
             ]
         ),
@@ -128,22 +126,15 @@ def _flooding(folder: Path, n_scans: int, *options: str) -> Iterator[tuple[Path,
     """Board that floods a pty, and the name of the pty."""
     link = folder / "flood"
     link.unlink(missing_ok=True)
-    with running(*PYTHON, "bench.throughput.flood", link, str(n_scans), *options) as board:
-        wait_for_path(link)
+    flood = "bench.throughput.flood", str(link), str(n_scans)
+    with running(*PYTHON, *flood, *options, ready="ready") as board:
         yield link, board
-
-
-def _taken_s(board: subprocess.Popen[str]) -> float:
-    """Wait for the end of a flood; the seconds that it took."""
-    assert board.stdout is not None
-    lines = (line.strip() for line in board.stdout)
-    return next(float(line) for line in lines if line != "ready")
 
 
 def _flood_reference(folder: Path, program: Path, n_scans: int) -> float:
     """Return the scans a second that the C program takes."""
     with _flooding(folder, n_scans) as (link, board), running(program, link, str(free_port())):
-        return n_scans / _taken_s(board)
+        return n_scans / float(next_line(board))
 
 
 def _flood_daemon(folder: Path, n_scans: int) -> tuple[float, int]:
@@ -153,7 +144,7 @@ def _flood_daemon(folder: Path, n_scans: int) -> tuple[float, int]:
         config = daemon_config(folder / "tactiled.toml", link, endpoint)
         with running(*TACTILED, "run", "--config", config):
             n_decoded = _count_scans(endpoint, board)
-            return n_scans / _taken_s(board), n_scans - n_decoded
+            return n_scans / float(next_line(board)), n_scans - n_decoded
 
 
 def _count_scans(endpoint: str, board: "subprocess.Popen[str]") -> int:

@@ -60,8 +60,8 @@ def _answer(master: int) -> None:
                     return
 
 
-def flood(link: Path, n_scans: int, *, asks: bool) -> float:
-    """Send scans, and return the time that the reader took for them."""
+def flood(link: Path, n_scans: int, *, asks: bool) -> None:
+    """Send scans, and print the time that the reader took for them."""
     writes = _frames(min(n_scans, _DIFFERENT))
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -81,10 +81,8 @@ def flood(link: Path, n_scans: int, *, asks: bool) -> float:
     for data in itertools.islice(itertools.cycle(writes), -(-n_scans // _SCANS_A_WRITE)):
         while data:
             data = data[os.write(master, data) :]
-    took_s = time.monotonic() - began_s
-    print(took_s, flush=True)
+    print(time.monotonic() - began_s, flush=True)
     sys.stdin.readline()  # the pty stays until the reader has been measured
-    return took_s
 
 
 if __name__ == "__main__":

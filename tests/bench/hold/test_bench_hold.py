@@ -1,7 +1,6 @@
 """The hold bench against the emulator, and its numbers against what is known of them."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import aims
-from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, least_n, play
+from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, least_n, play, reaction_s
 from tactiled.array import load_array
 from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.emulator.control import move_grip
@@ -53,16 +52,14 @@ def test_a_seed_has_each_event_and_the_same_length() -> None:
 
 
 def test_reaction_counts_from_the_slip_and_may_be_ahead_of_it() -> None:
-    slides = np.zeros((100, 2), dtype=np.bool_)
+    slides, command_n = np.zeros(100, dtype=np.bool_), np.full(100, 6.0)
     slides[50:60] = True
-    command_n = np.full((100, 2), 6.0)
-    command_n[54:, 0] = 9.0
-    command_n[45:, 1] = 9.0
-    blank = np.zeros((100, 2))
-    episodes = Episodes([hold(0), hold(1)], blank, blank, command_n, slides, blank, slides[0])
-    assert episodes.reaction_s == pytest.approx([0.04, -0.05])
-    assert np.isinf(replace(episodes, command_n=np.full((100, 2), 6.0)).reaction_s).all()
-    assert np.isnan(replace(episodes, slides=np.zeros_like(slides)).reaction_s).all()
+    after, ahead = command_n.copy(), command_n.copy()
+    after[54:] = ahead[45:] = 9.0
+    assert reaction_s(slides, after) == pytest.approx(0.04)
+    assert reaction_s(slides, ahead) == pytest.approx(-0.05)
+    assert np.isinf(reaction_s(slides, command_n))
+    assert np.isnan(reaction_s(np.zeros_like(slides), after))
 
 
 def test_grip_over_the_least_is_of_grasps_that_hold() -> None:
