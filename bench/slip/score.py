@@ -23,51 +23,37 @@ def open_at(events: Sequence[SlipEvent], time_s: float) -> SlipEvent | None:
     return before[-1] if before and before[-1].state == "onset" else None
 
 
+def gross_onsets(events: Sequence[SlipEvent]) -> list[SlipEvent]:
+    """Return the onsets of gross slip."""
+    return [e for e in events if (e.state, e.kind) == ("onset", "gross")]
+
+
 def is_early(case: Case, events: Sequence[SlipEvent]) -> bool:
     """Return True if a gross slip is open `AHEAD_S` before that of a case."""
     slip = open_at(events, case.gross_s - AHEAD_S)
     return slip is not None and slip.kind == "gross"
 
 
-def gross_onsets(events: Sequence[SlipEvent]) -> list[SlipEvent]:
-    """Return the onsets of gross slip."""
-    return [e for e in events if (e.state, e.kind) == ("onset", "gross")]
+def is_reported(case: Case, events: Sequence[SlipEvent], within_s: float) -> bool:
+    """Return True if a gross slip is reported at most `AHEAD_S` early, and at most some time late."""
+    from_s, until_s = case.gross_s - AHEAD_S, case.gross_s + within_s
+    return any(from_s <= e.detected_s <= until_s for e in gross_onsets(events))
 
 
-def reported_early(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each gross slip, True if one was reported more than `AHEAD_S` before it."""
-    return [is_early(case, events) for case, events in reported if case.slips]
-
-
-def gross_reported(reported: Sequence[Reported], within_s: float) -> list[bool]:
-    """Return, for each gross slip, True if reported at most `AHEAD_S` early, and at most some time late."""
-    return [
-        any(case.gross_s - AHEAD_S <= e.detected_s <= case.gross_s + within_s for e in gross_onsets(events))
-        for case, events in reported
-        if case.slips
-    ]
-
-
-def rests_called_gross(reported: Sequence[Reported], most_used: float = 1.0) -> list[bool]:
-    """Return, for each case without gross slip, True if one was reported; of cases up to a utilisation."""
-    return [
-        bool(gross_onsets(events))
-        for case, events in reported
-        if not case.slips and case.utilisation.max() <= most_used
-    ]
-
-
-def slow_reported_ahead(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each slow slip, True if an event of it was open `AHEAD_S` before it became gross.
+def is_reported_ahead(case: Case, events: Sequence[SlipEvent]) -> bool:
+    """Return True if an event of a slip was open `AHEAD_S` before it became gross.
 
     An event that was reported more than `AHEAD_S` before a tenth of the area slipped is of no slip.
     """
-    return [
-        (slip := open_at(events, case.gross_s - AHEAD_S)) is not None
-        and slip.detected_s >= case.tenth_s - AHEAD_S
-        for case, events in reported
-        if case.slips and case.gross_s - case.tenth_s >= SLOW_S
-    ]
+    slip = open_at(events, case.gross_s - AHEAD_S)
+    return slip is not None and slip.detected_s >= case.tenth_s - AHEAD_S
+
+
+def is_ended(case: Case, events: Sequence[SlipEvent]) -> bool:
+    """Return True if the end of a gross slip was reported while it went on."""
+    until_s = min(case.gross_end_s, float(case.block.time_s[-1])) - _REOPENS_S
+    ends_s = [e.detected_s for e in events if e.state == "end" and case.gross_s < e.detected_s < until_s]
+    return any(open_at(events, end_s + _REOPENS_S) is None for end_s in ends_s)
 
 
 def false_onsets(reported: Sequence[Reported]) -> tuple[int, float]:
@@ -82,32 +68,17 @@ def false_onsets(reported: Sequence[Reported]) -> tuple[int, float]:
     return n, hours
 
 
-def ended_while_it_slides(reported: Sequence[Reported]) -> list[bool]:
-    """Return, for each gross slip, True if its end was reported while it went on."""
-    out = []
-    for case, events in reported:
-        if case.slips:
-            until_s = min(case.gross_end_s, float(case.block.time_s[-1])) - _REOPENS_S
-            ends_s = [
-                e.detected_s for e in events if e.state == "end" and case.gross_s < e.detected_s < until_s
-            ]
-            out.append(any(open_at(events, end_s + _REOPENS_S) is None for end_s in ends_s))
-    return out
-
-
 def directions(reported: Sequence[Reported]) -> FloatArray:
     """Return errors and stated standard deviations (n, 2) of direction, in degrees.
 
     They are those of the first onset of gross slip from 0.1 s before each gross slip to 0.3 s after it.
     """
     found = []
-    for case, events in reported:
-        if case.slips and np.isfinite(case.direction_deg):
-            near = [e for e in gross_onsets(events) if -AHEAD_S <= e.detected_s - case.gross_s <= 0.3]
-            for event in near[:1]:
-                if event.direction_sd_deg < UNKNOWN_SD_DEG:
-                    error_deg = (event.direction_deg - case.direction_deg + 180.0) % 360.0 - 180.0
-                    found.append((error_deg, event.direction_sd_deg))
+    for case, events in _slides(reported):
+        near = [e for e in gross_onsets(events) if -AHEAD_S <= e.detected_s - case.gross_s <= 0.3]
+        if near and np.isfinite(case.direction_deg) and near[0].direction_sd_deg < UNKNOWN_SD_DEG:
+            error_deg = (near[0].direction_deg - case.direction_deg + 180.0) % 360.0 - 180.0
+            found.append((error_deg, near[0].direction_sd_deg))
     return np.array(found).reshape(-1, 2)
 
 
@@ -124,27 +95,34 @@ def _onsets(reported: Sequence[Reported]) -> str:
     return f"{n / hours:.0f} ({n} in {hours:.3f} h)" if hours else NONE
 
 
-def _usual(reported: Sequence[Reported], *, falls: bool = False) -> list[Reported]:
-    """Return the cases but those whose friction falls at constant load, or these."""
-    return [one for one in reported if one.case.is_falling == falls]
+def _slides(reported: Sequence[Reported], *, falls: bool = False) -> list[Reported]:
+    """Return the cases with gross slip, but for those whose friction falls at constant load, or these."""
+    return [one for one in reported if one.case.slips and one.case.is_falling == falls]
+
+
+def _rests(reported: Sequence[Reported], most_used: float) -> list[Reported]:
+    """Return the cases without gross slip that use at most a part of the limit."""
+    return [one for one in reported if not one.case.slips and one.case.utilisation.max() <= most_used]
 
 
 _MS = f"{1e3 * AHEAD_S:.0f} ms"
 QUESTIONS: Mapping[str, Callable[[Sequence[Reported]], str]] = {
-    f"slow slips reported {_MS} ahead": lambda found: ratio(slow_reported_ahead(_usual(found))),
+    f"slow slips reported {_MS} ahead": lambda found: ratio(
+        is_reported_ahead(*one) for one in _slides(found) if one.case.gross_s - one.case.tenth_s >= SLOW_S
+    ),
     "onsets an hour where nothing slips": _onsets,
-    "gross reported in 100 ms": lambda found: ratio(gross_reported(_usual(found), 0.1)),
-    "gross reported in 300 ms": lambda found: ratio(gross_reported(_usual(found), 0.3)),
+    "gross reported in 100 ms": lambda found: ratio(is_reported(*one, 0.1) for one in _slides(found)),
+    "gross reported in 300 ms": lambda found: ratio(is_reported(*one, 0.3) for one in _slides(found)),
     "gross reported in 300 ms where friction falls": lambda found: ratio(
-        gross_reported(_usual(found, falls=True), 0.3)
+        is_reported(*one, 0.3) for one in _slides(found, falls=True)
     ),
-    f"gross reported more than {_MS} early": lambda found: ratio(reported_early(_usual(found))),
-    "rests called gross": lambda found: ratio(rests_called_gross(found)),
+    f"gross reported more than {_MS} early": lambda found: ratio(is_early(*one) for one in _slides(found)),
+    "rests called gross": lambda found: ratio(bool(gross_onsets(of.events)) for of in _rests(found, 1.0)),
     f"rests below {_CLEAR:.0%} of the limit called gross": lambda found: ratio(
-        rests_called_gross(found, _CLEAR)
+        bool(gross_onsets(one.events)) for one in _rests(found, _CLEAR)
     ),
-    "ended while it slides": lambda found: ratio(ended_while_it_slides(found)),
-    "direction at gross slip": lambda found: _direction(_usual(found)),
+    "ended while it slides": lambda found: ratio(is_ended(*one) for one in found if one.case.slips),
+    "direction at gross slip": _direction,
 }
 
 

@@ -11,12 +11,11 @@ from bench.slip.cases import Case, Reported
 from bench.slip.score import (
     QUESTIONS,
     directions,
-    ended_while_it_slides,
     false_onsets,
-    gross_reported,
-    reported_early,
-    rests_called_gross,
-    slow_reported_ahead,
+    is_early,
+    is_ended,
+    is_reported,
+    is_reported_ahead,
 )
 from bench.worlds.world import INCIPIENT_USED
 from tactiled.events.types import SlipEvent
@@ -51,22 +50,26 @@ TRUE = [event("incipient", 2.5), event("gross", 4.01), event("gross", 6.05, "end
 
 def test_events_of_the_truth_answer_every_question() -> None:
     reported = [Reported(case(), TRUE), Reported(case(slips=False), [])]
-    assert slow_reported_ahead(reported) == [True]
+    assert is_reported_ahead(case(), TRUE)
     assert false_onsets(reported)[0] == 0
-    assert gross_reported(reported, 0.1) == [True]
-    assert reported_early(reported) == [False]
-    assert rests_called_gross(reported) == [False]
-    assert ended_while_it_slides(reported) == [False]
+    assert is_reported(case(), TRUE, 0.1)
+    assert not is_early(case(), TRUE)
+    assert not is_ended(case(), TRUE)
     assert directions(reported).tolist() == [[15.0, 10.0]]
-    assert QUESTIONS["direction at gross slip"](reported) == "15.0 deg, 0 of 1 inside, 0 reversed"
+    answers = {question: answer(reported) for question, answer in QUESTIONS.items()}
+    assert answers["slow slips reported 100 ms ahead"] == answers["gross reported in 300 ms"] == "1 of 1"
+    assert answers["gross reported in 300 ms where friction falls"] == "0 of 0"
+    assert answers["rests called gross"] == answers["ended while it slides"] == "0 of 1"
+    assert answers["direction at gross slip"] == "15.0 deg, 0 of 1 inside, 0 reversed"
 
 
 def test_an_event_that_was_reported_before_anything_slips_is_of_no_slip() -> None:
     for kind in ("incipient", "gross"):
-        early = [Reported(case(), [event(kind, 1.0)])]
-        assert slow_reported_ahead(early) == gross_reported(early, 0.3) == [False]
-    assert reported_early(early) == [True]
-    assert false_onsets(early)[0] == 1
+        early = [event(kind, 1.0)]
+        assert not is_reported_ahead(case(), early)
+        assert not is_reported(case(), early, 0.3)
+    assert is_early(case(), early)
+    assert false_onsets([Reported(case(), early)])[0] == 1
 
 
 def test_hours_are_of_contact_and_an_onset_without_contact_is_false() -> None:
@@ -78,8 +81,8 @@ def test_hours_are_of_contact_and_an_onset_without_contact_is_false() -> None:
 
 
 def test_no_events_miss_everything() -> None:
-    reported = [Reported(case(), [])]
-    assert slow_reported_ahead(reported) == gross_reported(reported, 0.3) == [False]
+    assert not is_reported_ahead(case(), [])
+    assert not is_reported(case(), [], 0.3)
 
 
 def test_events_at_the_wrong_time_count_against_the_detector() -> None:
@@ -88,9 +91,11 @@ def test_events_at_the_wrong_time_count_against_the_detector() -> None:
     n, hours = false_onsets([early])
     assert (n, hours) == (1, nothing_s / 3600)
     assert QUESTIONS["onsets an hour where nothing slips"]([early]) == "997 (1 in 0.001 h)"
-    assert reported_early([early]) == [True]
-    assert ended_while_it_slides([early]) == [True]
-    turned = Reported(case(), [*early.events, event("incipient", 5.05)])
-    assert ended_while_it_slides([turned]) == [False]
-    assert rests_called_gross([Reported(case(slips=False), TRUE)]) == [True]
-    assert rests_called_gross([Reported(case(slips=False), TRUE)], 0.6) == []
+    assert is_early(*early)
+    assert is_ended(*early)
+    assert not is_ended(case(), [*early.events, event("incipient", 5.05)])
+    called = [Reported(case(slips=False), TRUE)]
+    assert QUESTIONS["rests called gross"](called) == "1 of 1"
+    assert QUESTIONS["rests below 80% of the limit called gross"](called) == "1 of 1"
+    most_used = Reported(replace(called[0].case, utilisation=np.full(800, 0.9)), TRUE)
+    assert QUESTIONS["rests below 80% of the limit called gross"]([most_used]) == "0 of 0"
