@@ -21,13 +21,12 @@ START_S = 120.0  # a cold start of the interpreter on a busy machine
 _CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
 
 
-def compile_program(folder: Path, source: Path, *flags: str) -> Path:
-    """Compile a program in C or C++ into a folder; flags follow its source, as libraries must."""
-    compiler = "cc" if source.suffix == ".c" else "c++"
-    if shutil.which(compiler) is None:
-        raise OperatorError(f"{source.name} needs a compiler: sudo apt install gcc g++")
+def compile_program(folder: Path, source: Path) -> Path:
+    """Compile a program in C into a folder."""
+    if shutil.which("cc") is None:
+        raise OperatorError(f"{source.name} needs a compiler: sudo apt install gcc")
     program = folder / source.stem
-    command = [compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(source), *flags]
+    command = ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(source)]
     subprocess.run(command, check=True)
     return program
 

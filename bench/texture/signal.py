@@ -3,7 +3,7 @@
 The model is a plane wave, with phases in turns of the groove pattern: a channel c at (x, y), sampled at the
 instant t, reads
 
-    level_c + drift_c t + A_c cos(2 pi s + psi_k) + white noise of sigma_c
+    level_c + drift_c t + A_c cos(2 pi s + psi_k) + white noise of sigma
     s = ((x + v t cos(theta)) cos(a) + (y + v t sin(theta)) sin(a)) / D
 
 for a period D, an angle a of the groove normal, and a speed v along theta. Unknown, besides D, a and (where
@@ -70,9 +70,9 @@ class ArrayResponse:
     y_mm: FloatArray
     offset_s: FloatArray
     kind: NDArray[np.int64]  # (channels,): channels of one number share their phases
-    amplitude_volts: FloatArray  # (channels,)
     phase_rad: FloatArray  # (kinds,)
-    noise_volts: FloatArray  # (channels,): sigma of the white noise
+    amplitude_volts: float
+    noise_volts: float  # sigma of the white noise
 
 
 class Bound(NamedTuple):
@@ -115,9 +115,9 @@ def sensed_by(array: Array, rng: np.random.Generator, snr_db: float) -> ArrayRes
         y_mm=array.y_mm[array.channel_taxel],
         offset_s=_CHANNEL_STEP_S * np.arange(array.n_channels, dtype=np.float64),
         kind=kind,
-        amplitude_volts=np.full(array.n_channels, AMPLITUDE_VOLTS),
         phase_rad=rng.uniform(-np.pi, np.pi, kind.max() + 1),
-        noise_volts=np.full(array.n_channels, AMPLITUDE_VOLTS / np.sqrt(2 * 10 ** (snr_db / 10))),
+        amplitude_volts=AMPLITUDE_VOLTS,
+        noise_volts=float(AMPLITUDE_VOLTS / np.sqrt(2 * 10 ** (snr_db / 10))),
     )
 
 
@@ -189,13 +189,13 @@ def bound(wave: Wave, sensed: ArrayResponse, time_s: FloatArray, *, is_speed_kno
     information = np.zeros((n_wave + len(sensed.phase_rad),) * 2)
     for c, kind in enumerate(sensed.kind):
         own_phase = phase[:, c] + sensed.phase_rad[kind]
-        swing = -sensed.amplitude_volts[c] * np.sin(own_phase)  # by the phase
+        swing = -sensed.amplitude_volts * np.sin(own_phase)  # by the phase
         columns = np.zeros((len(time_s), len(information)))
         columns[:, :n_wave] = swing[:, None] * np.stack([part[:, c] for part in shared], axis=1)
         columns[:, n_wave + kind] = swing
         basis, _ = np.linalg.qr(np.column_stack([np.vander(time_s, 2), np.cos(own_phase)]))
         columns -= basis @ (basis.T @ columns)
-        information += columns.T @ columns / sensed.noise_volts[c] ** 2
+        information += columns.T @ columns / sensed.noise_volts**2
     period_sd, angle_sd = _sigmas(information)
     return Bound(period_sd, float(np.degrees(angle_sd)))
 
@@ -213,12 +213,8 @@ def _places(wave: Wave, sensed: ArrayResponse, time_s: FloatArray) -> tuple[Floa
 def _sigmas(information: FloatArray) -> list[float]:
     """Roots of the first two diagonal entries of the inverse; infinite where it has none."""
     size = np.sqrt(np.diag(information))
-    used = size > 0  # dead channels of a kind tell nothing of its phase, which is not asked for
-    scaled = information[np.ix_(used, used)] / np.outer(size[used], size[used])
-    value, vector = np.linalg.eigh(scaled)
+    value, vector = np.linalg.eigh(information / np.outer(size, size))
     seen = value > _UNOBSERVED * value[-1]
-    variance = np.full(len(information), np.inf)
-    variance[used] = (vector[:, seen] ** 2 / value[seen]).sum(axis=1) / size[used] ** 2
-    is_open = np.zeros(len(information), dtype=np.bool_)
-    is_open[used] = (np.abs(vector[:, ~seen]) > 1e-6).any(axis=1)  # it depends on what is not observed
+    variance = (vector[:, seen] ** 2 / value[seen]).sum(axis=1) / size**2
+    is_open = (np.abs(vector[:, ~seen]) > 1e-6).any(axis=1)  # it depends on what is not observed
     return [float("inf") if is_open[k] else float(np.sqrt(variance[k])) for k in range(2)]

@@ -32,9 +32,9 @@ def column(snr_db: float) -> ArrayResponse:
         y_mm=np.array([0.0, 3.5, 7.3]),
         offset_s=np.zeros(3),
         kind=np.zeros(3, dtype=np.int64),
-        amplitude_volts=np.ones(3),
         phase_rad=np.zeros(1),
-        noise_volts=np.full(3, sigma),
+        amplitude_volts=1.0,
+        noise_volts=float(sigma),
     )
 
 
@@ -120,7 +120,9 @@ def test_signal_is_its_own_model() -> None:
     flat = np.column_stack([np.full(36, LEVEL_VOLTS), np.zeros(36)])
     volts = readings(Grating(wave, sensed, flat, time_s), rng)
     ripple = wave_volts(wave, sensed, time_s)
-    assert np.std(volts - LEVEL_VOLTS - ripple, axis=0) == pytest.approx(sensed.noise_volts, rel=0.1)
+    assert np.std(volts - LEVEL_VOLTS - ripple, axis=0) == pytest.approx(
+        np.full(36, sensed.noise_volts), rel=0.1
+    )
     snr = (ripple**2).mean(axis=0) / sensed.noise_volts**2
     assert 10 * np.log10(snr) == pytest.approx(np.full(36, 20.0), abs=0.3)
     assert np.ptp(turns(wave, sensed, time_s)[:, 0]) == pytest.approx(wave.frequency_hz * 19.99)
