@@ -86,11 +86,9 @@ class HeldBatch:
         return np.stack([self._friction_n.real, self._friction_n.imag], axis=-1)
 
     def command(self, grip_n: FloatArray) -> None:
-        """Command the grip of each gripper (e,); NaN leaves it as it is."""
+        """Command the grip of each gripper (e,)."""
         goal = np.clip(self._step_n * np.round(grip_n / self._step_n), 0.0, None)
-        row = (self._k + self._delay) % len(self._goals)
-        given = np.flatnonzero(~np.isnan(goal))
-        self._goals[row[given], given] = goal[given]
+        self._goals[(self._k + self._delay) % len(self._goals), np.arange(self._e)] = goal
 
     def scan(self) -> FloatArray:
         """Step to the next scan and return its volts (e, channels)."""

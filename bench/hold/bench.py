@@ -5,7 +5,7 @@ contact model and electronics in arrays (`batch`), the detector scan by scan, an
 client. The controller's numbers were set on seeds from 500; what is printed is measured on others.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,28 +36,19 @@ N_MARGIN, N_OTHERS, N_QUICK = 1000, 120, 40
 _BATCH = 40  # grasps that are simulated at once, and by one process
 _PARTS = (0.7, 0.85, 1.0, 1.15)  # of the controller's own target
 _MOST_DROPPED, _MOST_OVER = 0.005, 1.4
-RESTARTED = f"margin, target {TARGET:g}, restart"
 
 
 class Arm(NamedTuple):
-    """Grasps by one target: name in a table, target, and number of grasps."""
+    """Grasps by one target: target, number of grasps, and their name in a table."""
 
-    words: str
     target: float
     n: int
     restarts: bool = False  # the daemon is started anew while the object hangs
 
-
-def arms(quick: bool) -> list[Arm]:
-    """List what is compared."""
-    n, n_margin = (N_QUICK,) * 2 if quick else (N_OTHERS, N_MARGIN)
-    targets = {round(TARGET * part, 2): n_margin if part == 1.0 else n for part in _PARTS}
-    margins = [Arm(_margin(of), of, each) for of, each in targets.items()]
-    return [*margins, Arm(RESTARTED, TARGET, n, restarts=True)]
-
-
-def _margin(target: float) -> str:
-    return f"margin, target {target:g}"
+    @property
+    def words(self) -> str:
+        """Return the name."""
+        return f"margin, target {self.target:g}" + ", restart" * self.restarts
 
 
 def measure(arm: Arm, seeds: range) -> list[GraspResult]:
@@ -72,35 +63,32 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
 
     Quick: 40 grasps of each instead of 120 or 1000.
     """
-    compared = arms(options.quick)
+    n, n_chosen = (N_QUICK,) * 2 if options.quick else (N_OTHERS, N_MARGIN)
+    chosen, restarted = Arm(round(TARGET, 2), n_chosen), Arm(TARGET, n, restarts=True)
+    others = {part: Arm(round(TARGET * part, 2), n) for part in _PARTS}
+    compared = [*(others | {1.0: chosen}).values(), restarted]
     jobs = [
         (arm, range(start, min(start + _BATCH, REPORTED_FROM + arm.n)))
         for arm in compared
         for start in range(REPORTED_FROM, REPORTED_FROM + arm.n, _BATCH)
     ]
     progress.begin(len(jobs))
-    found: dict[str, list[GraspResult]] = {arm.words: [] for arm in compared}
+    found: dict[Arm, list[GraspResult]] = {arm: [] for arm in compared}
     with executor(BENCH_WORKERS) as pool:
         measured = counted(pool.map(measure, *zip(*jobs, strict=True)), progress, "batch")
     for (arm, _), some in zip(jobs, measured, strict=True):
-        found[arm.words] += some
-    return report(found)
-
-
-def report(found: Mapping[str, Sequence[GraspResult]]) -> list[str]:
-    """Make the tables."""
-    chosen = _margin(round(TARGET, 2))
+        found[arm] += some
     return [
-        f"Grasps of 7 s ({seeds_in_words(len(found[chosen]), REPORTED_FROM)}; rows of fewer grasps use the "
+        f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; rows of fewer grasps use the "
         "first seeds). Grip over the least: the mean grip, divided by the mean of the smallest grip with "
         "which friction holds the object while it hangs freely, averaged over the grasps without a drop.",
-        aims_table(aims(found[chosen]), chosen),
-        table({"grip": words, **_numbers(some)} for words, some in found.items()),
+        aims_table(aims(found[chosen]), chosen.words),
+        table({"grip": arm.words, **_numbers(some)} for arm, some in found.items()),
         f"Grasps of the margin with target {TARGET:g}, by event.",
         _by_event(found[chosen]),
         f"The same, but the daemon is stopped after {RESTART_S:g} s, starts again {DOWN_S:g} s later, and "
         "then finds the object in the hand. No event begins before 3 s.",
-        _by_event(found[RESTARTED]),
+        _by_event(found[restarted]),
     ]
 
 

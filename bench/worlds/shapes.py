@@ -36,9 +36,8 @@ class PressureTable:
 
     def at(self, load_n: float) -> FloatArray:
         """Return the loads (nodes,) at a total load, where the object touched the pad."""
-        row, part = rows(np.array([load_n / self.usual_n]))
-        levels = self.node_n[_OFFSETS // 2]
-        return np.asarray(levels[row[0]] * (1 - part[0]) + levels[row[0] + 1] * part[0])
+        loads = MovingLoads([self]).at(np.array([load_n / self.usual_n]), np.zeros(1))
+        return np.asarray(loads[0])
 
 
 class MovingLoads:
