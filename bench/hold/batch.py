@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import FloatArray, load_array
 from tactiled.emulator.board import electronics
 from tactiled.emulator.mechanics.base import Surface
 from tactiled.emulator.mechanics.lumped import Lumped
@@ -19,33 +19,32 @@ from tactiled.emulator.scene.motion import SceneMotion
 from tactiled.emulator.scene.phases import FlatPlate, PressPhase
 from tactiled.emulator.scene.taxels import ChannelForces, offset_mm, taxel_shares
 
+ARRAY = load_array("wang2019-3x3")
 STEP_S = 1e-3  # a fifth of the period of the lightest object on the skin
 RATE_HZ = 100.0
 _STEPS = round(1 / RATE_HZ / STEP_S)
-_ADC_BITS, _ADC_V = 12, 3.0
+ADC_BITS, ADC_V = 12, 3.0  # of the 2019 circuit
 ALL_SLIDES = 0.99  # share of the contact area from which all of it slips
 
 
 class HeldBatch:
     """Held objects (e,) in grippers, all stepped together.
 
-    Scenes are of contact model lumped and of equal duration, with a held object without spring; the array has
-    side electrodes.
+    Scenes are of contact model lumped and of equal duration, with a held object without spring.
     """
 
-    def __init__(self, scenes: Sequence[Scene], array: Array) -> None:
-        self._array = array
+    def __init__(self, scenes: Sequence[Scene]) -> None:
         held = [scene.held_object for scene in scenes]
         plates = [scene.surface for scene in scenes]
         motions = [SceneMotion(scene) for scene in scenes]
-        e, t = len(scenes), array.n_taxels
+        e, t = len(scenes), ARRAY.n_taxels
         self.n_scans = round(scenes[0].duration_s * RATE_HZ)
         time_s: FloatArray = np.arange(self.n_scans * _STEPS + 1) * np.float64(STEP_S)
         drives = [motion.at(time_s) for motion in motions]
         self._scene_n = np.stack([drive.load_n for drive in drives])
         self._pull_n = np.stack([drive.pull_n for drive in drives])
         self._friction_part = np.stack([drive.friction_part for drive in drives])
-        self._share = np.concatenate([taxel_shares(motion, array) for motion in motions])
+        self._share = np.concatenate([taxel_shares(motion, ARRAY) for motion in motions])
         self._mass = np.array([1e-3 * h.mass_kg for h in held if h])  # N s2/mm
         self._fall_mm = np.array([h.fall_mm for h in held if h])
         self._most_n = np.array([h.grip_rate_n_s * STEP_S for h in held if h])
@@ -54,11 +53,11 @@ class HeldBatch:
         presses = [next(p.force_n for p in scene.phases if isinstance(p, PressPhase)) for scene in scenes]
         self._stiffness = np.array([stiffness_n_mm(force_n) for force_n in presses])
         self._at_rest = np.array([plate.friction * plate.static_ratio for plate in plates])
-        read = [ChannelForces(motion, array) for motion in motions]
+        read = [ChannelForces(motion, ARRAY) for motion in motions]
         self._area, self._gain = read[0].area, np.stack([one.gain for one in read])
         surface = _surfaces([plate for plate in plates if isinstance(plate, FlatPlate)], t)
         self._model = Lumped(surface, read[0].azimuth_deg, e * t)
-        places = np.stack([array.x_mm, array.y_mm], axis=-1)
+        places = np.stack([ARRAY.x_mm, ARRAY.y_mm], axis=-1)
         offsets = [offset_mm(plate, scene.seed) for plate, scene in zip(plates, scenes, strict=True)]
         self._base_mm = np.concatenate([places - offset for offset in offsets])
         self._electronics = scenes[0].electronics
@@ -129,18 +128,18 @@ class HeldBatch:
 
     def _volts(self) -> FloatArray:
         """Readings of the present contact, with noise and the converter's rounding."""
-        array, params = self._array, self._electronics
+        params = self._electronics
         side = (
-            self._felt.side_n.reshape(self._e, self._t, -1)[:, array.channel_taxel, self._area] * self._gain
+            self._felt.side_n.reshape(self._e, self._t, -1)[:, ARRAY.channel_taxel, self._area] * self._gain
         )
         quarter = electronics.quarter_n(side)
-        spread = electronics.spread_n(params, quarter, array.channel_taxel, array.azimuth_deg)
+        spread = electronics.spread_n(params, quarter, ARRAY.channel_taxel, ARRAY.azimuth_deg)
         crept = spread * electronics.creep_gain(params, self._crept_n)[:, None]
         volts = electronics.divider_v(params, electronics.conductance_s(params, crept))
-        volts = np.where(array.sign < 0, _ADC_V - volts, volts)
+        volts = np.where(ARRAY.sign < 0, ADC_V - volts, volts)
         noise = np.stack([rng.standard_normal(volts.shape[1]) for rng in self._rngs])
-        counts = electronics.adc_counts(volts + self._noise_v[:, None] * noise, _ADC_BITS, _ADC_V)
-        return np.asarray(counts * (_ADC_V / 2**_ADC_BITS))
+        counts = electronics.adc_counts(volts + self._noise_v[:, None] * noise, ADC_BITS, ADC_V)
+        return np.asarray(counts * (ADC_V / 2**ADC_BITS))
 
 
 def _surfaces(plates: Sequence[FlatPlate], taxels: int) -> Surface:

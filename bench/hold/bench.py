@@ -25,7 +25,6 @@ from bench.report import (
     seeds_in_words,
     table,
 )
-from tactiled.array import load_array
 from tactiled.client.grip_controller import TARGET, GripController
 from tactiled.emulator.scene.families.holding import EVENTS, hold
 from tactiled.jobs import executor
@@ -54,8 +53,7 @@ class Arm(NamedTuple):
 def measure(arm: Arm, seeds: range) -> list[GraspResult]:
     """Play grasps of some seeds."""
     controllers = [GripController(arm.target) for _ in seeds]
-    scenes, array = [hold(seed) for seed in seeds], load_array("wang2019-3x3")
-    return play(scenes, array, controllers, restarts=arm.restarts).results()
+    return play([hold(seed) for seed in seeds], controllers, restarts=arm.restarts).results()
 
 
 def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:

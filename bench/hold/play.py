@@ -7,8 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.hold.batch import ALL_SLIDES, RATE_HZ, HeldBatch
-from tactiled.array import Array, FloatArray
+from bench.hold.batch import ALL_SLIDES, ARRAY, RATE_HZ, HeldBatch
+from tactiled.array import FloatArray
 from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.emulator.scene.description import Scene
@@ -97,13 +97,7 @@ def reaction_s(slides: NDArray[np.bool_], command_n: FloatArray) -> float:
     return float(since + tighter[0] - begins[0]) / RATE_HZ if len(tighter) else float("inf")
 
 
-def play(
-    scenes: Sequence[Scene],
-    array: Array,
-    controllers: Sequence[Controller],
-    *,
-    restarts: bool = False,
-) -> Episodes:
+def play(scenes: Sequence[Scene], controllers: Sequence[Controller], *, restarts: bool = False) -> Episodes:
     """Play grasps with a controller for each.
 
     A command is given one scan after the scan whose message causes it: line, detector and socket take 10 ms.
@@ -112,7 +106,7 @@ def play(
     With `restarts`, the daemon is down from `RESTART_S` on for `DOWN_S`: there are no messages, the client
     says so after `STALE_AFTER_S`, and new detectors find the objects in the hand.
     """
-    batch = HeldBatch(scenes, array)
+    batch = HeldBatch(scenes)
     scan_s: FloatArray = np.arange(1, batch.n_scans + 1) / np.float64(RATE_HZ)
     down = range(round(RESTART_S * RATE_HZ), round((RESTART_S + DOWN_S) * RATE_HZ)) if restarts else range(0)
     stale = down[round(STALE_AFTER_S * RATE_HZ) :]
@@ -124,7 +118,7 @@ def play(
     sent = command.copy()
     for scan in range(batch.n_scans):
         if scan in (0, down.stop):
-            detectors = [build_suite(array, DetectParams(), topics=("grip",)) for _ in scenes]
+            detectors = [build_suite(ARRAY, DetectParams(), topics=("grip",)) for _ in scenes]
         volts = batch.scan()
         grip_n[scan] = batch.grip_n
         place_mm[scan] = np.hypot(*batch.place_mm.T)

@@ -12,13 +12,11 @@ import numpy as np
 
 from bench.report import NONE, grouped, ratio
 from bench.worlds.emulated import play, world_of
-from tactiled.array import load_array
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import begin, load_phase, log_uniform, made, slide_phase
 from tactiled.events.types import GripEvent
 
-ARRAY = load_array("wang2019-3x3")
 MINUTES_FROM = 7_000  # seeds
 _LENGTH_S, _TOLD_AFTER_S, _MOST_OF = 60.0, 0.5, 0.95
 _NOISE_V = (0.3e-3, 3e-3)
@@ -41,10 +39,10 @@ def read_minute(seed: int, slides: bool) -> Minute | None:
     unevenness = 0.0 if rng.random() < _EVEN else log_uniform(rng, 0.01, 0.15)
     noise_v = log_uniform(rng, *_NOISE_V)
     scene = _scene(slides, unevenness, noise_v, seed)
-    world = world_of("plates", "minute", seed, scene, play(scene, ARRAY), ARRAY)
+    world = world_of("plates", "minute", scene, play(scene))
     if world.slips != slides:  # friction at the place of a rest is that of a smoother one
         return None
-    events = GripDetector(ARRAY).process(world.block)
+    events = GripDetector(world.array).process(world.block)
     begin_s = world.gross_s[0] if slides else scene.duration_s - _LENGTH_S
     some = [
         event for event in events if isinstance(event, GripEvent) and event.time_s > begin_s + _TOLD_AFTER_S

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from bench.hold.batch import ALL_SLIDES, RATE_HZ
+from bench.hold.batch import ADC_BITS, ADC_V, ALL_SLIDES, ARRAY, RATE_HZ
 from bench.worlds.sensors import runs
 from bench.worlds.world import World, onsets, tenths_s
-from tactiled.array import Array, FloatArray
+from tactiled.array import FloatArray
 from tactiled.emulator.board.electronics import adc_counts
 from tactiled.emulator.board.noise import ScanNoise
 from tactiled.emulator.board.sensor import Sensor
@@ -18,7 +18,6 @@ from tactiled.emulator.scene.families.holding import START_N
 from tactiled.emulator.scene.truth import Truth
 from tactiled.samples.block import regular_block
 
-_ADC_BITS, _ADC_V = 12, 3.0  # of the 2019 circuit
 _CHANNEL_STEP_S = 250e-6
 _PIECE_SCANS = 64  # played at once: well within what a contact model keeps
 TOUCHING_N = 0.03 * START_N
@@ -41,12 +40,12 @@ class Played:
     slides: NDArray[np.bool_]  # (n,): all of the contact slides
 
 
-def play(scene: Scene, array: Array) -> Played:
+def play(scene: Scene) -> Played:
     """Play a scene without line and clock, with its noise; channels are read one after the other."""
-    sensor = Sensor(scene, array, adc_bits=_ADC_BITS, adc_reference_v=_ADC_V)
+    sensor = Sensor(scene, ARRAY, adc_bits=ADC_BITS, adc_reference_v=ADC_V)
     truth = Truth(scene, 0.0, sensor.contact)
     n = int(scene.duration_s * RATE_HZ) - 1
-    time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(array.n_channels)
+    time_s = np.arange(n)[:, np.newaxis] / RATE_HZ + _CHANNEL_STEP_S * np.arange(ARRAY.n_channels)
     volts, load, shear, shares, speed = [], [], [], [], []
     for first in range(0, n, _PIECE_SCANS):  # what is older than the newest seconds would be played anew
         some = time_s[first : first + _PIECE_SCANS]
@@ -62,7 +61,7 @@ def play(scene: Scene, array: Array) -> Played:
     # As in the contact model `lumped`: a slide that begins fast has no static peak.
     fall = np.exp(-(np.minimum(speed_mm_s / surface.stribeck_mm_s, 30.0) ** 2))
     return Played(
-        volts=adc_counts(clean + noise, _ADC_BITS, _ADC_V) * (_ADC_V / 2**_ADC_BITS),
+        volts=adc_counts(clean + noise, ADC_BITS, ADC_V) * (ADC_V / 2**ADC_BITS),
         load_n=load_n,
         shear_n=np.concatenate(shear),
         friction=surface.friction * (1.0 + (surface.static_ratio - 1.0) * fall),
@@ -70,7 +69,7 @@ def play(scene: Scene, array: Array) -> Played:
     )
 
 
-def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played, array: Array) -> World:
+def world_of(generator: str, hand: str, scene: Scene, played: Played) -> World:
     """Make a world of a scene that was played."""
     gross = runs(runs(played.slides, _GROSS_SCANS), _STICK_SCANS, of=False)
     touching = played.load_n > TOUCHING_N
@@ -78,16 +77,16 @@ def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played,
     ratio = np.hypot(*played.shear_n.T) / load
     borne = np.where(gross & played.slides, ratio, played.friction)  # friction falls with the speed
     used = np.where(touching, np.where(gross & played.slides, 1.0, np.minimum(ratio / borne, 1.0)), 0.0)
-    shown = _reading_ratio(array, played, ratio, used)
+    shown = _reading_ratio(played, ratio, used)
     near = used >= np.quantile(used[touching], _NEAREST)
     begins = onsets(gross)
     surface = scene.surface
     return World(
         generator=generator,
         hand=hand,
-        seed=seed,
+        seed=scene.seed,
         rate_hz=RATE_HZ,
-        array=array,
+        array=ARRAY,
         block=regular_block(played.volts, RATE_HZ),
         utilisation=used,
         gross=gross,
@@ -102,12 +101,12 @@ def world_of(generator: str, hand: str, seed: int, scene: Scene, played: Played,
     )
 
 
-def _reading_ratio(array: Array, played: Played, ratio: FloatArray, used: FloatArray) -> FloatArray:
+def _reading_ratio(played: Played, ratio: FloatArray, used: FloatArray) -> FloatArray:
     """Ratio of readings over that of forces (n,), where they tell it, and between."""
-    shear = np.hypot(*(array.shear_weights() @ played.volts.T).sum(axis=1))
-    load = (array.normal_weights() @ played.volts.T).sum(axis=0)
+    shear = np.hypot(*(ARRAY.shear_weights() @ played.volts.T).sum(axis=1))
+    load = (ARRAY.normal_weights() @ played.volts.T).sum(axis=0)
     tells = np.flatnonzero((used > _TOLD) & (played.load_n > _TOLD_N))
     if not len(tells):
-        return np.full(len(ratio), array.shear_per_friction)
+        return np.full(len(ratio), ARRAY.shear_per_friction)
     told = median_filter(shear[tells] / load[tells] / ratio[tells], _SMOOTH_SCANS, mode="nearest")
     return np.interp(np.arange(len(ratio)), tells, told)

@@ -16,7 +16,7 @@ from bench.hold.play import MOST_N, least_n
 from bench.worlds.emulated import TOUCHING_N, Played, world_of
 from bench.worlds.hands import log_uniform
 from bench.worlds.world import World
-from tactiled.array import Array, FloatArray, load_array
+from tactiled.array import FloatArray
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.holding import HOLD_S, LIFTED_S, START_N, hold
 
@@ -40,7 +40,6 @@ class _Move:
 class _Grasp:
     """Drawn grasp: the grip (scans,) to command in N, and how the gripper reacts when the object slides."""
 
-    seed: int
     hand: str
     scene: Scene
     goal_n: FloatArray
@@ -50,13 +49,12 @@ class _Grasp:
 
 def draw_worlds(seeds: range, _minutes: float, hands: tuple[str, ...] = ()) -> list[World]:
     """Play grasps of 7 s, whatever the minutes asked for."""
-    array = load_array("wang2019-3x3")
     grasps = [_draw(seed, hands or HANDS) for seed in seeds]
     found = []
     for first in range(0, len(grasps), _BATCH):
         some = grasps[first : first + _BATCH]
-        for grasp, played in zip(some, _play(some, array), strict=True):
-            found.append(world_of("grasps", grasp.hand, grasp.seed, grasp.scene, played, array))
+        for grasp, played in zip(some, _play(some), strict=True):
+            found.append(world_of("grasps", grasp.hand, grasp.scene, played))
     return found
 
 
@@ -73,7 +71,7 @@ def _draw(seed: int, hands: tuple[str, ...]) -> _Grasp:
         bears_n = float(least[scan:].max() if move.for_all else least[scan])
         goal += (move.factor * bears_n - goal) * _ramp(time_s, move)
     catch_s = log_uniform(rng, *_CATCH_S) if rng.random() < _CATCHES else np.inf
-    return _Grasp(seed, hand, scene, np.minimum(goal, MOST_N), catch_s * RATE_HZ, rng.uniform(1.1, 1.6))
+    return _Grasp(hand, scene, np.minimum(goal, MOST_N), catch_s * RATE_HZ, rng.uniform(1.1, 1.6))
 
 
 def _ramp(time_s: FloatArray, move: _Move) -> FloatArray:
@@ -122,9 +120,9 @@ COURSES: Mapping[str, Callable[[np.random.Generator], list[_Move]]] = {
 HANDS = (*("hold",) * 3, *("rest",) * 3, *("steps",) * 2, *("ease",) * 2, *("dips",) * 2)
 
 
-def _play(grasps: Sequence[_Grasp], array: Array) -> list[Played]:
+def _play(grasps: Sequence[_Grasp]) -> list[Played]:
     """Play a batch in simulated time, until each object falls."""
-    batch = HeldBatch([grasp.scene for grasp in grasps], array)
+    batch = HeldBatch([grasp.scene for grasp in grasps])
     goal_n = np.stack([grasp.goal_n for grasp in grasps], axis=1)
     catch_scans, tighter = (
         np.array([getattr(g, name) for g in grasps]) for name in ("catch_scans", "tighter")

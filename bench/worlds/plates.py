@@ -11,7 +11,6 @@ import numpy as np
 
 from bench.worlds.emulated import play, world_of
 from bench.worlds.world import World
-from tactiled.array import load_array
 from tactiled.emulator.scene.description import Scene
 from tactiled.emulator.scene.families.parts import (
     Document,
@@ -37,13 +36,12 @@ _STATIC = 0.3  # share of plates with more friction at rest
 
 def draw_worlds(seeds: range, minutes: float, hands: tuple[str, ...] = ()) -> list[World]:
     """Play scenes of so many minutes."""
-    array = load_array("wang2019-3x3")
     worlds = []
     for seed in seeds:
         rng = np.random.default_rng([59, seed])
         hand = str(rng.choice(hands or HANDS))
         scene = _scene(rng, hand, seed, 60 * minutes)
-        worlds.append(world_of("plates", hand, seed, scene, play(scene, array), array))
+        worlds.append(world_of("plates", hand, scene, play(scene)))
     return worlds
 
 

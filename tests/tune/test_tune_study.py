@@ -229,7 +229,7 @@ def test_emulated_scenes_from_files(tmp_path: Path, capsys: pytest.CaptureFixtur
     noise_v = 1e-3
     scenes = {"persistent-contact": undisturbed, "arm-acceleration": arm_acceleration}
     for name, family in scenes.items():
-        volts = play(with_noise(family(2), noise_v), ARRAY).volts
+        volts = play(with_noise(family(2), noise_v)).volts
         np.savez(tmp_path / f"{name}.npz", time_s=np.arange(len(volts)) / 100.0, volts=volts)
     judge(*read_pair(tmp_path / "persistent-contact.npz", tmp_path / "arm-acceleration.npz"), 60.0)
     out, err = capsys.readouterr()

@@ -6,22 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.hold.batch import RATE_HZ, STEP_S, HeldBatch
+from bench.hold.batch import ARRAY, RATE_HZ, STEP_S, HeldBatch
 from bench.hold.bench import aims
 from bench.hold.play import DOWN_S, RESTART_S, Episodes, GraspResult, least_n, play, reaction_s
-from tactiled.array import load_array
 from tactiled.client.subscriber import STALE_AFTER_S
 from tactiled.emulator.control import move_grip
 from tactiled.emulator.scene.contact import make_contact
 from tactiled.emulator.scene.families.holding import EVENTS, LIFTED_S, hold
 from tactiled.emulator.scene.motion import SceneMotion
 
-ARRAY = load_array("wang2019-3x3")
-
 
 def test_the_batch_moves_as_the_emulator_does() -> None:
     scenes = [hold(seed) for seed in (510, 511)]
-    batch = HeldBatch(scenes, ARRAY)
+    batch = HeldBatch(scenes)
     contacts = [make_contact(SceneMotion(scene), ARRAY) for scene in scenes]
     for scan in range(300):
         batch.scan()
@@ -38,7 +35,7 @@ def test_the_batch_moves_as_the_emulator_does() -> None:
 def test_twice_the_least_holds_a_lift_and_less_than_the_least_does_not() -> None:
     scenes = [scene for scene in map(hold, range(40)) if scene.description == "none"][:4]
     at_rest_s = np.array([LIFTED_S + 0.4])
-    batch = HeldBatch(scenes, ARRAY)
+    batch = HeldBatch(scenes)
     batch.command(np.array([2.0, 2.0, 0.9, 0.9]) * [least_n(scene, at_rest_s)[0] for scene in scenes])
     for _ in range(batch.n_scans):
         batch.scan()
@@ -88,7 +85,7 @@ class Listener:
 
 def test_a_daemon_that_restarts_is_silent_and_then_does_not_know_the_contact() -> None:
     listener = Listener()
-    episodes = play([hold(500)], ARRAY, [listener], restarts=True)
+    episodes = play([hold(500)], [listener], restarts=True)
     times_s = [at_s for at_s, _ in listener.heard]
     silent = int(np.argmax(np.diff(times_s)))
     assert times_s[silent] < RESTART_S <= times_s[silent] + 1 / RATE_HZ

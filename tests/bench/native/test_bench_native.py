@@ -13,7 +13,6 @@ from cpp import HEADERS, need_native
 from bench.hold.play import play
 from bench.native import bench, node
 from bench.processes import compile_program
-from tactiled.array import load_array
 from tactiled.client.grip_controller import GripController
 from tactiled.emulator.scene.families.holding import hold
 
@@ -107,6 +106,6 @@ def test_the_controller_of_cpp_holds_as_that_of_python(program: Path) -> None:
     with ExitStack() as stack:
         of_cpp = [ControllerOfCpp(program, stack) for _ in scenes]
         of_python = [GripController() for _ in scenes]
-        episodes = play(scenes * 2, load_array("wang2019-3x3"), [*of_cpp, *of_python], restarts=True)
+        episodes = play(scenes * 2, [*of_cpp, *of_python], restarts=True)
     np.testing.assert_array_equal(episodes.command_n[:, :2], episodes.command_n[:, 2:])
     assert not episodes.dropped.any()
