@@ -5,8 +5,8 @@ from functools import partial
 
 import numpy as np
 
-from bench.texture.signal import AMPLITUDE_VOLTS, LEVEL_VOLTS, ArrayResponse, scan_times_s, sensed_by
-from tactiled.array import Array, FloatArray
+from bench.texture.signal import AMPLITUDE_VOLTS, ARRAY, LEVEL_VOLTS, ArrayResponse, scan_times_s, sensed_by
+from tactiled.array import FloatArray
 
 SNR_DB = 30.0  # ripples of 20 mV over 0.45 mV of noise: the emulated board has 0.3
 SPEED_MM_S = 1.5  # along +x
@@ -14,11 +14,11 @@ WINDOW_S = 5.0
 _WAVES = 300  # of which a random surface is the sum
 
 
-def readings(name: str, array: Array, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def readings(name: str, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Return volts (n, channels) over one of `SURFACES`, and when in a scan channels are sampled."""
-    sensed, time_s = sensed_by(array, rng, SNR_DB), scan_times_s(WINDOW_S)
-    level = LEVEL_VOLTS * rng.uniform(0.9, 1.1, array.n_channels)
-    noise = sensed.noise_volts * rng.standard_normal((len(time_s), array.n_channels))
+    sensed, time_s = sensed_by(rng, SNR_DB), scan_times_s(WINDOW_S)
+    level = LEVEL_VOLTS * rng.uniform(0.9, 1.1, ARRAY.n_channels)
+    noise = sensed.noise_volts * rng.standard_normal((len(time_s), ARRAY.n_channels))
     return level + SURFACES[name](sensed, time_s, rng) + noise, sensed.offset_s
 
 

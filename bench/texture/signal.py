@@ -28,8 +28,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array, FloatArray
+from tactiled.array import FloatArray, load_array
 
+ARRAY = load_array("wang2019-3x3")
 RATE_HZ = 100.0  # the board's
 LEVEL_VOLTS = 1.2  # of a hold of 20 N
 AMPLITUDE_VOLTS = 0.02  # of the ripple at 1.2 mm: the paper's curves
@@ -97,23 +98,16 @@ class Grating:
         return abs(self.wave.frequency_hz) * len(self.time_s) / RATE_HZ
 
 
-def kinds_of(array: Array) -> NDArray[np.int64]:
-    """Return the number of each channel's kind: channels of equal kind and azimuth share one."""
-    azimuth = np.nan_to_num(array.azimuth_deg, nan=-1.0)
-    names = list(zip(array.channel_kind, azimuth.tolist(), strict=True))
-    return np.array([sorted(set(names)).index(name) for name in names], dtype=np.int64)
-
-
-def sensed_by(array: Array, rng: np.random.Generator, snr_db: float) -> ArrayResponse:
-    """Response of an array whose channels all ripple alike, each kind at a phase of its own.
+def sensed_by(rng: np.random.Generator, snr_db: float) -> ArrayResponse:
+    """Response of the array, whose channels all ripple alike, each kind at a phase of its own.
 
     The signal-to-noise ratio is ``10 log10(amplitude^2 / (2 sigma^2))`` of each channel.
     """
-    kind = kinds_of(array)
+    _, kind = np.unique(ARRAY.azimuth_deg, return_inverse=True)
     return ArrayResponse(
-        x_mm=array.x_mm[array.channel_taxel],
-        y_mm=array.y_mm[array.channel_taxel],
-        offset_s=_CHANNEL_STEP_S * np.arange(array.n_channels, dtype=np.float64),
+        x_mm=ARRAY.x_mm[ARRAY.channel_taxel],
+        y_mm=ARRAY.y_mm[ARRAY.channel_taxel],
+        offset_s=_CHANNEL_STEP_S * np.arange(ARRAY.n_channels, dtype=np.float64),
         kind=kind,
         phase_rad=rng.uniform(-np.pi, np.pi, kind.max() + 1),
         amplitude_volts=AMPLITUDE_VOLTS,
@@ -136,15 +130,15 @@ def draw_wave(rng: np.random.Generator) -> Wave:
 
 
 def draw_grating(
-    array: Array, rng: np.random.Generator, window_s: float, snr_db: float, min_periods: float = 0.0
+    rng: np.random.Generator, window_s: float, snr_db: float, min_periods: float = 0.0
 ) -> Grating:
     """Draw a window with at least so many periods."""
     wave = draw_wave(rng)
     while abs(wave.frequency_hz) < min_periods / window_s:
         wave = draw_wave(rng)
-    sensed = sensed_by(array, rng, snr_db)
-    slope = _LARGEST_DRIFT * AMPLITUDE_VOLTS * rng.uniform(-1, 1, array.n_channels)
-    level = LEVEL_VOLTS * rng.uniform(0.9, 1.1, array.n_channels)
+    sensed = sensed_by(rng, snr_db)
+    slope = _LARGEST_DRIFT * AMPLITUDE_VOLTS * rng.uniform(-1, 1, ARRAY.n_channels)
+    level = LEVEL_VOLTS * rng.uniform(0.9, 1.1, ARRAY.n_channels)
     return Grating(wave, sensed, np.column_stack([level, slope]), scan_times_s(window_s))
 
 

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.texture import grooveless
-from bench.texture.signal import RATE_HZ, Bound, Wave, bound, draw_grating, readings
-from tactiled.array import FloatArray, load_array
+from bench.texture.signal import ARRAY, RATE_HZ, Bound, Wave, bound, draw_grating, readings
+from tactiled.array import FloatArray
 from tactiled.detect.grooves.fit import fit_wave
 from tactiled.detect.grooves.model import WaveMotion, channel_layout
 from tactiled.detect.grooves.outcome import GrooveAnswer, Refusal
@@ -21,7 +21,6 @@ from tactiled.detect.grooves.window import FitWindow
 
 Quantity = Literal["period", "angle"]
 QUANTITIES: tuple[Quantity, ...] = ("period", "angle")
-ARRAY = load_array("wang2019-3x3")
 MIN_PERIODS = 3.0  # in a window: the aims are stated from here on
 _WRONG_TURNS = 0.25
 _FREE_EVERY = 5  # one trial of the grid in five may have fewer periods
@@ -101,7 +100,7 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
     """Ask the joint fit for a drawn grating in white noise."""
     rng = np.random.default_rng([seed, round(10 * window_s), round(snr_db) + 100, is_speed_known])
     periods = 0.0 if seed % _FREE_EVERY == _FREE_EVERY - 1 else MIN_PERIODS
-    grating = draw_grating(ARRAY, rng, window_s, snr_db, periods)
+    grating = draw_grating(rng, window_s, snr_db, periods)
     volts = readings(grating, rng)
     answer = joint(volts, grating.sensed.offset_s, grating.wave, is_speed_known=is_speed_known)
     least = bound(grating.wave, grating.sensed, grating.time_s, is_speed_known=is_speed_known)
@@ -112,7 +111,7 @@ def grid_trial(window_s: float, snr_db: float, is_speed_known: bool, seed: int) 
 def grooveless_trial(name: str, is_speed_known: bool, seed: int) -> Trial:
     """Ask the joint fit for the grating of a surface without one: any answer is wrong."""
     rng = np.random.default_rng([seed, *name.encode(), is_speed_known])
-    volts, offset_s = grooveless.readings(name, ARRAY, rng)
+    volts, offset_s = grooveless.readings(name, rng)
     slide = Wave(1.0, 0.0, grooveless.SPEED_MM_S)  # of which the period is not asked
     answer = joint(volts, offset_s, slide, is_speed_known=is_speed_known)
     return Trial(grooveless.WINDOW_S, is_speed_known, answer.status, is_wrong=answer.status == "ok")

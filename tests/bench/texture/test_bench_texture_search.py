@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from bench.texture.signal import Grating, Wave, bound, draw_grating, readings
 from bench.texture.trials import joint
-from tactiled.array import FloatArray, load_array
+from tactiled.array import FloatArray
 from tactiled.detect.grooves.outcome import GrooveAnswer
 
 _FINEST = 2.0  # turns a millimetre: a period of 0.5 mm
@@ -97,7 +97,7 @@ def _polish(case: Grating, volts: FloatArray, per_mm: FloatArray) -> tuple[Float
 @pytest.mark.parametrize(("window_s", "snr_db", "seed"), [(1.0, 20.0, 0), (2.0, 10.0, 1), (2.0, 0.0, 2)])
 def test_search_finds_what_the_estimator_finds(window_s: float, snr_db: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    case = draw_grating(load_array("wang2019-3x3"), rng, window_s, snr_db, 3.0)
+    case = draw_grating(rng, window_s, snr_db, 3.0)
     volts = readings(case, rng)
     found, _ = search(case, volts)
     said = joint(volts, case.sensed.offset_s, case.wave, is_speed_known=True)

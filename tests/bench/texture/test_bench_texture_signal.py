@@ -19,9 +19,7 @@ from bench.texture.signal import (
     turns,
     wave_volts,
 )
-from tactiled.array import FloatArray, load_array
-
-ARRAY = load_array("wang2019-3x3")
+from tactiled.array import FloatArray
 
 
 def column(snr_db: float) -> ArrayResponse:
@@ -74,7 +72,7 @@ def test_what_cannot_be_known_is_infinite() -> None:
     assert np.isinf(least).all()
     one = ArrayResponse(**vars(column(20.0)) | {"y_mm": np.zeros(3)})
     assert np.isinf(bound(Wave(1.2, 15.0, 1.0), one, scans(10), is_speed_known=True).angle_sd_deg)
-    whole = sensed_by(ARRAY, np.random.default_rng(0), 20.0)
+    whole = sensed_by(np.random.default_rng(0), 20.0)
     known = bound(Wave(1.2, 15.0, 1.0), whole, scans(10), is_speed_known=False)
     assert np.isfinite(known).all()
 
@@ -89,7 +87,7 @@ def test_what_cannot_be_known_is_infinite() -> None:
 def test_more_is_never_worse(period_mm: float, angle_deg: float, speed_mm_s: float, seed: int) -> None:
     wave = Wave(period_mm, angle_deg, speed_mm_s)
     rng = np.random.default_rng(seed)
-    plain = sensed_by(ARRAY, rng, 20.0)
+    plain = sensed_by(rng, 20.0)
     quiet = ArrayResponse(**vars(plain) | {"noise_volts": plain.noise_volts / 10})
     known = bound(wave, plain, scans(4), is_speed_known=True)
     unknown = bound(wave, plain, scans(4), is_speed_known=False)
@@ -105,7 +103,7 @@ def test_more_is_never_worse(period_mm: float, angle_deg: float, speed_mm_s: flo
 def test_derivatives_are_those_of_the_signal() -> None:
     # The information about D alone, all else known, from differences of the signal itself.
     rng = np.random.default_rng(3)
-    sensed = sensed_by(ARRAY, rng, 20.0)
+    sensed = sensed_by(rng, 20.0)
     wave, time_s, step = Wave(1.7, 25.0, 1.3, 10.0), scans(3), 1e-6
     ends = [wave_volts(Wave(1.7 + d, 25.0, 1.3, 10.0), sensed, time_s) for d in (step, -step)]
     alone = 1 / np.linalg.norm((ends[0] - ends[1]) / (2 * step) / sensed.noise_volts)
@@ -115,7 +113,7 @@ def test_derivatives_are_those_of_the_signal() -> None:
 
 def test_signal_is_its_own_model() -> None:
     rng = np.random.default_rng(1)
-    sensed = sensed_by(ARRAY, rng, 20.0)
+    sensed = sensed_by(rng, 20.0)
     wave, time_s = Wave(1.2, 30.0, 1.0), scans(20)
     flat = np.column_stack([np.full(36, LEVEL_VOLTS), np.zeros(36)])
     volts = readings(Grating(wave, sensed, flat, time_s), rng)

@@ -19,7 +19,7 @@ ARRAY = load_array("wang2019-3x3")
 
 
 def grating(seed: int = 0, window_s: float = 2.0) -> Grating:
-    return draw_grating(ARRAY, np.random.default_rng(seed), window_s, 20.0, 3.0)
+    return draw_grating(np.random.default_rng(seed), window_s, 20.0, 3.0)
 
 
 def answer(wave: Wave, period_mm: float = 0.0, angle_deg: float = 0.0) -> GrooveAnswer:
