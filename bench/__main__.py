@@ -12,33 +12,35 @@ from tactiled.cli import run_command
 from tactiled.cli.options import FILE, FILES
 from tactiled.progress import ProgressBar
 
-_WORLDS = ("tactiled/detect", "bench/worlds", "packages/emulator")
+_WORLDS = ("tactiled/detect", "bench/worlds", "bench/hold", "packages/emulator")
 _FILTER = (*_WORLDS, "config/learnt")
+_LIVE = ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
 
 
 class Bench(NamedTuple):
-    """Module with a function `bench_NAME(progress, options)`, and the paths of what it measures."""
+    """Module with `bench_NAME(progress, options)`, and the paths of what measures and of what is measured."""
 
     module: str
     code: tuple[str, ...]
 
 
 BENCHES = {
-    "clock": Bench("bench.clock", ("tactiled/samples", "tactiled/wire")),
-    "latency": Bench(
-        "bench.latency.bench", ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
-    ),
-    "native": Bench("bench.native.bench", ("protocols/cpp",)),
-    "throughput": Bench(
-        "bench.throughput.bench", ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
-    ),
-    "slip": Bench("bench.slip.bench", _FILTER),
-    "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train")),  # it trains its own
-    "hands": Bench("bench.grip.hands", _FILTER),
+    "clock": Bench("bench.clock", ("tactiled/samples", "tactiled/wire", "bench/clock.py")),
+    "latency": Bench("bench.latency.bench", (*_LIVE, "bench/latency")),
+    "native": Bench("bench.native.bench", ("protocols/cpp", "bench/native")),
+    "throughput": Bench("bench.throughput.bench", (*_LIVE, "bench/throughput")),
+    "slip": Bench("bench.slip.bench", (*_FILTER, "bench/slip")),
+    "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train", "bench/grip")),  # it trains its own
+    "hands": Bench("bench.grip.hands", (*_FILTER, "bench/grip", "bench/slip/cases.py")),
     "hold": Bench("bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py")),
-    "texture": Bench("bench.texture.bench", ("tactiled/detect/grooves",)),
-    "recordings": Bench("bench.recordings.bench", ("tactiled/detect", "tactiled/force", "config/learnt")),
-    "machine": Bench("bench.machine.bench", ("packages/debian", "systemd", "tactiled/setup")),
+    "texture": Bench("bench.texture.bench", ("tactiled/detect/grooves", "bench/texture")),
+    "recordings": Bench(
+        "bench.recordings.bench",
+        ("tactiled/detect", "tactiled/force", "packages/calibration", "config/learnt", "bench/recordings"),
+    ),
+    "machine": Bench(
+        "bench.machine.bench", ("packages/debian", "systemd", "tactiled/setup", "bench/machine")
+    ),
 }
 
 
