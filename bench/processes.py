@@ -21,12 +21,13 @@ START_S = 120.0  # a cold start of the interpreter on a busy machine
 _CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
 
 
-def compile_program(folder: Path, source: Path) -> Path:
-    """Compile a program in C into a folder."""
-    if shutil.which("cc") is None:
-        raise OperatorError(f"{source.name} needs a compiler: sudo apt install gcc")
+def compile_program(folder: Path, source: Path, *flags: str) -> Path:
+    """Compile a program in C or C++ into a folder; flags follow its source, as libraries must."""
+    compiler = "cc" if source.suffix == ".c" else "c++"
+    if shutil.which(compiler) is None:
+        raise OperatorError(f"{source.name} needs a compiler: sudo apt install gcc g++")
     program = folder / source.stem
-    command = ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(source)]
+    command = [compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(source), *flags]
     subprocess.run(command, check=True)
     return program
 
