@@ -2,12 +2,18 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from tactiled.cli.options import BOARD, CONFIGS, FILE, JSON, KEYS, PORT, need_board, need_named, need_toml
+
+if TYPE_CHECKING:
+    from tactiled.config import Setup
+    from tactiled.daemon.runner import ServedBoard
 
 
 @click.command()
@@ -25,12 +31,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     need_board(configs[0] if configs else None, port)
     need_toml(*(path for path in configs if not path.is_dir()))
     from tactiled.config import config_files, default_config, load_config, load_configs
-    from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
-    from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.runner import ServedBoard
-    from tactiled.daemon.service import run_service
-    from tactiled.detect.grooves import window_fits
 
     set_up(10 if verbose else 20)
     files = config_files(configs)
@@ -43,6 +44,26 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
         setups = [default_config(port or "")]
     else:
         setups = [load_config(files[0], port)] if len(files) == 1 else load_configs(files)
+    serve(setups, recording)
+
+
+def serve(
+    setups: Sequence["Setup"],
+    recording: Path | None,
+    duration_s: float | None = None,
+    *,
+    only_records: bool = False,
+) -> list["ServedBoard"]:
+    """Run the daemon for some boards until it is stopped; return the boards.
+
+    With `only_records`, it is an error (`DataError`) if the recording cannot be begun.
+    """
+    from tactiled.daemon.operations.background import BackgroundWorker
+    from tactiled.daemon.operations.recorder import Recorder
+    from tactiled.daemon.runner import ServedBoard
+    from tactiled.daemon.service import run_service
+    from tactiled.detect.grooves import window_fits
+
     with ExitStack() as stack:
         worker = stack.enter_context(BackgroundWorker(window_fits.load))
         boards = [
@@ -54,10 +75,13 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
             for setup in setups
         ]
         try:
-            run_service(boards)
+            if only_records:
+                boards[0].recorder.check()
+            run_service(boards, duration_s)
         finally:
             for board in boards:  # the files of all boards end at the same time
                 board.recorder.finish()
+    return boards
 
 
 @click.command()

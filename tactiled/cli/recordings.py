@@ -1,10 +1,12 @@
 """Commands on recordings: record, replay, recover, export."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
+from tactiled.cli.live import serve
 from tactiled.cli.options import CONFIG, FILE, PORT, need_board, need_readable, need_toml
 from tactiled.progress import ProgressBar
 
@@ -31,25 +33,14 @@ def record(file: Path, config: Path | None, port: str | None, duration_s: float 
     need_board(config, port)
     need_toml(config)
     from tactiled.config import default_config, load_config
-    from tactiled.daemon.operations.background import BackgroundWorker
     from tactiled.daemon.operations.log import set_up
-    from tactiled.daemon.operations.recorder import Recorder
-    from tactiled.daemon.runner import ServedBoard
-    from tactiled.daemon.service import run_service
-    from tactiled.detect.grooves import window_fits
+    from tactiled.daemon.zmq.params import PublishParams
 
     set_up(20)
     setup = default_config(port or "") if config is None else load_config(config, port)
-    params = setup.config.without_publishing()
-    with (
-        BackgroundWorker(window_fits.load) as worker,
-        Recorder(setup.config.record, setup.recording_header(), file) as recorder,
-    ):
-        pipeline = setup.make_pipeline(worker)
-        recorder.check()
-        boards = [ServedBoard(params, pipeline, recorder)]
-        run_service(boards, duration_s)
-    n_scans = pipeline.health().scans
+    alone = setup.config.model_copy(update={"publish": PublishParams(endpoints=())})
+    [board] = serve([replace(setup, config=alone)], file, duration_s, only_records=True)
+    n_scans = board.pipeline.health().scans
     click.echo(f"{file}: {n_scans} scans", err=True)
     sys.exit(0 if n_scans else 1)
 

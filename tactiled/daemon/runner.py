@@ -19,10 +19,10 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 from tactiled.daemon.board.host_load import LoopTurns
-from tactiled.daemon.board.link import STOP_S, make_link
+from tactiled.daemon.board.link import STOP_S, BoardLink
 from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.clock import EpochClock
 from tactiled.daemon.operations.exporter import MetricsParams
@@ -60,10 +60,6 @@ class ServiceParams(Params):
     session: SessionParams = SessionParams()
     publish: PublishParams = PublishParams()
     metrics: MetricsParams = MetricsParams()
-
-    def without_publishing(self) -> Self:
-        """Return a copy without endpoints, for a program that only records."""
-        return self.model_copy(update={"publish": PublishParams(endpoints=())})
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class BoardRunner:
         self._pipeline = pipeline
         self._encoder = Encoder(pipeline.layout)
         baud = params.port.baud or pipeline.layout.file.baud
-        self._link = make_link(pipeline, params.session, baud, shared.turns)
+        self._link = BoardLink(pipeline, params.session, baud, shared.turns)
         session = self._session = self._link.session
         self._connection = Connection(params.port.url, baud)
         self.metrics = Metrics(pipeline.health, self._line_errors, lambda: session.board_serial)
@@ -317,7 +313,7 @@ class BoardRunner:
         """Publish an event of the pipeline; the recorder gets it through `_record_read`, with its bytes."""
         serial, publisher = self.serial, self._shared.publisher
         publisher.send(event, board=serial, unix_offset_s=self._shared.clock.offset_s)
-        self.metrics.count(event, publisher.dropped[serial])
+        self.metrics.count(event, publisher.server.dropped[serial])
 
     def _publish_and_record(self, event: Event) -> None:
         """Publish and record an event that the daemon itself made."""

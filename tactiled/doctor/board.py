@@ -14,7 +14,7 @@ from typing import Any
 from tactiled import resources
 from tactiled.config import Setup
 from tactiled.daemon.board.diagnosis import SEARCH_ADVICE
-from tactiled.daemon.board.link import STOP_S, make_link
+from tactiled.daemon.board.link import STOP_S, BoardLink
 from tactiled.daemon.serial.device import is_url
 from tactiled.daemon.serial.port import SerialPort, open_port_in_thread
 from tactiled.doctor.finding import Finding, split
@@ -72,7 +72,7 @@ async def _listen(setup: Setup, url: str, baud: int) -> BoardObservation:
     """
     layout, pipeline = setup.layout, setup.make_pipeline()
     listen_s = LISTEN_S + (RateMeter.LEAST_S if layout.measures_rate else 0.0)
-    link = make_link(pipeline, setup.config.session, baud)
+    link = BoardLink(pipeline, setup.config.session, baud)
     session, encoder = link.session, Encoder(layout)
     began_s = time.monotonic()
     scans_s: list[float] = []

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from tactiled.array import Array
-from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import SessionParams
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.suite import DetectParams
@@ -70,7 +70,7 @@ class SimulatedLink:
         )
         seldom = DetectParams(texture=JointParams(hop_s=10.0))  # fits take more time than all the rest
         self.pipeline = Pipeline(layout, array, PipelineParams(detect=seldom))
-        self.link = make_link(self.pipeline, session or SessionParams(), layout.file.baud)
+        self.link = BoardLink(self.pipeline, session or SessionParams(), layout.file.baud)
         self.session = self.link.session
         self.connects = 0
         self.bytes_read = 0

@@ -41,17 +41,18 @@ RecordRead = Callable[[bytes, Sequence[Output], float], None]
 
 
 class BoardLink:
-    """Connect pipeline, session and line diagnosis of one board; `line` is the one of the session."""
+    """Connect pipeline, session and line diagnosis of one board; raises as `Session`."""
 
     def __init__(
-        self, pipeline: Pipeline, session: Session, line: LineWatch, turns: LoopTurns | None = None
+        self, pipeline: Pipeline, params: SessionParams, baud: int, turns: LoopTurns | None = None
     ) -> None:
+        layout, array = pipeline.layout, pipeline.array
+        self._line = LineWatch(layout.name, baud)
         self.pipeline = pipeline
-        self.session = session
+        self.session = Session(params, layout, lambda hello: check_hello(hello, layout, array), self._line)
         self.warnings: dict[str, str] = {}
         """Faults at the newest status that do not stop the scans, by cause: line, clock, port, zero, host."""
         self._load = HostLoad(turns or LoopTurns())
-        self._line = line
         self._patience_s = SILENT_S
         self._watched_s, self._awake_s = math.inf, -math.inf
 
@@ -219,16 +220,3 @@ class BoardLink:
             tactiled_version=__version__,
             zero=() if zero is None else tuple(np.nan_to_num(zero).tolist()),
         )
-
-
-def make_link(
-    pipeline: Pipeline,
-    params: SessionParams,
-    baud: int,
-    turns: LoopTurns | None = None,
-) -> BoardLink:
-    """Make the link to the board that `pipeline` was made for; raises as `Session`."""
-    layout, array = pipeline.layout, pipeline.array
-    line = LineWatch(layout.name, baud)
-    session = Session(params, layout, lambda hello: check_hello(hello, layout, array), line)
-    return BoardLink(pipeline, session, line, turns)

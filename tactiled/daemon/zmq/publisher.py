@@ -10,7 +10,6 @@ Endpoints with keys are PUB sockets of libzmq.
 import secrets
 import time
 from collections import Counter, OrderedDict, defaultdict, deque
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
@@ -222,14 +221,6 @@ class Publisher:
         """Return the numbers of messages of a board so far, by topic."""
         topics = Sent.__dataclass_fields__
         return Sent(**{topic: self._next_seq.get((board, topic), 0) for topic in topics})
-
-    @property
-    def dropped(self) -> Mapping[str, int]:
-        """Number of messages dropped for slow subscribers of plain endpoints, by board.
-
-        Subscribers see them as lost. What libzmq drops at endpoints with keys it does not count.
-        """
-        return self.server.dropped
 
     def close(self) -> None:
         """Send queued events, then close."""

@@ -18,9 +18,8 @@ from daemons import ARRAY, Daemon, play
 from patience import PATIENCE_S
 
 from tactiled.array import Array
-from tactiled.daemon.board.diagnosis import LineWatch
 from tactiled.daemon.board.link import SILENT_S, BoardLink
-from tactiled.daemon.board.session import Session, SessionParams
+from tactiled.daemon.board.session import SessionParams
 from tactiled.daemon.operations.recorder import Recorder
 from tactiled.daemon.serial import device
 from tactiled.daemon.serial.port import PortParams
@@ -157,9 +156,7 @@ def test_a_connection_that_delivers_nothing_is_reopened(tmp_path: Path) -> None:
 
 
 def bare_link(array: Array = ARRAY) -> BoardLink:
-    line = LineWatch(LAYOUT.name, LAYOUT.file.baud)
-    session = Session(SessionParams(), LAYOUT, lambda _: None, line)
-    return BoardLink(Pipeline(LAYOUT, array), session, line)
+    return BoardLink(Pipeline(LAYOUT, array), SessionParams(), LAYOUT.file.baud)
 
 
 def test_a_silent_port_is_reopened_at_growing_intervals() -> None:

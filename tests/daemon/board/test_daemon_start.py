@@ -3,7 +3,7 @@
 import pytest
 
 from tactiled.array import load_array
-from tactiled.daemon.board.link import make_link
+from tactiled.daemon.board.link import BoardLink
 from tactiled.daemon.board.session import SessionParams
 from tactiled.emulator.board.scanning import ScanTruth
 from tactiled.emulator.port import EmulatedPort
@@ -24,7 +24,7 @@ class Cable:
         self.taken: list[ScanTruth] = []
         self.events: list[Event] = []
         self.sent: list[tuple[float, str]] = []
-        self.link = make_link(Pipeline(TSF, load_array("tsf-85")), SessionParams(), TSF.file.baud)
+        self.link = BoardLink(Pipeline(TSF, load_array("tsf-85")), SessionParams(), TSF.file.baud)
         self.board = EmulatedPort(named_scene("rest"), TSF, power_up_s=100.0, on_scan=self.taken.append)
         self.now_s = 101.0
         self.board.advance(self.now_s)

@@ -137,7 +137,7 @@ def test_a_suspended_subscriber_delays_nobody_and_wakes_to_the_newest_messages(i
         n_lost = 10_000 - len(slept)
         assert n_lost > 10_000 - 3 * n_queued
         assert slept[-1000:] == list(range(9000, 10_000))
-        assert running.publisher.dropped == {"TS0001": n_lost}
+        assert running.publisher.server.dropped == {"TS0001": n_lost}
 
     play(ipc, story)
 
