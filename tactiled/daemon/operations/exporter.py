@@ -5,7 +5,6 @@ and the data path never waits for any of them.
 """
 
 import asyncio
-import contextlib
 import logging
 import os
 import socket
@@ -78,9 +77,9 @@ class Exporter:
         self._writers.add(writer)
         try:
             async with asyncio.timeout(_PATIENCE_S):
-                request_line = await _request_line(reader)
+                head = await reader.readuntil(b"\r\n\r\n")
                 await self._limit.wait()
-                writer.write(self._answer(request_line))
+                writer.write(self._answer(head.decode(errors="replace")))
                 await writer.drain()
                 writer.close()
                 await writer.wait_closed()
@@ -90,22 +89,14 @@ class Exporter:
             writer.transport.abort()
             self._writers.discard(writer)
 
-    def _answer(self, request_line: str) -> bytes:
-        method, _, rest = request_line.partition(" ")
+    def _answer(self, request: str) -> bytes:
+        method, _, rest = request.partition("\r\n")[0].partition(" ")
         path = rest.split(" ")[0].split("?")[0]
         if method != "GET":
             return _response("405 Method Not Allowed", "only GET\n")
         if path != "/metrics":
             return _response("404 Not Found", "only /metrics\n")
         return _response("200 OK", self._text())
-
-
-async def _request_line(reader: asyncio.StreamReader) -> str:
-    """First line of a request, after all of its header was received."""
-    head = await reader.readuntil(b"\r\n\r\n")
-    with contextlib.suppress(ValueError):
-        return head.split(b"\r\n", 1)[0].decode("ascii")
-    return ""
 
 
 def _response(status: str, text: str) -> bytes:

@@ -34,6 +34,7 @@ _LOG_PERIOD_S = 1.0  # of the counts of repeated conditions
 _HIGH_WATER = 16
 # Parts of a request: number of a correlating REQ, empty part of a REQ, payload.
 _MOST_PARTS = 3
+_SEVERAL = "a request of several frames: send one"
 # The longest reply is kept for a client, or eight with missed messages. A request costs some 0.3 ms at most.
 BOUNDS = Bounds(LONGEST_BYTES, LONGEST_REPLY_BYTES + 1024, steps_per_s=500.0)
 
@@ -41,8 +42,7 @@ BOUNDS = Bounds(LONGEST_BYTES, LONGEST_REPLY_BYTES + 1024, steps_per_s=500.0)
 @dataclass
 class _Connection:
     name: str
-    parts: list[bytes] = field(default_factory=list)
-    n_parts: int = 0
+    parts: list[bytes] = field(default_factory=list)  # of a request that is not complete
 
 
 class RequestServer(PeerServer):
@@ -62,22 +62,20 @@ class RequestServer(PeerServer):
         connection = self._connections.get(peer)
         if connection is None:
             connection = self._connections[peer] = _Connection(f"{next(self._numbers)} of {peer}")
-        connection.n_parts += 1
-        if connection.n_parts <= _MOST_PARTS:
+        if len(connection.parts) <= _MOST_PARTS:  # with one more, there are too many
             connection.parts.append(value.body)
         if value.more:
             return False
         self._answer(peer, connection)
-        connection.parts, connection.n_parts = [], 0
+        connection.parts = []
         return True
 
     def _answer(self, peer: Peer, connection: _Connection) -> None:
         now_s = time.monotonic()
         *envelope, payload = connection.parts
-        if connection.n_parts > _MOST_PARTS or (envelope and envelope[-1]):
-            self._control.bad.add(f"{connection.n_parts} frames: send one", now_s)
+        if len(envelope) >= _MOST_PARTS or (envelope and envelope[-1]):
+            self._control.bad.add(_SEVERAL, now_s)
             return
-
         requester = Requester(
             connection=connection.name,
             uid=peer.uid,
@@ -186,9 +184,8 @@ class GuardedRequestServer:
         *envelope, payload = (frame.bytes for frame in frames)
         n_parts = len(frames) - 1  # behind the identity, which libzmq puts first
         if not 0 < n_parts <= _MOST_PARTS or (n_parts > 1 and envelope[-1]):
-            self._control.bad.add(f"{n_parts} frames: send one", now_s)
+            self._control.bad.add(_SEVERAL, now_s)
             return
-
         reply = self._control.answer(payload, self._requester(envelope[0], frames[-1]), now_s)
         # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
         sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
