@@ -153,9 +153,8 @@ def command(name: str, fields: tuple[str, ...], endpoint: str | None, board: str
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option("--array", help="Array file of a board whose array does not ship.")
 @click.option("--once", is_flag=True, help="Print one picture after a second; exit code 1 without a daemon.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each second or --once.")
 @KEYS
-def top(endpoint: str, array: str | None, once: bool, as_json: bool, keys: Path | None) -> None:
+def top(endpoint: str, array: str | None, once: bool, keys: Path | None) -> None:
     """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
 
     Commands need ipc, or --keys: give the daemon's ipc endpoint.
@@ -167,4 +166,4 @@ def top(endpoint: str, array: str | None, once: bool, as_json: bool, keys: Path 
     from tactiled.top.run import run_top
 
     loaded = None if array is None else load_array(array)
-    sys.exit(run_top(endpoint, loaded, keys, once=once, as_json=as_json))
+    sys.exit(run_top(endpoint, loaded, keys, once=once))

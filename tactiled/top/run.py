@@ -1,6 +1,5 @@
 """``tactiled top``: subscription, keys and screen; or a snapshot."""
 
-import json
 import os
 import select
 import shutil
@@ -46,43 +45,17 @@ _KEYS = {
 _FOOTER = " ? help  q quit  b board  s scale  t tare  i inhibit  e expect  m mark  r record"
 
 
-def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool, as_json: bool) -> int:
+def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool) -> int:
     """Show the boards of a daemon until q or Ctrl-C; return the exit code: 1 where `once` saw no daemon."""
     views = BoardViews(array)
     with Subscription(endpoint, keys=keys) as subscription:
         if once:
             _receive(subscription, views, time.monotonic() + _ONCE_S)
-            return _print_once(views, as_json)
-        if as_json:
-            said = ""
-            while True:
-                _receive(subscription, views, time.monotonic() + 1.0)
-                if views.notice != said:
-                    said = views.notice
-                    click.echo(said, err=True)
-                for board in views.boards.values():
-                    click.echo(json.dumps(snapshot(board, time.time())))
+            return _print_once(views)
         if not sys.stdin.isatty() or not sys.stdout.isatty():
-            raise OperatorError("tactiled top needs a terminal: use --once or --json here")
+            raise OperatorError("tactiled top needs a terminal: use --once, or tactiled listen, here")
         _live(subscription, views, endpoint, keys)
     return 0
-
-
-def snapshot(board: BoardView, now_unix_s: float) -> dict[str, Any]:
-    """Return the state of a board as a plain map; load and shear are sums over the array."""
-    lamp, felt = board.lamp(now_unix_s), board.felt()
-    sums = {} if felt is None else {name: float(value.sum()) for name, value in felt._asdict().items()}
-    return {
-        "board": board.name,
-        "state": lamp.state,
-        "age_s": lamp.age_s,
-        "words": lamp.words,
-        "unit": "" if board.geometry is None else board.geometry["unit"],
-        **sums,
-        "slip": board.slip,
-        "newest": {k: data for k, data in board.newest.items() if k not in ("info", "scan", "slip")},
-        "events": [{"at": event.at_s, "topic": event.topic, "words": event.words} for event in board.events],
-    }
 
 
 def _receive(subscription: Subscription, views: BoardViews, until_s: float) -> None:
@@ -92,15 +65,12 @@ def _receive(subscription: Subscription, views: BoardViews, until_s: float) -> N
             return
 
 
-def _print_once(views: BoardViews, as_json: bool) -> int:
+def _print_once(views: BoardViews) -> int:
     boards = [board for board in views.boards.values() if "status" in board.newest]
     for board in boards:
-        if as_json:
-            click.echo(json.dumps(snapshot(board, time.time())))
-        else:
-            width, height = shutil.get_terminal_size((80, 24))
-            for line in draw(board, time.time(), width, height - 1, ""):
-                click.echo(_painted(line, width).rstrip())
+        width, height = shutil.get_terminal_size((80, 24))
+        for line in draw(board, time.time(), width, height - 1, ""):
+            click.echo(_painted(line, width).rstrip())
     if views.notice:
         click.echo(views.notice, err=True)
     if not boards:

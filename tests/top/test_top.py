@@ -1,6 +1,5 @@
 """The view for terminals."""
 
-import json
 import os
 import pty
 import select
@@ -34,7 +33,6 @@ from tactiled.events.types import EVENT_TYPES, Event, ForceEvent, InfoEvent, Sca
 from tactiled.resources import shipped_names
 from tactiled.top.boards import BoardView, BoardViews
 from tactiled.top.draw import draw
-from tactiled.top.run import snapshot
 from tactiled.top.verdict import verdict
 
 NOW_S = 1000.0
@@ -313,7 +311,6 @@ def test_any_values_that_the_types_allow_can_be_drawn(kind: type[Event], data: s
     views = views_of()
     views.take(message(data.draw(instances(kind))))
     for board in views.boards.values():
-        json.dumps(snapshot(board, NOW_S), allow_nan=False)
         assert len(draw(board, NOW_S + 0.05, 80, 24, "keys", views.notice)) == 24
 
 
@@ -397,9 +394,9 @@ def test_on_a_terminal_of_80x24_with_keys(tmp_path: Path) -> None:
         until_s = time.monotonic() + PATIENCE_S
         while True:
             done = subprocess.run(
-                [*command, "--once", "--json"], capture_output=True, text=True, timeout=60, check=False
+                [*command, "--once"], capture_output=True, text=True, timeout=60, check=False
             )
-            if done.returncode == 0 and json.loads(done.stdout.splitlines()[0])["state"] == "FRESH":
+            if done.returncode == 0 and "FRESH" in done.stdout:
                 break
             assert time.monotonic() < until_s, done.stdout + done.stderr
         master, slave = pty.openpty()
