@@ -28,7 +28,7 @@ from tactiled.log_summary import LogTally, summary
 from tactiled.pipeline import Pipeline, check_hello
 from tactiled.plots import check_picture
 from tactiled.recording.contents import Input, Read, RecordedBoard, load_board
-from tactiled.recording.reader import Reached, batches, read_header, read_inputs
+from tactiled.recording.reader import Reached, batches, read_header, read_items
 from tactiled.recording.spacing import to_blocks
 from tactiled.recording.steps import run_input
 from tactiled.recording.table_times import TableOptions, TimeUnit
@@ -246,7 +246,7 @@ def _run_recording(
             pipeline.know(header.hello)
         if pipeline.hello is not None:
             log.board = pipeline.hello.board_serial or log.board
-    inputs = read_inputs(path, reached)
+    inputs = read_items(path, reached=reached, with_events=False)
     for batch in batches(inputs, lambda item: isinstance(item, Read), Pipeline.MOST_READS):
         for change in batch:
             if isinstance(change, Input) and change.name in _MEASURED:

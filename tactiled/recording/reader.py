@@ -15,7 +15,7 @@ from tactiled.errors import DataError
 from tactiled.recording import contents
 from tactiled.recording.cdr import Schema
 from tactiled.recording.chunks import ChannelMessage, Damage, Extent, chunks, topics_of_summary
-from tactiled.recording.contents import Header, Input, Item, Read
+from tactiled.recording.contents import Header, Input, Item
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -106,25 +106,36 @@ def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
     return sorted(headers, key=lambda entry: (runs.index(entry[1].run), entry[1].part))
 
 
-def read_items(path: Path, extent: Extent | None = None, reached: Reached | None = None) -> Iterator[Item]:
+def read_items(
+    path: Path, extent: Extent | None = None, reached: Reached | None = None, *, with_events: bool = True
+) -> Iterator[Item]:
     """Yield everything in a recording in file order; an unfinished file ends at its last whole chunk.
 
     An unreadable stretch in the middle becomes an `Input` "damaged". At the end, what could not be read is
-    logged.
+    logged. Events take most of the time of reading.
 
     Raises
     ------
     DataError
         It cannot be read.
     """
-    return _read(path, extent or Extent(), reached, with_events=True)
-
-
-def read_inputs(path: Path, reached: Reached | None = None) -> Iterator[Read | Input]:
-    """Yield what `read_items` does, without the events, which take most of the time of reading."""
-    for item in _read(path, Extent(), reached, with_events=False):
-        if isinstance(item, Read | Input):
-            yield item
+    extent = extent or Extent()
+    with open_recording(path) as stream:
+        for found in readable_chunks(path, stream, extent):
+            if reached is not None:
+                reached(extent.share_read)
+            if isinstance(found, Damage):
+                yield found.mark()
+            elif isinstance(found, list):
+                for entry in found:
+                    try:
+                        item = _item(entry, with_events=with_events)
+                    except DataError as error:
+                        raise DataError(f"{path}: {error}") from None
+                    if item is not None:
+                        yield item
+    if not extent.is_whole:
+        logger.warning("%s: %s", path, extent.words())
 
 
 def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterator[list[T]]:
@@ -149,25 +160,6 @@ def batches(items: Iterator[T], joins: Callable[[T], bool], most: int) -> Iterat
         raise
     if batch:
         yield batch
-
-
-def _read(path: Path, extent: Extent, reached: Reached | None, *, with_events: bool) -> Iterator[Item]:
-    with open_recording(path) as stream:
-        for found in readable_chunks(path, stream, extent):
-            if reached is not None:
-                reached(extent.share_read)
-            if isinstance(found, Damage):
-                yield found.mark()
-            elif isinstance(found, list):
-                for entry in found:
-                    try:
-                        item = _item(entry, with_events=with_events)
-                    except DataError as error:
-                        raise DataError(f"{path}: {error}") from None
-                    if item is not None:
-                        yield item
-    if not extent.is_whole:
-        logger.warning("%s: %s", path, extent.words())
 
 
 def open_recording(path: Path) -> BinaryIO:
