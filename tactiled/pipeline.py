@@ -145,7 +145,6 @@ class Pipeline:
         self._frames = 0
         self._fits_late = 0
         self._corrupt: Counter[str] = Counter()
-        self._bytes_before = (0, 0, 0)  # in, framed, discarded by earlier connections
         self._contact: ContactState = "none"
         self._slipping = False
         self._meter.reset()
@@ -163,7 +162,7 @@ class Pipeline:
         """
         received, self.late_fits = Received([], now_s), []
         items, assembler = received.items, self._assembler
-        assembler.read(now_s, self._decoder.bytes_pending)
+        assembler.read(now_s, self._decoder.framer.bytes_pending)
         for frame in self._decoder.feed(data):
             if isinstance(frame, Corrupt):
                 self._corrupt[frame.reason] += 1
@@ -242,17 +241,12 @@ class Pipeline:
 
     def interrupted(self) -> None:
         """Handle missing bytes: as `disconnected`, but the board stays known."""
-        sums = (self._decoder.bytes_in, self._decoder.bytes_framed, self._decoder.bytes_discarded)
-        pending = self._decoder.bytes_pending
-        before = [old + new for old, new in zip(self._bytes_before, sums, strict=True)]
-        self._bytes_before = (before[0], before[1], before[2] + pending)
-        self._decoder.reset()
+        self._decoder.interrupted()
         self._assembler.interrupt("disconnect")
 
     def health(self) -> Health:
         """Return the present counters and state."""
-        counts = self._assembler.counts
-        bytes_in, framed, discarded = self._bytes_before
+        counts, framer = self._assembler.counts, self._decoder.framer
         newest_s, sd_s = self._assembler.newest
         return Health(
             scans=counts.scans,
@@ -264,10 +258,10 @@ class Pipeline:
             frames=self._frames,
             frames_corrupt=self._corrupt.total(),
             corrupt_by_reason=dict(self._corrupt),
-            bytes_in=bytes_in + self._decoder.bytes_in,
-            bytes_framed=framed + self._decoder.bytes_framed,
-            bytes_discarded=discarded + self._decoder.bytes_discarded,
-            bytes_pending=self._decoder.bytes_pending,
+            bytes_in=framer.bytes_in,
+            bytes_framed=framer.bytes_framed,
+            bytes_discarded=framer.bytes_discarded,
+            bytes_pending=framer.bytes_pending,
             newest_scan_s=newest_s,
             clock_sd_s=sd_s,
             clock_rate_ppm=self._assembler.drift_ppm,

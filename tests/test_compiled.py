@@ -282,7 +282,10 @@ def test_frames_are_those_of_python(layouts: list[Layout], data: st.DataObject) 
     for piece in data.draw(st.lists(st.integers(0, max(len(stream), 1))).map(lambda cuts: cut(stream, cuts))):
         wanted, *found = (decoder.feed(piece) for decoder in decoders)
         assert found == [wanted, wanted]
-    counted = [(d.bytes_in, d.bytes_framed, d.bytes_discarded, d.bytes_pending) for d in decoders]
+    counted = [
+        (d.framer.bytes_in, d.framer.bytes_framed, d.framer.bytes_discarded, d.framer.bytes_pending)
+        for d in decoders
+    ]
     assert len(set(counted)) == 1
 
 

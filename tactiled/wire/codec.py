@@ -30,28 +30,16 @@ class Decoder:
         self.reset()
 
     def reset(self) -> None:
-        """Forget pending bytes and counts, for a newly opened port."""
-        self._framer = make_framer(self.layout, self._direction)
+        """Forget pending bytes and counts."""
+        self.framer = make_framer(self.layout, self._direction)
+        """What counts the bytes."""
 
-    @property
-    def bytes_in(self) -> int:
-        """Bytes received."""
-        return self._framer.bytes_in
-
-    @property
-    def bytes_framed(self) -> int:
-        """Bytes of good frames."""
-        return self._framer.bytes_framed
-
-    @property
-    def bytes_discarded(self) -> int:
-        """Bytes of no good frame."""
-        return self._framer.bytes_discarded
-
-    @property
-    def bytes_pending(self) -> int:
-        """Bytes of a frame that is not complete yet."""
-        return self._framer.bytes_pending
+    def interrupted(self) -> None:
+        """Discard pending bytes, and find the next frame as on a newly opened port."""
+        before = self.framer
+        self.reset()
+        self.framer.bytes_in, self.framer.bytes_framed = before.bytes_in, before.bytes_framed
+        self.framer.bytes_discarded = before.bytes_discarded + before.bytes_pending
 
     def feed(self, data: bytes) -> list[Frame | Corrupt]:
         """Return the frames and corruptions that `data` completes, in the order of the stream.
@@ -62,7 +50,7 @@ class Decoder:
         return [
             item if isinstance(item, Scan) else self._unknown(item) if isinstance(item, Corrupt)
             else self._frame(item)
-            for item in self._framer.feed(data)
+            for item in self.framer.feed(data)
         ]  # fmt: skip
 
     def _unknown(self, item: Corrupt) -> Command | Corrupt:

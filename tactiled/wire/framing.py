@@ -23,12 +23,11 @@ import binascii
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from tactiled.compiled import compiled_module
 from tactiled.wire import cobs
 from tactiled.wire.framer import FixedCommandFramer, Framer, LineFramer, TaggedFramer, TerminatorFramer
 from tactiled.wire.frames import Corrupt, Scan
+from tactiled.wire.good_scans import MOST_BYTES
 from tactiled.wire.layout import Layout
 from tactiled.wire.schema import Direction, LinesFraming, TaggedFraming
 
@@ -46,54 +45,8 @@ _LEAST_TAKEN = 32
 _TAIL = 2  # bytes of the checksum
 
 
-_MOST_BYTES, _MOST_SCANS = 1 << 16, 1024  # of one call of the compiled reader
 _READER: Any = getattr(compiled_module("tactiled.wire.good_scans"), "GoodScans", None)
-
-
-class _GoodScans:
-    """Reader of the good scans at the beginning of a buffer of COBS frames, where it is compiled.
-
-    Parameters
-    ----------
-    limit : int
-        Bytes before which the delimiter of a frame must come.
-    """
-
-    def __init__(self, layout: Layout, limit: int) -> None:
-        scan = layout.messages["scan"]
-        fields = {name: field[:2] for name, field in (scan.dtype.fields or {}).items()}
-        heads = [fields.get(name) for name in ("sequence", "ticks", "flags")]
-        counts, counts_at = fields["counts"]
-        self._has_ticks = "ticks" in fields
-        self._counts = np.empty((_MOST_SCANS, layout.n_channels), dtype=np.int64)
-        self._reader = _READER(
-            limit,
-            _CRC16_START,
-            layout.file.byte_order == "little",
-            scan.id,
-            1,  # byte of the type
-            1 + scan.dtype.itemsize,
-            [0 if head is None else head[1] + 1 for head in heads],
-            [0 if head is None else head[0].itemsize for head in heads],
-            counts_at + 1,
-            counts.base.itemsize,
-            counts.base.kind == "i",
-            _MOST_SCANS,
-            self._counts.reshape(-1),
-        )
-        self._heads = self._reader.heads
-
-    def take(self, data: bytes) -> tuple[list[Scan], int]:
-        """Return the good scans at the beginning, and the bytes that they take."""
-        n = self._reader.take(data[:_MOST_BYTES])
-        if not n:
-            return [], 0
-        heads, has_ticks = self._heads, self._has_ticks
-        scans = [
-            Scan(heads[k + 1], row, heads[k + 2] if has_ticks else None, heads[k + 3])
-            for k, row in zip(range(0, 4 * n, 4), self._counts[:n].copy(), strict=True)
-        ]
-        return scans, heads[4 * n - 4]
+"""Reader of the good scans at the beginning of a buffer, where it is compiled."""
 
 
 class CobsFramer(Framer):
@@ -113,15 +66,14 @@ class CobsFramer(Framer):
         self._longest = max((n + 1 + (n - 1) // 254 for n in self._sizes.values()), default=1)
         # Two frames with a damaged delimiter between them fit; longer chunks are cut.
         self._limit = max(2 * self._longest + 1, _LEAST_TAKEN + 1)
-        self._scans: _GoodScans | None = None
-        if _READER is not None and direction == "board-to-host" and layout.channel_places is None:
-            self._scans = _GoodScans(layout, self._limit)
+        has_reader = _READER is not None and direction == "board-to-host" and layout.channel_places is None
+        self._scans = _READER(layout, self._limit) if has_reader else None
 
     def _search(self) -> Iterator[bytes | Scan | Corrupt]:
         buffer, limit = self._buffer, self._limit
         while buffer:
             if self._scans is not None:
-                scans, used = self._scans.take(bytes(buffer[:_MOST_BYTES]))
+                scans, used = self._scans.take(bytes(buffer[:MOST_BYTES]))
                 if used:
                     self.bytes_framed += used
                     del buffer[:used]

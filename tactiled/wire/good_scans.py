@@ -7,67 +7,61 @@ slower than `framing`, which then reads all frames; both find the same frames.
 from array import array
 
 import numpy as np
-from numpy.typing import NDArray
+
+from tactiled.wire.frames import Scan
+from tactiled.wire.layout import Layout
+
+MOST_BYTES, _MOST_SCANS = 1 << 16, 1024  # of one call
+_CRC16_START = 0xFFFF  # as in `framing.crc16`
 
 
 class GoodScans:
-    """Reader of scan messages of one layout. Places and widths are bytes of the body: type and fields.
+    """Reader of the scan messages of one layout; every value on the wire is a channel.
 
     Parameters
     ----------
     limit : int
         Bytes before which the delimiter of a frame must come.
-    crc_start : int
-        First remainder of CRC-16 with the polynomial x^16 + x^12 + x^5 + 1, most significant bit first.
-    is_little : bool
-        Byte order of all numbers.
-    places, widths : list of 3 int
-        Of sequence, ticks and flags; width 0 where the layout has no such field.
-    is_signed : bool
-        The counts are.
-    n_most : int
-        Scans of one call, at most.
-    counts : (n_most * channels,) int64
-        Gets the counts.
-
-    Attributes
-    ----------
-    heads : (4 * n_most,) array of int
-        Of each scan: its end in the bytes, sequence, ticks and flags.
     """
 
-    def __init__(
-        self,
-        limit: int,
-        crc_start: int,
-        is_little: bool,
-        type_number: int,
-        type_width: int,
-        body_bytes: int,
-        places: list[int],
-        widths: list[int],
-        counts_at: int,
-        counts_width: int,
-        is_signed: bool,
-        n_most: int,
-        counts: NDArray[np.int64],
-    ) -> None:
-        self.limit, self.crc_start, self.is_little = limit, crc_start, is_little
-        self.type_number, self.type_width, self.body_bytes = type_number, type_width, body_bytes
-        self.places, self.widths = array("q", places), array("q", widths)
-        self.counts_at, self.counts_width = counts_at, counts_width
-        self.sign = 1 << (8 * counts_width - 1) if is_signed else 0
-        self.n_most, self.n_channels = n_most, len(counts) // n_most
-        self.counts = counts
-        self.heads = array("q", bytes(8 * 4 * n_most))
+    def __init__(self, layout: Layout, limit: int) -> None:
+        scan = layout.messages["scan"]
+        # Places and widths are bytes of the body: type and fields.
+        fields = {name: field[:2] for name, field in (scan.dtype.fields or {}).items()}
+        heads = [fields.get(name) for name in ("sequence", "ticks", "flags")]
+        counts, counts_at = fields["counts"]
+        self.has_ticks = "ticks" in fields
+        self.is_little = layout.file.byte_order == "little"
+        self.limit, self.type_number, self.body_bytes = limit, scan.id, 1 + scan.dtype.itemsize
+        self.places = array("q", [0 if head is None else head[1] + 1 for head in heads])
+        self.widths = array("q", [0 if head is None else head[0].itemsize for head in heads])
+        self.counts_at, self.counts_width = counts_at + 1, counts.base.itemsize
+        self.sign = 1 << (8 * self.counts_width - 1) if counts.base.kind == "i" else 0
+        self.n_most, self.n_channels, self.crc_start = _MOST_SCANS, layout.n_channels, _CRC16_START
+        self.rows = np.empty((self.n_most, self.n_channels), dtype=np.int64)
+        self.counts = self.rows.reshape(-1)
+        # Of each scan: its end in the bytes, sequence, ticks and flags.
+        self.heads = array("q", bytes(8 * 4 * self.n_most))
         self.body = array("B", bytes(limit))
 
-    def take(self, data: bytes) -> int:
+    def take(self, data: bytes) -> tuple[list[Scan], int]:
+        """Return the good scans at the beginning, and the bytes that they take."""
+        n = self._read(data)
+        if not n:
+            return [], 0
+        heads = self.heads
+        scans = [
+            Scan(heads[k + 1], row, heads[k + 2] if self.has_ticks else None, heads[k + 3])
+            for k, row in zip(range(0, 4 * n, 4), self.rows[:n].copy(), strict=True)
+        ]
+        return scans, heads[4 * n - 4]
+
+    def _read(self, data: bytes) -> int:
         """Read until the first frame that is no good scan, or not complete; return the number of scans."""
         n_scans, at = 0, 0
         while n_scans < self.n_most:
             end = self._unstuff(data, at)
-            if end < 0 or self._number(0, self.type_width) != self.type_number or not self._is_whole():
+            if end < 0 or self.body[0] != self.type_number or not self._is_whole():
                 break
             at = end + 1
             self.heads[4 * n_scans] = at

@@ -214,7 +214,7 @@ def test_the_legacy_layout_is_emulated() -> None:
     scans = [item for _, data in simulation for item in decoder.feed(data)]
     assert all(isinstance(scan, Scan) for scan in scans)
     assert len(simulation.scans) - len(scans) in (0, 1)
-    assert decoder.bytes_discarded == 0
+    assert decoder.framer.bytes_discarded == 0
     held = scans_of(scans)[240]  # scene time 4.8 s: 20 N on nine normal taxels
     assert len(held.counts) == 9
     assert 300 < held.counts.mean() < 1023

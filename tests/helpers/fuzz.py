@@ -101,8 +101,8 @@ def decode(
 ) -> tuple[list[Frame | Corrupt], Decoder]:
     decoder = Decoder(layout, direction)
     items = [item for piece in pieces for item in decoder.feed(piece)]
-    decided = decoder.bytes_framed + decoder.bytes_discarded + decoder.bytes_pending
-    assert decoder.bytes_in == decided == sum(map(len, pieces)), "bytes are not accounted for"
+    decided = decoder.framer.bytes_framed + decoder.framer.bytes_discarded + decoder.framer.bytes_pending
+    assert decoder.framer.bytes_in == decided == sum(map(len, pieces)), "bytes are not accounted for"
     return items, decoder
 
 

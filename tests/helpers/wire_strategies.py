@@ -31,9 +31,9 @@ def decode(
     edges = [0, *sorted(cuts or []), len(data)]
     for start, end in itertools.pairwise(edges):
         items += decoder.feed(data[start:end])
-        counted = decoder.bytes_framed + decoder.bytes_discarded + decoder.bytes_pending
-        assert decoder.bytes_in == end == counted
-        assert decoder.bytes_pending <= longest_pending(layout, direction)
+        counted = decoder.framer.bytes_framed + decoder.framer.bytes_discarded + decoder.framer.bytes_pending
+        assert decoder.framer.bytes_in == end == counted
+        assert decoder.framer.bytes_pending <= longest_pending(layout, direction)
     return items, decoder
 
 

@@ -59,7 +59,7 @@ def test_every_layout_round_trips_in_any_split(data: st.DataObject) -> None:
     cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=5))
     items, decoder = decode(layout, stream, cuts, way)
     assert items == sent
-    assert decoder.bytes_framed == len(stream)
+    assert decoder.framer.bytes_framed == len(stream)
 
 
 @given(data=st.data())
@@ -156,7 +156,9 @@ def test_both_frames_around_a_broken_delimiter_are_found() -> None:
     stream = encode(first)[:-1] + b"\x55" + encode(second) + encode(third)
     items, decoder = decode(BOARD_V1, stream)
     assert items == [Corrupt("checksum", 2), first, second, third]
-    assert decoder.bytes_discarded == 2  # the broken delimiter, and the next for it closed a corrupt frame
+    assert (
+        decoder.framer.bytes_discarded == 2
+    )  # the broken delimiter, and the next for it closed a corrupt frame
 
 
 def test_many_frames_without_any_delimiter_are_found() -> None:
@@ -169,13 +171,13 @@ def test_many_frames_without_any_delimiter_are_found() -> None:
 def test_a_line_without_delimiters_is_reported_while_it_lasts() -> None:
     items, decoder = decode(BOARD_V1, b"\xff" * 10_000)
     assert {item.reason for item in items if isinstance(item, Corrupt)} == {"overlong"}
-    assert decoder.bytes_discarded > 9_500
+    assert decoder.framer.bytes_discarded > 9_500
 
 
 def test_delimiters_alone_are_no_corruption() -> None:
     items, decoder = decode(BOARD_V1, b"\0" * 10)
     assert items == []
-    assert decoder.bytes_discarded == 10
+    assert decoder.framer.bytes_discarded == 10
 
 
 def test_reset_equals_new() -> None:
@@ -183,7 +185,13 @@ def test_reset_equals_new() -> None:
     data = Encoder(BOARD_V1).encode(scans(BOARD_V1, 1)[0])
     decoder.feed(data + data[:40])
     decoder.reset()
-    assert decoder.bytes_in == decoder.bytes_pending == decoder.bytes_framed == decoder.bytes_discarded == 0
+    assert (
+        decoder.framer.bytes_in
+        == decoder.framer.bytes_pending
+        == decoder.framer.bytes_framed
+        == decoder.framer.bytes_discarded
+        == 0
+    )
     assert decoder.feed(data) == scans(BOARD_V1, 1)
 
 
@@ -210,5 +218,8 @@ def test_a_frame_that_lost_its_last_byte_does_not_take_the_next_ones_first(layou
             hits += 1
             items, decoder = decode(layout, whole[:-cut] + after)
             assert items[-1] == second
-            assert decoder.bytes_in == decoder.bytes_framed + decoder.bytes_discarded + decoder.bytes_pending
+            assert (
+                decoder.framer.bytes_in
+                == decoder.framer.bytes_framed + decoder.framer.bytes_discarded + decoder.framer.bytes_pending
+            )
     assert hits > 2

@@ -47,7 +47,11 @@ def test_the_vectors_give_static_and_dynamic_readings() -> None:
     stream = IMU + FINGER_0 + FINGER_1 + IMU + IMU
     items, decoder = decode(STATIC, stream)
     assert scans_of(items) == [[*range(1000, 1028), *range(2000, 2028)]]
-    assert (decoder.bytes_framed, decoder.bytes_discarded, decoder.bytes_pending) == (len(stream), 0, 0)
+    assert (decoder.framer.bytes_framed, decoder.framer.bytes_discarded, decoder.framer.bytes_pending) == (
+        len(stream),
+        0,
+        0,
+    )
     dynamic = scans_of(decode(DYNAMIC, stream)[0])
     assert dynamic == [[-2, 7], [-2, 7], [-2, 7]]  # finger 0 of FINGER_0 has no partner before the next one
 
@@ -105,7 +109,7 @@ def test_readings_that_look_like_a_packet_are_not_taken_for_one(is_locked: bool)
     before = IMU * 3 if is_locked else b""
     items, decoder = decode(DYNAMIC, before + bytes(holds_one) + IMU * 3)
     assert scans_of(items) == [[-2, 7]] * (6 if is_locked else 3)
-    assert decoder.bytes_discarded == len(holds_one)
+    assert decoder.framer.bytes_discarded == len(holds_one)
 
 
 @pytest.mark.parametrize("start", [1, 3, 4, 30, 60])
@@ -127,7 +131,7 @@ def test_a_stream_that_begins_in_a_packet_locks_to_the_next(start: int) -> None:
 def test_endless_lengths_and_starts_neither_fill_memory_nor_hide_what_follows(noise: bytes) -> None:
     items, decoder = decode(STATIC, noise + pair(5) * 3 + IMU)
     assert len(scans_of(items)) in (2, 3)  # the last bytes of the noise may swallow one packet
-    assert decoder.bytes_discarded >= len(noise)
+    assert decoder.framer.bytes_discarded >= len(noise)
 
 
 @st.composite
@@ -176,4 +180,5 @@ def test_the_host_starts_and_stops_the_board_with_fixed_bytes() -> None:
     )
     items = [item for byte in stream for item in board.feed(bytes([byte]))]
     assert items == [Command("start", 0), Command("stop", 0)]
-    assert (board.bytes_framed, board.bytes_discarded, board.bytes_pending) == (10, len(stream) - 10, 0)
+    framer = board.framer
+    assert (framer.bytes_framed, framer.bytes_discarded, framer.bytes_pending) == (10, len(stream) - 10, 0)

@@ -40,7 +40,11 @@ def test_the_channels_are_read_without_the_temperatures() -> None:
     rows = rows_of(6, 0)
     items, decoder = decode(MAGNETS, as_sent(rows))
     assert scans_of(items) == rows[1:]  # where the first one begins is not known
-    assert (decoder.bytes_framed, decoder.bytes_discarded, decoder.bytes_pending) == (5 * 82, 82, 0)
+    assert (decoder.framer.bytes_framed, decoder.framer.bytes_discarded, decoder.framer.bytes_pending) == (
+        5 * 82,
+        82,
+        0,
+    )
     again = b"".join(Encoder(MAGNETS).encode(Scan(0, np.array(row))) for row in rows)
     assert scans_of(decode(MAGNETS, again)[0]) == rows[1:]
 
@@ -108,7 +112,7 @@ def test_lines_give_numbers_and_refuse_what_is_none(damaged: bytes) -> None:
     items, decoder = decode(LINES, b"".join(texts))
     assert scans_of(items) == [rows[1], rows[2], rows[4], rows[5]]
     assert [item.reason for item in items if isinstance(item, Corrupt)] == ["terminator", "value", "value"]
-    assert decoder.bytes_pending == 0
+    assert decoder.framer.bytes_pending == 0
 
 
 def test_a_line_may_end_with_a_separator() -> None:

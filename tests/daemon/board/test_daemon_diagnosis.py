@@ -56,9 +56,9 @@ class Line:
             errors = None if framing_errors is None else framing_errors[k]
             health = replace(
                 EMPTY,
-                bytes_in=decoder.bytes_in,
-                bytes_framed=decoder.bytes_framed,
-                bytes_discarded=decoder.bytes_discarded,
+                bytes_in=decoder.framer.bytes_in,
+                bytes_framed=decoder.framer.bytes_framed,
+                bytes_discarded=decoder.framer.bytes_discarded,
                 corrupt_by_reason=dict(reasons),
             )
             self.watch.count(health, errors, self.now_s)
