@@ -428,11 +428,5 @@ def build(file: ArrayFile) -> Array:
 
 
 def load_array(name_or_path: str) -> Array:
-    """Load an array by shipped name (``wang2019-3x3``) or by path of a TOML file.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault of the file.
-    """
+    """Load an array by shipped name (``wang2019-3x3``) or by path; `ConfigError` lists every fault."""
     return build(tomlfile.load(tomltext.locate(name_or_path, "config/arrays"), ArrayFile))

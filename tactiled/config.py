@@ -108,12 +108,8 @@ def config_files(paths: Sequence[Path]) -> list[Path]:
     """Return the configurations that files and directories name.
 
     A directory stands for each ``*.toml`` in it. Hidden files of a directory are left out, and so are arrays,
-    layouts and calibrations, which may lie beside the configurations that name them.
-
-    Raises
-    ------
-    ConfigError
-        A directory has no configuration, a file is not TOML, or a file is named twice.
+    layouts and calibrations, which may lie beside the configurations that name them. `ConfigError` if a
+    directory has no configuration, or a file is no TOML or is named twice.
     """
     found: list[Path] = []
     for path in paths:
@@ -143,13 +139,7 @@ def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "l
 
 
 def load_configs(files: Sequence[Path]) -> list[Setup]:
-    """Load the configurations of all boards of one process; report the faults of all files at once.
-
-    Raises
-    ------
-    ConfigError
-        A file has faults, or the files do not fit together.
-    """
+    """Load the configurations of all boards of one process; report the faults of all files at once."""
     setups: list[Setup] = []
     wrong: list[ConfigError] = []
     for file in files:

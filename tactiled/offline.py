@@ -77,10 +77,7 @@ class Choices:
     def source_of(self, path: Path, array: str | None) -> RecordedBoard:
         """Return layout and array of a recording, or those that the user asks for.
 
-        Raises
-        ------
-        ConfigError
-            An array for a recording that is read with its own layout, or no array for another layout.
+        `ConfigError` for an array beside the own layout of a recording, or for another layout without one.
         """
         if self.layout is None:
             if array is not None:

@@ -39,24 +39,12 @@ P = TypeVar("P", bound=BaseModel)
 
 
 def load(path: Path, schema: type[P]) -> P:
-    """Read a TOML file into `schema`.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing, is not TOML, or does not fit; lists every fault.
-    """
+    """Read a TOML file into `schema`; `ConfigError` if it is missing or no TOML, or with every fault."""
     return parse(read(path), schema, str(path))
 
 
 def parse(document: Mapping[str, Any], schema: type[P], source: str) -> P:
-    """Check plain dictionaries against `schema`.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault.
-    """
+    """Check plain dictionaries against `schema`; `ConfigError` lists every fault."""
     try:
         return schema.model_validate(document)
     except ValidationError as error:

@@ -52,13 +52,7 @@ def quoted(text: str) -> str:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read a TOML file into plain dictionaries.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing, cannot be read or is not TOML.
-    """
+    """Read a TOML file into plain dictionaries; `ConfigError` if that is not possible."""
     try:
         text = read_text(path)
         if fault := _excess(text):

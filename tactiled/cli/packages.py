@@ -109,13 +109,7 @@ class DeferredCommand(click.Command):
         self.entry = entry
 
     def load(self) -> click.Command:
-        """Import the verb.
-
-        Raises
-        ------
-        OperatorError
-            Its distribution is not installed; the message says what to install.
-        """
+        """Import the verb; raises as `find`."""
         command: click.Command = find(self.entry, f"`{self.name}`").load()
         return command
 

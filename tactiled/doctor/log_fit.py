@@ -23,12 +23,7 @@ _MOST_NAMES = 12
 def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Finding]:
     """Compare an array with a log: times (n,), two at least; readings (n, channels), NaN where missing.
 
-    The first finding has the rate as ``rate_hz``.
-
-    Raises
-    ------
-    DataError
-        No reading at all.
+    The first finding has the rate as ``rate_hz``. `DataError` if there is no reading at all.
     """
     if not np.isfinite(readings).any():
         raise DataError("the log has no valid reading: check --columns")

@@ -18,10 +18,7 @@ _STARTS = "the daemon starts without recording, and records as soon as this has 
 def check_files(setup: Setup, source: str) -> list[str]:
     """Return warnings on keys, record directory and setting of a configuration, which the daemon starts with.
 
-    Raises
-    ------
-    ConfigError
-        The daemon does not start with such keys.
+    `ConfigError` if the daemon does not start with such keys.
     """
     record = setup.config.record
     keys = [(f"publish.{one.line}", one.verdict) for one in check_keys(setup.config.publish)]

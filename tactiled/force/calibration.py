@@ -187,13 +187,7 @@ class CalibrationFile(Params):
 
 
 def load_calibration(name_or_path: str) -> CalibrationFile:
-    """Load a calibration by shipped name (``wang2019-3x3``) or by path of a TOML file.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault of the file.
-    """
+    """Load a calibration by shipped name or by path; `ConfigError` lists every fault of the file."""
     return tomlfile.load(tomltext.locate(name_or_path, FOLDER), CalibrationFile)
 
 

@@ -147,12 +147,7 @@ class _Estimate(NamedTuple):
 
 
 class ForceEstimator:
-    """Forces on an array, for each scan.
-
-    Raises
-    ------
-    ConfigError
-        The calibration is of another array.
+    """Forces on an array, for each scan; `ConfigError` if the calibration is of another array.
 
     Examples
     --------

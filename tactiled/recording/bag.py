@@ -47,13 +47,7 @@ _LZ4_RATIO = 255  # an LZ4 block expands by no more
 
 
 def check_mcap(path: Path) -> None:
-    """Refuse a file that is no whole MCAP, or that would fill the memory.
-
-    Raises
-    ------
-    DataError
-        No MCAP, cut or damaged, or with a chunk of more than `MOST_CHUNK_BYTES`.
-    """
+    """Refuse (`DataError`) a file that is no whole MCAP, or that would fill the memory."""
     try:
         with path.open("rb") as stream:
             fault = _fault(stream)
@@ -111,10 +105,7 @@ def _chunk_bytes(chunk: Chunk) -> int:
 def is_bag(path: Path, topic: str | None = None) -> bool:
     """Return True for a bag of ROS or an MCAP file of others, and False for our recordings and tables.
 
-    Raises
-    ------
-    ConfigError
-        A topic is named, but the file can be no bag.
+    `ConfigError` if a topic is named, but the file can be no bag.
     """
     if topic is not None and not (path.is_dir() or path.suffix in BAGS):
         raise ConfigError("command line", [f"--topic is for bags ({', '.join(BAGS)} or the folder of one)"])

@@ -52,10 +52,7 @@ class Schema:
     def decode(self, data: bytes) -> dict[str, Any]:
         """Decode a message: tuples for sequences, dataclasses for nested types.
 
-        Raises
-        ------
-        DataError
-            The bytes are not a message of this type.
+        `DataError` if the bytes are not a message of this type.
         """
         if data[:4] != HEAD:
             raise DataError(f"{self.name}: not little-endian CDR")

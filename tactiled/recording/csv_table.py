@@ -63,12 +63,8 @@ def read_named(
     """Read the times (n,) and the columns of these names (n, names) of a CSV; also return its other names.
 
     Times are found as by `read_table`, at any rate; they need not grow. NaN stands for an empty cell, and for
-    each cell of a column that the file lacks; one at least must be there.
-
-    Raises
-    ------
-    DataError
-        The file is no such table; the message names the line.
+    each cell of a column that the file lacks; one at least must be there. A `DataError` names the line where
+    the file is no such table.
     """
     with _opened(path) as table:
         header = table.header

@@ -18,11 +18,7 @@ def export_csv(paths: Sequence[Path], out: Path, reached: Reached | None = None)
     """Write a CSV table of ``time_s`` and one column of volts per channel; every number reads back exactly.
 
     A reading that is not valid (saturated, reference fault) is an empty cell. Returns the number of scans.
-
-    Raises
-    ------
-    DataError
-        A file is not a recording or holds no scans, or `out` exists or cannot be written.
+    `DataError` if a file holds no scans, or `out` exists or cannot be written.
     """
     if out.exists():
         raise DataError(f"{out}: exists already; choose another name or move it away")

@@ -50,13 +50,7 @@ def _item(entry: ChannelMessage, *, with_events: bool) -> Item | None:
 
 
 def read_header(path: Path) -> Header:
-    """Read the description of a recording.
-
-    Raises
-    ------
-    DataError
-        It cannot be read, or is not a tactiled recording.
-    """
+    """Read the description of a recording; `DataError` if there is none that can be read."""
     fault = ""
     for metadata in _descriptions(path):
         try:
@@ -72,13 +66,7 @@ def read_header(path: Path) -> Header:
 
 
 def is_recording(path: Path) -> bool:
-    """Return True for a recording of tactiled, of any version, and False for other MCAP files.
-
-    Raises
-    ------
-    DataError
-        It cannot be opened.
-    """
+    """Return True for a recording of tactiled, of any version, and False for other MCAP files."""
     with open_recording(path) as stream:
         topics = topics_of_summary(stream)
     if topics and not any(topic.startswith(contents.TOPICS) for topic in topics):
@@ -94,13 +82,7 @@ def _descriptions(path: Path) -> Iterator[dict[str, str]]:
 
 
 def in_order(paths: Sequence[Path]) -> list[tuple[Path, Header]]:
-    """Recordings with their headers; parts of one run sorted by part number, independent of file names.
-
-    Raises
-    ------
-    DataError
-        One cannot be read, or is not a tactiled recording.
-    """
+    """Return recordings with their headers, parts of one run by part number; raises as `read_header`."""
     headers = [(path, read_header(path)) for path in paths]
     runs = [header.run for _, header in headers]
     return sorted(headers, key=lambda entry: (runs.index(entry[1].run), entry[1].part))
@@ -112,12 +94,7 @@ def read_items(
     """Yield everything in a recording in file order; an unfinished file ends at its last whole chunk.
 
     An unreadable stretch in the middle becomes an `Input` "damaged". At the end, what could not be read is
-    logged. Events take most of the time of reading.
-
-    Raises
-    ------
-    DataError
-        It cannot be read.
+    logged. Events take most of the time of reading. `DataError` if it cannot be read.
     """
     extent = extent or Extent()
     with open_recording(path) as stream:

@@ -109,7 +109,7 @@ def recover(
 def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tuple[bool, str]]:
     """Recover the unfinished recordings of earlier runs one by one, replacing all originals without damage.
 
-    Files with other names than the daemon's are left alone.
+    Files with other names than the daemon's are left alone. `DataError` if the directory cannot be read.
 
     Parameters
     ----------
@@ -120,11 +120,6 @@ def recover_directory(directory: Path, min_free_mb: float = 0.0) -> Iterator[tup
     ------
     is_recovered, words : bool, str
         Of each file: what was recovered, or why it was not.
-
-    Raises
-    ------
-    DataError
-        The directory cannot be read.
     """
     try:
         paths = unfinished(directory)

@@ -95,15 +95,12 @@ def replay(
 ) -> ReplayComparison:
     """Run recordings through the pipeline and print each event as JSON, as `tactiled listen` did live.
 
+    Raises as `Replay`.
+
     Parameters
     ----------
     topics : collection of str
         Topics to print; empty for all.
-
-    Raises
-    ------
-    DataError
-        See `Replay`.
     """
     seqs: dict[str, int] = {}
     steps = Replay(paths, reached)

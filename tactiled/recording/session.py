@@ -366,13 +366,7 @@ def part_path(path: Path, part: int) -> Path:
 
 
 def free_mb(directory: Path) -> float:
-    """Free disk space for this user, 10^6 bytes.
-
-    Raises
-    ------
-    DataError
-        There is no such directory.
-    """
+    """Free disk space for this user, 10^6 bytes; `DataError` if there is no such directory."""
     try:
         disk = os.statvfs(directory)
     except OSError as error:

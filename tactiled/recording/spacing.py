@@ -148,6 +148,8 @@ def to_blocks(
 ) -> list[ScanBlock | Gap]:
     """Split a log into blocks at missing scans; rows that repeat a scan are left out.
 
+    `DataError` if the rate is not that of the times.
+
     Parameters
     ----------
     time_s : (n,) float64
@@ -157,11 +159,6 @@ def to_blocks(
         Rate of the scans, or of the rows where these repeat them; None to use their times.
     valid : (n, channels) bool
         False for readings that are missing or saturated.
-
-    Raises
-    ------
-    DataError
-        The rate is not that of the times.
     """
     spacing = spacing_of(time_s, volts)
     scan_hz = 1 / spacing.period_s if rate_hz is None else rate_hz

@@ -98,13 +98,7 @@ def _run(pipeline: Pipeline, causes: Sequence[Read | Input], path: Path) -> Sequ
 
 
 def run_input(pipeline: Pipeline, cause: Input, path: Path) -> Sequence[Output]:
-    """Give the pipeline an input that is no read, and return its outputs.
-
-    Raises
-    ------
-    DataError
-        It is no input of this version.
-    """
+    """Give the pipeline an input that is no read; return its outputs. `DataError` for an unknown input."""
     if cause.name == "disconnected":
         pipeline.disconnected()
     elif cause.name in ("damaged", "dropped"):

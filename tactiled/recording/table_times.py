@@ -86,12 +86,8 @@ def find_times(
 
     A name without a unit has that of the options. `time_s` comes first, then a stamp that is split into
     seconds and a fraction, then the first name with a unit. Columns of `dates` come last: many programs
-    round them to seconds, and a rate replaces them.
-
-    Raises
-    ------
-    DataError
-        All times have another unit than that of the options.
+    round them to seconds, and a rate replaces them. `DataError` if all times have another unit than that of
+    the options.
     """
     given = options.time_unit
     found = {name: unit for name in names if (unit := unit_of(name)) is not None}

@@ -24,10 +24,7 @@ _OURS = re.compile(r"/etc/(tactiled|sysusers\.d|systemd/system|udev/rules\.d)/[A
 def write(plan: SetupPlan, root: Path, say: Say) -> None:
     """Write what is missing. A file that differs is kept: somebody has edited it.
 
-    Raises
-    ------
-    OperatorError
-        A file cannot be written.
+    `OperatorError` if a file cannot be written.
     """
     written = _read_manifest(root, plan.name)
     others = _written_for_others(root, plan.name)
@@ -76,11 +73,6 @@ def check_other_port(plan: SetupPlan, url: str, root: Path) -> None:
     """Refuse a name whose configuration is of another port that is there: the board behind it would lose it.
 
     Boards of one layout may all have one serial number, by which they are named.
-
-    Raises
-    ------
-    ConfigError
-        The configuration of this name has another port, which exists.
     """
     try:
         port = str(tomlfile.read(_under(root, plan.files[0].path))["port"]["url"])
@@ -163,10 +155,7 @@ def _digest(text: str) -> str:
 def _read_manifest(root: Path, name: str) -> dict[str, str]:
     """Files that were written for a board, with their digests.
 
-    Raises
-    ------
-    OperatorError
-        The list is damaged, or names a file where `tactiled setup` writes none.
+    `OperatorError` if the list is damaged, or names a file where `tactiled setup` writes none.
     """
     manifest = _under(root, f"/etc/tactiled/{name}.setup.json")
     if not manifest.exists():

@@ -103,10 +103,7 @@ class Encoder:
     def encode(self, frame: Frame) -> bytes:
         """Return the bytes of one frame, including delimiter or sync word.
 
-        Raises
-        ------
-        ContractError
-            The layout has no such message, or a value does not fit its field.
+        `ContractError` if the layout has no such message, or a value does not fit its field.
         """
         name = frame.name if isinstance(frame, Command) else type(frame).__name__.lower()
         if name not in self.layout.messages:

@@ -218,11 +218,5 @@ def compile_layout(file: LayoutFile) -> Layout:
 
 
 def load_layout(name_or_path: str) -> Layout:
-    """Load a layout by shipped name (``board-v1``) or by path.
-
-    Raises
-    ------
-    ConfigError
-        Lists every fault of the file.
-    """
+    """Load a layout by shipped name (``board-v1``) or by path; `ConfigError` lists every fault."""
     return compile_layout(tomlfile.load(tomltext.locate(name_or_path, "protocols"), LayoutFile))

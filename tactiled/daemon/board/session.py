@@ -67,17 +67,14 @@ class SessionParams(Params):
 class Session:
     """State machine of the board and its line.
 
+    `ConfigError` if a rate is configured that the layout cannot set or confirm.
+
     Parameters
     ----------
     check : callable
         Returns the reason why a board does not fit layout and array, or None (`pipeline.check_hello`).
     line : LineWatch
         Names the likely cause when no frame arrives.
-
-    Raises
-    ------
-    ConfigError
-        A rate is configured, and the layout cannot set or confirm one.
     """
 
     def __init__(

@@ -57,10 +57,7 @@ class PortParams(Params):
 def check_url(url: str) -> None:
     """Refuse a URL that can never be opened, so that it is not tried for ever.
 
-    Raises
-    ------
-    ConfigError
-        Unknown URL scheme, or a directory.
+    `ConfigError` for an unknown scheme or a directory.
     """
     try:
         serial.serial_for_url(url, do_not_open=True)
@@ -179,13 +176,7 @@ class SerialPort:
 
 
 def open_port(url: str, baud: int) -> SerialPort:
-    """Open and configure a port for exclusive use.
-
-    Raises
-    ------
-    PortError
-        The port cannot be opened now; the message says what to do.
-    """
+    """Open and configure a port for exclusive use; a `PortError` says what to do if that fails now."""
     try:
         device = serial.serial_for_url(url, baudrate=baud, timeout=_POLL_S, exclusive=True)
     except (serial.SerialException, OSError, ValueError, termios.error) as error:

@@ -65,10 +65,7 @@ class KeyFolder:
     def pair(self, environ: Mapping[str, str] = os.environ) -> tuple[bytes, bytes]:
         """Return public and secret key of the daemon, from systemd's credentials if the unit loads them.
 
-        Raises
-        ------
-        ConfigError
-            The file is missing, is invalid, or can be read by other users.
+        `ConfigError` if the file is missing, is invalid, or can be read by other users.
         """
         path = self.path / "daemon.toml"
         # Only root can read the file of root: LoadCredential= of the unit copies it for the daemon.
