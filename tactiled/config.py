@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import combinations, product
 from operator import attrgetter
 from pathlib import Path
@@ -138,13 +137,16 @@ def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "l
     return "calibration" if "largest_reading" in document else "configuration"
 
 
-def load_configs(files: Sequence[Path]) -> list[Setup]:
-    """Load the configurations of all boards of one process; report the faults of all files at once."""
+def load_configs(files: Sequence[Path], port_url: str | None = None) -> list[Setup]:
+    """Load the configurations of all boards of one process; report the faults of all files at once.
+
+    `port_url` is for a single board (see `load_config`).
+    """
     setups: list[Setup] = []
     wrong: list[ConfigError] = []
     for file in files:
         try:
-            setups.append(load_config(file))
+            setups.append(load_config(file, port_url))
         except ConfigError as error:
             wrong.append(error)
     if len(wrong) == 1:
@@ -230,7 +232,7 @@ def _set_up(config: Config, source: str) -> Setup:
             f"but a scan of {layout_file.name} has {layout_file.channels}"
         )
         raise ConfigError(source, [fault])
-    return Setup(config, _compiled(layout_file.model_dump_json()), array, source, calibration)
+    return Setup(config, compile_layout(layout_file), array, source, calibration)
 
 
 def _load(key: str, path: Path, schema: type[P], faults: list[str]) -> P | None:
@@ -240,12 +242,6 @@ def _load(key: str, path: Path, schema: type[P], faults: list[str]) -> P | None:
     except ConfigError as error:
         faults += [f"board.{key}: {error.source}: {fault}" for fault in error.faults]
         return None
-
-
-@cache
-def _compiled(layout_file: str) -> Layout:
-    """Compile a layout file in JSON; boards of one process with equal layouts share the result."""
-    return compile_layout(LayoutFile.model_validate_json(layout_file))
 
 
 def _calibration(board: BoardFiles, array: Array, source: str) -> CalibrationFile | None:

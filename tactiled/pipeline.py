@@ -49,17 +49,18 @@ class PipelineParams(Params):
 
 @dataclass(frozen=True)
 class Health:
-    """Counters and state of a pipeline; `bytes_in == bytes_framed + bytes_discarded + bytes_pending`."""
+    """Counters and state of a pipeline; `bytes_in == bytes_framed + bytes_discarded + bytes_pending`.
+
+    Fields with names of `status` messages mean what these do (protocols/events/status.schema.json).
+    """
 
     scans: int
     scans_missing: int
     scans_overrun: int
-    """Part of `scans_missing`: the board missed the instant and flagged it."""
     scans_dropped: int
     """Part of `scans_missing`: missing between intact frames, without a flag or another known cause."""
     scans_duplicate: int
     restarts: int
-    """Number of boots of the board or restarts of its counters; they do not count as missing scans."""
     frames: int
     """Number of good frames of any kind."""
     frames_corrupt: int
@@ -79,13 +80,9 @@ class Health:
     contact: ContactState
     slipping: bool
     hidden_below: float
-    """Load of a taxel that is no contact beside the largest load of late; 0 where that does not count."""
     loss_known: bool
-    """Scans carry a sequence number; otherwise `scans_missing` misses most of the lost ones."""
     damage_known: bool
-    """Frames carry a checksum; otherwise a damaged reading may pass as a good one."""
     fits_late: int
-    """Number of groove fits that were not ready at the scan at which they were due."""
 
 
 class Pipeline:

@@ -30,7 +30,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     """
     need_board(configs[0] if configs else None, port)
     need_toml(*(path for path in configs if not path.is_dir()))
-    from tactiled.config import config_files, default_config, load_config, load_configs
+    from tactiled.config import config_files, default_config, load_configs
     from tactiled.daemon.operations.log import set_up
 
     set_up(10 if verbose else 20)
@@ -40,11 +40,7 @@ def run(configs: tuple[Path, ...], port: str | None, recording: Path | None, ver
     if len(files) > 1 and recording is not None:
         raise click.UsageError("--record is for one board: set record.directory in each configuration")
 
-    if not files:
-        setups = [default_config(port or "")]
-    else:
-        setups = [load_config(files[0], port)] if len(files) == 1 else load_configs(files)
-    serve(setups, recording)
+    serve(load_configs(files, port) if files else [default_config(port or "")], recording)
 
 
 def serve(

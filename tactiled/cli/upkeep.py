@@ -78,7 +78,7 @@ def check_config(
     if log is None and (columns or time_unit):
         raise click.UsageError("--columns and --time-unit are of a log: give --log FILE")
     need_toml(*(path for path in files if not path.is_dir()))
-    from tactiled.config import config_files, kind_of, load_config, load_configs
+    from tactiled.config import config_files, kind_of, load_configs
 
     paths = config_files(files)
     kinds = [kind_of(tomltext.read(path)) for path in paths]
@@ -130,7 +130,7 @@ def check_config(
         from tactiled import compiled
         from tactiled.doctor.unplugged import check_files, resolved_in_words, settings_in_words
 
-        for setup in [load_config(file)] if len(paths) == 1 else load_configs(paths):
+        for setup in load_configs(paths):
             warnings = check_files(setup, setup.source)
             show_valid(
                 setup.source, f"{setup.array.name}, {setup.layout.name}", setup.config.model_dump(mode="json")

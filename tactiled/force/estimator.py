@@ -194,10 +194,8 @@ class ForceEstimator:
 
     def reset(self) -> None:
         """Forget zero, creep and contact; keep the calibration."""
-        self._model.reset()
-        self._zero.reset()
+        self.tared()
         self._last_s: float | None = None
-        self._previous = np.zeros(self._array.n_channels)
 
     def tared(self) -> None:
         """Take the present zero of the readings as exact and as free of creep: a tare has just set it."""

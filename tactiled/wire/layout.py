@@ -22,17 +22,6 @@ from tactiled.wire.schema import (
     TerminatorFraming,
 )
 
-_NUMPY = {
-    "u8": "u1",
-    "u16": "u2",
-    "u32": "u4",
-    "i8": "i1",
-    "i16": "i2",
-    "i32": "i4",
-    "f32": "f4",
-    "number": "f8",
-}
-
 
 @dataclass(frozen=True)
 class MessageFormat:
@@ -199,7 +188,10 @@ def compile_layout(file: LayoutFile) -> Layout:
     order = "<" if file.byte_order == "little" else ">"
 
     def field(f: FieldLayout) -> tuple[Any, ...]:
-        kind = f"S{f.size}" if f.type == "text" else order + _NUMPY[f.type]
+        if f.type == "text":
+            kind = f"S{f.size}"
+        else:  # numpy counts bytes: u2 for u16; a number of a text is a float64
+            kind = f"{order}f8" if f.type == "number" else f"{order}{f.type[0]}{int(f.type[1:]) // 8}"
         return (f.name, kind, (f.n_values(file.channels),)) if f.name in PER_CHANNEL else (f.name, kind)
 
     return Layout(

@@ -273,16 +273,12 @@ class LayoutFile(Params):
             not 0 <= place < counts.n_values(self.channels) for place in counts.left_out
         ):
             yield f"left_out: positions must differ and lie in 0 to {counts.n_values(self.channels) - 1}"
-        hello = self.assumed_hello
-        if hello is not None and kind not in UNCHECKED:
-            given = hello.model_fields_set
-            for name in ("rate_hz", "adc_bits", "adc_reference_v"):
-                if name not in given:
-                    yield f"assumed_hello.{name}: missing"
-        elif hello is not None and counts.type not in ("f32", "number"):
-            for name in ("adc_bits", "adc_reference_v"):
-                if name not in hello.model_fields_set:
-                    yield f"assumed_hello.{name}: missing"
+        needed = {"rate_hz"} if kind not in UNCHECKED else set()  # otherwise it is measured
+        if counts.type not in ("f32", "number"):
+            needed |= {"adc_bits", "adc_reference_v"}
+        if self.assumed_hello is not None:
+            for name in sorted(needed - self.assumed_hello.model_fields_set):
+                yield f"assumed_hello.{name}: missing"
 
     def _command_faults(self) -> Iterator[str]:
         fixed = {m.name: bytes.fromhex(m.hex) for m in self.messages if m.hex is not None}

@@ -34,7 +34,6 @@ _LOG_PERIOD_S = 1.0  # of the counts of repeated conditions
 _HIGH_WATER = 16
 # Parts of a request: number of a correlating REQ, empty part of a REQ, payload.
 _MOST_PARTS = 3
-_SEVERAL = "a request of several frames: send one"
 # The longest reply is kept for a client, or eight with missed messages. A request costs some 0.3 ms at most.
 BOUNDS = Bounds(LONGEST_BYTES, LONGEST_REPLY_BYTES + 1024, steps_per_s=500.0)
 
@@ -71,19 +70,14 @@ class RequestServer(PeerServer):
         return True
 
     def _answer(self, peer: Peer, connection: _Connection) -> None:
-        now_s = time.monotonic()
-        *envelope, payload = connection.parts
-        if len(envelope) >= _MOST_PARTS or (envelope and envelope[-1]):
-            self._control.bad.add(_SEVERAL, now_s)
-            return
         requester = Requester(
             connection=connection.name,
             uid=peer.uid,
             address=peer.address,
             may_command=peer.uid >= 0 or self._commands_over_tcp,
         )
-        reply = self._control.answer(payload, requester, now_s)
-        self._send(peer, Queued(zmtp.message(*envelope, reply)))
+        if reply := _reply(self._control, connection.parts, requester):
+            self._send(peer, Queued(zmtp.message(*reply)))
 
     def _gone(self, peer: Peer) -> None:
         self._connections.pop(peer, None)
@@ -173,22 +167,18 @@ class GuardedRequestServer:
             await self._socket.poll()
             frames = await _receive(plain)
             if frames:
-                self._take(plain, frames, time.monotonic())
+                self._take(plain, frames)
             await limit.wait()
 
     def close(self) -> None:
         """Close the socket, without sending queued replies."""
         self._socket.close(0)
 
-    def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame], now_s: float) -> None:
-        *envelope, payload = (frame.bytes for frame in frames)
-        n_parts = len(frames) - 1  # behind the identity, which libzmq puts first
-        if not 0 < n_parts <= _MOST_PARTS or (n_parts > 1 and envelope[-1]):
-            self._control.bad.add(_SEVERAL, now_s)
-            return
-        reply = self._control.answer(payload, self._requester(envelope[0], frames[-1]), now_s)
-        # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
-        sock.send_multipart([*envelope, reply], zmq.NOBLOCK)
+    def _take(self, sock: zmq.Socket[bytes], frames: list[zmq.Frame]) -> None:
+        identity, *parts = (frame.bytes for frame in frames)  # libzmq puts the identity first
+        if parts and (reply := _reply(self._control, parts, self._requester(identity, frames[-1]))):
+            # A reply to a client that has left, or does not read its replies, libzmq drops by itself.
+            sock.send_multipart([identity, *reply], zmq.NOBLOCK)
 
     def _requester(self, routing_id: bytes, frame: zmq.Frame) -> Requester:
         key, peer = _property(frame, "User-Id"), _property(frame, "Peer-Address")
@@ -198,6 +188,16 @@ class GuardedRequestServer:
             address=peer.removeprefix("::ffff:"),  # an IPv4 address in IPv6 notation
             may_command=bool(key),
         )
+
+
+def _reply(control: Control, parts: list[bytes], requester: Requester) -> list[bytes]:
+    """Return the parts of the reply to a request; none to parts that are no request."""
+    now_s = time.monotonic()
+    *envelope, payload = parts
+    if len(envelope) >= _MOST_PARTS or (envelope and envelope[-1]):
+        control.bad.add("a request of several frames: send one", now_s)
+        return []
+    return [*envelope, control.answer(payload, requester, now_s)]
 
 
 async def _receive(sock: zmq.Socket[bytes]) -> list[zmq.Frame]:
