@@ -161,11 +161,8 @@ def load_configs(files: Sequence[Path], port_url: str | None = None) -> list[Set
 def check_together(setups: Sequence[Setup]) -> None:
     """Check that one process can serve these boards.
 
-    Raises
-    ------
-    ConfigError
-        Two boards have the same serial number, port or directory of recordings, one has no serial number, or
-        a setting of the whole process differs; names the files and the keys.
+    A `ConfigError` names files and keys where two boards have the same serial number, port or directory of
+    recordings, one has no serial number, or a setting of the whole process differs.
     """
     if len(setups) == 1:
         return

@@ -173,15 +173,12 @@ def detect_messages(
     """Return the log of a file, and its messages, which are computed while the file is read.
 
     A recording is read in parts: neither readings nor events are kept. A log of others is read as a whole.
+    `DataError` or `ConfigError` if the file, the array or a parameter is invalid; some faults are found while
+    messages are computed.
 
     `reached` is called with the fraction of the file that has been read, 0 to 1. Of the grip events,
     `choices.grip_hz` a second become messages, and those at which the state changes; of the force events,
     `choices.force_hz` a second.
-
-    Raises
-    ------
-    DataError, ConfigError
-        The file, the array or a parameter is invalid; some faults are found while messages are computed.
     """
     choices = choices or Choices()
     params = choices.params()

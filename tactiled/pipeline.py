@@ -280,11 +280,10 @@ class Pipeline:
         Parameters
         ----------
         name : str
-            ``"tare"``, ``"speed"``, ``"friction"``, ``"object-changed"``, ``"motion"``, ``"inhibit"``,
-            ``"expect-load-change"`` or ``"thresholds"`` (protocols/control.md; the instants of ``"motion"``
-            are those of the scans' clock); ``"adapter"``, which only the port says: its ``handover_s``;
-            ``"ping"``, just before the daemon sends one: its ``token``; ``"late-fit"``, which only a
-            recording says: the ``index`` of the scan at which a fit was due and not ready.
+            A command of protocols/control.md that concerns detectors (the instants of ``"motion"`` are those
+            of the scans' clock); ``"adapter"``, which only the port says: its ``handover_s``; ``"ping"``,
+            just before the daemon sends one: its ``token``; ``"late-fit"``, which only a recording says: the
+            ``index`` of the scan at which a fit was due and not ready.
 
         Returns
         -------

@@ -34,10 +34,7 @@ _KEY = re.compile(r"[ \t]*([\w.-]+)[ \t]*=")
 def locate(name_or_path: str, kind: str) -> Path:
     """Return the path of an array (``config/arrays``) or layout (``protocols``) by shipped name or path.
 
-    Raises
-    ------
-    ConfigError
-        No shipped file has this name. A path is not checked here: `read` does that.
+    `ConfigError` if no shipped file has this name; a path is not checked here: `read` does that.
     """
     path = resources.find(name_or_path, kind)
     if resources.is_name(name_or_path) and not path.exists():

@@ -78,15 +78,12 @@ def _package_of(entry: str) -> str:
 def find(entry: str, what: str) -> "EntryPoint":
     """Return an entry point of this repository, not imported yet.
 
+    An `OperatorError` says what to install if its distribution is missing.
+
     Parameters
     ----------
     what : str
         Feature that needs it.
-
-    Raises
-    ------
-    OperatorError
-        Its distribution is not installed; the message says what to install.
     """
     found = _installed().get(entry)
     if found is None:

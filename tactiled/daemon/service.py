@@ -32,15 +32,13 @@ _NAMED = 3  # boards that the line of status names; the log has all of them
 class Service:
     """Run the daemon for one or several boards; made in the event loop that runs it.
 
+    `ConfigError` or `OperatorError` if the parameters can never work, `UnavailableError` if they do not now,
+    for example with an endpoint in use.
+
     Parameters
     ----------
     boards : sequence of ServedBoard
         They agree on `metrics` and `publish`; of several, each has a serial number and a port of its own.
-
-    Raises
-    ------
-    ConfigError, OperatorError
-        The parameters can never work. `UnavailableError`: not now, for example an endpoint in use.
     """
 
     def __init__(self, boards: Sequence[ServedBoard]) -> None:

@@ -258,10 +258,7 @@ ForceModel = PairsModel | SmoothModel
 def build_model(array: Array, file: CalibrationFile) -> ForceModel:
     """Make the model of a calibration file for its array.
 
-    Raises
-    ------
-    ConfigError
-        The file is of another array, or has weights of other features.
+    `ConfigError` if the file is of another array, or has weights of other features.
     """
     file.check_array(array)
     if file.smooth is not None:

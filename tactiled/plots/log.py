@@ -1,7 +1,8 @@
 """Picture of a log: readings, margin to slip, grooves and one slip, with the truth where known."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,8 @@ def draw_log(
     axes["r"].set_ylabel(f"readings ({array.unit})")
     if grips:
         _draw_margin(axes["g"], grips, truth, origin_s)
-    spans = list(_spans(slips, last_s))
     for name in "r" + "g" * bool(grips):
-        _mark_slips(axes[name], spans, truth, origin_s)
+        _mark_slips(axes[name], slips, last_s, truth, origin_s)
         axes[name].set_xlim(0, last_s - origin_s)
         axes[name].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
         axes[name].set_xlabel("time (s)")
@@ -80,44 +80,26 @@ def draw_log(
     save(figure, path)
 
 
-@dataclass(frozen=True)
-class _SlipSpan:
-    """A reported slip: onset, detection and end; the end of the log where the slip has no end."""
+def _mark_slips(
+    axis: Axes, slips: Sequence[SlipEvent], last_s: float, truth: KnownTruth | None, origin_s: float
+) -> None:
+    """Shade each slip from onset to end, darker up to its detection, and the true slips.
 
-    onset_s: float
-    detected_s: float
-    end_s: float
-    is_gross: bool
-
-
-def _spans(slips: Sequence[SlipEvent], last_s: float) -> Iterator[_SlipSpan]:
-    """Pair onsets with what ends them: an end, a gross onset of the same slip, or the end of the log."""
-    for number, event in enumerate(slips):
-        if event.state == "onset":
-            after = slips[number + 1] if number + 1 < len(slips) else None
-            end_s = last_s if after is None else after.onset_s if after.state == "onset" else after.time_s
-            yield _SlipSpan(event.onset_s, event.detected_s, end_s, event.kind == "gross")
-
-
-def _mark_slips(axis: Axes, spans: Sequence[_SlipSpan], truth: KnownTruth | None, origin_s: float) -> None:
-    """Shade each slip from onset to end, darker up to its detection, and the true slips."""
+    What ends a slip is an end, a gross onset of the same slip, or the end of the log.
+    """
     shaded = ("true: shear begins to gross slip", "gross slip", "incipient slip", "onset to detection")
     once = {label: label for label in shaded}  # in the legend
     for begin_s, gross_s in truth.spans_s if truth is not None else ():
         label = once.pop(shaded[0], None)
         axis.axvspan(begin_s - origin_s, gross_s - origin_s, color=TRUTH, alpha=0.5, lw=0, label=label)
-    for span in spans:
-        kind = "gross slip" if span.is_gross else "incipient slip"
-        begin, detected, end = span.onset_s - origin_s, span.detected_s - origin_s, span.end_s - origin_s
+    for event, after in zip_longest(slips, slips[1:]):
+        if event.state != "onset":
+            continue
+        end_s = last_s if after is None else after.onset_s if after.state == "onset" else after.time_s
+        begin, detected, end = event.onset_s - origin_s, event.detected_s - origin_s, end_s - origin_s
         if end > begin:
-            axis.axvspan(
-                begin,
-                end,
-                color=SLIP,
-                alpha=0.16 if span.is_gross else 0.07,
-                lw=0,
-                label=once.pop(kind, None),
-            )
+            alpha, label = 0.16 if event.kind == "gross" else 0.07, once.pop(f"{event.kind} slip", None)
+            axis.axvspan(begin, end, color=SLIP, alpha=alpha, lw=0, label=label)
         axis.axvspan(begin, detected, color=SLIP, alpha=0.6, lw=0.6, label=once.pop(shaded[3], None))
 
 

@@ -119,6 +119,8 @@ def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tup
 
     Times are the stamps in the headers of the messages where these grow from message to message, otherwise
     the times at which the messages were recorded; where no times grow, `rate_hz` spaces the messages.
+    `DataError` if the bag cannot be read, or lacks the topic or field, with those that it has;
+    `OperatorError` if rosbags is not installed.
 
     Parameters
     ----------
@@ -128,13 +130,6 @@ def read_bag(path: Path, topic: str | None, rate_hz: float | None = None) -> tup
         ``/name``, or ``/name.field`` for a message with several arrays; ``.`` between fields of fields. The
         numbers of a field, those of fields within it included, are the channels. None for the only topic
         with an array of numbers.
-
-    Raises
-    ------
-    DataError
-        The bag cannot be read, or has no such topic or field; the message names those that it has.
-    OperatorError
-        rosbags is not installed.
     """
     if path.is_dir() and not (path / "metadata.yaml").is_file():
         raise DataError(f"{path}: a folder without metadata.yaml, so no rosbag2; name a file")

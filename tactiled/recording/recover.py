@@ -61,6 +61,8 @@ def recover(
 ) -> RecoveryResult:
     """Copy all whole chunks into a finished file; the original is locked and only read.
 
+    `DataError` if the original is being written, nothing can be saved, or the new file cannot be written.
+
     Parameters
     ----------
     out : Path, optional
@@ -69,11 +71,6 @@ def recover(
         Remove the original once the new file is on disk, and copy its modification time to the new file.
         An original with damage is kept, as ``NAME.active.damaged``, unless only its last chunk is not whole.
         A new file that is there already, with the same bytes, is of a recovery that was killed before that.
-
-    Raises
-    ------
-    DataError
-        The original is being written, nothing can be saved, or the new file cannot be written.
     """
     out = out or default_name(path)
     extent, kept = Extent(), None

@@ -39,15 +39,12 @@ class ReplayStep:
 class Replay:
     """Replay of a recording as an iterable of steps; iterate once.
 
+    `DataError` if a file is not a recording, or the parts are not consecutive.
+
     Parameters
     ----------
     paths : sequence of Path
         One file, or consecutive parts of one recording, in any order.
-
-    Raises
-    ------
-    DataError
-        A file is not a recording, or the parts are not consecutive.
     """
 
     def __init__(self, paths: Sequence[Path], reached: Reached | None = None) -> None:

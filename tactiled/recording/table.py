@@ -32,11 +32,7 @@ def read_table(path: Path, options: TableOptions | None = None) -> tuple[FloatAr
     so are columns without a name.
     ``.npz``: ``time_s (n,)`` and ``volts (n, channels)``, or one array (n, ...) of another name; optional
     ``valid`` of the shape of ``volts`` is True for valid readings.
-
-    Raises
-    ------
-    DataError
-        The file is not a valid log (the message names the line or the array), or too large to be held.
+    A `DataError` names the line or the array that is not valid, or says that the file is too large.
     """
     options = options or TableOptions()
     is_npz = path.suffix.lower() == ".npz"

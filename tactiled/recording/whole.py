@@ -23,12 +23,7 @@ class WholeLog(NamedTuple):
 def kind_of(path: Path, topic: str | None) -> Literal["recording", "table", "bag"]:
     """Return the kind of a file: a recording of ours, a table, or a bag of ROS or MCAP of others.
 
-    Raises
-    ------
-    DataError
-        The file is of no known kind, or cannot be read.
-    ConfigError
-        A topic is named, but the file can be no bag.
+    `DataError` if it is of no known kind, or cannot be read; `ConfigError` for a topic of what can be no bag.
     """
     if is_bag(path, topic):
         return "bag"
@@ -50,17 +45,13 @@ def read_whole(
 ) -> WholeLog | None:
     """Read a table or a topic of a bag (see `read_table`, `read_bag`); None for a recording of ours.
 
+    `DataError` if the file is of no known kind, cannot be read, or has another number of channels than the
+    array; `ConfigError` if the array is not known, or an option is not for files of this kind.
+
     Parameters
     ----------
     options : TableOptions or None
         None for a verb without such options, which errors then do not name.
-
-    Raises
-    ------
-    DataError
-        The file is of no known kind, cannot be read, or has another number of channels than the array.
-    ConfigError
-        The array is not known, or an option is not for files of this kind.
     """
     given = options or TableOptions()
     kind = kind_of(path, topic)

@@ -27,12 +27,8 @@ _CHUNK_BYTES = (
 class RecordingWriter:
     """Writer of one recording file; a context manager that finishes it.
 
-    Raises
-    ------
-    DataError
-        The file cannot be written, or a file of that name exists or is being written.
-    OSError
-        From every method: the disk is full or fails. Data synced before can be recovered.
+    `DataError` if the file cannot be written, or a file of that name exists or is being written. `OSError`
+    from every method if the disk is full or fails; data synced before can be recovered.
     """
 
     def __init__(self, path: Path, header: Header) -> None:

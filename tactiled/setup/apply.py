@@ -96,12 +96,8 @@ def remove(name: str, root: Path, say: Say) -> None:
     """Remove what `write` wrote for a board, except for files that were edited since.
 
     Files that all boards share go with the last board. The folder of its recordings, which its unit has made,
-    goes if it is empty.
-
-    Raises
-    ------
-    OperatorError
-        The name is none, nothing was set up under it, or a file cannot be removed.
+    goes if it is empty. `OperatorError` if the name is none, nothing was set up under it, or a file cannot be
+    removed.
     """
     written = written_for(name, root)
     others = _written_for_others(root, name)

@@ -103,6 +103,9 @@ def make_plan(
 ) -> SetupPlan:
     """Return what the service of a board needs.
 
+    `ConfigError` if the name is no name of a unit, the configuration would be invalid, or the program was not
+    found.
+
     Parameters
     ----------
     name : str, optional
@@ -113,11 +116,6 @@ def make_plan(
         Ports of the configurations that are there, by name (`tactiled.setup.apply.taken_ports`).
     for_all : bool
         `tactiled.service` reads this configuration with those of the other boards (`serves_all_boards`).
-
-    Raises
-    ------
-    ConfigError
-        The name is no name of a unit, the configuration would be invalid, or the program was not found.
     """
     port = board.port
     serial = _serial_of(port)

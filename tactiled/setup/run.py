@@ -16,12 +16,8 @@ def run_setup(
 ) -> int:
     """Find a board, and write its service or print it; return the exit code: 1 where no board answers.
 
-    Raises
-    ------
-    ConfigError
-        The proposal would be invalid, or another board has the name.
-    OperatorError
-        A file cannot be written.
+    `ConfigError` if the proposal would be invalid, or another board has the name; `OperatorError` if a file
+    cannot be written.
     """
     ports = [port_at(port)] if port is not None else find_ports()
     if not ports:

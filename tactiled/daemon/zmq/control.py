@@ -118,17 +118,12 @@ class Control:
         if not requester.may_command:
             self.bad.add(f"{command.do} by {requester}: {_NO_COMMANDS}", now_s)
             return self._reply(command.id, command.do, _NO_COMMANDS)
-        reason = self._do(command, requester, now_s)
+        board = self._addressed(command)
+        reason = self._no_board(command) if board is None else board.do(command, requester, now_s)
         # The event has the reason; one line for each outcome keeps the log short.
         outcome = "refused" if reason else "done"
         self.commanded.add(f"{command.do} by {requester}: {outcome}", now_s, logging.INFO)
         return self._reply(command.id, command.do, reason)
-
-    def _do(self, command: CommandRequest, requester: Requester, now_s: float) -> str:
-        """Give a command to the board that it names; return why it is refused."""
-        if (board := self._addressed(command)) is not None:
-            return board.do(command, requester, now_s)
-        return self._no_board(command)
 
     def _no_board(self, request: Request) -> str:
         """Reason for the refusal of a request that is to no board, or to an unknown one."""

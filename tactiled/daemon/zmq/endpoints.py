@@ -164,12 +164,7 @@ def _address(endpoint: str) -> tuple[int, str | tuple[str, int]]:
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:
     """Return the directory for ipc sockets: that of systemd, or one of this user.
 
-    Raises
-    ------
-    UnavailableError
-        It cannot be created.
-    OperatorError
-        Another user owns it.
+    `UnavailableError` if it cannot be created; `OperatorError` if another user owns it.
     """
     if given := environ.get("RUNTIME_DIRECTORY", "").split(":")[0]:
         return Path(given)

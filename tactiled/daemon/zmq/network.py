@@ -86,12 +86,8 @@ class RequestServer(PeerServer):
 class Network:
     """Publisher and control server of boards that share endpoints, with one authenticator.
 
-    Raises
-    ------
-    ConfigError, OperatorError
-        An endpoint can never be bound, or there are no keys; the message says what to do.
-    UnavailableError
-        An endpoint is in use, or cannot be bound now.
+    `ConfigError` or `OperatorError` if an endpoint can never be bound, or there are no keys;
+    `UnavailableError` if one cannot be bound now.
     """
 
     def __init__(

@@ -102,10 +102,7 @@ class KeyFolder:
     def make(self, name: str, carry_to: Path) -> None:
         """Make the key pair of a client (and that of the daemon, if there is none), and write its file.
 
-        Raises
-        ------
-        OperatorError
-            The name is invalid or in use, or a file cannot be written.
+        `OperatorError` if the name is invalid or in use, or a file cannot be written.
         """
         if not re.fullmatch(_NAME, name) or name == "daemon":
             raise OperatorError(f"{name!r}: name a client with letters, digits, '_', '.' and '-'")
