@@ -153,7 +153,9 @@ def command(name: str, fields: tuple[str, ...], endpoint: str | None, board: str
 def top(endpoint: str, array: str | None, once: bool, keys: Path | None) -> None:
     """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
 
-    Commands need ipc, or --keys: give the daemon's ipc endpoint.
+    A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; a dot
+    is a touch, ! a slip. Key s changes the load of the fullest colour, i and e suppress slips for 0.5 s
+    (inhibit, expect-load-change). Commands need ipc, or --keys: give the daemon's ipc endpoint.
 
     Example: tactiled top ipc:///run/tactiled/left/events.ipc
     """

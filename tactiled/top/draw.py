@@ -1,7 +1,7 @@
 """Screen of one board as lines of text with colours; 80x24 is enough. No I/O."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import zip_longest
 from textwrap import wrap
 from typing import Any
@@ -22,11 +22,6 @@ _CALM = "bold white on rgb(0,116,90)"
 _SLIP = "rgb(213,94,0)"  # vermilion and blue of Okabe and Ito: told apart by every kind of colour vision
 RANGES = (4, 8, 16, 32, 1, 2)
 """Parts of the range of the array that the fullest colour may stand for; the first one is usual."""
-_MEANINGS = (
-    "A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed "
-    "(none below 3 % of full colour); · touched, ! slipping.",
-    "Directions are those of the skin over the surface. Forces need a calibration: tactiled calibrate.",
-)
 _SENTENCE_LINES = 4
 _OTHERS = 3  # boards: as many lines as leave the array in sight of 24
 _LEAST = 0.03  # of full colour: a shear below has no direction, as on the page
@@ -76,14 +71,6 @@ def draw(
         line.plain = printable(line.plain)
         line.truncate(width)
     return lines
-
-
-def draw_help(width: int, height: int, keys: Mapping[str, str]) -> list[Text]:
-    """Return the lines of a screen that says what the keys do and what the picture means."""
-    rows = [Text(f"  {key}  ", "bold").append(words) for key, words in keys.items()]
-    rows += [Text()] + [Text(f" {line}") for words in _MEANINGS for line in wrap(words, max(20, width - 2))]
-    lines = [Text(" tactiled top", "bold"), Text(), *rows][: height - 1]
-    return [*lines, *(Text() for _ in range(height - 1 - len(lines))), Text(" any key: back", "reverse")]
 
 
 def age_in_words(age_s: float | None) -> str:

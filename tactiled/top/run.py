@@ -21,7 +21,7 @@ from tactiled.array import Array
 from tactiled.client import Commander, Subscription
 from tactiled.errors import OperatorError
 from tactiled.top.boards import BoardView, BoardViews
-from tactiled.top.draw import RANGES, draw, draw_help
+from tactiled.top.draw import RANGES, draw
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
 _ONCE_S = 1.3  # the slowest message, info, comes once a second
@@ -31,18 +31,7 @@ _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "e": ("expect-load-change", {"duration_s": 0.5}),
     "m": ("mark", {"text": "mark from tactiled top"}),
 }
-_KEYS = {
-    "q": "quit",
-    "b": "next board",
-    "s": "next scale: the load that has the fullest colour",
-    "t": "tare: what the skin reads now is its zero",
-    "i": "inhibit slips for 0.5 s: the hand moves",
-    "e": "expect a load change for 0.5 s",
-    "m": "mark this instant in the recording",
-    "r": "record, or stop",
-    "?": "this help",
-}
-_FOOTER = " ? help  q quit  b board  s scale  t tare  i inhibit  e expect  m mark  r record"
+_FOOTER = " q quit  b board  s scale  t tare  i inhibit  e expect  m mark  r record"
 
 
 def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool) -> int:
@@ -79,7 +68,7 @@ def _print_once(views: BoardViews) -> int:
 
 
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
-    chosen, scale, footer, footer_until_s, helps = 0, 0, _FOOTER, 0.0, False
+    chosen, scale, footer, footer_until_s = 0, 0, _FOOTER, 0.0
 
     def command(do: str, board: BoardView, **fields: Any) -> str:
         try:
@@ -103,10 +92,6 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             key = next_key()
             if key in ("q", "\x03"):
                 return
-            if helps and key:
-                helps, key = False, ""
-            elif key == "?":
-                helps = True
             if key == "b":
                 chosen += 1
             elif key == "s":
@@ -116,12 +101,9 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
             if time.monotonic() > footer_until_s:
                 footer = _FOOTER
             width, height = shutil.get_terminal_size((80, 24))
-            if helps:
-                lines = draw_help(width, height, _KEYS)
-            else:
-                part = RANGES[scale % len(RANGES)]
-                others = [other for other in boards if other is not board]
-                lines = draw(board, time.time(), width, height, footer, views.notice, part, others)
+            part = RANGES[scale % len(RANGES)]
+            others = [other for other in boards if other is not board]
+            lines = draw(board, time.time(), width, height, footer, views.notice, part, others)
             show([_painted(line, width) for line in lines])
 
 

@@ -417,9 +417,6 @@ def test_on_a_terminal_of_80x24_with_keys(tmp_path: Path) -> None:
                 os.write(master, b"m")
                 until(b"mark: done")
                 until(b"mark by tactiled top")
-                os.write(master, b"?")
-                until(b"any key: back")
-                os.write(master, b" ")
                 os.write(master, b"q")
                 assert child.wait(PATIENCE_S) == 0
             finally:
