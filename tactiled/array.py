@@ -17,7 +17,7 @@ import platform
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -304,23 +304,6 @@ class Array:
     def measures_ratio(self) -> bool:
         """True where the array measures shear over load; a magnetic field along z is no load."""
         return self.has_shear and bool(self.normal_weights().any()) and not self.is_field
-
-    def summary(self) -> dict[str, Any]:
-        """Return a plain map for `tactiled check-config`."""
-        return {
-            "array": self.name,
-            "taxels": self.n_taxels,
-            "pads": len(set(self.pad.tolist())),
-            "channels": self.n_channels,
-            "kinds": sorted(set(self.channel_kind)),
-            "x_mm": self.x_mm.tolist(),
-            "y_mm": self.y_mm.tolist(),
-            "has_places": self.has_places,
-            "channel_names": list(self.channel_name),
-            "unit": self.unit,
-            "range": [self.low, self.high],
-            "zero": f"first {self.zero_first_s:g} s" if self.zero_first_s else self.zero.tolist(),
-        }
 
     def in_words(self) -> str:
         """Return one line on taxels, channels and missing capabilities."""

@@ -151,7 +151,7 @@ def test_layout_files_are_checked_as_such(tactiled: Tactiled, name: str, tmp_pat
     (tmp_path / "mine.toml").write_text(shipped)
     done = tactiled("check-config", "mine.toml")
     assert done.code == 0, done.stderr
-    assert json.loads(done.stdout)["bytes"]["scan"] > 18
+    assert json.loads(done.stdout)["channels"] == (36 if name == "board-v1" else 9)
     assert "valid (layout " in done.stderr
     (tmp_path / "mine.toml").write_text(shipped.replace("byte_order", "byte_ordre"))
     done = tactiled("check-config", "mine.toml")
@@ -164,6 +164,5 @@ def test_an_array_file_is_checked_as_such(tactiled: Tactiled, tmp_path: Path) ->
     (tmp_path / "mine.toml").write_text(GRID)
     done = tactiled("check-config", "mine.toml")
     assert done.code == 0, done.stderr
-    told = json.loads(done.stdout)
-    assert (told["array"], told["taxels"], told["channels"]) == ("mine", 6, 6)
+    assert json.loads(done.stdout)["name"] == "mine"
     assert "mine.toml: valid (array mine: 6 taxels on 1 pad, 6 channels (normal)" in done.stderr

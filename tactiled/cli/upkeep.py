@@ -1,9 +1,8 @@
 """Commands that set up a board and its array: configuration, diagnosis, keys."""
 
-import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -31,6 +30,7 @@ from tactiled.progress import tell
 if TYPE_CHECKING:
     from tactiled.array import Array
     from tactiled.recording.table_times import TableOptions, TimeUnit
+    from tactiled.tomlfile import Params
 
 _RATE_HZ = 100.0  # of the published board
 FOLDER = click.option("--folder", type=click.Path(path_type=Path), default=Path("keys"), show_default=True)
@@ -67,7 +67,7 @@ def check_config(
     Other kinds are array files, layout files and force calibrations. For an array, it is also said what it
     can measure: contact, slip, direction, and periods and angles of grooves. Of several configurations, or of
     those in a directory, it is also checked that one process can serve their boards, as `tactiled run` does.
-    Says on stderr what is valid, and prints one JSON line for each on stdout unless that is a terminal.
+    Says on stderr what is valid, and prints each file as a JSON line on stdout unless that is a terminal.
 
     Example: tactiled check-config /etc/tactiled/left.toml
 
@@ -93,28 +93,26 @@ def check_config(
         need_extra("matplotlib", "plot", "check-config --plot")
         check_picture(plot)
 
-    def show_valid(source: Path | str, words: str, values: dict[str, Any]) -> None:
+    def show_valid(source: Path | str, words: str, checked: "Params") -> None:
         if as_json:
-            click.echo(json.dumps(values))
+            click.echo(checked.model_dump_json())
         tell(f"{source}: valid ({words})")
 
     if kind == "layout":
         from tactiled.wire.layout import load_layout
 
         layout = load_layout(str(file.absolute()))
-        octets = {name: layout.wire_bytes(name) for name in layout.messages}
-        summary = {"name": layout.name, "channels": layout.n_channels, "bytes": octets}
-        words = (
-            f"{layout.n_channels} channels, {layout.file.baud} baud, a scan has {octets.get('scan', 0)} bytes"
-        )
-        show_valid(file, f"layout {layout.name}: {words}", summary)
+        scan = f"a scan has {layout.wire_bytes('scan')} bytes"
+        words = f"layout {layout.name}: {layout.n_channels} channels, {layout.file.baud} baud, {scan}"
+        show_valid(file, words, layout.file)
     elif kind == "array":
         from tactiled import tomlfile
         from tactiled.array import ArrayFile, build
         from tactiled.recording.table_times import TableOptions
 
-        array = build(tomlfile.load(file, ArrayFile))
-        show_valid(file, array.in_words(), array.summary())
+        array_file = tomlfile.load(file, ArrayFile)
+        array = build(array_file)
+        show_valid(file, array.in_words(), array_file)
         if log is not None:
             found_hz = _tell_log_fit(array, log, TableOptions(rate_hz, columns, time_unit))
             rate_hz = rate_hz or found_hz
@@ -123,8 +121,7 @@ def check_config(
         from tactiled.force.calibration import load_calibration
 
         calibration = load_calibration(str(file.absolute()))
-        shown = calibration.model_dump(include={"name", "array", "board", "date", "axes", "verdict"})
-        show_valid(file, f"calibration {calibration.name} of {calibration.array}", shown)
+        show_valid(file, f"calibration {calibration.name} of {calibration.array}", calibration)
         tell("\n".join(calibration.verdict))
     else:
         from tactiled import compiled
@@ -132,9 +129,7 @@ def check_config(
 
         for setup in load_configs(paths):
             warnings = check_files(setup, setup.source)
-            show_valid(
-                setup.source, f"{setup.array.name}, {setup.layout.name}", setup.config.model_dump(mode="json")
-            )
+            show_valid(setup.source, f"{setup.array.name}, {setup.layout.name}", setup.config)
             for line in (
                 *(f"warning: {warning}" for warning in warnings),
                 *settings_in_words(setup),
