@@ -118,9 +118,7 @@ class Pipeline:
             params.samples,
             params.baud,
             live=live,
-            in_counts=array.unit == "count",
-            in_range=array.in_range if fits else None,
-            falls_under_load=array.falls_under_load if fits else None,
+            array=array if fits else None,
         )
         self._meter = RateMeter()
         force: ForceSource | None = None

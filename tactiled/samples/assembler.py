@@ -1,13 +1,12 @@
 """Scan frames to runs of timed scans and gaps: counting and timing."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from tactiled.array import Array
 from tactiled.errors import ContractError
 from tactiled.samples.block import Conversion, Gap, GapCause, ScanRun, TimedScan
 from tactiled.samples.clock import STEEPEST_PPM, ClockFit, ClockParams
@@ -60,12 +59,9 @@ class Assembler:
         Baud rate of the line; 0 for that of the layout.
     live : bool
         Events are acted on as they come. Otherwise no scan counts as late.
-    in_counts : bool
-        Readings are the converter's counts as they came, not volts.
-    in_range : callable, optional
-        Returns True for the readings that the range of the array has. Without it, these are the finite ones.
-    falls_under_load : (channels,) bool, optional
-        Channels for which the largest count of the converter is rest; for others it is a saturated reading.
+    array : Array, optional
+        Has the unit and the range of the readings, and the channels for which the largest count of the
+        converter is rest; for others it is a saturated reading. Without it, all finite volts are valid.
     """
 
     LARGEST_LEAD_S = 0.05  # largest error of the clock fit towards the future
@@ -83,16 +79,11 @@ class Assembler:
         baud: int = 0,
         *,
         live: bool = True,
-        in_counts: bool = False,
-        in_range: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
-        falls_under_load: NDArray[np.bool_] | None = None,
+        array: Array | None = None,
     ) -> None:
         self._layout = layout
         self._live = live
-        self._in_counts = in_counts or layout.carries_units
-        self._in_range = in_range or np.isfinite
-        falls = np.zeros(layout.n_channels, np.bool_) if falls_under_load is None else falls_under_load
-        self._rests_at_full = falls.astype(np.int64)
+        self._array = array
         self._params = params or SampleParams()
         self._clock = self._params.clock
         if layout.measures_rate:  # the clock of the board has no nominal rate that it could deviate from
@@ -171,13 +162,18 @@ class Assembler:
             return
         self._close_run()  # its scans are those of the board as it was
         self._hello = hello
+        array, in_units = self._array, self._layout.carries_units
+        in_counts = array is not None and array.unit == "count"
+        rests_at_full = np.zeros(self._layout.n_channels, np.int64)
+        if array is not None:
+            rests_at_full += array.falls_under_load
         conversion = self._conversion = Conversion(
             hello,
-            1.0 if self._in_counts else hello.volts_per_count,
-            None if self._layout.carries_units else 2**hello.adc_bits - 1 + self._rests_at_full,
+            1.0 if in_units or in_counts else hello.volts_per_count,
+            None if in_units else 2**hello.adc_bits - 1 + rests_at_full,
             np.array(hello.channel_offset_s or (0.0,) * self._layout.n_channels),
             self._fault_flag,
-            self._in_range,
+            np.isfinite if array is None else array.in_range,
         )
         period_s = 1 / hello.rate_hz
         self._spare_s = max(period_s - self._frame_s, self.SPARE_PART * period_s)

@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from tactiled.array import FloatArray
 from tactiled.errors import ContractError
 from tactiled.wire.frames import Hello, Scan
 
-FloatArray = NDArray[np.float64]
 GapCause = Literal["corrupt", "missing", "restart", "disconnect", "rate", "start", "command"]
 LOSSES: tuple[GapCause, ...] = ("corrupt", "missing")
 """Causes of gaps during which the board kept scanning."""

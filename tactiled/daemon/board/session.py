@@ -52,15 +52,13 @@ class SessionParams(Params):
         default=None,
         min_length=1,
         description="Serial number of the only board to accept (`tactiled listen -t info` shows it). Omit it "
-        "where only one board can be plugged in; give it where a host has two hands, because data of the "
-        "left hand on the right hand's port would be accepted and wrong.",
+        "where only one board can be plugged in.",
     )
     rate_hz: float | None = Field(
         default=None,
         ge=RATES_HZ[0],
         le=RATES_HZ[1],
-        description="Scan rate to set, in Hz; it is restored after every replug and reset. Omit it to keep "
-        "the board's own rate. Grooves need more than twice (sliding speed / groove period).",
+        description="Scan rate to set, in Hz, after every replug and reset; omit it to keep the board's own.",
     )
 
 

@@ -32,8 +32,7 @@ class MetricsParams(Params):
         default=0,
         ge=0,
         le=65535,
-        description="TCP port of this host for http://127.0.0.1:PORT/metrics; 0: off. 9874 is the "
-        "next free port beside the default endpoints; a second daemon needs another.",
+        description="TCP port of this host for http://127.0.0.1:PORT/metrics, such as 9874; 0: off.",
     )
 
 

@@ -49,8 +49,7 @@ class PortParams(Params):
         default=0,
         ge=0,
         le=12_000_000,
-        description="Baud rate; 0 takes the one in the protocol file. Set it only for firmware that was "
-        "built for another rate. USB-CDC boards and sockets ignore it.",
+        description="Baud rate; 0: that of the layout. USB-CDC boards and sockets ignore it.",
     )
 
 

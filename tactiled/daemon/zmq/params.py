@@ -18,10 +18,8 @@ class PublishParams(Params):
     endpoints: tuple[str, ...] = Field(
         default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
         description="ZeroMQ endpoints to bind for events; an empty list publishes nothing. Requests are "
-        "taken beside each: at the next TCP port, or at the ipc file in the same folder whose name has "
-        "'control' for 'events', or '.control' at its end if it has no 'events' in it. PlotJuggler uses "
-        "port 9872 by default; a second daemon on the host needs another port. {runtime} is "
-        "/run/tactiled/NAME under systemd, else $XDG_RUNTIME_DIR/tactiled.",
+        "taken beside each: at the next TCP port, or at the ipc file with 'control' for 'events' in its "
+        "name. {runtime} is /run/tactiled/NAME under systemd, else $XDG_RUNTIME_DIR/tactiled.",
     )
     keys: str | None = Field(
         default=None,
@@ -33,14 +31,13 @@ class PublishParams(Params):
         default=4.0,
         ge=0.01,
         le=1000,
-        description="Memory for each topic, for subscribers that were away (10^6 bytes). 4 holds about a "
-        "minute of scan, grip and force of 36 channels at 100 Hz, and 11 minutes of status.",
+        description="Memory for each topic, for subscribers that were away (10^6 bytes); 4 holds some 60 s "
+        "of scans.",
     )
     allow_commands_over_tcp: bool = Field(
         default=False,
-        description="Accept commands over loopback TCP too, where any user of this host may connect. If "
-        "false, commands are accepted over ipc, from the daemon's user and group, and from clients with "
-        "keys; loopback TCP answers requests for state and events only.",
+        description="Accept commands over loopback TCP too, where any user of this host may connect; "
+        "otherwise over ipc, and from clients with keys.",
     )
 
     @model_validator(mode="after")
