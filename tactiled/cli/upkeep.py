@@ -142,7 +142,7 @@ def check_config(
 def _tell_log_fit(array: "Array", log: Path, options: "TableOptions") -> float:
     """Say how an array fits a log, and return the rate of the log (Hz)."""
     from tactiled.doctor.log_fit import log_fit
-    from tactiled.recording.table import read_table
+    from tactiled.recording.whole import read_table
 
     time_s, readings = read_table(log, options)
     if readings.shape[1] != array.n_channels:

@@ -30,7 +30,7 @@ from tactiled.recording.npz_table import MOST_CHANNELS
 from tactiled.recording.reader import read_header, read_items
 from tactiled.recording.recover import recover
 from tactiled.recording.replay import replay
-from tactiled.recording.table import read_table
+from tactiled.recording.whole import read_table
 from tactiled.recording.writer import RecordingWriter
 from tactiled.web.replay import ReplayFile
 from tactiled.wire.frames import Hello

@@ -13,7 +13,7 @@ from tactiled.events.types import ScanEvent
 from tactiled.offline import detect_file
 from tactiled.recording.contents import RecordedEvent
 from tactiled.recording.export import export_csv
-from tactiled.recording.table import read_table
+from tactiled.recording.whole import read_table
 from tactiled.recording.writer import RecordingWriter
 
 

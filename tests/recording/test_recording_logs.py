@@ -20,8 +20,8 @@ from tactiled.log_summary import LogTally
 from tactiled.offline import Choices, detect_file
 from tactiled.recording import csv_table, spacing, table_times
 from tactiled.recording.spacing import rows_of_a_reading, scans_among, to_blocks
-from tactiled.recording.table import read_table
 from tactiled.recording.table_times import TableOptions
+from tactiled.recording.whole import read_table
 from tactiled.samples.block import Gap, ScanBlock
 
 

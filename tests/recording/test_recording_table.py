@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 
 from tactiled.errors import DataError
 from tactiled.recording.spacing import to_blocks
-from tactiled.recording.table import read_table
 from tactiled.recording.table_times import TableOptions, TimeUnit
-from tactiled.recording.whole import read_whole
+from tactiled.recording.whole import read_table, read_whole
 from tactiled.samples.block import Gap, ScanBlock
 
 

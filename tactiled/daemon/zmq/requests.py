@@ -178,23 +178,11 @@ class Mark(CommandRequest):
     text: str = Field(min_length=1, max_length=1000)
 
 
+_KINDS: tuple[type[Request], ...] = (State, Events, *CommandRequest.__subclasses__())
 REQUESTS: dict[str, type[Request]] = {
-    get_args(kind.model_fields["do"].annotation)[0]: kind
-    for kind in (
-        State,
-        Events,
-        Tare,
-        Speed,
-        StatedFriction,
-        ObjectChanged,
-        Motion,
-        Inhibit,
-        ExpectLoadChange,
-        Thresholds,
-        Record,
-        Mark,
-    )
+    get_args(kind.model_fields["do"].annotation)[0]: kind for kind in _KINDS
 }
+"""All requests, by the name in `do`."""
 
 
 @dataclass(frozen=True)
