@@ -140,7 +140,8 @@ def kind_of(document: Mapping[str, Any]) -> Literal["configuration", "array", "l
 def load_configs(files: Sequence[Path], port_url: str | None = None) -> list[Setup]:
     """Load the configurations of all boards of one process; report the faults of all files at once.
 
-    `port_url` is for a single board (see `load_config`).
+    `port_url` is for a single board (see `load_config`). `ConfigError` if a file has faults, or if the files
+    do not fit together.
     """
     setups: list[Setup] = []
     wrong: list[ConfigError] = []

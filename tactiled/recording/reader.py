@@ -66,7 +66,7 @@ def read_header(path: Path) -> Header:
 
 
 def is_recording(path: Path) -> bool:
-    """Return True for a recording of tactiled, of any version, and False for other MCAP files."""
+    """Return True for a recording of tactiled of any version; `DataError` if it cannot be opened."""
     with open_recording(path) as stream:
         topics = topics_of_summary(stream)
     if topics and not any(topic.startswith(contents.TOPICS) for topic in topics):
