@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
+from tactiled.detect.fast import StuckChannels
 from tactiled.detect.signal.contact_gate import CONTACT_OF_RANGE
 from tactiled.detect.signal.quantise import Quantiser
-from tactiled.detect.signal.stuck_channels import StuckChannelDetector
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Suppressed
@@ -162,7 +162,8 @@ class TunedSuite:
         self._suite = self._build(self._array, self.params)
         if self._force is not None:
             self._force.reset()
-            self._quantiser, self._stuck = Quantiser(self._array), StuckChannelDetector(self._array)
+            self._quantiser = Quantiser(self._array)
+            self._stuck = StuckChannels(self._array, self._quantiser.volts_per_step)
         self._recent: deque[tuple[FloatArray, NDArray[np.bool_]]] = deque()  # readings and validity
         self._inhibited = self._load_changes = _Interval()
         self._in_contact = False
@@ -219,9 +220,10 @@ class TunedSuite:
         """Return the item without the readings of stuck channels, which say nothing: not even saturation."""
         if isinstance(item, Gap):
             return item
-        stuck = self._stuck.process(self._quantiser.process(item).steps) & item.valid
-        if not stuck.any():
+        steps, stuck = self._quantiser.process(item).steps, np.empty(item.valid.shape, dtype=np.bool_)
+        if not self._stuck.take(len(item), 0, steps.reshape(-1), stuck.reshape(-1).view(np.uint8)):
             return item
+        stuck &= item.valid
         return replace(item, volts=np.where(stuck, np.nan, item.volts), valid=item.valid & ~stuck)
 
     def tare(self, *, force: bool) -> tuple[str, list[Event]]:

@@ -27,7 +27,7 @@ _MODEL_SD = 0.05  # derived: radians: resistors that are 5 % unequal turn one ta
 _FEWEST = 4  # derived: taxels whose spread has a variance: fewer have no more than three degrees of freedom
 # prior: of the square of the largest change of shear: noise makes less
 _GREW = 0.1
-AVERAGED, AVERAGED_S = 3, 0.06  # choice: scans at each end of the growth, and their time at most
+AVERAGED = 3  # choice: scans at each end of the growth, if they take no longer than `DIRECTION_S`
 # derived: of the angle from the growth to its first half: what that half still has of the bend of the second.
 _BEND_LEFT = 0.2
 

@@ -8,11 +8,11 @@ cdef extern from "math.h":
     cpdef double sqrt(double x)
 
 cdef double FIVE_PERCENT, INCIPIENT_SHARE, INCIPIENT_USED, LEAST_GROSS_USED, RIPPLE_P, NEEDED_UTILISATION
-cdef double LOOK_S, _INFINITE, _LEAST_RATIO, _LEAST_BORNE, _LEAST_LOAD, _TINY
-cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _SLID_S, _BORNE_S, _ONSETS, _ENDS, _FILTER_PART
+cdef double LOOK_S, _INFINITE, LEAST_RATIO, _LEAST_BORNE
+cdef double _MOST_ODDS, _LEAST_ODDS, _LONG_S, _PEAK_S, _BORNE_S, _ONSETS, _ENDS, _FILTER_PART
 cdef double _SLIDE_SD, _SLIDE_S, _WALK_SD, _CONTACT_SD, _LEAST_SD, _MOST_UNLOADED
 cdef double _OFF, _SURELY_OVER, _GROWN, _SURELY, _SURELY_FALLS
-cdef double _LEAST_VARIANCE, _AVERAGE_S, _HERE_SD, _PLAUSIBLE_SDS, _LEARNT_LOG, _LEARNT_SD, _UNTOLD
+cdef double _LEAST_VARIANCE, _AVERAGE_S, _PLAUSIBLE_SDS, _LOG_FRICTION, FRICTION_LOG_SD, _UNTOLD
 cdef double _WITHOUT_ZERO
 cdef long LOAD_CHANGE
 cdef unsigned int _ALL_LEAVES, _DE_BRUIJN
@@ -73,14 +73,6 @@ cdef class Posterior:
                double log_friction, double variance, bint was_seen, bint ripple_travels)
     cpdef publish(self, bint is_gross, double least_sliding, double ratio, double log_friction, double variance)
     cdef double _quantile(self, double wanted)
-
-
-cdef class Means:
-    cdef public long n_scans, n_kept, width, n, n_summed
-    cdef public double[::1] means, sums
-
-    cpdef begin(self)
-    cpdef bint take(self, double[::1] reading)
 
 
 cdef class ContactFilter:

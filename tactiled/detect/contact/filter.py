@@ -22,11 +22,13 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.signs import LOOK_S, NAMES, Signs
+from tactiled.detect.contact.signs import LEAST_RATIO, LOOK_S, NAMES
+from tactiled.detect.signal.front_end import zeros
 from tactiled.events.types import GripEvent, GripState
 
 if TYPE_CHECKING:
     from tactiled.detect.contact.learnt import Learnt
+    from tactiled.detect.contact.signs import Signs
 
 HORIZONS_S = (0.05, 0.1, 0.3)  # choice
 STATE_SIGNS = (
@@ -52,16 +54,14 @@ _ALL_LEAVES, _MOST_LEAVES = 0xFFFFFFFF, 32  # derived: a bit for each leaf of a 
 # power (Leiserson, Prokop and Randall 1998), which is looked up
 _DE_BRUIJN = 0x077CB531
 _PLACES = array("i", sorted(range(_MOST_LEAVES), key=lambda bit: (_DE_BRUIJN << bit & _ALL_LEAVES) >> 27))
-_TINY = 1e-12  # derived
-_LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
 _LEAST_BORNE = 0.02  # physical: that a slide bears: the friction of wet ice
 
 # --- memory
 _MOST_ODDS, _LEAST_ODDS = 5.0, -4.0  # choice: one look is never surer than 1 in 150
 _LONG_S = 10.0  # choice: in which the hand's own habits show
 _PEAK_S = 1.0  # choice: decay of the largest odds
-_SLID_S = 20.0  # prior: for which a slide tells the ratio that friction bears
-_BORNE_S = 20.0  # prior: for which a ratio that was borne without a slide does
+# prior: for which a slide, and a ratio that was borne without one, tell the ratio that friction bears
+_BORNE_S = 20.0
 # prior: rates of a filter with two states, 1/s: a prior of everyday hands, whose slips are seconds apart and
 # short.
 _ONSETS, _ENDS = 0.05, 1.0
@@ -73,7 +73,8 @@ _FILTER_PART = 0.15
 # places.
 _SLIDE_SD, _SLIDE_S = 0.12, 0.3
 _WALK_SD = 0.03  # prior: of log friction in a second: warming, moisture, wear of what is held
-# prior: of log friction from one contact with an object to the next: place and pressure differ
+# prior: of log friction from one contact with an object to the next, and of what a state implies of it in one
+# contact: place and pressure differ
 _CONTACT_SD = 0.15
 _LEAST_SD = 0.07  # prior: friction that depends on load, speed and age is not known better by one number
 _MOST_UNLOADED = -5.0  # choice: log of the load over that of 300 ms before: less is no load
@@ -87,7 +88,8 @@ _OFF, _OFF_S = 1.0 / 3.0, 0.15
 _SURELY_OVER = 0.02
 _GROWN = 1.1  # prior: of the least ratio since a slip closed, beyond which the next incipient one may open
 _SURELY = 3.0  # choice: standard deviations: what noise may make is no slip
-_SETTLE_S = 0.06  # prior: after a gap or a touch, before a slip may open: its direction needs some scans
+# choice: in which scans are averaged for a direction: so long after a gap or a touch, no slip opens
+DIRECTION_S = 0.06
 
 # --- posterior
 INCIPIENT_SHARE = 0.1  # choice: of the area that slips: what is called incipient slip
@@ -98,20 +100,19 @@ INCIPIENT_USED = 1.0 - (1.0 - INCIPIENT_SHARE) ** 1.5
 EDGES = (0.0, INCIPIENT_USED, 0.3, 0.45, 0.6, 0.7, 0.8, 0.9, 1.0)  # choice
 N_STATES = len(EDGES)
 """Cells of utilisation, and sliding, which is the last one."""
-LEAST_GROSS_USED = 0.9  # choice: the cell below sliding
+LEAST_GROSS_USED = EDGES[N_STATES - 2]  # derived: the cell below sliding
 """Utilisation, at least, while a gross slip is open: what slides bears its limit, up to uneven friction."""
 # physical: probability of sliding where a ripple travels: hands that hold had one in 2 windows of 1.7 h
 RIPPLE_P = 0.99
 FIVE_PERCENT = 1.645  # derived: standard deviations from the median to the quantile of 95 %
-# prior: of a cell: where hardly any of friction is in use, the ratio does not tell friction
-_LEAST_MIDDLE = 0.05
 _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it to a tenth at best
-# prior: standard deviation of the logarithm of the ratio by which the friction that a state implies may err
-# in one contact, by pressure, place and zero. Beyond so many deviations of this and of friction, a state is
-# implausible.
-_HERE_SD, _PLAUSIBLE_SDS = 0.15, 2.0
-# prior: of friction in the worlds that the trees learnt from: see `GripParams`
-_LEARNT_LOG, _LEARNT_SD = log(0.6), 0.6
+# prior: beyond so many standard deviations of friction and of what it is here, a state is implausible
+_PLAUSIBLE_SDS = 2.0
+# physical: friction of rubber on objects, its median and the standard deviation of its logarithm: between 0.2
+# (wet, oily) and 2 (clean glass), and gains of uncalibrated shear add 0.3. It is the prior of the worlds that
+# the trees learnt from, too.
+FRICTION, FRICTION_LOG_SD = 0.6, 0.6
+_LOG_FRICTION = log(FRICTION)
 # prior: part of the looks whose ratio says nothing of friction; where the zero of shear is not known, part
 # of the others that say no more than the prior. In these worlds the ratio over friction and utilisation is
 # off by more than 0.45 in log in 0.1 to 6 % of looks, in 1 to 9 % where the zero is not known.
@@ -126,9 +127,7 @@ NEEDED_UTILISATION = 0.7  # choice
 # choice: standard deviations by which the ratio falls where a contact is unloaded: less shear, or a firmer
 # grip
 _SURELY_FALLS = 2.0
-_UNKNOWN_USED = (0.0, 0.5, 1.0)  # derived: utilisation of a contact whose beginning nobody saw
-_LEAST_LOAD = 1e-9  # derived
-_HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
+HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
 
 
 class SlipThresholds(NamedTuple):
@@ -147,10 +146,6 @@ SETTINGS: Mapping[str, SlipThresholds] = {
 
 Tuned on worlds of all generators, seeds from 500,000 and, of hands that hold, from 520,000.
 """
-
-
-def _zeros(n: int) -> "array[float]":
-    return array("d", bytes(8 * n))
 
 
 class Trees:
@@ -241,7 +236,7 @@ class Memory:
 
     def __init__(self, base_odds: float) -> None:
         self.base_odds = base_odds
-        self.row = _zeros(len(MEMORY_NAMES))
+        self.row = zeros(len(MEMORY_NAMES))
         self.times_s = array("d", ODDS_S)
         self.begin_contact()
 
@@ -255,7 +250,7 @@ class Memory:
         self.slid_log = self.slid_s = 0.0
         self.borne = self.crossing_log = 0.0
         self.since_likely_s = _LONG_S
-        self.before_log = log(_LEAST_RATIO)
+        self.before_log = log(LEAST_RATIO)
         self.is_likely = False
 
     def take(self, p: float, ratio: float, step_s: float, kept: float) -> None:
@@ -268,7 +263,7 @@ class Memory:
         """
         row, n = self.row, len(self.times_s)
         p = min(max(p, 1e-6), 1.0 - 1e-6)
-        log_ratio = log(max(ratio, _LEAST_RATIO))
+        log_ratio = log(max(ratio, LEAST_RATIO))
         odds = min(max(log(p / (1.0 - p)) - self.base_odds, _LEAST_ODDS), _MOST_ODDS)
         row[0] = odds
         for k in range(n):
@@ -293,7 +288,7 @@ class Memory:
                 self.is_likely = False
         slides = exp(self.filtered) / (1.0 + exp(self.filtered))
         weight = slides * slides * kept * kept * step_s
-        self.slid_s -= self.slid_s * min(1.0, step_s / _SLID_S)
+        self.slid_s -= self.slid_s * min(1.0, step_s / _BORNE_S)
         self.slid_s += weight
         self.slid_log += weight / max(self.slid_s, 1e-9) * (log_ratio - self.slid_log)
         self.borne -= self.borne * min(1.0, step_s / _BORNE_S)
@@ -306,7 +301,7 @@ class Memory:
         row[5 + n] = self.movement
         row[6 + n] = log_ratio - self.slid_log if self.slid_s > 0.05 else 0.0
         row[7 + n] = min(self.slid_s, 3.0)
-        row[8 + n] = log_ratio - log(max(self.borne, _LEAST_RATIO))
+        row[8 + n] = log_ratio - log(max(self.borne, LEAST_RATIO))
         row[9 + n] = min(self.since_likely_s, 2.0)
         row[10 + n] = log_ratio - self.crossing_log if self.since_likely_s < 2.0 else 0.0
 
@@ -375,7 +370,7 @@ class FrictionMemory:
         kept : float
             Part of the load that is left: `kept_load`.
         """
-        log_ratio = log(max(ratio, _LEAST_RATIO))
+        log_ratio = log(max(ratio, LEAST_RATIO))
         self.walk(step_s)
         sure = max(2.0 * p_sliding - 1.0, 0.0) * kept
         information = sure * sure * step_s / (_SLIDE_S * _SLIDE_SD * _SLIDE_SD)
@@ -400,7 +395,7 @@ class SlipHysteresis:
     def __init__(self, incipient_p: float, gross_p: float, look_s: float) -> None:
         self.incipient_p, self.gross_p = incipient_p, gross_p
         self.n_off = max(1, round(_OFF_S / look_s))
-        self.n_settle = round(_SETTLE_S / look_s)
+        self.n_settle = round(DIRECTION_S / look_s)
         self.begin()
 
     def begin(self, *, is_seen: bool = True) -> None:
@@ -469,9 +464,9 @@ class Posterior:
 
     def __init__(self, look_s: float) -> None:
         self.new_part = 1.0 - exp(-look_s / _AVERAGE_S)
-        self.cells, self.shown, self.logs = _zeros(N_STATES), _zeros(N_STATES), _zeros(N_STATES)
+        self.cells, self.shown, self.logs = zeros(N_STATES), zeros(N_STATES), zeros(N_STATES)
         self.edges = array("d", EDGES)
-        middles = [max((low + high) / 2, _LEAST_MIDDLE) for low, high in pairwise(EDGES)]
+        middles = [(low + high) / 2 for low, high in pairwise(EDGES)]
         self.middles = array("d", [*middles, 1.0])
         self.shares = array("d", [*(1.0 - (1.0 - middle) ** (2.0 / 3.0) for middle in middles), 1.0])
         self.begin()
@@ -500,8 +495,8 @@ class Posterior:
         The log odds of sliding are the mean of those by both forests: on physics that was not learnt from, it
         ranks looks better than either.
 
-        The trees have learnt from friction of one prior (`_LEARNT_LOG`) and are not told what is known of it:
-        by Bayes, each cell is as much likelier as what is known makes its friction likelier than that prior.
+        The trees have learnt from friction of one prior (`FRICTION`) and are not told what is known of it: by
+        Bayes, each cell is as much likelier as what is known makes its friction likelier than that prior.
 
         Parameters
         ----------
@@ -530,14 +525,14 @@ class Posterior:
         sliding = rests + 0.5 * (scores[n - 1] - rests + signs_odds)
         most = max(most, sliding)
         log_ratio = log(max(ratio, _LEAST_BORNE))
-        here = variance + _HERE_SD * _HERE_SD
-        learnt = _LEARNT_SD * _LEARNT_SD + _HERE_SD * _HERE_SD
+        here = variance + _CONTACT_SD * _CONTACT_SD
+        learnt = FRICTION_LOG_SD * FRICTION_LOG_SD + _CONTACT_SD * _CONTACT_SD
         no_zero = 0.0 if was_seen else _WITHOUT_ZERO
         total = 0.0
         for k in range(n):
             p = exp((scores[k] if k < n - 1 else sliding) - most)
             friction = log_ratio - log(self.middles[k])
-            off, off_learnt = friction - log_friction, friction - _LEARNT_LOG
+            off, off_learnt = friction - log_friction, friction - _LOG_FRICTION
             misfit = off * off / here
             fits = sqrt(learnt / here) * exp(0.5 * (off_learnt * off_learnt / learnt - misfit))
             fits = no_zero + (1.0 - no_zero) * fits
@@ -551,7 +546,7 @@ class Posterior:
         self.is_begun = True
         whole, total = total, 0.0
         for k in range(n):
-            now = log(max(self.cells[k] / whole, _TINY))
+            now = log(max(self.cells[k] / whole, 1e-12))
             self.logs[k] = now if is_taken_whole else self.logs[k] + self.new_part * (now - self.logs[k])
             self.cells[k] = exp(self.logs[k])
             total += self.cells[k]
@@ -618,58 +613,10 @@ class Posterior:
         for k in range(len(self.cells) - 1):
             if up_to + self.shown[k] >= wanted:
                 width = self.edges[k + 1] - self.edges[k]
-                value = self.edges[k] + width * (wanted - up_to) / max(self.shown[k], _TINY)
+                value = self.edges[k] + width * (wanted - up_to) / max(self.shown[k], 1e-12)
                 break
             up_to += self.shown[k]
         return min(value, 1.0)
-
-
-class Means:
-    """Means of some scans each, for windows of seconds; the newest ones are kept.
-
-    Parameters
-    ----------
-    n_scans : int
-        Scans of a mean.
-    n_kept, width : int
-        Means that are kept, and numbers of each.
-
-    Attributes
-    ----------
-    n : int
-        Means so far.
-    """
-
-    def __init__(self, n_scans: int, n_kept: int, width: int) -> None:
-        self.n_scans, self.n_kept, self.width = n_scans, n_kept, width
-        self.means, self.sums = _zeros(n_kept * width), _zeros(width)
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget all scans."""
-        self.n = self.n_summed = 0
-        for k in range(self.width):
-            self.sums[k] = 0.0
-
-    def take(self, reading: FloatArray) -> bool:
-        """Take a scan; return True where it completes a mean."""
-        self.n_summed += 1
-        at = self.n % self.n_kept * self.width
-        for k in range(self.width):
-            self.sums[k] += reading[k]
-            if self.n_summed == self.n_scans:
-                self.means[at + k] = self.sums[k] / self.n_scans
-                self.sums[k] = 0.0
-        if self.n_summed < self.n_scans:
-            return False
-        self.n_summed = 0
-        self.n += 1
-        return True
-
-    def newest(self, n: int) -> FloatArray:
-        """Return the newest n means (n, width)."""
-        rows = np.arange(self.n - n, self.n) % self.n_kept
-        return np.asarray(np.asarray(self.means).reshape(self.n_kept, -1)[rows])
 
 
 class ContactFilter:
@@ -716,7 +663,7 @@ class ContactFilter:
 
     def __init__(
         self,
-        signs: Signs,
+        signs: "Signs",
         learnt: "Learnt",
         rate_hz: float,
         friction: float,
@@ -738,11 +685,11 @@ class ContactFilter:
         self.posterior = Posterior(self.look_s)
         self.hysteresis = SlipHysteresis(incipient_p, gross_p, self.look_s)
         self.columns = array("q", [NAMES.index(name) for name in STATE_SIGNS])
-        self.row = _zeros(len(STATE_SIGNS) + len(MEMORY_NAMES))
+        self.row = zeros(len(STATE_SIGNS) + len(MEMORY_NAMES))
         # Each access to an array of a compiled class makes a view, which takes a microsecond.
         self.sign_row, self.over_load = signs.row, signs.over_load
-        self.n_kept = max(2, round(_HISTORY_S * rate_hz))
-        self.past = _zeros(self.n_kept * (5 + len(self.over_load)))
+        self.n_kept = max(2, round(HISTORY_S * rate_hz))
+        self.past = zeros(self.n_kept * (5 + len(self.over_load)))
         self.begin(is_seen=True)
 
     def begin(self, *, is_seen: bool) -> None:
@@ -768,7 +715,7 @@ class ContactFilter:
 
     def weigh(self, total_x: float, total_y: float, moment: float, load: float) -> None:
         """Set the sums of the newest scan."""
-        self.total_x, self.total_y, self.moment, self.load = total_x, total_y, moment, max(load, _LEAST_LOAD)
+        self.total_x, self.total_y, self.moment, self.load = total_x, total_y, moment, max(load, 1e-9)
 
     def take(
         self,
@@ -896,7 +843,7 @@ class ContactFilter:
         share, is_known = self.posterior.slipping_share, self.is_known and self.is_begun
         state: GripState = "unknown"
         if not is_known:  # it may hold or slide, with any shear: nothing is in use for sure, nor free
-            low, median, high = _UNKNOWN_USED
+            low, median, high = 0.0, 0.5, 1.0
             if self.hysteresis.is_open:
                 state, low = "partial", INCIPIENT_USED
         elif self.hysteresis.is_gross:

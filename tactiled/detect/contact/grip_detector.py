@@ -8,20 +8,19 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
-from tactiled.detect.contact.fast import ContactFilter, Signs
-from tactiled.detect.contact.filter import SETTINGS, scans_of_look
+from tactiled.detect.contact.filter import FRICTION, FRICTION_LOG_SD, SETTINGS, scans_of_look
 from tactiled.detect.contact.learnt import Learnt, shipped_learnt
 from tactiled.detect.contact.press_zero import PressZero
-from tactiled.detect.contact.readings import TaxelReadings
 from tactiled.detect.contact.slips import PosteriorSlips
 from tactiled.detect.contact.travelling import TravellingRipple
+from tactiled.detect.fast import ContactFilter, Readings, Signs
 from tactiled.detect.signal.contact_gate import (
     ContactParams,
     ContactTracker,
     contact_event,
     lost_contact_event,
 )
-from tactiled.detect.signal.quantise import Quantiser
+from tactiled.detect.signal.front_end import AVERAGED_S
 from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 from tactiled.tomlfile import Params
@@ -30,8 +29,6 @@ from tactiled.tomlfile import Params
 # half of it: of a lighter one, the ratio of shear and load is that of noise and drift.
 _CONTACT_NOISES = 10.0  # choice: standard deviations of the mean load's noise
 _CONTACT_RANGE = 0.005  # physical: of full scale: drift of a sensor at rest stays below it for minutes
-_FRICTION = 0.6  # physical: of rubber on objects, the median: between 0.2 (wet, oily) and 2 (clean glass)
-_BASELINE_S = 1.0  # choice: averaging time of the readings without contact
 _LONGEST_GAP_S = 2.0  # prior: beyond, what is held is held anew
 # prior: of the load, by taxel: a contact goes on over a gap where loads changed by less. A hand that takes
 # hold anew seldom meets the same loads; one that grips more firmly seldom doubles them within a gap.
@@ -58,9 +55,11 @@ class GripParams(Params):
         description="median of friction before any contact, in shear reading over load; left out: 0.6 times "
         "`shear_per_friction` of the array",
     )
-    # Skin-like rubber on objects spans 0.2 to 2 (log sd 0.5); gains of uncalibrated shear add 0.3.
     friction_log_sd: float = Field(
-        default=0.6, gt=0, le=1, description="standard deviation of its logarithm; 0.1: known to 10 %"
+        default=FRICTION_LOG_SD,
+        gt=0,
+        le=1,
+        description="standard deviation of its logarithm; 0.1: known to 10 %",
     )
     incipient_p: float = Field(
         default=SETTINGS["balanced"].incipient,
@@ -136,7 +135,7 @@ class GripDetector:
         """Forget everything seen."""
         self._rate_hz = self._last_s = 0.0
         self.tracker: ContactTracker | None = None
-        self._readings: TaxelReadings | None = None  # from the first scan on
+        self._readings: Readings | None = None  # from the first scan on
         self._n_baseline = 0
         self._is_friction_due = False  # the next contact begins with the prior anew
         self._is_held = False  # the newest scan is of a contact
@@ -158,12 +157,11 @@ class GripDetector:
         if self._learnt is None:
             return
         x, y = self._places.tolist()
-        self._readings = TaxelReadings(array, rate_hz)
+        step = self.tracker.volts_per_step
+        self._readings = Readings(array, rate_hz, step)
         self._newest = self._readings.recent[-1]  # views, which each scan changes
         self._reading = self._newest.reshape(-1)
-        self._ripple = TravellingRipple(
-            array, rate_hz, self.tracker.rest.least_step, Quantiser(array).volts_per_step
-        )
+        self._ripple = TravellingRipple(array, rate_hz, self.tracker.rest.least_step, step)
         self._slips = PosteriorSlips(rate_hz)
         self._filter = ContactFilter(
             Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),
@@ -206,7 +204,7 @@ class GripDetector:
     def _prior(self) -> tuple[float, float]:
         if self._stated is not None:
             return self._stated
-        median = self._params.friction or _FRICTION * self._array.shear_per_friction
+        median = self._params.friction or FRICTION * self._array.shear_per_friction
         return median, self._params.friction_log_sd
 
     @property
@@ -238,7 +236,7 @@ class GripDetector:
                 events.append(message)
         return events
 
-    def _follow_slip(self, block: ScanBlock, row: int, readings: TaxelReadings) -> list[Event]:
+    def _follow_slip(self, block: ScanBlock, row: int, readings: Readings) -> list[Event]:
         """Return the events of a slip at a scan, and those of the contact states that it makes."""
         tracker, slips = self.tracker, self._slips
         assert tracker is not None
@@ -278,7 +276,7 @@ class GripDetector:
             self._step(readings, step_s, tracker.swing_of_mean, touches=touches)
             yield self._told(readings.is_read and not is_late, is_late, touches=touches)
 
-    def _step(self, readings: TaxelReadings, step_s: float, swing: float, *, touches: bool) -> None:
+    def _step(self, readings: Readings, step_s: float, swing: float, *, touches: bool) -> None:
         """Take the newest scan, `step_s` after the one before; `swing` and `touches` by the contact gate."""
         self.acceleration_m_s2 = self.motion.at(self._last_s)
         contact, load = self._filter, readings.load
@@ -299,7 +297,7 @@ class GripDetector:
         if not self._is_held:
             if load <= least and not touches:
                 self._n_baseline += 1
-                readings.rest(1.0 / min(self._n_baseline, max(1.0, _BASELINE_S * self._rate_hz)))
+                readings.rest(1.0 / min(self._n_baseline, max(1.0, AVERAGED_S * self._rate_hz)))
                 return
             self._begin_contact(least, is_seen=is_seen)
         if load > least or contact.is_begun:
@@ -309,7 +307,7 @@ class GripDetector:
             moment = self._places[0] @ y - self._places[1] @ x
             contact.weigh(float(x.sum()), float(y.sum()), float(moment), float(loads.sum()))
 
-    def _take(self, readings: TaxelReadings, *, touches: bool) -> None:
+    def _take(self, readings: Readings, *, touches: bool) -> None:
         """Take the newest scan of a contact whose load is large enough to tell."""
         zero, contact, noise = self._zero, self._filter, readings.shear_sd
         if readings.floor.n == 0 and not zero.is_seen:
@@ -356,10 +354,10 @@ class GripDetector:
         self._filter.zero_sd = self._zero.whole_sd
         self._ripple.reset()
 
-    def _end_contact(self, readings: TaxelReadings) -> None:
+    def _end_contact(self, readings: Readings) -> None:
         self._is_held = False
         self._filter.hysteresis.close()
-        readings.release()
+        readings.relief.reset()
         if self._is_friction_due:
             self._is_friction_due = False
             self._expect_friction()

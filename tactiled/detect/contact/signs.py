@@ -7,35 +7,38 @@ changes a second, level 2 is 6 to 12 and level 3 is 3 to 6.
 """
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import log, sqrt
 
-import pywt
+import numpy as np
 
 from tactiled.array import FloatArray
+from tactiled.detect.signal.front_end import zeros
+from tactiled.detect.signal.wavelet import exact_taps
 
 LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tell the same
 """Time between looks; each scan is a look where scans are farther apart."""
-# choice: windows of the signs, from two looks to a slow grip, each about twice the one before. The trees
-# take from them what they need.
-CHANGE_S = (0.04, 0.08, 0.16, 0.3, 0.5)  # choice
-TURN_S = (0.08, 0.16, 0.3)  # choice
-SPREAD_S = (0.16, 0.5)  # choice
-WANDER_S = (0.04, 0.08, 0.16, 0.3)  # choice
-MOVE_S = (0.08, 0.16, 0.3, 0.5)  # choice
+# choice: from two looks to a slow grip, each about twice the one before. The trees take from them what they
+# need.
+_TIMES_S = (0.04, 0.08, 0.16, 0.3, 0.5)
+WINDOWS_S: Mapping[str, tuple[float, ...]] = {
+    "change": _TIMES_S,
+    "turn": _TIMES_S[1:4],
+    "spread": _TIMES_S[2::2],
+    "wander": _TIMES_S[:4],
+    "moves": _TIMES_S[1:],
+}
+"""Windows of the signs by kind."""
 LEVELS = (1, 2, 3)  # choice
-GROWTH_S = 0.08  # choice
-_MEAN_S = 0.3  # choice: the longest horizon of a prediction
-_LONGEST_S = 1.0  # choice: longest window of a sign; `largest` and `dropped_from` last as long as the contact
-_LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
-_TINY = 1e-12  # derived
+# choice: longest window and time of a sign; `largest` and `dropped_from` last as long as the contact
+_LONGEST_S = 1.0
+LEAST_RATIO = 0.01  # derived: below it the logarithm of a ratio is that of noise
 _EVEN = 0.03  # prior: of the mean load: where loads differ by less, they say nothing of the shears
 _UNKNOWN = float("nan")
 _LOADED = 0.25  # prior: of the mean load: a taxel with less has no ratio of its own
 # prior: of the ratio before: a fall to less within a tenth of a second is a jerk of the object
 _SUDDEN_DROP = 0.85
 _DROP_S = 0.1  # prior: so long a jerk takes
-_LONG_AGO_S = 1.0  # prior: times beyond are all the same: longer ones tell what the hand does, not the skin
 # choice: parts of the newest ratio; when it was last below each of them tells in which course it grew.
 _PARTS = (0.5, 0.9, 0.95, 0.98)
 _LAST_PART = 0.2  # derived: (0.98 - 0.9) / (0.9 - 0.5) of `_PARTS`: in an even growth
@@ -44,23 +47,23 @@ _KEPT = 0.1  # prior: change of the ratio, in parts of it, up to which a course 
 _RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S = 0.03, 0.8, 1.5
 
 
-def _ms(times_s: Sequence[float]) -> list[str]:
-    return [f"{1000 * time_s:.0f}ms" for time_s in times_s]
+def _ms(kind: str) -> list[str]:
+    return [f"{1000 * time_s:.0f}ms" for time_s in WINDOWS_S[kind]]
 
 
 NAMES: tuple[str, ...] = (
     *("load_unevenness", "loaded_part", "moment", "shear_on_load", "shear_load_correlation", "across_part"),
     *("ratio", "ratio_mean", "ratio_largest", "log_ratio_of_largest", "since_largest_s"),
     *("own_ratio_sd", "own_ratio_least", "own_ratio_most"),
-    *(f"ratio_change_{t}" for t in _ms(CHANGE_S)),
-    *(f"log_ratio_change_{t}" for t in _ms(CHANGE_S)),
-    *(f"log_load_change_{t}" for t in _ms(CHANGE_S)),
-    *(f"turn_{t}" for t in _ms(TURN_S)),
-    *(f"{kind}_{t}" for t in _ms(SPREAD_S) for kind in ("above_least", "below_most", "ratio_sd")),
-    *(f"wander_{t}" for t in _ms(WANDER_S)),
-    *(f"wander_noises_{t}" for t in _ms(WANDER_S)),
-    *(f"load_moves_{t}" for t in _ms(MOVE_S)),
-    *(f"load_moves_noises_{t}" for t in _ms(MOVE_S)),
+    *(f"ratio_change_{t}" for t in _ms("change")),
+    *(f"log_ratio_change_{t}" for t in _ms("change")),
+    *(f"log_load_change_{t}" for t in _ms("change")),
+    *(f"turn_{t}" for t in _ms("turn")),
+    *(f"{kind}_{t}" for t in _ms("spread") for kind in ("above_least", "below_most", "ratio_sd")),
+    *(f"wander_{t}" for t in _ms("wander")),
+    *(f"wander_noises_{t}" for t in _ms("wander")),
+    *(f"load_moves_{t}" for t in _ms("moves")),
+    *(f"load_moves_noises_{t}" for t in _ms("moves")),
     *(f"detail_{level}" for level in LEVELS),
     *(f"detail_noises_{level}" for level in LEVELS),
     *(f"detail_common_{level}" for level in LEVELS),
@@ -120,32 +123,29 @@ class Signs:
         self.look_s = look_s
         self.x, self.y = array("d", x), array("d", y)
         self.shear_per_friction, self.shear_scale = shear_per_friction, 1.0 / shear_per_friction
-        self.scan_load, self.scan_x, self.scan_y = _zeros(n), _zeros(n), _zeros(n)
-        self.over_load = _zeros(2 * n)
-        self.load, self.shear_x, self.shear_y = _zeros(n), _zeros(n), _zeros(n)
-        self.row = _zeros(len(NAMES))
-        self.change_looks = array("q", [_looks(t, look_s) for t in CHANGE_S])
-        self.turn_looks = array("q", [_looks(t, look_s) for t in TURN_S])
-        self.spread_looks = array("q", [_looks(t, look_s) for t in SPREAD_S])
-        self.wander_looks = array("q", [_looks(t, look_s) for t in WANDER_S])
-        self.move_looks = array("q", [_looks(t, look_s) for t in MOVE_S])
-        self.n_mean, self.n_drop, self.n_growth = (
-            _looks(_MEAN_S, look_s), _looks(_DROP_S, look_s), _looks(GROWTH_S, look_s),
-        )  # fmt: skip
-        filters = [detail_taps(level) for level in LEVELS]
+        self.scan_load, self.scan_x, self.scan_y = zeros(n), zeros(n), zeros(n)
+        self.over_load = zeros(2 * n)
+        self.load, self.shear_x, self.shear_y = zeros(n), zeros(n), zeros(n)
+        self.row = zeros(len(NAMES))
+        self.change_looks, self.turn_looks, self.spread_looks, self.wander_looks, self.move_looks = (
+            array("q", [_looks(time_s, look_s) for time_s in times_s]) for times_s in WINDOWS_S.values()
+        )
+        self.n_growth, self.n_mean = self.change_looks[1], self.change_looks[3]
+        self.n_drop = _looks(_DROP_S, look_s)
+        filters = [exact_taps(level, sqrt(2.0)) for level in LEVELS]  # of the gain of a normalised transform
         self.taps = array("d", [tap for one in filters for tap in one])
         self.n_taps = array("q", [len(one) for one in filters])
         self.n_longest = _looks(_LONGEST_S, look_s) + 1
         self.length = max(self.n_longest, *(len(one) for one in filters))
-        self.past_x, self.past_y, self.past_ratio = (_zeros(self.length) for _ in range(3))
+        self.past_x, self.past_y, self.past_ratio = (zeros(self.length) for _ in range(3))
         self.parts = array("d", _PARTS)
-        self.since = _zeros(len(_PARTS))
-        self.past_log_ratio, self.past_log_load = _zeros(self.length), _zeros(self.length)
-        self.parts_x, self.parts_y = _zeros(self.length * n), _zeros(self.length * n)
-        self.load_parts = _zeros(self.length * n)
-        self.pairs = array("q", _neighbours(x, y))
-        self.fast, self.slow, self.lag, self.power = _zeros(n), _zeros(n), _zeros(n), _zeros(n)
-        self.turns = _zeros(len(self.pairs) // 2)
+        self.since = zeros(len(_PARTS))
+        self.past_log_ratio, self.past_log_load = zeros(self.length), zeros(self.length)
+        self.parts_x, self.parts_y = zeros(self.length * n), zeros(self.length * n)
+        self.load_parts = zeros(self.length * n)
+        self.pairs = _neighbours(x, y)
+        self.fast, self.slow, self.lag, self.power = zeros(n), zeros(n), zeros(n), zeros(n)
+        self.turns = zeros(len(self.pairs) // 2)
         self.keep_fast, self.keep_slow, self.keep_mean = (
             1.0 - min(1.0, look_s / t) for t in (_RIPPLE_FAST_S, _RIPPLE_SLOW_S, _RIPPLE_MEAN_S)
         )
@@ -205,7 +205,7 @@ class Signs:
                 dx, dy = x - self.scan_x[k], y - self.scan_y[k]
                 self.steps2 += dx * dx + dy * dy
             self.scan_load[k], self.scan_x[k], self.scan_y[k] = load, x, y
-        whole = max(total, _TINY)
+        whole = max(total, 1e-12)
         for k in range(2 * n):
             self.over_load[k] /= whole
         self.n_scans += 1
@@ -226,7 +226,7 @@ class Signs:
             self.load[k] /= n_scans
             self.shear_x[k] /= n_scans
             self.shear_y[k] /= n_scans
-        self.ratio_noise = noise * sqrt(self.n_taxels) / max(self.total_load, _TINY)
+        self.ratio_noise = noise * sqrt(self.n_taxels) / max(self.total_load, 1e-12)
         noise *= self.shear_scale
         roughness = sqrt(self.steps2 / (2.0 * n_scans * self.n_taxels))
         self.n_scans, self.steps2 = 0, 0.0
@@ -241,7 +241,7 @@ class Signs:
         self._take_ripple()
         row, mean = self.row, self.whole / self.n_taxels
         row[_ROUGHNESS] = roughness / mean
-        row[_ROUGHNESS + 1] = roughness / max(noise_scan, _TINY)
+        row[_ROUGHNESS + 1] = roughness / max(noise_scan, 1e-12)
         row[_NOISE] = log(max(noise / mean, 1e-6))
         row[_HAND] = acceleration
         row[_HAND + 1] = self.is_seen
@@ -254,7 +254,7 @@ class Signs:
             total_x += self.shear_x[k]
             total_y += self.shear_y[k]
             turn += self.x[k] * self.shear_y[k] - self.y[k] * self.shear_x[k]
-        whole = max(whole, _TINY)
+        whole = max(whole, 1e-12)
         self.whole = whole
         self.ratio_x, self.ratio_y = total_x / whole, total_y / whole
         self.turn = turn / whole
@@ -266,7 +266,7 @@ class Signs:
             self.at = self.at + 1 if self.at + 1 < self.length else 0
             at = self.at
             self.past_x[at], self.past_y[at], self.past_ratio[at] = self.ratio_x, self.ratio_y, self.ratio
-            self.past_log_ratio[at] = log(max(self.ratio, _LEAST_RATIO))
+            self.past_log_ratio[at] = log(max(self.ratio, LEAST_RATIO))
             self.past_log_load[at] = log(whole)
             for k in range(n):
                 self.parts_x[at * n + k] = self.shear_x[k] / whole
@@ -286,10 +286,10 @@ class Signs:
 
     def _take_shape(self) -> None:
         """Signs of one instant: how load and shear are spread over the taxels."""
-        n, row, whole, ratio = self.n_taxels, self.row, self.whole, max(self.ratio, _LEAST_RATIO)
+        n, row, whole, ratio = self.n_taxels, self.row, self.whole, max(self.ratio, LEAST_RATIO)
         mean = whole / n
         planar = sqrt(self.ratio_x * self.ratio_x + self.ratio_y * self.ratio_y)
-        cos, sin = self.ratio_x / max(planar, _LEAST_RATIO), self.ratio_y / max(planar, _LEAST_RATIO)
+        cos, sin = self.ratio_x / max(planar, LEAST_RATIO), self.ratio_y / max(planar, LEAST_RATIO)
         loads2, crossed, along2, across2 = 0.0, 0.0, 0.0, 0.0
         own, own2, least, most, n_loaded = 0.0, 0.0, 1e9, -1e9, 0
         mean_along = planar * mean
@@ -330,10 +330,10 @@ class Signs:
             self.largest, self.since_largest_s = ratio, 0.0
         else:
             self.since_largest_s += self.look_s
-        scale = max(ratio, _LEAST_RATIO)
+        scale = max(ratio, LEAST_RATIO)
         row[_RATIO], row[_RATIO + 1], row[_RATIO + 2] = ratio, total / self.n_mean, self.largest
-        row[_RATIO + 3] = log(scale / max(self.largest, _LEAST_RATIO))
-        row[_RATIO + 4] = min(self.since_largest_s, _LONG_AGO_S)
+        row[_RATIO + 3] = log(scale / max(self.largest, LEAST_RATIO))
+        row[_RATIO + 4] = min(self.since_largest_s, _LONGEST_S)
         kinds = len(self.change_looks)
         for j in range(kinds):
             back = self._back(self.change_looks[j])
@@ -343,7 +343,7 @@ class Signs:
         for j in range(len(self.turn_looks)):
             back = self._back(self.turn_looks[j])
             crossed = self.ratio_x * self.past_y[back] - self.ratio_y * self.past_x[back]
-            row[_TURNS + j] = abs(crossed) / (scale * max(self.past_ratio[back], _LEAST_RATIO))
+            row[_TURNS + j] = abs(crossed) / (scale * max(self.past_ratio[back], LEAST_RATIO))
         for j in range(len(self.spread_looks)):
             looks = self.spread_looks[j] + 1
             least, most, mean, squares = 1e9, 0.0, 0.0, 0.0
@@ -363,7 +363,7 @@ class Signs:
             self.dropped_from = before
         log_load = self.past_log_load
         row[_JERK] = abs(log_load[at] - 2.0 * log_load[self._back(1)] + log_load[self._back(2)])
-        row[_JERK + 1] = log(scale / max(self.dropped_from, _LEAST_RATIO)) if self.dropped_from > 0 else 0.0
+        row[_JERK + 1] = log(scale / max(self.dropped_from, LEAST_RATIO)) if self.dropped_from > 0 else 0.0
 
     def _take_growth(self) -> None:
         """Signs of the course in which the ratio grew to where it is.
@@ -384,7 +384,7 @@ class Signs:
                 after = before
                 back += 1
             if back < longest:
-                self.since[j] = self.look_s * (back + (after - value) / max(after - before, _TINY))
+                self.since[j] = self.look_s * (back + (after - value) / max(after - before, 1e-12))
             else:
                 self.since[j] = _LONGEST_S
             row[_SINCE + j] = self.since[j]
@@ -402,7 +402,7 @@ class Signs:
     def _take_wander(self, noise: float) -> None:
         """Signs of taxels that move on their own: changes of their parts, and wavelet details."""
         n, row, at = self.n_taxels, self.row, self.at
-        relative = max(noise / self.whole, _TINY)
+        relative = max(noise / self.whole, 1e-12)
         kinds = len(self.wander_looks)
         for j in range(kinds):
             back = self._back(self.wander_looks[j])
@@ -446,7 +446,7 @@ class Signs:
         The noise is that of a taxel's shear in a look, in units of the readings, taken for that of its load.
         """
         n, row, at = self.n_taxels, self.row, self.at
-        relative = max(noise / self.whole, _TINY)
+        relative = max(noise / self.whole, 1e-12)
         kinds = len(self.move_looks)
         for j in range(kinds):
             back = self._back(self.move_looks[j])
@@ -484,43 +484,13 @@ class Signs:
         self.row[_RIPPLE + 1] = travels / max(len(self.turns), 1) / max(size / n, 1e-12)
 
 
-def _zeros(n: int) -> "array[float]":
-    return array("d", bytes(8 * n))
-
-
 def _looks(time_s: float, look_s: float) -> int:
     return max(1, round(time_s / look_s))
 
 
-def detail_taps(level: int) -> list[float]:
-    """Return the causal high-pass filter of a level of the stationary coif1 transform, newest look first."""
-    wavelet = pywt.Wavelet("coif1")
-    cascade = [1.0]
-    for j in range(level):
-        one = wavelet.dec_hi if j == level - 1 else wavelet.dec_lo
-        dilated = [0.0] * ((len(one) - 1) * 2**j + 1)
-        dilated[:: 2**j] = [tap / sqrt(2.0) for tap in one]
-        product = [0.0] * (len(cascade) + len(dilated) - 1)
-        for i, a in enumerate(cascade):
-            for k, b in enumerate(dilated):
-                product[i + k] += a * b
-        cascade = product
-    return cascade
-
-
-def _neighbours(x: Sequence[float], y: Sequence[float]) -> list[int]:
+def _neighbours(x: Sequence[float], y: Sequence[float]) -> "array[int]":
     """Return the pairs of taxels that are next to each other, one after the other."""
-    pairs: list[int] = []
-    places = list(zip(x, y, strict=True))
-    if len(places) < 2:
-        return pairs
-    nearest = [
-        min((a - c) ** 2 + (b - d) ** 2 for j, (c, d) in enumerate(places) if j != i)
-        for i, (a, b) in enumerate(places)
-    ]
-    limit = 1.5 * sorted(nearest)[len(nearest) // 2]  # squared: next to, and not across
-    for i, (a, b) in enumerate(places):
-        for j in range(i):
-            if (a - places[j][0]) ** 2 + (b - places[j][1]) ** 2 <= limit:
-                pairs += [i, j]
-    return pairs
+    apart2 = np.subtract.outer(x, x) ** 2 + np.subtract.outer(y, y) ** 2
+    nearest2 = np.sort(np.where(np.eye(len(x)) > 0, np.inf, apart2).min(axis=1))
+    limit2 = 1.5 * nearest2[len(x) // 2]  # next to, and not across
+    return array("q", np.argwhere(np.tril(apart2 <= limit2, -1)).ravel())

@@ -11,8 +11,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.direction import AVERAGED, AVERAGED_S, direction, opposed
-from tactiled.detect.contact.filter import FIVE_PERCENT, INCIPIENT_USED, ContactFilter
+from tactiled.detect.contact.direction import AVERAGED, direction, opposed
+from tactiled.detect.contact.filter import (
+    DIRECTION_S,
+    FIVE_PERCENT,
+    HISTORY_S,
+    INCIPIENT_USED,
+    ContactFilter,
+)
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
@@ -23,7 +29,6 @@ _FULL = 0.97  # prior: of the ratio at the limit: taxels of unequal friction sli
 _SDS = np.array([-1.465, -0.792, -0.366, 0.0, 0.366, 0.792, 1.465])
 _LEAST_PART = 1e-3  # derived: of the load: a taxel with less is not loaded
 _LEAST_GROWTH = 1e-3  # derived: 1/s: slower growth does not tell when it began
-_LONGEST_S = 1.0  # choice: uncertainty of the instant by noise of the readings, at most
 
 
 class Past(NamedTuple):
@@ -54,7 +59,7 @@ class PosteriorSlips:
 
     def __init__(self, rate_hz: float) -> None:
         self._step_s = 1.0 / rate_hz
-        self._n_averaged = max(1, min(AVERAGED, round(AVERAGED_S / self._step_s)))
+        self._n_averaged = max(1, min(AVERAGED, round(DIRECTION_S / self._step_s)))
         self.open: SlipEvent | None = None
 
     @property
@@ -156,7 +161,7 @@ class PosteriorSlips:
         since_s = np.where(row == 0, time_s[-1] - time_s[0], 0.0)
         spread = float(((began_s - mean_s) ** 2 + (unseen_s**2 + since_s**2) / 12)[met].mean())
         growth = contact.per_friction * contact.signs.growth
-        noise_s = min(contact.signs.ratio_noise / max(growth, _LEAST_GROWTH), _LONGEST_S)
+        noise_s = min(contact.signs.ratio_noise / max(growth, _LEAST_GROWTH), HISTORY_S)
         return mean_s, math.sqrt(spread + noise_s**2 + self._step_s**2 / 12)
 
 

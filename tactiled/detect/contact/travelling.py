@@ -20,10 +20,9 @@ import functools
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.fast import Means
-from tactiled.detect.contact.readings import response_weights
-from tactiled.detect.signal.front_end import Reals
+from tactiled.detect.signal.front_end import Reals, response_weights
 from tactiled.detect.signal.median import median
+from tactiled.detect.signal.pressure import ROUNDING, STOPPED
 
 _HOP_S = 0.5  # choice
 # choice: hops; each is longer by 1.4. One of the long ones at a time, since a look at 16 s takes a
@@ -41,8 +40,6 @@ _OVER_OTHERS = 8.0
 _LOBE, _HARMONICS = 2, (2, 3)  # derived
 _BEYOND_PLANES = 0.1  # derived: of the line's power: of a rigid motion, gains that differ by 15 % leave 0.05
 _MOST_ALIKE = 0.7  # prior: mean of doubled phasors over their mean size: 0 of a wave, 1 of a part that shakes
-_STOPPED = 0.25  # prior: power of the newest quarter over that of the window
-_ROUNDING = 12.0  # derived: rounding to a step q errs by a variance of q^2 / 12
 # derived: variance of a sine over its power in a Hann window, times the number of samples squared
 _HANN = 8.0
 # choice: steps of a channel over those of most: a still channel that jumped has shown no step
@@ -78,34 +75,46 @@ class TravellingRipple:
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
         self.can_tell = array.has_places and array.n_taxels >= _FEWEST
         self._least_steps = least_steps
-        self._rounding = response_weights(array) ** 2 * (unit_per_step**2 / _ROUNDING)
-        self._means = Means(n_mean, _LONG[-1] * self._hop, 3 * array.n_taxels)
+        self._rounding = response_weights(array) ** 2 * (unit_per_step**2 * ROUNDING)
+        self._scans = np.zeros((self._hop * n_mean, 3 * array.n_taxels))  # of the present hop
+        self._means = np.zeros((_LONG[-1], self._hop, 3 * array.n_taxels))
         self.reset()
 
     def reset(self) -> None:
         """Forget what was seen: the contact is another one, or a gap came between."""
-        self._means.begin()
+        self._n_scans = self._n_hops = 0
         self.seen_s = 0.0
         self._seen_in = 0  # hops
 
     def take(self, responses: FloatArray) -> float:
         """Take loads and shears (3 * taxels,) of a scan in contact; return `seen_s`."""
-        if self.can_tell and self._means.take(responses) and self._means.n % self._hop == 0:
-            self._look(self._means.n // self._hop)
+        if not self.can_tell:
+            return 0.0
+        self._scans[self._n_scans] = responses
+        self._n_scans += 1
+        if self._n_scans == len(self._scans):
+            means = self._scans.reshape(self._hop, -1, self._scans.shape[1]).mean(axis=1)
+            self._means[self._n_hops % len(self._means)] = means
+            self._n_scans = 0
+            self._n_hops += 1
+            self._look()
         return self.seen_s
 
-    def _look(self, hops: int) -> None:
+    def _look(self) -> None:
         """Look at windows that are full; a ripple goes on until the window that showed it shows none."""
+        hops = self._n_hops
         if self._seen_in:
             windows = [window for window in _SHORT if window < self._seen_in] + [self._seen_in]
         else:
             windows = [*_SHORT, _LONG[hops % len(_LONG)]]
-        self._seen_in = next((w for w in windows if w <= hops and self._travels(w * self._hop)), 0)
+        self._seen_in = next((w for w in windows if w <= hops and self._travels(w)), 0)
         self.seen_s = self._seen_in * self._hop * self._step_s
 
-    def _travels(self, n: int) -> bool:
+    def _travels(self, n_hops: int) -> bool:
         """Return True where a ripple travels in the newest means."""
-        responses = self._means.newest(n).reshape(n, 3, -1)
+        newest = np.arange(self._n_hops - n_hops, self._n_hops) % len(self._means)
+        n = n_hops * self._hop
+        responses = self._means[newest].reshape(n, 3, -1)
         load = np.maximum(responses[:, 0].mean(axis=0), 0.0)
         # What the planes leave, in directions that are orthogonal to them and to one another.
         beyond = np.linalg.qr((self._places * load).T, mode="complete")[0][:, len(self._places) :]
@@ -135,7 +144,7 @@ class TravellingRipple:
         if _HANN * power[peak] <= n**2 * float(((self._of_rounding() * (load > 0)) @ beyond**2).sum()):
             return False
         energy = (series**2).mean(axis=0)
-        return bool(energy[-n // 4 :].mean() > _STOPPED * energy.mean())
+        return bool(energy[-n // 4 :].mean() > STOPPED * energy.mean())
 
     def _of_rounding(self) -> FloatArray:
         """Return the variance (3, taxels) that rounding adds to loads and shears."""

@@ -10,7 +10,7 @@ shear relieves two at most.
 Loading and holding are distinguished by the slope of the array's pressure response, a least-squares line over
 a short window. A falling pressure is neither: the state stays and only the count of steady scans starts anew.
 
-`ContactTracker` has the numbers of an array for `Pressure`, which measures and is the state machine. Sliding
+`Pressure` measures and is the state machine; `ContactTracker` gives it the levels of an array. Sliding
 cannot be seen from pressure: the slip detector owns a tracker and tells it to `go` there and back.
 """
 
@@ -20,27 +20,19 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.signal.fast import Levels, Pressure, RestNoise, RestSwing
+from tactiled.detect.fast import Levels, Pressure
 from tactiled.detect.signal.pressure import CONTACT_SDS
-from tactiled.detect.signal.quantise import HeldReadings, Quantiser, flat
+from tactiled.detect.signal.quantise import HeldReadings, flat
 from tactiled.events.types import ContactEvent, ContactState
 from tactiled.samples.block import ScanBlock
 from tactiled.tomlfile import Params
 
-SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # physical: part of the range. 64 of 65536 counts, 10 of 10,000 uT: drift of an unloaded sensor within minutes
 # is less.
 CONTACT_OF_RANGE = 1 / 1024
 # prior: part of the range while the noise of a channel is not known: drift and hum of a sensor that is of use
 # are less.
 _EARLY_OF_RANGE = 1 / 64
-# prior: wandering of readings at rest is measured over eight times as long: a second, and a hand leaves the
-# skin alone for so long somewhere.
-_MEAN_S = 0.16
-_FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
-# prior: of the noise before it is known, that wandering is at most: 1/128 of the range
-_WANDER_OF_EARLY = 0.5
-_SWING_S = 1.0  # choice: in which a swing at rest is looked for: one of 2 Hz shows both sides twice
 
 
 class ContactParams(Params):
@@ -90,21 +82,7 @@ class ContactTracker(Pressure):
     """Contact gate of an array at a scan rate: `measure` takes a block, and `step` each of its scans."""
 
     def __init__(self, array: Array, params: ContactParams, rate_hz: float) -> None:
-        self._rate_hz = rate_hz
-        grid = Quantiser(array)
-        levels, early = _levels(array, params)
-        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
-        step = grid.volts_per_step
-        super().__init__(
-            array,
-            rate_hz,
-            grid.hold,
-            step,
-            levels,
-            RestNoise(array.n_channels, early / step, n_mean, _WANDER_OF_EARLY * early / step),
-            RestSwing(array.n_taxels, max(3, round(_SWING_S * rate_hz)), round(array.zero_first_s * rate_hz)),
-            max(1, round(SETTLE_S * rate_hz)),
-        )
+        super().__init__(array, rate_hz, *_levels(array, params))
 
     @property
     def hidden_below(self) -> float:
@@ -121,10 +99,6 @@ class ContactTracker(Pressure):
     def swing_of_mean(self) -> float:
         """Level that a swing at rest of the mean pressure of the taxels does not reach."""
         return self.swing.level(self.n_taxels)
-
-    def interrupt(self, n_missing: int) -> None:
-        """Forget the contact, of which some scans are missing; keep the noise and the set of the skin."""
-        self.skip(n_missing / self._rate_hz)
 
     def measure(self, block: ScanBlock) -> None:
         """Measure the pressure in each scan of a block."""

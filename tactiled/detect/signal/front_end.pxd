@@ -4,12 +4,12 @@ cdef extern from "math.h":
     cpdef double sqrt(double x)
 
 cdef double _INFINITE, _UNKNOWN, _CLIP, _ROUNDING, _MEAN_ABS, _LEAST_JUMP, _JUMP_NOISES, _JUMP_TIMES
-cdef double _LOADED, _MOST_JUMP, _RELIEVED, _MOST_SPREAD, _LEAST_PRESSED, _TINY
-cdef long _CLIPPED_AFTER, _FEWEST_LOADED, _SPARE
+cdef double _LOADED, _MOST_JUMP, _RELIEVED, _MOST_SPREAD, _LEAST_PRESSED
+cdef long _HISTORY, _TURNED, _LONG, _NOISE_LEVELS, _CLIPPED_AFTER, _FEWEST_LOADED, _SPARE
 
 
 cdef class StuckChannels:
-    cdef public long n_channels, n_sides, history, turned, long, position
+    cdef public long n_channels, n_sides, position
     cdef public double pressed, most_resting
     cdef public bint is_begun
     cdef public double[::1] sign, last, way, began
@@ -39,6 +39,7 @@ cdef class Jumps:
 
 cdef class RelievedSides:
     cdef public long n_taxels, n_own
+    cdef public bint is_due
     cdef public long long[::1] own
     cdef public double[::1] weights, even, load, side, high, proportion, weight
     cdef public unsigned char[::1] relieved
@@ -48,7 +49,7 @@ cdef class RelievedSides:
 
 
 cdef class NoiseFloor:
-    cdef public long n_channels, n_levels, n
+    cdef public long n_channels, n
     cdef public double least, n_scans
     cdef public double[::1] mean_abs, last, step, sd
 
@@ -62,9 +63,10 @@ cdef class Readings:
     cdef public Jumps jumps
     cdef public NoiseFloor floor
     cdef public RelievedSides relief
-    cdef public long n_channels, n_taxels, n_own, n_hold, n_border, n_history, row
+    cdef public long n_channels, n_taxels, n_own, n_hold, n_border, n_history, row, n_room
     cdef public double rate_hz, volts_per_step, most_dropped, load, shear_sd, total_sd, load_sd
-    cdef public bint has_sides, is_begun, is_read, is_lost
+    cdef public bint is_begun, is_read, keeps_enough, is_lost
+    cdef public object recent, offset_of
     cdef public long long[::1] own, n_good, n_bad
     cdef public const double[::1] steps, offset_s
     cdef public const unsigned char[::1] read
@@ -72,10 +74,9 @@ cdef class Readings:
     cdef public double[::1] remainder
     cdef public unsigned char[::1] dropped, ok, is_stuck, is_out
 
-    cpdef begin(self, const double[::1] steps, const unsigned char[::1] read, const double[::1] offset_s)
+    cpdef follow(self, gate, channel_offset_s)
     cpdef take(self, long scan, bint in_contact, bint press_is_over)
     cpdef rest(self, double part)
-    cpdef release(self)
     cpdef interrupt(self)
     cdef _take_steps(self, long at)
     cdef _take_instant(self)

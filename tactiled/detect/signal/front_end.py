@@ -2,8 +2,7 @@
 
 Channels that are stuck (`StuckChannels`) or that jump (`Jumps`) are found, wavelet filters (`Bank`) show the
 noise (`NoiseFloor`), and what is left becomes loads and shears of the taxels at one instant (`Readings`),
-also where a side has lost its load (`RelievedSides`). `stuck_channels`, `wavelet` and
-`tactiled.detect.contact.readings` make these objects for an array.
+also where a side has lost its load (`RelievedSides`).
 
 The file is plain Python, which Cython compiles with the types of `front_end.pxd` (`tactiled.compiled`). Both
 forms have the same bits: one operation after the other, without fused multiply-add and without functions
@@ -13,25 +12,38 @@ fastest.
 
 from array import array
 from collections.abc import MutableSequence
-from math import sqrt
-from typing import Any
+from math import pi, sqrt
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import FloatArray
+from tactiled.array import Array, FloatArray
+from tactiled.detect.signal.bridge import BRIDGE_S
+from tactiled.detect.signal.wavelet import border_scans, taps
+
+if TYPE_CHECKING:
+    from tactiled.detect.signal.pressure import Pressure
 
 Reals = MutableSequence[float] | FloatArray
 Flags = NDArray[np.uint8]
-Whole = NDArray[np.int64]
 
 _INFINITE = float("inf")
 _UNKNOWN = float("nan")
-# Noise of a channel: see `NOISE_LEVELS` of `tactiled.detect.contact.readings`.
+LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
+_HISTORY, _TURNED = 128, 52  # derived: 0.4 of all: 3.3 standard deviations above a last bit that flips
+_LONG = 40  # derived: 0.4^40 is 1e-16
+_MOST_RESTING = 1.0 / 3.0  # prior: of the channels: where more rest, the noise has stopped
+_PRESSED_OF_RANGE = 0.01  # physical: where the array file has no pressure that ends a contact (0.15 of +-8 V)
+# choice: the standard deviation of the noise is read off the detail coefficients of the two finest levels of
+# the stationary coif1 transform: all its filters have unit energy, so that white noise has the same standard
+# deviation in each (Mallat, A Wavelet Tour of Signal Processing, 3rd ed., 5.5).
+_NOISE_LEVELS = 2
+AVERAGED_S = 1.0  # choice: averaging time of noise, and of the readings without contact
 _CLIP = 3.0  # choice: standard deviations: a coefficient beyond counts as this much, since it is signal
 _CLIPPED_AFTER = 20  # prior: scans: before, the mean is too uncertain to clip by
 _ROUNDING = sqrt(12.0)  # derived: rounding to steps of q has a standard deviation of q / sqrt(12)
-_MEAN_ABS = 0.7978845608028654  # derived: sqrt(2 / pi): of a normal variable of unit variance
+_MEAN_ABS = sqrt(2.0 / pi)  # derived: of a normal variable of unit variance
 # prior: jumps, from scan to scan: of the mean load of a taxel, below which a jump changes the total shear by
 # less than the zero; standard deviations of noise; times the change of the median taxel, whose load may be a
 # third.
@@ -46,61 +58,90 @@ _RELIEVED = 0.5
 _MOST_SPREAD = 1.3
 # prior: of the load, by which a side must be pressed for its part of the shear to be known
 _LEAST_PRESSED = 0.1
-_TINY = 1e-12  # derived
 _SPARE = 64  # choice: scans after which those that the filters need move to the front
+# prior: in which what interpolation between channels leaves counts as noise: the length of a jerk
+_JERK_S = 0.06
+_LEAST_KEPT = 0.75  # choice: of the taxels; with fewer, the messages are not valid
 
 
-def _zeros(n: int) -> "array[float]":
+def zeros(n: int) -> "array[float]":
+    """Return n zeros of a compiled path."""
     return array("d", bytes(8 * n))
 
 
-def _counts(n: int) -> "array[int]":
+def counts(n: int) -> "array[int]":
+    """Return n whole numbers that are zero."""
     return array("q", bytes(8 * n))
 
 
-def _flags(n: int) -> "array[int]":
+def flags(n: int) -> "array[int]":
+    """Return n flags that are not set."""
     return array("B", bytes(n))
 
 
-class StuckChannels:
-    """Search for channels that do not follow the load; `stuck_channels` states the rule.
+def response_weights(pad: Array) -> FloatArray:
+    """Return weights (3, taxels, channels) that make load, shear along x and along y of the taxels.
 
-    Parameters
-    ----------
-    sign : (channels,) float64
-        Of the pressure.
-    others : (channels * sides,) int64
-        The other sides of a channel's taxel.
-    judged : (channels,) uint8
-        1 where these are enough.
-    pressed : float
-        Steps by which a press moves a side.
-    history, turned, long : int
-        Scans; see there.
-    most_resting : float
-        Channels that may rest at once.
+    Shear is the force of the object on the skin, so that it opposes the motion of the skin.
+    """
+    return np.concatenate([pad.normal_weights()[np.newaxis], -pad.shear_weights()])
+
+
+def _own_channels(weights: FloatArray) -> "tuple[array[int], array[float]]":
+    """Return the few channels that make each response, and their weights, as flat arrays (n, responses).
+
+    A weight is 0 where a response has fewer channels; `weights` are (responses, channels).
+    """
+    n_most = max(1, int(np.count_nonzero(weights, axis=1).max(initial=0)))
+    own = np.argsort(weights == 0, axis=1, kind="stable")[:, :n_most].T
+    own_weights = np.take_along_axis(weights.T, own, axis=0)
+    return array("q", own.ravel()), array("d", own_weights.ravel())
+
+
+def _other_sides(pad: Array) -> NDArray[np.int64]:
+    """Return the other sides (channels, others) of a channel's taxel, itself where it has none."""
+    is_side = np.array(pad.channel_kind) == "side"
+    channels = np.arange(pad.n_channels)
+    same = (pad.channel_taxel[:, np.newaxis] == pad.channel_taxel) & is_side & is_side[:, np.newaxis]
+    others = [np.flatnonzero(same[c] & (channels != c)) for c in channels]
+    most = max(1, *(len(row) for row in others))
+    return np.array([np.resize(row if len(row) else c, most) for c, row in enumerate(others)])
+
+
+class StuckChannels:
+    """Search for stuck channels, whose valid readings do not follow the load.
+
+    A wire that came off, an input that is held by its neighbour, a multiplexer that does not switch: the
+    reading stays where it is. Two things tell it from a quiet channel, whose converter lawfully repeats a
+    code for as long as noise and load stay within it.
+
+    1. It had noise. Of the `_HISTORY` scans before the code began to repeat, readings turned back from one
+       scan to the next in `_TURNED` or more. White noise of a last bit or more turns back in half of all
+       scans and repeats a code in at most 0.4 of them, so that `_LONG` repeats in a row come by chance once
+       in 1e15 scans; noise that only flips the last bit turns back in a quarter at most. Where noise stops
+       everywhere, as when a motor stops, most channels rest, and none is stuck.
+    2. It stayed while a press moved the others of its taxel, all of them and one way, by the pressure that
+       ends a contact or more. Shear moves two of four sides and leaves two, and relief leaves 0.4 of a side;
+       a press leaves none.
+
+    A channel works again with its first reading that differs, and not because the press is over.
     """
 
-    def __init__(
-        self,
-        sign: FloatArray,
-        others: Whole,
-        judged: Flags,
-        pressed: float,
-        history: int,
-        turned: int,
-        long: int,
-        most_resting: float,
-    ) -> None:
-        n = len(sign)
-        self.n_channels, self.n_sides = n, len(others) // n
-        self.sign, self.others, self.judged = array("d", sign), array("q", others), array("B", judged)
-        self.pressed, self.history, self.turned, self.long = pressed, history, turned, long
-        self.most_resting = most_resting
+    def __init__(self, pad: Array, volts_per_step: float) -> None:
+        sides, n = _other_sides(pad), pad.n_channels
+        pressed = _PRESSED_OF_RANGE * (pad.high - pad.low) if pad.contact is None else pad.contact.below
+        judged = [len({*row} - {c}) >= LEAST_SIDES - 1 for c, row in enumerate(sides.tolist())]
+        self.n_channels, self.n_sides = n, sides.shape[1]
+        self.sign, self.others, self.judged = (
+            array("d", pad.sign),
+            array("q", sides.ravel()),
+            array("B", judged),
+        )
+        self.pressed, self.most_resting = pressed / volts_per_step, _MOST_RESTING * n
         self.is_begun, self.position = False, 0
-        self.last, self.way, self.began = _zeros(n), _zeros(n), _zeros(n * self.n_sides)
-        self.run, self.n_turns = _counts(n), _counts(n)
-        self.turns, self.noisy, self.stayed = _flags(n * history), _flags(n), _flags(n)
+        self.last, self.way, self.began = zeros(n), zeros(n), zeros(n * self.n_sides)
+        self.run, self.n_turns = counts(n), counts(n)
+        self.turns, self.noisy, self.stayed = flags(n * _HISTORY), flags(n), flags(n)
 
     def take(self, n: int, first: int, steps: Reals, stuck: Any) -> bool:
         """Mark the stuck readings of n scans, which begin at `first` of `steps`; True if there is any."""
@@ -113,7 +154,7 @@ class StuckChannels:
                 self.began[k] = steps[first + self.others[k]] * self.sign[self.others[k]]
         for i in range(n):
             at, turn, resting = first + i * channels, self.position * channels, 0
-            self.position = (self.position + 1) % self.history
+            self.position = (self.position + 1) % _HISTORY
             for c in range(channels):
                 step = steps[at + c]
                 way = 1.0 if step > self.last[c] else -1.0 if step < self.last[c] else 0.0
@@ -123,11 +164,11 @@ class StuckChannels:
                 self.way[c], self.last[c] = way, step
                 if way != 0.0:
                     self.run[c] = 0
-                    self.noisy[c] = 1 if self.n_turns[c] >= self.turned else 0
+                    self.noisy[c] = 1 if self.n_turns[c] >= _TURNED else 0
                     self.stayed[c] = 0
                 else:
                     self.run[c] += 1
-                if self.run[c] >= self.long // 2:
+                if self.run[c] >= _LONG // 2:
                     resting += 1
                 n_up = n_down = 0
                 for s in range(c * sides, (c + 1) * sides):
@@ -141,7 +182,7 @@ class StuckChannels:
                 if self.judged[c] != 0 and (n_up == sides or n_down == sides):
                     self.stayed[c] = 1
             for c in range(channels):
-                is_long = self.noisy[c] != 0 and self.run[c] >= self.long and resting <= self.most_resting
+                is_long = self.noisy[c] != 0 and self.run[c] >= _LONG and resting <= self.most_resting
                 stuck[i * channels + c] = 1 if is_long or self.stayed[c] != 0 else 0
                 if stuck[i * channels + c] != 0:
                     any_stuck = True
@@ -203,8 +244,8 @@ class Jumps:
         n = len(taxel_channels) // n_taxels
         self.n_channels, self.n_taxels = n, n_taxels
         self.own = array("B", taxel_channels)
-        self.accepted, self.change, self.usual = _zeros(n), _zeros(n), _zeros(n_taxels)
-        self.found, self.out, self.jumps, self.is_loaded = _flags(n), _flags(n), _flags(n), _flags(n_taxels)
+        self.accepted, self.change, self.usual = zeros(n), zeros(n), zeros(n_taxels)
+        self.found, self.out, self.jumps, self.is_loaded = flags(n), flags(n), flags(n), flags(n_taxels)
         self.is_out = False
 
     def take(self, readings: Reals, first: int, loads: Reals, noise: Reals, press_is_over: bool) -> None:
@@ -284,33 +325,33 @@ class RelievedSides:
     taken from the pressed side alone, in the proportion that it had, and the load from the other pair of
     sides. Where that pair has a relieved side, too, the load stays where it was.
 
-    Parameters
-    ----------
-    own, weights : (n * 4 * taxels,)
-        Channels that make the sides (half, axis, taxel), and their weights.
-    even : (4 * taxels,) float64
-        Readings of the sides under an even load of 1.
-
     Attributes
     ----------
+    is_due : bool
+        All taxels have opposed sides.
     relieved : (2 * taxels,) array of int
         1 for the pairs, by axis and taxel, that are read from one side.
     """
 
-    def __init__(self, own: Whole, weights: FloatArray, even: FloatArray) -> None:
-        self.n_taxels = len(even) // 4
-        self.n_own = len(own) // len(even)
-        self.own, self.weights, self.even = array("q", own), array("d", weights), array("d", even)
-        self.load, self.side, self.high = _zeros(self.n_taxels), _zeros(4), _zeros(2)
-        self.proportion, self.weight = _zeros(2 * self.n_taxels), _zeros(2 * self.n_taxels)
-        self.relieved = _flags(2 * self.n_taxels)
+    def __init__(self, pad: Array) -> None:
+        shear = -pad.shear_weights() * (np.array(pad.channel_kind) == "side")
+        # Channels that make the sides (half, axis, taxel), and their readings under an even load of 1.
+        sides = np.concatenate([np.maximum(shear, 0.0), np.maximum(-shear, 0.0)]).reshape(-1, pad.n_channels)
+        even = sides.sum(axis=1)
+        self.is_due = bool(np.all(even > 0))
+        self.own, self.weights = _own_channels(sides)
+        self.even, self.n_taxels = array("d", even), pad.n_taxels
+        self.n_own = len(self.own) // len(even)
+        self.load, self.side, self.high = zeros(self.n_taxels), zeros(4), zeros(2)
+        self.proportion, self.weight = zeros(2 * self.n_taxels), zeros(2 * self.n_taxels)
+        self.relieved = flags(2 * self.n_taxels)
         self.reset()
 
     def reset(self) -> None:
         """Forget the contact."""
         for k in range(2 * self.n_taxels):
             self.relieved[k] = 0
-            self.proportion[k], self.weight[k] = 2.0, _TINY
+            self.proportion[k], self.weight[k] = 2.0, 1e-12
         for t in range(self.n_taxels):
             self.load[t] = 0.0
 
@@ -366,13 +407,11 @@ class NoiseFloor:
     ----------
     least : float
         No noise is below it.
-    n_scans : float
-        Averaging time in scans.
     """
 
-    def __init__(self, n_channels: int, n_levels: int, least: float, n_scans: float) -> None:
-        self.n_channels, self.n_levels, self.least, self.n_scans = n_channels, n_levels, least, n_scans
-        self.mean_abs = _zeros(n_levels * n_channels)
+    def __init__(self, n_channels: int, least: float, rate_hz: float) -> None:
+        self.n_channels, self.least, self.n_scans = n_channels, least, max(2.0, AVERAGED_S * rate_hz)
+        self.mean_abs = zeros(_NOISE_LEVELS * n_channels)
         self.last = array("d", [_UNKNOWN] * n_channels)
         self.step = array("d", [_INFINITE] * n_channels)
         self.sd = array("d", [least] * n_channels)
@@ -389,14 +428,14 @@ class NoiseFloor:
             if 0.0 < moved < self.step[c]:
                 self.step[c] = moved
             most = clip * self._known(c)
-            for level in range(self.n_levels):
+            for level in range(_NOISE_LEVELS):
                 k = level * self.n_channels + c
                 self.mean_abs[k] += part * (min(abs(details[k]), most) - self.mean_abs[k])
             self.sd[c] = self._known(c)
 
     def _known(self, channel: int) -> float:
         largest = 0.0
-        for level in range(self.n_levels):
+        for level in range(_NOISE_LEVELS):
             largest = max(largest, self.mean_abs[level * self.n_channels + channel])
         noise = largest / _MEAN_ABS
         rounding = self.step[channel] / _ROUNDING if self.step[channel] < _INFINITE else 0.0
@@ -406,90 +445,57 @@ class NoiseFloor:
 class Readings:
     """Loads and shears of the taxels, scan by scan: at one instant, and without bad channels.
 
-    Parameters
-    ----------
-    stuck, bank, jumps, floor
-        Of the array.
-    relief : RelievedSides or None
-        None for arrays whose taxels have no opposed sides.
-    own, weights : (n * 3 * taxels,)
-        Channels that make load, shear along x and along y of the taxels, and their weights.
-    n_hold : int
-        Scans for which a bad channel waits before it takes its taxel out.
-    most_dropped : float
-        Taxels that may be out.
-    n_border : int
-        Scans before the filters are full.
-    history : (n * 3 * taxels,) float64
-        Gets loads and shears of the newest scans.
-    dropped : (taxels,) uint8
-        Gets the taxels that are out.
-
     Attributes
     ----------
+    recent : (n, 3, taxels) float64
+        Load, shear along x and along y of the newest scans.
     load : float
         Mean load of the taxels in the newest scan.
     shear_sd, total_sd, load_sd : float
         Noise of a taxel's shear, of the total shear and of the mean load.
     is_read : bool
         All taxels that are not out can be read, and they are enough.
+    keeps_enough : bool
+        So many taxels are not out that what is said of the contact is valid.
     is_lost : bool
         A taxel was taken out during the contact.
     """
 
-    def __init__(
-        self,
-        stuck: StuckChannels,
-        bank: Bank,
-        jumps: Jumps,
-        floor: NoiseFloor,
-        relief: RelievedSides | None,
-        own: Whole,
-        weights: FloatArray,
-        rate_hz: float,
-        volts_per_step: float,
-        n_hold: int,
-        most_dropped: float,
-        n_border: int,
-        history: FloatArray,
-        dropped: Flags,
-    ) -> None:
-        channels, taxels = stuck.n_channels, len(dropped)
-        self.stuck, self.bank, self.jumps, self.floor = stuck, bank, jumps, floor
-        self.has_sides = relief is not None
-        none = np.zeros(0, dtype=np.int64)
-        self.relief = relief or RelievedSides(none, none.astype(float), np.zeros(4 * taxels))
-        self.n_channels, self.n_taxels, self.n_own = channels, taxels, len(own) // (3 * taxels)
-        self.own, self.weights = array("q", own), array("d", weights)
+    def __init__(self, pad: Array, rate_hz: float, volts_per_step: float) -> None:
+        channels, taxels, weights = pad.n_channels, pad.n_taxels, response_weights(pad)
+        self.stuck = StuckChannels(pad, volts_per_step)
+        self.bank = Bank(channels, [taps(k + 1) * volts_per_step for k in range(_NOISE_LEVELS)])
+        self.jumps = Jumps(np.any(weights != 0, axis=0).ravel().view(np.uint8), taxels)
+        self.floor, self.relief = NoiseFloor(channels, volts_per_step, rate_hz), RelievedSides(pad)
+        self.own, self.weights = _own_channels(weights.reshape(-1, channels))
+        self.n_channels, self.n_taxels, self.n_own = channels, taxels, len(self.own) // (3 * taxels)
         self.rate_hz, self.volts_per_step = rate_hz, volts_per_step
-        self.n_hold, self.most_dropped, self.n_border = n_hold, most_dropped, n_border
-        self.history, self.dropped = history, dropped
-        self.n_history = len(history) // (3 * taxels)
-        self.remainders = _zeros(self.n_history)
-        self.rows, self.row = _zeros((n_border + _SPARE) * channels), n_border
-        self.details, self.bent = _zeros(bank.n_filters * channels), _zeros(3 * taxels)
-        self.baseline, self.readings, self.pressed = _zeros(channels), _zeros(channels), _zeros(channels)
-        self.older, self.oldest, self.remainder = _zeros(channels), _zeros(channels), _zeros(channels)
-        self.ok, self.is_stuck, self.is_out = _flags(channels), _flags(channels), _flags(channels)
-        self.n_good, self.n_bad = _counts(channels), _counts(channels)
-        self.begin(np.zeros(0), np.zeros(0, dtype=np.uint8), np.zeros(channels))
-        self.is_begun = False
+        self.n_hold, self.most_dropped = max(1, round(BRIDGE_S * rate_hz)), (1 - _LEAST_KEPT) * taxels
+        self.n_border, self.n_history = border_scans(_NOISE_LEVELS), max(1, round(_JERK_S * rate_hz))
+        self.recent = np.zeros((self.n_history, 3, taxels))
+        self.history, self.remainders = self.recent.reshape(-1), zeros(self.n_history)
+        self.rows, self.row = zeros((self.n_border + _SPARE) * channels), self.n_border
+        self.details, self.bent = zeros(_NOISE_LEVELS * channels), zeros(3 * taxels)
+        self.baseline, self.readings, self.pressed = zeros(channels), zeros(channels), zeros(channels)
+        self.older, self.oldest, self.remainder = zeros(channels), zeros(channels), zeros(channels)
+        self.ok, self.is_stuck, self.is_out = flags(channels), flags(channels), flags(channels)
+        self.n_good, self.n_bad, self.dropped = counts(channels), counts(channels), flags(taxels)
+        self.steps, self.read, self.n_room = zeros(0), flags(0), 0
+        self.offset_of: FloatArray | None = None
+        self.is_begun = self.is_read = self.is_lost = False
+        self.keeps_enough = True
         self.load = self.shear_sd = self.total_sd = self.load_sd = 0.0
-        self.is_read = self.is_lost = False
 
-    def begin(self, steps: FloatArray, read: Flags, offset_s: FloatArray) -> None:
-        """Take a block, whose scans are then taken one by one.
+    def follow(self, gate: "Pressure", channel_offset_s: FloatArray) -> None:
+        """Take the scans of a block from where the contact gate holds them, one by one.
 
-        Parameters
-        ----------
-        steps : (scans * channels,) float64
-            Readings that are held, in whole steps.
-        read : (scans * channels,) uint8
-            0 where an older one is held.
-        offset_s : (channels,) float64
-            Instants of the channels after that of their scan.
+        `channel_offset_s` are the instants (channels,) of the channels after that of their scan.
         """
-        self.steps, self.read, self.offset_s = steps, read, offset_s
+        if (
+            gate.n_room != self.n_room or channel_offset_s is not self.offset_of
+        ):  # each view takes a microsecond
+            self.steps, self.read, self.offset_s = gate.steps, gate.ok, channel_offset_s
+            self.n_room, self.offset_of = gate.n_room, channel_offset_s
 
     def take(self, scan: int, in_contact: bool, press_is_over: bool) -> None:
         """Take a scan of the block, in a contact whose press may be over."""
@@ -515,10 +521,6 @@ class Readings:
         """Let the baseline follow the readings of a scan without contact, by a part of their difference."""
         for c in range(self.n_channels):
             self.baseline[c] += part * (self.older[c] - self.baseline[c])
-
-    def release(self) -> None:
-        """Forget which sides of taxels the contact relieved."""
-        self.relief.reset()
 
     def interrupt(self) -> None:
         """Let no window reach back before a gap."""
@@ -578,7 +580,7 @@ class Readings:
             n_bad += 1 if self.ok[c] == 0 else 0
         for t in range(self.n_taxels):
             n_dropped += 1 if self.dropped[t] != 0 else 0
-        self.is_lost, self.is_read = False, True
+        self.is_lost, self.is_read, self.keeps_enough = False, True, True
         if n_bad == 0 and n_dropped == 0:
             return
         n_dropped = 0
@@ -601,7 +603,8 @@ class Readings:
             for c in range(channels):
                 if self.jumps.own[t * channels + c] != 0:
                     self.is_out[c] = 1
-        self.is_read = not waits and n_dropped <= self.most_dropped
+        self.keeps_enough = n_dropped <= self.most_dropped
+        self.is_read = not waits and self.keeps_enough
 
     def _responses(self, readings: Reals, first: int, out: Reals) -> None:
         """Make load, shear x and shear y (3, taxels) of readings (channels,), from `first` of `out` on."""
@@ -622,7 +625,7 @@ class Readings:
             self.remainders[i] = self.remainders[i + 1]
         first = last * row
         self._responses(self.pressed, first, self.history)
-        if in_contact and self.has_sides:
+        if in_contact and self.relief.is_due:
             self.relief.correct(self.pressed, first, self.history)
         total = 0.0
         for t in range(taxels):

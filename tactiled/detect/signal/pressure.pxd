@@ -5,17 +5,17 @@ cdef extern from "math.h" nogil:
     cpdef double expm1(double x)
     cpdef double sqrt(double x)
 
-cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, _ROUNDING, _MEDIAN, _LOG_DOUBT, _STATED_SMALL
-cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, _STOPPED
+cdef double _TO_WHOLE, _INFINITE, _NO_NUMBER, _ONE_SIDE, _UNKNOWN, _SECOND_DIFFERENCE, ROUNDING, _MEDIAN, _LOG_DOUBT, _STATED_SMALL
+cdef double _RELEASE_OF_CONTACT, _LOADING_OF_LOAD, _LOADING_OF_CONTACT, _LOADING_SDS, _SWING_SDS, _TURN, _BOTH_SIDES, _CREST, STOPPED
 cdef long LEAST_SIDES, _GROUP_SCANS, _GROUPS, _FEWEST, _MOST_POOLED, _MEANS, _LEAST_TURNS, _MOST_RESTS
 
 
 cdef class Hold:
     cdef public long n_channels
-    cdef public double limit, steps_per_unit
+    cdef public double full_scale_volts, volts_per_step
     cdef public double[::1] last
 
-    cpdef bint take(self, long n, long first, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
+    cpdef bint take(self, long n, const double[::1] readings, const unsigned char[::1] valid, double[::1] steps, unsigned char[::1] ok)
 
     cpdef double rounded(self, double reading)
 
@@ -34,7 +34,7 @@ cdef class RestNoise:
     cdef public double early, most_wander
     cdef public bint is_early
     cdef public Quietest quietest, slowest
-    cdef public double[::1] steps, bends, own, least_step, early_noise, noise, means, wander
+    cdef public double[::1] steps, least_step, early_noise, noise, means, wander
     cdef public long long[::1] n_good
     cdef public unsigned char[::1] ok
 
@@ -47,11 +47,6 @@ cdef class RestNoise:
     cdef _take_group(self)
 
     cdef _take_early(self)
-
-
-cdef _insert(double[::1] values, long n, double value)
-
-cdef double _median_of_rounded(double[::1] values, long n, double half)
 
 
 cdef class RestSwing:
@@ -83,7 +78,7 @@ cdef class Levels:
 
 cdef class Pressure:
     cdef public long n_channels, n_taxels, n_sides, n_hidden, n_pads, n_room, n_scans, n_settle, n_steady
-    cdef public double volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
+    cdef public double rate_hz, volts_per_step, slope_scale, slope_noise, set_of_load, set_per_scan, of_largest, forget_per_scan, rise_per_scan
     cdef public bint is_begun, is_field, is_first, all_ok
     cdef public str state, previous
     cdef public Hold hold
@@ -98,7 +93,7 @@ cdef class Pressure:
 
     cpdef forget_contact(self)
 
-    cpdef skip(self, double gap_s)
+    cpdef interrupt(self, long n_missing)
 
     cpdef take(self, long n, const double[::1] readings, const unsigned char[::1] valid)
 

@@ -1,19 +1,19 @@
 """Contact gate: readings as whole steps, noise at rest and pressure of a block in one call, contact by scan.
 
-`contact_gate` explains the rules and makes these objects for an array. The file is plain Python, which
+`contact_gate` explains the rules. The file is plain Python, which
 Cython compiles with the types of `pressure.pxd`, with the same bits (`tactiled.compiled`). Arrays are dense
 and flat.
 """
 
 from array import array
 from collections.abc import Sequence
-from math import exp, expm1, sqrt
+from math import ceil, exp, expm1, log2, sqrt
 from typing import Any
 
 import numpy as np
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.front_end import Flags, Reals
+from tactiled.detect.signal.front_end import LEAST_SIDES, Flags, Reals, counts, flags, zeros
 from tactiled.events.types import ContactState
 
 # derived: a number of less than 2^51, plus and minus this one, is rounded to the nearest whole number, halves
@@ -23,15 +23,20 @@ _INFINITE, _NO_NUMBER = float("inf"), float("nan")
 # choice: a side is clipped to this multiple of the mean of the other sides of its taxel. With two sides fully
 # relieved and their load on the third, the multiple would be three.
 _ONE_SIDE = 5.0
-LEAST_SIDES = 3  # derived: of two readings that differ, the wrong one cannot be identified
 READING_BITS = 23  # derived: with 24-bit filter coefficients, sums stay below 2^53: see `wavelet`
 _UNKNOWN = 2.0**READING_BITS  # derived: full scale, in steps: no reading stands out of noise of that size
 _GROUP_SCANS = 16  # choice
 # derived: groups, of which a mean counts: chance states the noise of one group of white noise five times too
 # small in two hours at 100 Hz, and that of 128 scans less than two times in a year.
 _GROUPS = 8
+# prior: wandering of readings at rest is measured over eight times as long: a second, and a hand leaves the
+# skin alone for so long somewhere.
+_MEAN_S = 0.16
+_FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
+# prior: of the noise before it is known, that wandering is at most: 1/128 of the range
+_WANDER_OF_EARLY = 0.5
 _SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
-_ROUNDING = 12.0  # derived: variance of rounding to a step q is q^2 / 12
+ROUNDING = 1.0 / 12  # derived: variance of rounding to a step
 _MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
 # derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
 # of the true one once in 2,000 draws.
@@ -55,8 +60,9 @@ _TURN, _LEAST_TURNS = 0.75, 2
 # prior: a swing leaves its mean to both sides, to either by this part of the other at least, and its peak has
 # at most so many standard deviations: short taps have more.
 _BOTH_SIDES, _CREST = 0.5, 3.0
+_SWING_S = 1.0  # choice: in which a swing at rest is looked for: one of 2 Hz shows both sides twice
 _MOST_RESTS = 8  # choice: seconds at rest of which the swing is the mean
-_STOPPED = 0.25  # choice: of the variance of a swing: a second with less shows that it has stopped
+STOPPED = 0.25  # choice: of the power of an oscillation: less shows that it has stopped
 _RELEASE_OF_CONTACT = 0.6  # choice: as the levels of the 2019 array, 0.15 V of 0.25 V
 # physical: per second. Creep of rubber in a hold is below 1 % of the load per second; the slowest press of
 # the 2019 paper, 20 N in 8 s, is 12 % of its final load per second.
@@ -64,6 +70,7 @@ _LOADING_OF_LOAD = 0.03
 _LOADING_OF_CONTACT = 0.12  # choice: per second; as on the 2019 array, 0.03 V/s of 0.25 V
 _LOADING_SDS = 10.0  # choice: of the slope by the noise at rest, which may be stated two times too small
 _SLOPE_WINDOW_S = 0.3  # choice: window of the slope's line fit
+SETTLE_S = 0.2  # choice: the load is steady for so long before it is a hold
 # tuned: what a soft skin keeps of a press, where the array file gives no level and no shear over load says
 # that a light load is held. Printed lattices kept 3 to 12 % of a press of 20 s for a minute, foil and
 # silicone read 3 to 15 % of any press beside their zero for seconds, and filtered readings wander by as
@@ -83,23 +90,22 @@ _SET_OF_SHEARED = 0.05
 class Hold:
     """Readings rounded to whole steps; one that is not ok is the last good one of its channel, or zero.
 
-    Parameters
-    ----------
-    limit, steps_per_unit : float
-        Readings beyond the limit are not ok.
+    Readings beyond `full_scale_volts` are not ok.
     """
 
-    def __init__(self, n_channels: int, limit: float, steps_per_unit: float) -> None:
-        self.n_channels, self.limit, self.steps_per_unit = n_channels, limit, steps_per_unit
-        self.last = array("d", bytes(8 * n_channels))
+    def __init__(self, pad: Array) -> None:
+        self.n_channels = pad.n_channels
+        self.full_scale_volts = 2.0 ** ceil(log2(pad.full_scale))
+        self.volts_per_step = self.full_scale_volts / 2.0**READING_BITS
+        self.last = zeros(self.n_channels)
 
-    def take(self, n: int, first: int, readings: FloatArray, valid: Flags, steps: Reals, ok: Any) -> bool:
-        """Round n scans, from `first` of `readings` on, to `steps`; mark what is `ok`; True if all is."""
+    def take(self, n: int, readings: FloatArray, valid: Flags, steps: Reals, ok: Any) -> bool:
+        """Round n scans of `readings` to `steps`; mark what is `ok`; True if all is."""
         at, n_bad = 0, 0
         for _ in range(n):
             for c in range(self.n_channels):
-                reading = readings[first + at]
-                if valid[first + at] != 0 and abs(reading) <= self.limit:  # no NaN is
+                reading = readings[at]
+                if valid[at] != 0 and abs(reading) <= self.full_scale_volts:  # no NaN is
                     self.last[c] = self.rounded(reading)
                     ok[at] = 1
                 else:
@@ -113,7 +119,8 @@ class Hold:
         """Return a reading in whole steps, clipped to the limit; 0 for NaN."""
         if reading != reading:
             return 0.0
-        return min(max(reading, -self.limit), self.limit) * self.steps_per_unit + _TO_WHOLE - _TO_WHOLE
+        limit = self.full_scale_volts
+        return min(max(reading, -limit), limit) / self.volts_per_step + _TO_WHOLE - _TO_WHOLE
 
 
 class Quietest:
@@ -125,8 +132,8 @@ class Quietest:
 
     def __init__(self, n_channels: int, n_wanted: int, most: float) -> None:
         self.n_wanted, self.power = n_wanted, array("d", [most] * n_channels)
-        self.sum, self.n = array("d", bytes(8 * n_channels)), array("q", bytes(8 * n_channels))
-        self.is_mean = array("B", bytes(n_channels))
+        self.sum, self.n = zeros(n_channels), counts(n_channels)
+        self.is_mean = flags(n_channels)
 
     def take(self, c: int, power: float) -> None:
         """Take the power of a group of one channel."""
@@ -175,12 +182,11 @@ class RestNoise:
     def __init__(self, n_channels: int, early: float, n_mean: int, most_wander: float) -> None:
         n = n_channels
         self.n_channels, self.early, self.n_mean, self.most_wander = n, early, n_mean, most_wander
-        self.steps, self.ok = array("d", bytes(8 * n * _GROUP_SCANS)), array("B", bytes(n * _GROUP_SCANS))
-        self.bends, self.own = array("d", bytes(8 * n * _GROUP_SCANS)), array("d", bytes(8 * _GROUP_SCANS))
+        self.steps, self.ok = zeros(n * _GROUP_SCANS), flags(n * _GROUP_SCANS)
         self.quietest, self.least_step = Quietest(n, _GROUPS, _UNKNOWN**2), array("d", [_INFINITE] * n)
         self.early_noise, self.noise = array("d", [_UNKNOWN] * n), array("d", [_UNKNOWN] * n)
-        self.means, self.n_good = array("d", bytes(8 * n * _MEANS)), array("q", bytes(8 * n))
-        self.slowest, self.wander = Quietest(n, _GROUPS * _MEANS, _INFINITE), array("d", bytes(8 * n))
+        self.means, self.n_good = zeros(n * _MEANS), counts(n)
+        self.slowest, self.wander = Quietest(n, _GROUPS * _MEANS, _INFINITE), zeros(n)
         self.n_scans, self.n_known, self.is_early = 0, -1, True
         self.n_summed, self.n_means = 0, 0
 
@@ -219,7 +225,7 @@ class RestNoise:
             noise = self.early_noise[c]
             if is_own:
                 step = self.least_step[c] if self.least_step[c] < _INFINITE else 0.0
-                noise = sqrt(max(self.quietest.power[c], step * step / _ROUNDING))
+                noise = sqrt(max(self.quietest.power[c], step * step * ROUNDING))
                 wandered = self.wander[c]
                 if self.slowest.power[c] < _INFINITE:
                     self.wander[c] = min(sqrt(self.slowest.power[c]), self.most_wander)
@@ -280,66 +286,38 @@ class RestNoise:
         The more second differences of all channels there are, the less it is stated too small: less is left
         for the levels to allow for.
         """
-        n, steps, n_all, step = self.n_channels, self.steps, 0, _INFINITE
-        for at in range(n, self.n_scans * n):
-            change = abs(steps[at] - steps[at - n])
-            if change > 0.0 and self.ok[at] != 0 and self.ok[at - n] != 0:
-                step = min(step, change)
+        read = np.where(np.asarray(self.ok), np.asarray(self.steps), np.nan).reshape(_GROUP_SCANS, -1)
+        steps = read[: self.n_scans]
+        change, bends = np.abs(np.diff(steps, axis=0)), np.abs(np.diff(steps, 2, axis=0))
+        step = float(change[change > 0.0].min(initial=_INFINITE))
         half = 0.5 * step if step < _INFINITE else 0.0
-        every = (n + _MOST_POOLED - 1) // _MOST_POOLED
-        for k in range(2, self.n_scans):
-            for c in range(0, n, every):
-                at = k * n + c
-                if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
-                    bend = abs((steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n]))
-                    _insert(self.bends, n_all, bend)
-                    n_all += 1
+        every = (self.n_channels + _MOST_POOLED - 1) // _MOST_POOLED
+        pooled = bends[:, ::every].reshape(-1, 1)
+        n_all = int(np.isfinite(pooled).sum())
+        if n_all < _FEWEST:
+            self.early_noise = array("d", [_UNKNOWN] * self.n_channels)
+            return
         scale = _MEDIAN * sqrt(_SECOND_DIFFERENCE)
-        common, allowed = 0.0, 0.0
-        if n_all >= _FEWEST:
-            common = _median_of_rounded(self.bends, n_all, half) / scale
-            allowed = min(exp(_LOG_DOUBT / sqrt(n_all)) / _STATED_SMALL, 1.0)
-        for c in range(n):
-            if n_all < _FEWEST:
-                self.early_noise[c] = _UNKNOWN
-                continue
-            n_own, noise = 0, common * allowed
-            for k in range(2, self.n_scans):
-                at = k * n + c
-                if self.ok[at] != 0 and self.ok[at - n] != 0 and self.ok[at - 2 * n] != 0:
-                    bend = abs((steps[at] - steps[at - n]) - (steps[at - n] - steps[at - 2 * n]))
-                    _insert(self.own, n_own, bend)
-                    n_own += 1
-            if n_own > 0:
-                own = _median_of_rounded(self.own, n_own, half) / scale
-                noise = own if own > _STATED_SMALL * common else noise
-            self.early_noise[c] = max(noise, self.early)
+        common = float(_median_of_rounded(pooled, half)[0]) / scale
+        allowed = min(exp(_LOG_DOUBT / sqrt(n_all)) / _STATED_SMALL, 1.0)
+        own = _median_of_rounded(bends, half) / scale
+        noise = np.where(own > _STATED_SMALL * common, own, common * allowed)  # no NaN is
+        self.early_noise = array("d", np.maximum(noise, self.early))
 
 
-def _insert(values: Reals, n: int, value: float) -> None:
-    """Insert a value into n ascending ones."""
-    at = n
-    while at > 0 and values[at - 1] > value:
-        values[at] = values[at - 1]
-        at -= 1
-    values[at] = value
-
-
-def _median_of_rounded(values: Reals, n: int, half: float) -> float:
-    """Return the median of n ascending values that were rounded to a step, by half of that.
+def _median_of_rounded(values: FloatArray, half: float) -> FloatArray:
+    """Return the medians of columns of values that were rounded to a step, by half of that; NaN is left out.
 
     Values that are equal are taken as spread evenly over the step: of noise below a step, the plain median
     is 0 or the whole step.
     """
-    middle = (values[(n - 1) // 2] + values[n // 2]) / 2.0
-    n_below, n_same = 0, 0
-    for k in range(n):
-        n_below += 1 if values[k] < middle else 0
-        n_same += 1 if values[k] == middle else 0
-    if n_same == 0:
-        return middle
-    low = max(middle - half, 0.0)
-    return low + (middle + half - low) * (0.5 * n - n_below) / n_same
+    ordered, n = np.sort(values, axis=0), np.isfinite(values).sum(axis=0)
+    places = np.stack([np.maximum(n - 1, 0) // 2, n // 2]).clip(max=len(values) - 1)
+    middle = np.take_along_axis(ordered, places, axis=0).sum(axis=0) / 2.0
+    n_below, n_same = (values < middle).sum(axis=0), (values == middle).sum(axis=0)
+    low = np.maximum(middle - half, 0.0)
+    spread = low + (middle + half - low) * (0.5 * n - n_below) / np.maximum(n_same, 1)
+    return np.asarray(np.where(n_same > 0, spread, middle))
 
 
 class RestSwing:
@@ -375,13 +353,13 @@ class RestSwing:
     """
 
     def __init__(self, n_taxels: int, n_window: int, n_declared: int) -> None:
-        zeros = bytes(8 * (n_taxels + 1))
+        n = n_taxels + 1
         self.n_taxels, self.n_window, self.n_declared, self.n_scans = n_taxels, n_window, n_declared, 0
         self.early, self.is_seen = 0.0, False
-        self.value, self.last, self.older = array("d", zeros), array("d", zeros), array("d", zeros)
-        self.sum, self.square, self.bend = array("d", zeros), array("d", zeros), array("d", zeros)
-        self.highest, self.lowest, self.power = array("d", zeros), array("d", zeros), array("d", zeros)
-        self.side, self.turns, self.n_rests = array("q", zeros), array("q", zeros), array("q", zeros)
+        self.value, self.last, self.older = zeros(n), zeros(n), zeros(n)
+        self.sum, self.square, self.bend = zeros(n), zeros(n), zeros(n)
+        self.highest, self.lowest, self.power = zeros(n), zeros(n), zeros(n)
+        self.side, self.turns, self.n_rests = counts(n), counts(n), counts(n)
 
     def interrupt(self) -> None:
         """Begin a second anew after missing scans."""
@@ -441,7 +419,7 @@ class RestSwing:
             above, below = self.highest[k] - mean, mean - self.lowest[k]
             is_even = above <= _CREST * sqrt(variance) and above <= below / _BOTH_SIDES
             is_spread = variance > _STATED_SMALL * _STATED_SMALL * white
-            if is_known and variance < _STOPPED * self.power[k]:
+            if is_known and variance < STOPPED * self.power[k]:
                 self.n_rests[k], self.power[k] = 0, 0.0
             elif is_spread and ((has_turned and is_even) or (is_known and self.highest[k] <= level)):
                 self.n_rests[k] = min(self.n_rests[k] + 1, _MOST_RESTS) if is_whole else 0
@@ -507,12 +485,8 @@ class Pressure:
 
     Parameters
     ----------
-    hold, levels : Hold, Levels
-        Of the array, whose readings have `volts_per_step`.
-    rest, swing : RestNoise, RestSwing
-        Noise that levels are derived from, and swing at rest; asked only where some are.
-    n_settle : int
-        Scans of a steady load that make a hold.
+    early : float
+        Least noise of a channel whose noise is not known yet, in the unit of the array.
 
     Attributes
     ----------
@@ -535,34 +509,29 @@ class Pressure:
         State of the contact, and the one before the newest change.
     """
 
-    def __init__(
-        self,
-        pad: Array,
-        rate_hz: float,
-        hold: Hold,
-        volts_per_step: float,
-        levels: Levels,
-        rest: RestNoise,
-        swing: RestSwing,
-        n_settle: int,
-    ) -> None:
+    def __init__(self, pad: Array, rate_hz: float, levels: Levels, early: float) -> None:
         weights = pad.normal_weights()
         own = [np.flatnonzero(row) for row in weights]
-        counts = [len(row) for row in own]
-        self.hold, self.levels, self.rest, self.swing = hold, levels, rest, swing
-        self.n_channels, self.n_taxels, self.n_sides = pad.n_channels, pad.n_taxels, max(1, *counts)
+        n_own = [len(row) for row in own]
+        self.hold, self.levels, self.rate_hz = Hold(pad), levels, rate_hz
+        self.volts_per_step = self.hold.volts_per_step
+        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
+        early /= self.volts_per_step
+        self.rest = RestNoise(pad.n_channels, early, n_mean, _WANDER_OF_EARLY * early)
+        n_window, n_declared = max(3, round(_SWING_S * rate_hz)), round(pad.zero_first_s * rate_hz)
+        self.swing = RestSwing(pad.n_taxels, n_window, n_declared)
+        self.n_channels, self.n_taxels, self.n_sides = pad.n_channels, pad.n_taxels, max(1, *n_own)
         self.own = array("q", np.concatenate([np.resize(row, self.n_sides) for row in own]).astype(np.int64))
-        self.counts = array("q", counts)
+        self.counts = array("q", n_own)
         self.sign = array("d", np.sign(weights).sum(axis=0))  # a channel is of one taxel
         # Taxels may have different numbers of pressure channels: a common denominator keeps weights whole.
-        denominator = float(np.lcm.reduce(np.maximum(counts, 1)))
+        denominator = float(np.lcm.reduce(np.maximum(n_own, 1)))
         self.total_weights = array("d", np.rint(weights.sum(axis=0) * denominator))
         # Least-squares slope of n even samples: sum (k - mean) v / sum (k - mean)^2, here with whole weights.
         n = max(3, round(_SLOPE_WINDOW_S * rate_hz))
         line = 2.0 * np.arange(n, dtype=np.float64) - (n - 1)
-        self.line, self.totals = array("d", line), array("d", bytes(8 * (n - 1)))
-        self.volts_per_step = volts_per_step
-        self.slope_scale = volts_per_step / denominator * rate_hz * 2 / float(line @ line)
+        self.line, self.totals = array("d", line), zeros(n - 1)
+        self.slope_scale = self.volts_per_step / denominator * rate_hz * 2 / float(line @ line)
         # of the slope, for noise of 1 of the total
         self.slope_noise = self.slope_scale * sqrt(sum(weight * weight for weight in line.tolist()))
         self.is_field = pad.is_field
@@ -572,26 +541,26 @@ class Pressure:
             self.set_of_load = self.of_largest = 0.0
         self.set_per_scan, self.forget_per_scan = _part(_SET_S * rate_hz), _part(_LARGEST_S * rate_hz)
         self.rise_per_scan = min(_part(_RISE_S * rate_hz), _RISE_OF_SCAN)
-        zeros = bytes(8 * pad.n_taxels)
-        self.set, self.pressure, self.taxel_noise = array("d", zeros), array("d", zeros), array("d", zeros)
-        self.of_noise = array("d", zeros)  # levels of contact by noise alone
+        n = pad.n_taxels
+        self.set, self.pressure, self.taxel_noise = zeros(n), zeros(n), zeros(n)
+        self.of_noise = zeros(n)  # levels of contact by noise alone
         self.pads = array("q", np.unique(pad.pad, return_inverse=True)[1].astype(np.int64))
         self.n_pads = max(self.pads) + 1
-        self.largest, self.heaviest = array("d", bytes(8 * self.n_pads)), array("d", bytes(8 * self.n_pads))
+        self.largest, self.heaviest = zeros(self.n_pads), zeros(self.n_pads)
         self.is_begun, self.n_hidden = False, 0
-        self.unread, self.is_free = array("q", zeros), array("B", bytes(pad.n_taxels))
-        self.n_settle = n_settle
+        self.unread, self.is_free = counts(n), flags(n)
+        self.n_settle = max(1, round(SETTLE_S * rate_hz))
         self.make_room(1)
         self.forget_contact()
 
     def make_room(self, n: int) -> None:
         """Make room for blocks of n scans."""
         self.n_room, self.n_scans, channels = n, 0, self.n_channels
-        self.steps, self.ok = array("d", bytes(8 * n * channels)), array("B", bytes(n * channels))
-        self.slope, self.loading = array("d", bytes(8 * n)), array("d", bytes(8 * n))
-        self.touches, self.swings = array("B", bytes(n)), array("B", bytes(n))
-        self.released, self.lost = array("B", bytes(n)), array("B", bytes(n))
-        self.may_be_old, self.touched = array("B", bytes(n)), array("B", bytes(n * self.n_taxels))
+        self.steps, self.ok = zeros(n * channels), flags(n * channels)
+        self.slope, self.loading = zeros(n), zeros(n)
+        self.touches, self.swings = flags(n), flags(n)
+        self.released, self.lost = flags(n), flags(n)
+        self.may_be_old, self.touched = flags(n), flags(n * self.n_taxels)
 
     def forget_contact(self) -> None:
         """Begin without a contact; one that the next scan shows was not seen to begin."""
@@ -599,8 +568,9 @@ class Pressure:
         self.state, self.previous = none, none
         self.is_first, self.n_steady = True, 0
 
-    def skip(self, gap_s: float) -> None:
+    def interrupt(self, n_missing: int) -> None:
         """Pass over missing scans: forget the contact; keep the noise, and what is left of the set."""
+        gap_s = n_missing / self.rate_hz
         self.is_begun = False
         self.rest.interrupt()
         self.swing.interrupt()
@@ -616,7 +586,7 @@ class Pressure:
         if n > self.n_room:
             self.make_room(n)
         self.n_scans = n
-        self.all_ok = self.hold.take(n, 0, readings, valid, self.steps, self.ok)
+        self.all_ok = self.hold.take(n, readings, valid, self.steps, self.ok)
         for i in range(n):
             self._measure(i, readings)
 

@@ -6,19 +6,16 @@ becomes a whole number of steps of ``full_scale / 2^23`` (0.95 uV of 8 V: 800 ti
 ADC of the 2019 paper), and every sum over readings that a detector takes in blocks uses whole weights.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.fast import Hold
-from tactiled.detect.signal.pressure import READING_BITS
+from tactiled.array import FloatArray
+from tactiled.detect.fast import Hold
+from tactiled.detect.signal.pressure import ROUNDING as ROUNDING  # of readings on this grid
 from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
-
-ROUNDING = 1.0 / 12  # derived: variance of rounding to a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,23 +42,15 @@ def flat(block: ScanBlock, n_channels: int) -> tuple[FloatArray, NDArray[np.uint
     return block.volts.ravel(), block.valid.ravel().view(np.uint8)
 
 
-class Quantiser:
+class Quantiser(Hold):
     """Streaming rounding to the grid, holding the last good reading of each channel.
 
     A channel that never had a good reading is held at zero.
     """
 
-    def __init__(self, array: Array) -> None:
-        self.full_scale_volts = 2.0 ** math.ceil(math.log2(array.full_scale))
-        self.volts_per_step = self.full_scale_volts / 2**READING_BITS
-        self._n_channels = array.n_channels
-        self.hold = Hold(self._n_channels, self.full_scale_volts, 1.0 / self.volts_per_step)
-
     def process(self, block: ScanBlock) -> HeldReadings:
         """Round a block; the result does not depend on chunking."""
-        readings, valid = flat(block, self._n_channels)
+        readings, valid = flat(block, self.n_channels)
         steps, ok = np.empty(block.volts.shape), np.empty(block.volts.shape, dtype=np.bool_)
-        all_ok = self.hold.take(
-            len(steps), 0, readings, valid, steps.reshape(-1), ok.reshape(-1).view(np.uint8)
-        )
+        all_ok = self.take(len(steps), readings, valid, steps.reshape(-1), ok.reshape(-1).view(np.uint8))
         return HeldReadings(steps, ok, all_ok)

@@ -37,10 +37,11 @@ def taps(level: int) -> FloatArray:
     (5 (2^level - 1) + 1,) float64
         Multiples of 2^-24; they and their first moment sum to zero.
     """
-    whole = np.rint(_exact_taps(level) * _TAP_SCALE)
+    exact = np.array(exact_taps(level)) * _TAP_SCALE
+    whole = np.rint(exact)
     # Rounding leaves a few units over; give them back one by one where rounding had moved a tap furthest.
     surplus = int(whole.sum())
-    moved = (whole - _exact_taps(level) * _TAP_SCALE) * np.sign(surplus)
+    moved = (whole - exact) * np.sign(surplus)
     whole[np.argsort(-moved, kind="stable")[: abs(surplus)]] -= np.sign(surplus)
     # Correct the first moment, by pairs that leave the sum unchanged.
     while moment := int(whole @ np.arange(len(whole))):
@@ -53,15 +54,15 @@ def taps(level: int) -> FloatArray:
 
 
 @functools.cache
-def _exact_taps(level: int) -> FloatArray:
-    coif1 = pywt.Wavelet("coif1")
-    cascade = np.ones(1)
-    for j in range(level - 1):
-        cascade = np.convolve(cascade, _dilated(coif1.dec_lo, 2**j))
-    return np.convolve(cascade, _dilated(coif1.dec_hi, 2 ** (level - 1)))
-
-
-def _dilated(filter_taps: list[float], step: int) -> FloatArray:
-    spread = np.zeros((len(filter_taps) - 1) * step + 1)
-    spread[::step] = filter_taps
-    return spread
+def exact_taps(level: int, divisor: float = 1.0) -> list[float]:
+    """Return the causal filter of a level, newest sample first; each stage is divided by a number."""
+    wavelet = pywt.Wavelet("coif1")
+    cascade = [1.0]
+    for j in range(level):
+        one = wavelet.dec_hi if j == level - 1 else wavelet.dec_lo
+        product = [0.0] * (len(cascade) + (len(one) - 1) * 2**j)
+        for i, before in enumerate(cascade):
+            for k, tap in enumerate(one):
+                product[i + k * 2**j] += before * (tap / divisor)
+        cascade = product
+    return cascade

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.signal.fast import Jumps
+from tactiled.detect.signal.front_end import Jumps
 
 ARRAY = load_array("wang2019-3x3")
 OWN = np.arange(9)[:, np.newaxis] == ARRAY.channel_taxel

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tactiled.array import ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.readings import relieved_sides, response_weights
-from tactiled.detect.signal.fast import RelievedSides
+from tactiled.detect.signal.front_end import RelievedSides, response_weights
 
 ARRAY = load_array("wang2019-3x3")
 SPREAD = 0.45  # of the pressed side's reading, that the side without load shows
@@ -28,15 +27,9 @@ def correct(relieved: RelievedSides, volts: FloatArray) -> FloatArray:
     return np.array(flat).reshape(response.shape)
 
 
-def made() -> RelievedSides:
-    found = relieved_sides(ARRAY)
-    assert found is not None
-    return found
-
-
 def corrected(courses: FloatArray) -> FloatArray:
     """Means (n, 3) of load and shears over the taxels, for courses (n, 3) of the true ones."""
-    relieved = made()
+    relieved = RelievedSides(ARRAY)
     return np.array([correct(relieved, read(load, (x, y))).mean(axis=1) for load, x, y in courses])
 
 
@@ -59,7 +52,7 @@ def test_a_load_that_changes_is_seen_by_the_other_pair(last: float) -> None:
 
 def test_noise_of_one_scan_does_not_stay_in_the_shear_of_relieved_sides() -> None:
     rng = np.random.default_rng(0)
-    relieved, shears = made(), []
+    relieved, shears = RelievedSides(ARRAY), []
     for x in np.append(np.linspace(0, 0.74, 60), np.full(60, 0.8)):  # relieved from 0.76 on
         volts = read(1.0, (x, 0.0)) + 3e-3 * rng.standard_normal(36)
         shears.append(correct(relieved, volts)[1])
@@ -74,4 +67,5 @@ def test_arrays_without_opposed_sides_are_left_as_they_are() -> None:
         TaxelChannel(name="z", kind="normal"),
     ]
     xyz = build(ArrayFile(name="xyz", grids=[Grid(x_mm=[0.0], y_mm=[0.0])], taxel_channels=channels))
-    assert relieved_sides(xyz) is None
+    assert RelievedSides(ARRAY).is_due
+    assert not RelievedSides(xyz).is_due

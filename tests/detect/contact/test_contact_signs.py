@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import FloatArray
 from tactiled.detect.contact import signs
 from tactiled.detect.contact.signs import LOOK_S, NAMES, Signs
+from tactiled.detect.signal.wavelet import exact_taps
 
 X, Y = [-1.0, 0.0, 1.0] * 3, [-1.0] * 3 + [0.0] * 3 + [1.0] * 3
 NO_ZERO = np.zeros(18)
@@ -137,7 +138,7 @@ def test_a_wave_that_goes_over_the_taxels_travels_and_a_common_ripple_does_not()
 def test_details_are_those_of_the_stationary_transform(level: int) -> None:
     """Away from the borders: the online filter is that of `pywt.swt`, up to its delay."""
     values = np.random.default_rng(level).normal(size=256)
-    taps = np.array(signs.detail_taps(level))
+    taps = np.array(exact_taps(level, math.sqrt(2.0)))
     online = np.convolve(values, taps)[: len(values)]
     batch = pywt.swt(values, "coif1", level=level, norm=True)[0][1]
     found = [np.abs(online[128:200] - np.roll(batch, shift)[128:200]).max() for shift in range(64)]

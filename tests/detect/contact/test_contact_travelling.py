@@ -11,8 +11,8 @@ from touches import onsets
 
 from tactiled.array import ContactLevels, FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector
-from tactiled.detect.contact.readings import response_weights
 from tactiled.detect.contact.travelling import TravellingRipple
+from tactiled.detect.signal.front_end import response_weights
 from tactiled.events.types import GripEvent
 from tactiled.samples.block import regular_block
 

@@ -35,12 +35,12 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.signal.contact_gate import (
-    SETTLE_S,
     ContactParams,
     ContactTracker,
     contact_event,
     lost_contact_event,
 )
+from tactiled.detect.signal.pressure import SETTLE_S
 from tactiled.detect.signal.wavelet import border_scans, taps
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactState, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock
