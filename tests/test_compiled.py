@@ -159,11 +159,10 @@ def test_pressure(seed: int, is_field: bool, data: st.DataObject) -> None:
 @settings(max_examples=15, deadline=None)
 def test_jumps_relieved_sides_and_noise(seed: int) -> None:
     array, taxels, channels = ARRAYS[0], 9, 36
-    own = (np.arange(taxels)[:, np.newaxis] == np.arange(channels) // 4).astype(np.uint8).ravel()
     found = []
     for one in both(front_end):
         draw = np.random.default_rng(seed)
-        jumps = one.Jumps(own, taxels)
+        jumps = one.Jumps(array)
         relief = one.RelievedSides(array)
         floor = one.NoiseFloor(channels, 1e-6, 10.0)
         answers: list[object] = []

@@ -340,15 +340,8 @@ class GripDetector:
         return GripEvent(time_s=self._last_s, valid=is_trusted) if ends else None
 
     def _begin_contact(self, least: float, *, is_seen: bool) -> None:
-        array, self._is_held, self._press_is_over = self._array, True, False
-        self._zero = PressZero(
-            array.n_taxels,
-            self._rate_hz,
-            array.shear_per_friction,
-            least,
-            is_seen=is_seen,
-            in_counts=array.unit == "count",
-        )
+        self._is_held, self._press_is_over = True, False
+        self._zero = PressZero(self._array, self._rate_hz, least, is_seen=is_seen)
         self._zero_parts = self._zero.parts.reshape(-1)
         self._filter.begin(is_seen=is_seen)
         self._filter.zero_sd = self._zero.whole_sd

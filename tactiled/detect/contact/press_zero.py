@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from tactiled.array import FloatArray
+from tactiled.array import Array, FloatArray
 
 _PRESS_S = 0.6  # prior: of a press that shear does not end, after which the zero is known
 # derived: standard deviations over load: resistors that are 5 % unequal turn so much of a taxel's load into
@@ -38,14 +38,10 @@ class PressZero:
 
     Parameters
     ----------
-    shear_per_friction : float
-        Reading of shear over that of load at a friction of 1.
     least_load : float
         Of a taxel, on the mean: where a contact begins. Smaller loads say little of the zero.
     is_seen : bool
         The contact was seen to begin. Otherwise it may have borne shear before.
-    in_counts : bool
-        Load and shear of the array were not calibrated.
 
     Attributes
     ----------
@@ -61,19 +57,12 @@ class PressZero:
         The newest shear is no more that of the press, but of a pull.
     """
 
-    def __init__(
-        self,
-        n_taxels: int,
-        rate_hz: float,
-        shear_per_friction: float,
-        least_load: float,
-        *,
-        is_seen: bool,
-        in_counts: bool,
-    ) -> None:
+    def __init__(self, array: Array, rate_hz: float, least_load: float, *, is_seen: bool) -> None:
+        n_taxels = array.n_taxels
         self._n_press = max(2, round(_PRESS_S * rate_hz))
-        mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD, _CROSSTALK_SD * in_counts)
-        self._whole_sd = self.whole_sd = mounted_sd * shear_per_friction
+        crosstalk_sd = _CROSSTALK_SD * (array.unit == "count")
+        mounted_sd = math.hypot(_TAXEL_SD / math.sqrt(n_taxels), _MOUNTED_SD, crosstalk_sd)
+        self._whole_sd = self.whole_sd = mounted_sd * array.shear_per_friction
         self._least_load = least_load
         self.is_seen = is_seen
         self._largest = 0.0  # sum of the loads of which the zero is made; of the first scan where not seen

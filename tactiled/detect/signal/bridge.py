@@ -13,7 +13,9 @@ import numpy as np
 
 from tactiled.samples.block import LOSSES, Gap, ScanBlock
 
-BRIDGE_S = 0.05  # prior: the onset of a slip bends the signal for longer; corruption seldom lasts so long
+# prior: the onset of a slip bends the signal for longer; corruption seldom lasts so long. A channel whose
+# last good reading stands in for longer takes its taxel out (`front_end`).
+BRIDGE_S = 0.05
 
 
 class GapBridge:

@@ -132,11 +132,8 @@ class StuckChannels:
         pressed = _PRESSED_OF_RANGE * (pad.high - pad.low) if pad.contact is None else pad.contact.below
         judged = [len({*row} - {c}) >= LEAST_SIDES - 1 for c, row in enumerate(sides.tolist())]
         self.n_channels, self.n_sides = n, sides.shape[1]
-        self.sign, self.others, self.judged = (
-            array("d", pad.sign),
-            array("q", sides.ravel()),
-            array("B", judged),
-        )
+        self.sign, self.others = array("d", pad.sign), array("q", sides.ravel())
+        self.judged = array("B", judged)
         self.pressed, self.most_resting = pressed / volts_per_step, _MOST_RESTING * n
         self.is_begun, self.position = False, 0
         self.last, self.way, self.began = zeros(n), zeros(n), zeros(n * self.n_sides)
@@ -227,23 +224,20 @@ class Jumps:
     more than those of most loaded taxels do, from one scan to the next, is a fault of its channel until it
     is back.
 
-    Parameters
-    ----------
-    taxel_channels : (taxels * channels,) uint8
-        1 where a channel is part of a taxel.
-
     Attributes
     ----------
+    own : (taxels * channels,) array of int
+        1 where a channel makes load or shear of a taxel.
     accepted : (channels,) array of float
         Newest readings that did not jump.
     found : (channels,) array of int
         1 where a channel jumps, or did so one scan before.
     """
 
-    def __init__(self, taxel_channels: Flags, n_taxels: int) -> None:
-        n = len(taxel_channels) // n_taxels
+    def __init__(self, pad: Array) -> None:
+        n, n_taxels = pad.n_channels, pad.n_taxels
         self.n_channels, self.n_taxels = n, n_taxels
-        self.own = array("B", taxel_channels)
+        self.own = array("B", np.any(response_weights(pad) != 0, axis=0).ravel().view(np.uint8))
         self.accepted, self.change, self.usual = zeros(n), zeros(n), zeros(n_taxels)
         self.found, self.out, self.jumps, self.is_loaded = flags(n), flags(n), flags(n), flags(n_taxels)
         self.is_out = False
@@ -465,8 +459,8 @@ class Readings:
         channels, taxels, weights = pad.n_channels, pad.n_taxels, response_weights(pad)
         self.stuck = StuckChannels(pad, volts_per_step)
         self.bank = Bank(channels, [taps(k + 1) * volts_per_step for k in range(_NOISE_LEVELS)])
-        self.jumps = Jumps(np.any(weights != 0, axis=0).ravel().view(np.uint8), taxels)
-        self.floor, self.relief = NoiseFloor(channels, volts_per_step, rate_hz), RelievedSides(pad)
+        self.jumps, self.relief = Jumps(pad), RelievedSides(pad)
+        self.floor = NoiseFloor(channels, volts_per_step, rate_hz)
         self.own, self.weights = _own_channels(weights.reshape(-1, channels))
         self.n_channels, self.n_taxels, self.n_own = channels, taxels, len(self.own) // (3 * taxels)
         self.rate_hz, self.volts_per_step = rate_hz, volts_per_step

@@ -333,13 +333,6 @@ class RestSwing:
 
     The mean of the taxels is another unit, the last one.
 
-    Parameters
-    ----------
-    n_window : int
-        Scans of a second.
-    n_declared : int
-        Scans at the beginning that are of rest by the array file: in these, a swing passes its levels once.
-
     Attributes
     ----------
     value : (taxels + 1,) array of float
@@ -352,9 +345,11 @@ class RestSwing:
         Number of these, `_MOST_RESTS` at most; 0 for a taxel that was never seen to swing.
     """
 
-    def __init__(self, n_taxels: int, n_window: int, n_declared: int) -> None:
-        n = n_taxels + 1
-        self.n_taxels, self.n_window, self.n_declared, self.n_scans = n_taxels, n_window, n_declared, 0
+    def __init__(self, pad: Array, rate_hz: float) -> None:
+        n = pad.n_taxels + 1
+        self.n_taxels, self.n_window, self.n_scans = pad.n_taxels, max(3, round(_SWING_S * rate_hz)), 0
+        # Scans at the beginning that are of rest by the array file: in these, a swing passes its levels once.
+        self.n_declared = round(pad.zero_first_s * rate_hz)
         self.early, self.is_seen = 0.0, False
         self.value, self.last, self.older = zeros(n), zeros(n), zeros(n)
         self.sum, self.square, self.bend = zeros(n), zeros(n), zeros(n)
@@ -518,8 +513,7 @@ class Pressure:
         n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
         early /= self.volts_per_step
         self.rest = RestNoise(pad.n_channels, early, n_mean, _WANDER_OF_EARLY * early)
-        n_window, n_declared = max(3, round(_SWING_S * rate_hz)), round(pad.zero_first_s * rate_hz)
-        self.swing = RestSwing(pad.n_taxels, n_window, n_declared)
+        self.swing = RestSwing(pad, rate_hz)
         self.n_channels, self.n_taxels, self.n_sides = pad.n_channels, pad.n_taxels, max(1, *n_own)
         self.own = array("q", np.concatenate([np.resize(row, self.n_sides) for row in own]).astype(np.int64))
         self.counts = array("q", n_own)

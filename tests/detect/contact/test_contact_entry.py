@@ -1,6 +1,7 @@
 """Beginnings of contacts: pulls in the press, contacts that were not seen to begin, gaps, scan rates."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
+PAD = replace(ARRAY, shear_per_friction=1.0)
 SIDES = np.sign(ARRAY.shear_weights().sum(axis=1))  # (2, channels)
 DIRECTION_DEG = 25.0
 GRIP_FAST = GripParams(incipient_p=SETTINGS["fast"].incipient)
@@ -68,7 +70,7 @@ def test_the_interval_of_utilisation_holds_what_a_slanted_press_bears() -> None:
 
 def test_the_zero_of_unequal_sides_is_measured_and_is_no_shear() -> None:
     rng = np.random.default_rng(5)
-    zero = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False)
+    zero = PressZero(PAD, 100.0, 0.01, is_seen=True)
     parts = 0.04 * rng.normal(size=(2, 9))
     parts -= parts.mean(axis=1, keepdims=True)
     for k in range(60):
@@ -81,7 +83,7 @@ def test_the_zero_of_unequal_sides_is_measured_and_is_no_shear() -> None:
 
 
 def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.ones(9)
+    zero, load = PressZero(PAD, 100.0, 0.01, is_seen=True), np.ones(9)
     for _ in range(20):
         zero.take(load, np.zeros((2, 9)), 1e-3, 3e-3)
     assert not zero.pull_began
@@ -95,7 +97,8 @@ def test_shear_that_leaves_the_zero_is_no_part_of_it_and_leaves_it_uncertain() -
 
 @pytest.mark.parametrize("in_counts", [True, False])
 def test_a_press_of_chips_in_counts_may_make_more_shear_than_one_in_newtons(in_counts: bool) -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=in_counts), np.ones(9)
+    array = replace(PAD, unit="count") if in_counts else PAD
+    zero, load = PressZero(array, 100.0, 0.01, is_seen=True), np.ones(9)
     crosstalk = np.stack([0.1 * load, np.zeros(9)])
     for k in range(60):
         zero.take((1 + k / 20) * load, (1 + k / 20) * crosstalk, 1e-3, 3e-3)
@@ -105,7 +108,7 @@ def test_a_press_of_chips_in_counts_may_make_more_shear_than_one_in_newtons(in_c
 
 def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a_pull() -> None:
     for ratio, is_pull in ((0.0, False), (0.2, True)):
-        zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.full(9, 0.1)
+        zero, load = PressZero(PAD, 100.0, 0.01, is_seen=True), np.full(9, 0.1)
         zero.take(load, 0 * load * np.ones((2, 1)), 1e-3, 3e-3)
         zero.take(load, 0.2 * load * np.ones((2, 1)), 1e-3, 3e-3)
         assert zero.pull_began
@@ -117,7 +120,7 @@ def test_a_zero_that_was_left_is_measured_anew_at_larger_loads_unless_shear_is_a
 
 def test_the_zero_of_the_first_small_loads_does_not_last() -> None:
     """Of a taxel that is hardly touched, noise is many times the load."""
-    zero, rng = PressZero(9, 100.0, 1.0, 0.01, is_seen=True, in_counts=False), np.random.default_rng(6)
+    zero, rng = PressZero(PAD, 100.0, 0.01, is_seen=True), np.random.default_rng(6)
     depth = np.linspace(0.0, 0.06, 9)
     for k in range(60):
         load = depth + 1e-4 + 0.05 * k
@@ -179,7 +182,7 @@ def test_a_contact_that_was_not_seen_to_begin_bears_what_the_same_one_bears_that
 
 
 def test_the_first_shear_of_a_contact_that_was_not_seen_to_begin_is_no_zero() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
+    zero, load = PressZero(PAD, 100.0, 0.01, is_seen=False), np.full(9, 0.1)
     for k in range(60):
         zero.take((1 + k / 100) * load, 0.5 * load * np.ones((2, 1)), 1e-3, 3e-3)
         assert not zero.parts.any()
@@ -189,7 +192,7 @@ def test_the_first_shear_of_a_contact_that_was_not_seen_to_begin_is_no_zero() ->
 
 
 def test_a_contact_whose_load_doubles_after_the_first_scan_was_seen_to_begin() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
+    zero, load = PressZero(PAD, 100.0, 0.01, is_seen=False), np.full(9, 0.1)
     zero.take(load, 0.5 * load * np.ones((2, 1)), 1e-3, 3e-3)
     crosstalk = 0.03 * np.stack([np.ones(9), np.zeros(9)])
     for _ in range(59):
@@ -200,7 +203,7 @@ def test_a_contact_whose_load_doubles_after_the_first_scan_was_seen_to_begin() -
 
 
 def test_shear_that_grows_with_most_of_the_load_of_a_contact_is_no_zero() -> None:
-    zero, load = PressZero(9, 100.0, 1.0, 0.01, is_seen=False, in_counts=False), np.full(9, 0.1)
+    zero, load = PressZero(PAD, 100.0, 0.01, is_seen=False), np.full(9, 0.1)
     for k in range(30):
         zero.take((1 + k / 10) * load, 0.2 * (1 + k / 10) * load * np.ones((2, 1)), 1e-3, 3e-3)
     assert zero.pull_began

@@ -18,7 +18,7 @@ class Gate:
     """Readings of a contact whose press is over."""
 
     def __init__(self, volts: FloatArray) -> None:
-        self._jumps = Jumps(OWN.ravel().view(np.uint8), 9)
+        self._jumps = Jumps(ARRAY)
         self._jumps.take(array("d", volts), 0, array("d", LOADS), array("d", SD), False)
 
     def take(self, volts: FloatArray, loads: FloatArray, sd: FloatArray) -> NDArray[np.bool_] | None:
