@@ -68,15 +68,15 @@ class TravellingRipple:
     """
 
     def __init__(self, array: Array, rate_hz: float, least_steps: Reals, unit_per_step: float = 1.0) -> None:
-        n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
-        self._step_s = n_mean / rate_hz
+        self._n_mean = max(1, round(rate_hz / (2.5 * _FASTEST_HZ)))
+        self._step_s = self._n_mean / rate_hz
         self._hop = max(4, round(_HOP_S / self._step_s))
         places = np.stack([np.ones(array.n_taxels), array.x_mm, array.y_mm])
         self._places = places / np.abs(places).max(axis=1, keepdims=True).clip(1e-9)
         self.can_tell = array.has_places and array.n_taxels >= _FEWEST
         self._least_steps = least_steps
         self._rounding = response_weights(array) ** 2 * (unit_per_step**2 * ROUNDING)
-        self._scans = np.zeros((self._hop * n_mean, 3 * array.n_taxels))  # of the present hop
+        self._scans = np.zeros((self._hop * self._n_mean, 3 * array.n_taxels))  # of the present hop
         self._means = np.zeros((_LONG[-1], self._hop, 3 * array.n_taxels))
         self.reset()
 
@@ -93,8 +93,8 @@ class TravellingRipple:
         self._scans[self._n_scans] = responses
         self._n_scans += 1
         if self._n_scans == len(self._scans):
-            means = self._scans.reshape(self._hop, -1, self._scans.shape[1]).mean(axis=1)
-            self._means[self._n_hops % len(self._means)] = means
+            sums = self._scans.reshape(self._hop, self._n_mean, -1).sum(axis=1)
+            self._means[self._n_hops % len(self._means)] = sums / self._n_mean
             self._n_scans = 0
             self._n_hops += 1
             self._look()
