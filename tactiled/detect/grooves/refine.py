@@ -7,7 +7,7 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import ALIASED, FALSE_ALARM
-from tactiled.detect.grooves.search import explained_power, most_explained_power
+from tactiled.detect.grooves.search import explained_power
 from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
@@ -18,11 +18,9 @@ _CONVERGED_RAD = 1e-5
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
-# prior: part of a line's power. Less is not worth a search for another wave.
-_LEAST_FOREIGN_PART = 0.05
 # prior: part of a line's power, as the channels' own fits explain it. A wave that leaves more does not
 # explain the line.
-MOST_UNEXPLAINED_PART = 0.4
+_MOST_UNEXPLAINED_PART = 0.4
 
 
 def visible_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
@@ -47,30 +45,21 @@ def foreign_lines(waves: PlaneWaves, equations: NormalEquations, variance: Float
     """Multiples of a wave's frequency that are not harmonics of this wave; 1 is the fundamental.
 
     The phases of a harmonic advance h times as fast across the array as those of the fundamental. The phases
-    of noise, or of another grating whose ripple happens to be at a multiple, do not. Strays of channels are
-    taken as the cause of a misfit, unless another wave vector explains the line so much better that they are
-    unlikely (likelihood ratio of the phase variances, corrected for the number of vectors tried).
+    of noise, or of another grating whose ripple happens to be at a multiple, do not. Strays of channels, too,
+    cause a misfit, but a smaller one.
 
     The equations have the lines in question.
     """
     window = equations.window
     power = window.n / 2  # power of a line of amplitude 1
-    n_channels = len(variance)
-    level = special.chdtri(n_channels, FALSE_ALARM)
-    n_free = max(n_channels - window.layout.is_kind.shape[1] - 2, 1)
+    level = special.chdtri(len(variance), FALSE_ALARM)
     foreign = []
     for h in range(1, equations.n_harmonics + 1):
         z = equations.phasors(h)
         free = power * float((np.abs(z) ** 2 / variance).sum())
         untied = free - power * explained_power(z, window.layout, h * waves.k[0], variance)
-        if untied < max(level, _LEAST_FOREIGN_PART * free):
-            continue
-        if untied < MOST_UNEXPLAINED_PART * free:
-            other, n_tried = most_explained_power(window, z, h * equations.phase_rate, variance)
-            ratio = untied / max(free - power * other, n_channels)
-            if n_free * np.log(ratio) < 2 * np.log(n_tried / FALSE_ALARM):
-                continue
-        foreign.append(h)
+        if untied >= max(level, _MOST_UNEXPLAINED_PART * free):
+            foreign.append(h)
     return foreign
 
 
@@ -164,4 +153,4 @@ def suits_channels(best: RefinedWave, phase_rate: float) -> bool:
         return False
     free = float((best.equations.explained / best.variance).sum())
     noise = float(special.chdtri(len(best.variance) * best.equations.n_harmonics, FALSE_ALARM))
-    return free - float(best.waves.gain[0]) < max(MOST_UNEXPLAINED_PART * free, noise)
+    return free - float(best.waves.gain[0]) < max(_MOST_UNEXPLAINED_PART * free, noise)

@@ -107,15 +107,6 @@ def explained_power(
     return float((np.abs(seen) ** 2 / np.maximum(total, TINY)).sum())
 
 
-def most_explained_power(
-    window: DetrendedWindow, z: NDArray[np.complex128], phase_rate: float, variance: FloatArray
-) -> tuple[float, int]:
-    """Largest `explained_power` over the grid of wave vectors, and how many were tried."""
-    along, across = _grid(window, phase_rate, 0.0)
-    scores = _scores(z, window.layout, window.motion.heading, along, across, variance)
-    return float(scores.max(initial=0.0)), max(scores.size, 1)
-
-
 def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> tuple[FloatArray, FloatArray]:
     """Grid of wave-vector components along the motion and across it."""
     motion, step = window.motion, grid_step(window.layout)
