@@ -73,16 +73,12 @@ _SD_OVER_BOUND = 2.0
 _STANDS_OUT = 5.0
 _LEAST_PHASES = 4  # derived: channels: phases of fewer agree by chance
 _LEAST_DOMINANT_CYCLES = 7  # tuned: on the same recordings
-# tuned: the level has 5 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines
+# tuned: the level has 3 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines
 # on 4 of 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are 2.4 s at 35.6 Hz.
 _LEAST_BINS = 40
-_LEVEL_ORDER = 4  # choice
-# prior: bins to either side whose level a line must exceed, and the order of the polynomial through them:
-# enough for a t test with few degrees of freedom lost, and able to follow a resonance that is as wide as ten
-# bins.
+# prior: bins to either side whose level a line must exceed: enough for a t test with few degrees of freedom
+# lost, and so few that a parabola follows a resonance that is as wide as ten bins.
 _AROUND = 20
-_PARABOLA = 2  # choice: order of that polynomial, and of the floor of each channel
-_MOST_LINES = 8  # prior: of two gratings with their harmonics
 
 
 class SpectralLine(NamedTuple):
@@ -245,11 +241,11 @@ def spectral_lines(
         return []
     rate_hz, clock_sd = _mean_rate_hz(time_s)
     step_hz = rate_hz / n
-    found = _noisy_lines(readings, values[kept], bins[kept], np.array(band_hz) / step_hz)
-    found = found or _dominant_line(readings, (band_hz[0] / step_hz, band_hz[1] / step_hz))
-    absolute, free = (np.abs(values) ** 2).sum(axis=1), np.ones(len(bins), dtype=np.bool_)
-    for at, _ in found:
-        free &= np.abs(bins - at) > LOBE
+    band_cycles = band_hz[0] / step_hz, band_hz[1] / step_hz
+    found = _noisy_lines(readings, values[kept], bins[kept], band_cycles)
+    found = found or _dominant_line(readings, values, band_cycles)
+    absolute = (np.abs(values) ** 2).sum(axis=1)
+    free = (np.abs(bins[:, np.newaxis] - [at for at, _ in found]) > LOBE).all(axis=1)
     lines = []
     for at, power in found:
         # Cramer-Rao bound of a line's frequency; a Hann window has 1.5 bins of noise.
@@ -270,13 +266,14 @@ def _noisy_lines(
     readings: FloatArray,
     values: NDArray[np.complex128],
     cycles: NDArray[np.int64],
-    band_cycles: FloatArray,
+    band_cycles: tuple[float, float],
 ) -> list[tuple[float, float]]:
     """Cycles and power of the lines that stand out of noise of an even colour."""
-    pooled = _pooled_power(values, np.log(cycles))
+    parabola = np.linalg.qr(np.vander(np.log(cycles), 3))[0]
+    pooled = _pooled_power(values, parabola)
     in_band = (cycles >= band_cycles[0]) & (cycles <= band_cycles[1])
     found = []
-    for peak in _significant_bins(np.cbrt(pooled), np.log(cycles), in_band):
+    for peak in _significant_bins(np.cbrt(pooled), parabola, in_band):
         near = abs(cycles - cycles[peak])
         beside = (near > LOBE) & (near <= _AROUND)
         power = max(float(pooled[peak]) / float(pooled[beside].mean()) - 1.0, 0.1) * readings.shape[1]
@@ -300,11 +297,12 @@ def _in_phase(swings: NDArray[np.complex128], size: FloatArray) -> float:
     return float(np.abs((scaled**2).sum()) / max(float((np.abs(scaled) ** 2).sum()), TINY))
 
 
-def _dominant_line(readings: FloatArray, band_cycles: tuple[float, float]) -> list[tuple[float, float]]:
+def _dominant_line(
+    readings: FloatArray, values: NDArray[np.complex128], band_cycles: tuple[float, float]
+) -> list[tuple[float, float]]:
     """Return cycles and power of the strongest line if it stands out from all others."""
-    n = len(readings)
-    scaled = readings / readings.std(axis=0)
-    power = (np.abs(np.fft.rfft(np.hanning(n)[:, np.newaxis] * scaled, axis=0)) ** 2).sum(axis=1)
+    n, variance = len(readings), readings.var(axis=0)
+    power = (np.abs(values) ** 2 / variance).sum(axis=1)
     cycles = np.arange(len(power))
     is_possible = (cycles >= max(_LEAST_DOMINANT_CYCLES, band_cycles[0])) & (cycles < n // 2 - 1)
     is_possible &= cycles <= band_cycles[1]
@@ -318,7 +316,7 @@ def _dominant_line(readings: FloatArray, band_cycles: tuple[float, float]) -> li
     beside = beside if beside.any() else others
     # Texture is shared by the channels: they count as one.
     over = float(power[peak]) / float(power[beside].mean())
-    return [(_refined(scaled, float(peak), floor=np.ones(scaled.shape[1])), over)]
+    return [(_refined(readings, float(peak), floor=variance), over)]
 
 
 def _mean_rate_hz(time_s: FloatArray) -> tuple[float, float]:
@@ -340,20 +338,15 @@ def _refined(readings: FloatArray, cycles: float, floor: FloatArray) -> float:
     """Cycles (in the window) of the largest power near a bin, each channel weighted by its noise."""
     scaled = readings / np.sqrt(floor)
     half = 1.0
-    for _ in range(4):  # each pass narrows the interval fourfold
+    for _ in range(7):  # each pass narrows the interval fourfold
         tried = cycles + half * np.linspace(-1.0, 1.0, 9)
         power = (np.abs(_phasors(scaled, tried)) ** 2).sum(axis=1)
         cycles = float(tried[np.argmax(power)])
         half /= 4
-    # The last points are close enough for a parabola.
-    tried = cycles + 4 * half * np.array([-1.0, 0.0, 1.0])
-    left, middle, right = (np.abs(_phasors(scaled, tried)) ** 2).sum(axis=1)
-    bend = left - 2 * middle + right
-    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    return cycles + float(np.clip(shift, -1.0, 1.0)) * 4 * half
+    return cycles
 
 
-def _pooled_power(spectra: NDArray[np.complex128], log_cycles: FloatArray) -> FloatArray:
+def _pooled_power(spectra: NDArray[np.complex128], parabola: FloatArray) -> FloatArray:
     """Power of spectra (bins, channels) over their noise, mean of the channels (bins,): 1 without a line.
 
     The spectrum of each channel is divided by a floor: a parabola through the logarithm of power over the
@@ -361,37 +354,34 @@ def _pooled_power(spectra: NDArray[np.complex128], log_cycles: FloatArray) -> Fl
     """
     power = np.abs(spectra) ** 2
     log_power = np.log(np.maximum(power, power.mean(axis=0) * 1e-12))
-    basis = np.linalg.qr(np.polynomial.legendre.legvander(_scaled(log_cycles), _PARABOLA))[0]
-    pooled = (power / np.exp(basis @ (basis.T @ log_power))).mean(axis=1)
+    pooled = (power / np.exp(parabola @ (parabola.T @ log_power))).mean(axis=1)
     return np.asarray(np.maximum(pooled, 1e-12))
 
 
-def _significant_bins(y: FloatArray, log_cycles: FloatArray, in_band: NDArray[np.bool_]) -> list[int]:
+def _significant_bins(y: FloatArray, parabola: FloatArray, in_band: NDArray[np.bool_]) -> list[int]:
     """Bins of the significant lines, in the order in which they were found.
 
-    The cube root of T is nearly normal (Wilson and Hilferty 1931). It is fitted by a polynomial in the
-    logarithm of frequency without the bins of lines found so far. A bin is a line where its externally
+    The cube root of pooled power is nearly normal (Wilson and Hilferty 1931). It is fitted by a parabola in
+    the logarithm of frequency without the bins of lines found so far. A bin is a line where its externally
     studentised residual exceeds the t quantile of the permitted false alarms over the number of bins, against
     the whole spectrum and against the bins around it: a broad resonance passes the first test only.
     """
-    basis = np.asarray(np.polynomial.legendre.legvander(_scaled(log_cycles), _LEVEL_ORDER), np.float64)
     bins = np.arange(len(y))
     chance = _FALSE_ALARMS / len(y)
     free = np.ones(len(y), dtype=np.bool_)  # bins of no line
     found: list[int] = []
-    while len(found) < _MOST_LINES and (free & in_band).any():
-        fitted = np.linalg.lstsq(basis[free], y[free], rcond=None)[0]
-        peak = int(np.argmax(np.where(free & in_band, y - basis @ fitted, -np.inf)))
+    while (free & in_band).any():
+        fitted = np.linalg.lstsq(parabola[free], y[free], rcond=None)[0]
+        peak = int(np.argmax(np.where(free & in_band, y - parabola @ fitted, -np.inf)))
         is_own = abs(bins - peak) <= LOBE
-        if _studentised(y, basis, free & ~is_own, peak, chance) < 1.0:
+        if _studentised(y, parabola, free & ~is_own, peak, chance) < 1.0:
             break
         found.append(peak)
         free &= ~is_own
-    near = basis[:, : _PARABOLA + 1]
     return [
         peak
         for peak in found
-        if _studentised(y, near, free & (abs(bins - peak) <= _AROUND), peak, chance) >= 1.0
+        if _studentised(y, parabola, free & (abs(bins - peak) <= _AROUND), peak, chance) >= 1.0
     ]
 
 
@@ -401,15 +391,8 @@ def _studentised(y: FloatArray, basis: FloatArray, rest: NDArray[np.bool_], at: 
     freedom = len(design) - design.shape[1]
     if freedom < 4:
         return 0.0
-    fitted, _, rank, _ = np.linalg.lstsq(design, y[rest], rcond=None)
-    if rank < design.shape[1]:
-        return 0.0
+    fitted = np.linalg.lstsq(design, y[rest], rcond=None)[0]
     variance = float(((y[rest] - design @ fitted) ** 2).sum()) / freedom
     leverage = float(basis[at] @ np.linalg.solve(design.T @ design, basis[at]))
     sd = np.sqrt(max(variance, 1e-24) * (1 + leverage))
     return float((y[at] - basis[at] @ fitted) / sd / -special.stdtrit(freedom, chance))
-
-
-def _scaled(x: FloatArray) -> FloatArray:
-    """Map to -1..1."""
-    return np.asarray(2 * (x - x[0]) / (x[-1] - x[0]) - 1)
