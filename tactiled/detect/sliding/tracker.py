@@ -121,13 +121,10 @@ def _own_power(found: _Spectra, noise: FloatArray) -> FloatArray:
 
 
 def _strongest_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
-    """Strongest patterns (channels, left out) over the noise, from the Gram matrix of the smaller side."""
+    """Strongest patterns over the noise: (channels, left out)."""
     z = found.z / np.sqrt(noise)
-    parts, n = np.concatenate([z.real, z.imag]), _n_patterns(z.shape[1])
-    if len(parts) >= z.shape[1]:
-        return np.asarray(np.linalg.eigh(parts.T @ parts)[1][:, z.shape[1] - n :])
-    patterns = parts.T @ np.linalg.eigh(parts @ parts.T)[1][:, len(parts) - n :]
-    return np.asarray(patterns / np.maximum(np.linalg.norm(patterns, axis=0), 1e-30))
+    patterns = np.linalg.svd(np.concatenate([z.real, z.imag]), full_matrices=False)[2]
+    return np.asarray(patterns[: _n_patterns(z.shape[1])].T)
 
 
 def _happens_once(found: _Spectra) -> bool:

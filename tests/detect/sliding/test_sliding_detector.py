@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.sliding.tracker import _Spectra, _strongest_patterns, travelling_line
+from tactiled.detect.sliding.tracker import travelling_line
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -318,11 +318,3 @@ def test_a_slip_of_load_that_moves_ends_with_the_contact(lift_s: float) -> None:
     onset, end = slips(detector().process(lifted))
     assert (onset.state, end.state) == ("onset", "end")
     assert lift_s <= end.detected_s < lift_s + 0.1
-
-
-def test_the_strongest_patterns_are_the_same_from_rows_as_from_channels() -> None:
-    z = np.random.default_rng(0).normal(size=(20, 60)) @ np.diag(np.r_[30, 20, 10, np.ones(57)]) + 0j
-    found = _Spectra(z, np.ones(60), z.real)
-    strongest = _strongest_patterns(found, found.noise)
-    expected = np.linalg.eigh(z.real.T @ z.real)[1][:, -3:]
-    np.testing.assert_allclose(np.abs(strongest.T @ expected), np.eye(3), atol=1e-9)
