@@ -2,16 +2,14 @@
 
 `fit` holds the fit of one window and `track` follows its wave to the next; this module manages the window.
 
-* A window begins `settle_s` after the scan that detected slip, grows to `max_window_s`, then slides. A new
-  one begins where the speed changes sign, becomes known or becomes unknown. It is fitted every `hop_s`,
-  counted in scans, so the arithmetic does not depend on how scans were chunked.
-* Each fit (`window_fits`) is handed to a worker, and its answer is reported `answer_after_s` after the end of
-  its window, at a fixed scan. A fit that is not ready by then is reported as "stale".
-* Once there is an answer, its wave is tracked. The window is fitted anew when it has doubled or, at its full
-  length, when all its scans are new, and at every hop without an answer or with more than one wave in view.
-* The first answer comes when the number of periods and both standard deviations meet the criteria, or when
-  the window has its full length; then one follows at every hop. A refusal comes when an answer is lost, when
-  the window is full and after every further full length, and at the end of a slip that had no answer.
+docs/grooves.md says when a window begins, when it is tracked or fitted anew, and when the first answer comes.
+What it does not say:
+
+* A new window begins also where the speed changes sign, becomes known or becomes unknown. Hops are counted in
+  scans, so the arithmetic does not depend on how scans were chunked.
+* The answer of a fit is reported at a fixed scan; a fit that is not ready by then is reported as "stale".
+* A refusal comes when an answer is lost, when the window is full and after every further full length, and at
+  the end of a slip that had no answer.
 * A period without an angle (`period_only`) is reported where the window before had the same line, and not a
   refusal; windows with too few periods are passed over.
 """

@@ -8,11 +8,8 @@ slow polynomial, plus ``a_h cos(h psi + phi_h)`` for each harmonic h, plus noise
 
 The amplitudes ``a_h >= 0`` belong to each channel. The phases ``phi_h`` are common to all channels of one
 kind (all R1, for example): on a real skin R1 and R3 of one taxel do not feel a ridge at the same time, but
-the R1 of two taxels do, apart from the delay that their distance makes.
-
-With motion of speed v along the direction theta, ``omega = |k| cos(theta - a)`` per millimetre and
-``v |k| cos(theta - a)`` per second. A known motion therefore ties the frequency to the wave vector; an
-unknown speed follows from both.
+the R1 of two taxels do, apart from the delay that their distance makes. With motion of speed v along the
+direction theta, ``omega = |k| cos(theta - a)`` per millimetre and ``v |k| cos(theta - a)`` per second.
 """
 
 from dataclasses import dataclass, replace

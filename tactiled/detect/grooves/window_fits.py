@@ -14,28 +14,28 @@ def load() -> None:
 
 
 def fit_wave(window: FitWindow) -> Outcome:
-    """Fit a grating, as `fit.fit_wave` says."""
+    """See `fit.fit_wave`."""
     from tactiled.detect.grooves import fit
 
     return fit.fit_wave(window)
 
 
 def fit_line(window: FitWindow) -> Outcome:
-    """Fit a period without an angle, as `period_only.fit_line` says."""
+    """See `period_only.fit_line`."""
     from tactiled.detect.grooves import period_only
 
     return period_only.fit_line(window)
 
 
 def fit_wave_or_line(window: FitWindow) -> Outcome:
-    """Fit a grating, or else a period without an angle, as `period_only.fit_wave_or_line` says."""
+    """See `period_only.fit_wave_or_line`."""
     from tactiled.detect.grooves import period_only
 
     return period_only.fit_wave_or_line(window)
 
 
 def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
-    """Follow a fitted wave into the next window, as `track.track_wave` says."""
+    """See `track.track_wave`."""
     from tactiled.detect.grooves import track
 
     return track.track_wave(last, scans)
