@@ -46,9 +46,6 @@ _MEDIAN_C, _SPREAD_C, _MEAN_T = 0.08, 0.8, 0.05
 _LOG_WEIGHT = -0.5 * (np.log(SIGMAS_C / _MEDIAN_C) / _SPREAD_C)[:, np.newaxis] ** 2 - SIGMAS_T / _MEAN_T
 LOG_PRIOR = _LOG_WEIGHT - np.logaddexp.reduce(_LOG_WEIGHT, axis=None)
 """Logarithms of the prior probabilities of the standard deviations, (sigmas_c, sigmas_t)."""
-# physical: residuals are weighted by the inverse of noise and this variance to find the phase of a kind,
-# radians^2.
-_TYPICAL_VARIANCE = 0.1**2
 # choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
 # millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
@@ -160,9 +157,12 @@ def weigh_waves(
 def _residuals(
     z: NDArray[np.complex128], noise: FloatArray, layout: ChannelLayout, k: FloatArray
 ) -> FloatArray:
-    """Chords (channels, waves) of the phases that waves leave, each kind about its mean direction."""
+    """Chords (channels, waves) of the phases that waves leave, each kind about its mean direction.
+
+    In that mean, channels are weighted by the inverse of noise and usual strays.
+    """
     unit = np.exp(1j * (np.angle(z)[:, np.newaxis] - layout.xy_mm @ k.T))
-    mean = layout.is_kind.T @ (unit / (noise + _TYPICAL_VARIANCE)[:, np.newaxis])
+    mean = layout.is_kind.T @ (unit / (noise + _MEDIAN_C**2)[:, np.newaxis])
     left = np.angle(unit * np.exp(-1j * (layout.is_kind @ np.angle(mean))))
     return np.asarray(2 * np.sin(left / 2))
 
