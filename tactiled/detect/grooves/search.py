@@ -125,7 +125,7 @@ def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> t
     by_speed = exact * motion.speed_sd_mm_s / motion.speed_mm_s
     by_direction = largest * np.radians(motion.direction_sd_deg)
     slack = float(np.linalg.norm([by_speed, by_direction, phase_rate_sd / window.half_travel]))
-    reach = _SLACK_SIGMAS * slack if slack > step / _SLACK_SIGMAS else 0.0
+    reach = _SLACK_SIGMAS * slack
     first, last = max(-reach, step - exact) / step, min(reach, largest - exact) / step
     along = exact + np.arange(np.ceil(first), np.floor(last) + 1) * step
     return np.asarray(along), np.asarray(across)
