@@ -98,7 +98,7 @@ def inflation(best: RefinedWave) -> tuple[FloatArray, float]:
         return np.ones(3), 1.0
     slope, m = _slope(best), 2 * best.equations.n_harmonics
     stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-200)
-    white = noise[..., :m] @ np.linalg.inv(best.equations.gram[:m, :m])
+    white = np.linalg.solve(best.equations.gram[:, :m, :m], noise[..., :m, np.newaxis])[..., 0]
     floor = float(((white * noise[..., :m]).sum(axis=-1) / best.variance).mean()) / m
     moved = WaveSolver(best.window, best.variance).displacements(best.equations, best.waves, noise)
     by_noise = np.maximum(
@@ -125,12 +125,12 @@ def _noise_beside(best: RefinedWave) -> FloatArray:
     clear |= multiple > n_harmonics * cycles + 0.5
     fits = (away != 0) & (there > CLEAR_CYCLES) & (there < 0.5 * window.n - 1) & clear
     away = away[fits][np.argsort(np.abs(away[fits]), kind="stable")][:_PLACES]
+    travel = window.travel.mean(axis=0)
     waves = [
-        np.exp(-1j * np.outer(window.travel, h * phase_rate + np.pi * away))
-        for h in range(1, n_harmonics + 1)
+        np.exp(-1j * np.outer(travel, h * phase_rate + np.pi * away)) for h in range(1, n_harmonics + 1)
     ]  # (n, places)
     parts = []
-    for weighted in (*waves, *(wave * window.travel[:, np.newaxis] for wave in waves)):
+    for weighted in (*waves, *(wave * travel[:, np.newaxis] for wave in waves)):
         shifted = left.volts @ weighted
         # A line of any phase: the cosine, and the sine a quarter of a period later.
         z = np.concatenate([shifted, 1j * shifted], axis=1)

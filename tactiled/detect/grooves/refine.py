@@ -30,12 +30,12 @@ def visible_harmonics(window: DetrendedWindow, phase_rate: float) -> int:
     if highest < 2:
         return 1
     equations = window.equations(phase_rate, highest)
-    information = np.linalg.inv(equations.gram[: 2 * highest, : 2 * highest])
+    information = np.linalg.inv(equations.gram[:, : 2 * highest, : 2 * highest])
     level = special.chdtri(2 * len(equations.parts), FALSE_ALARM)
     for h in range(highest, 1, -1):
         pair = slice(2 * h - 2, 2 * h)
         parts = equations.parts[:, pair]
-        own = parts @ np.linalg.inv(information[pair, pair])
+        own = np.linalg.solve(information[:, pair, pair], parts[..., np.newaxis])[..., 0]
         if float(((own * parts).sum(axis=1) / equations.variance).sum()) > level:
             return h
     return 1
@@ -113,7 +113,7 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
         if not foreign or n_harmonics == 1:
             return best
         # Power over noise of each harmonic, without the overlap of neighbouring lines.
-        parts = best.equations.parts**2 * np.diag(best.equations.gram)[: 2 * n_harmonics]
+        parts = best.equations.parts**2 * np.einsum("gff->gf", best.equations.gram)[:, : 2 * n_harmonics]
         if np.argmax((parts.T / best.variance).sum(axis=1).reshape(-1, 2).sum(axis=1)) > 0:
             return replace(best, is_wave=False)
         n_harmonics = max(foreign[0] - 1, 1)

@@ -75,7 +75,7 @@ def strongest_line(window: DetrendedWindow) -> list[Ripple]:
     power, needed, variance = _spectrum(window)
     # Waves (bins, n) at the first bins; half a bin stands for bin 0.
     n_slow = min(_SLOW_CYCLES * _PADDING, len(power))
-    bin_rad = np.pi / _PADDING * (window.n - 1) / window.n * window.travel
+    bin_rad = np.pi / _PADDING * (window.n - 1) / window.n * window.travel.mean(axis=0)
     waves = np.cumprod(np.broadcast_to(np.exp(1j * bin_rad), (n_slow - 1, window.n)), axis=0)
     waves = np.concatenate([np.exp(0.5j * bin_rad)[np.newaxis], waves])
     found = []
@@ -114,11 +114,13 @@ def _spectrum(window: DetrendedWindow) -> tuple[FloatArray, FloatArray, FloatArr
         Of each channel's noise, assumed white, volts^2.
     """
     n = window.n
-    volts = window.volts
-    if np.ptp(np.diff(window.travel)) >= 1e-6:
-        # Interpolation is accurate enough to find the line; the fit uses the original samples.
-        even = np.linspace(window.travel[0], window.travel[-1], n)
-        volts = np.array([np.interp(even, window.travel, row) for row in volts])
+    if len(window.travel) == 1 and np.ptp(np.diff(window.travel[0])) < 1e-6:
+        volts = window.volts
+    else:  # interpolation is accurate enough to find the line; the fit uses the original samples
+        even, travels = np.linspace(-1.0, 1.0, n), np.broadcast_to(window.travel, window.volts.shape)
+        volts = np.array(
+            [np.interp(even, travel, row) for travel, row in zip(travels, window.volts, strict=True)]
+        )
     hann = 1.0 - np.cos(2 * np.pi * (np.arange(n) + 0.5) / n)
     power = np.abs(np.fft.rfft(volts * hann, _PADDING * n, axis=1)) ** 2 / (hann**2).sum()
     variance = np.maximum(median(power[:, _PADDING::_PADDING]) / np.log(2), LEAST_VARIANCE)

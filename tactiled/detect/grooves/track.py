@@ -79,10 +79,12 @@ def _block_phasors(best: RefinedWave, n_block: int) -> NDArray[np.complex128]:
     window = best.window
     n_blocks = window.n // n_block
     newest = slice(window.n - n_blocks * n_block, window.n)
-    angle = best.phase_rate * np.outer(np.arange(1, best.equations.n_harmonics + 1), window.travel[newest])
-    waves = np.concatenate([np.cos(angle), np.sin(angle)]).reshape(-1, n_blocks, n_block).swapaxes(0, 1)
-    slow = np.broadcast_to(trend_basis(n_block, STRAIGHT).T, (n_blocks, STRAIGHT + 1, n_block))
-    basis = np.concatenate([waves, slow], axis=1)  # (blocks, functions, scans)
+    harmonics = np.arange(1, best.equations.n_harmonics + 1)[:, np.newaxis, np.newaxis]
+    angle = harmonics * best.phase_rate * window.travel[:, newest]
+    waves = np.concatenate([np.cos(angle), np.sin(angle)]).swapaxes(0, 1)
+    waves = waves.reshape(len(waves), -1, n_blocks, n_block).swapaxes(1, 2)
+    slow = np.broadcast_to(trend_basis(n_block, STRAIGHT).T, (*waves.shape[:2], 2, n_block))
+    basis = np.concatenate([waves, slow], axis=2)  # (1 or channels, blocks, functions, scans)
     volts = window.volts[:, newest].reshape(-1, n_blocks, n_block, 1)
-    parts = np.linalg.solve(basis @ basis.swapaxes(1, 2), basis @ volts)[..., 0]
+    parts = np.linalg.solve(basis @ basis.swapaxes(2, 3), basis @ volts)[..., 0]
     return np.asarray(parts[..., 0] - 1j * parts[..., best.equations.n_harmonics])

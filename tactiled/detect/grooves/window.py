@@ -83,8 +83,9 @@ class DetrendedWindow:
     """
 
     volts: FloatArray  # (channels, n): orthogonal to `trend`
-    travel: FloatArray  # (n,): at the mean instant at which the channels of a scan are sampled
-    # (channels,): distance travelled from that instant to the sampling of each, at the mean speed
+    travel: FloatArray  # (1 or channels, n): one row where the speed is constant, else a row for each channel
+    # (channels,): distance travelled between the instant that `travel` states and the sampling of each
+    # channel
     skew: FloatArray
     half_travel: float
     duration_s: float
@@ -112,7 +113,7 @@ class DetrendedWindow:
     def without_lines(self, phase_rate: float, multiples: Iterable[float]) -> "DetrendedWindow":
         """A copy in which the lines at multiples of a phase rate are part of the trend."""
         phase_rates = [phase_rate * multiple for multiple in multiples]
-        angle = np.outer(self.travel, phase_rates)
+        angle = np.outer(self.travel.mean(axis=0), phase_rates)
         left = self._without(np.concatenate([np.cos(angle), np.sin(angle)], axis=1))
         return replace(left, removed=(*self.removed, *phase_rates))
 
@@ -150,7 +151,7 @@ class DetrendedWindow:
     @cached_property
     def largest_step(self) -> float:
         """Largest scaled distance between two scans."""
-        return float(np.diff(self.travel).max())
+        return float(np.diff(self.travel[0]).max())
 
     def equations(self, phase_rate: float, n_harmonics: int = 1) -> "NormalEquations":
         """Normal equations of the harmonics of one phase rate."""
@@ -161,12 +162,17 @@ class DetrendedWindow:
         for _ in range(n_harmonics):
             power = power * wave
             rows += [power.real, power.imag]
-        basis = np.stack(rows)
-        basis = np.concatenate([basis, basis * self.travel])  # (4 harmonics, n)
+        basis = np.stack(rows, axis=1)  # (groups, 2 harmonics, n)
+        basis = np.concatenate([basis, basis * self.travel[:, np.newaxis]], axis=1)
         # The readings are orthogonal to the trend, so removing the trend from the Gram matrix is enough.
         slow = basis @ self.trend
-        gram = basis @ basis.T - slow @ slow.T + _RIDGE * self.n / 2 * np.eye(len(basis))
-        return NormalEquations(phase_rate, n_harmonics, gram, self.volts @ basis.T, self)
+        gram = basis @ basis.swapaxes(1, 2) - slow @ slow.swapaxes(1, 2)
+        gram += _RIDGE * self.n / 2 * np.eye(basis.shape[1])
+        if len(basis) == 1:
+            product = self.volts @ basis[0].T
+        else:
+            product = (basis @ self.volts[:, :, np.newaxis])[..., 0]
+        return NormalEquations(phase_rate, n_harmonics, gram, product, self)
 
 
 @lru_cache(maxsize=16)  # windows that have their full length ask for the same few
@@ -193,8 +199,10 @@ def detrended(window: FitWindow) -> DetrendedWindow | Refusal:
     half_travel = float(np.ptp(travel)) / 2 or 1.0
     travel = (travel - (travel.min() + travel.max()) / 2) / half_travel
     rate, offset_s = rate / half_travel, window.channel_offset_s[chosen]
-    travel += rate * offset_s.mean()
-    skew = float(rate.mean()) * (offset_s - offset_s.mean())
+    if np.ptp(rate) <= 1e-9 * abs(rate).max():
+        travel, skew = travel[np.newaxis], offset_s * rate[0]
+    else:
+        travel, skew = travel + np.outer(offset_s, rate), np.zeros(len(chosen))
     trend = trend_basis(n, STRAIGHT)
     volts = readings.T - (readings.T @ trend) @ trend.T
     layout = window.layout.centred(chosen)
@@ -207,19 +215,23 @@ class NormalEquations:
 
     phase_rate: float  # of the fundamental
     n_harmonics: int
-    gram: FloatArray  # (4 harmonics, 4 harmonics): products of the functions with each other
+    gram: FloatArray  # (1 or channels, 4 harmonics, 4 harmonics): products of the functions with each other
     product: FloatArray  # (channels, 4 harmonics): products of the functions with the readings
     window: DetrendedWindow
 
     def times_gram(self, on: FloatArray) -> FloatArray:
         """Multiply combinations of the functions (..., functions, starts, channels) by the Gram matrix."""
-        return np.asarray((self.gram @ on.reshape(*on.shape[:-2], -1)).reshape(on.shape))
+        if len(self.gram) > 1:
+            return np.asarray(np.einsum("cef,...fsc->...esc", self.gram, on))
+        return np.asarray((self.gram[0] @ on.reshape(*on.shape[:-2], -1)).reshape(on.shape))
 
     @cached_property
     def parts(self) -> FloatArray:
         """Least-squares cosine and sine parts of each channel by itself: (channels, 2 harmonics)."""
         m = 2 * self.n_harmonics
-        return np.asarray(np.linalg.solve(self.gram[:m, :m], self.product[:, :m].T).T)
+        if len(self.gram) == 1:
+            return np.asarray(np.linalg.solve(self.gram[0, :m, :m], self.product[:, :m].T).T)
+        return np.asarray(np.linalg.solve(self.gram[:, :m, :m], self.product[:, :m, np.newaxis])[..., 0])
 
     def phasors(self, harmonic: int = 1) -> NDArray[np.complex128]:
         """Complex amplitude of one harmonic in each channel, corrected for scan skew: (channels,)."""
@@ -243,10 +255,10 @@ class NormalEquations:
         m, times = 2 * self.n_harmonics, np.arange(1.0, self.n_harmonics + 1)
         late = np.zeros_like(self.product)  # derivative by the phase rate, as parts of the functions
         late[:, m::2], late[:, m + 1 :: 2] = times * self.parts[:, 1::2], -times * self.parts[:, ::2]
-        seen = late @ self.gram
-        own = np.linalg.solve(self.gram[:m, :m], seen[:, :m].T).T
+        seen = (self.gram @ late[..., np.newaxis])[..., 0]
+        own = np.linalg.solve(self.gram[:, :m, :m], seen[:, :m, np.newaxis])[..., 0]
         information = (late * seen).sum(axis=1) - (own * seen[:, :m]).sum(axis=1)
         total = max(float((information / variance).sum()), 1e-12)
-        left = self.product[:, m:] - self.parts @ self.gram[:m, m:]
+        left = self.product[:, m:] - (self.gram[:, m:, :m] @ self.parts[..., np.newaxis])[..., 0]
         pull = float(((late[:, m:] * left).sum(axis=1) / variance).sum())
         return self.phase_rate + pull / total, float(1 / np.sqrt(total))
