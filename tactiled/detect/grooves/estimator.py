@@ -18,7 +18,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,11 +214,9 @@ class JointTexture:
         events: list[Event] = []
         for piece in self._gate.pass_through(item, slip):
             if isinstance(piece, SlidingScans):
-                if piece.are_past:
-                    self._fill(piece.block, piece.speeds_mm_s)
-                else:
+                if not piece.are_past:
                     events += self._answer_before(int(piece.block.index[0]), item)
-                    events += self._gather(piece.block, piece.speeds_mm_s)
+                events += self._gather(piece)
                 continue
             if isinstance(piece, SlipStart):
                 events += self._answer_before(piece.index, item)
@@ -230,8 +227,12 @@ class JointTexture:
             self._slip = Slip()
         return events + self._answer(item)
 
-    def _gather(self, block: ScanBlock, speeds: FloatArray) -> list[Event]:
-        """Fill the window up to each hop, answer what is due there, and hand over the next fit."""
+    def _gather(self, piece: SlidingScans) -> list[Event]:
+        """Fill the window up to each hop, answer what is due there, and hand over the next fit.
+
+        Nothing is answered of scans that came before the slip was detected.
+        """
+        block, speeds = piece.block, piece.speeds_mm_s
         events: list[Event] = []
         n_hop, done = max(1, round(self._params.hop_s * block.rate_hz)), 0
         while done < len(block):
@@ -245,7 +246,7 @@ class JointTexture:
             part = block[done : done + n]
             window.append(part, speeds[done : done + n], self._full_scale_volts)
             done += n
-            if window.n_scans % n_hop == 0:
+            if window.n_scans % n_hop == 0 and not piece.are_past:
                 events += self._answer(part)
                 if not window.is_over:
                     self._hand_over(window, part[-1:], n_hop)
@@ -259,16 +260,6 @@ class JointTexture:
         self._slip.window = SlideWindow(n_scans, self._widest * n_scans)
         self._slip.speed_sign = self._slip.speed_sign or sign
         return self._slip.window
-
-    def _fill(self, block: ScanBlock, speeds: FloatArray) -> None:
-        """Begin the window with scans that came before the slip was detected; nothing is answered of them."""
-        signs = np.sign(speeds)
-        cuts = [0, *(np.flatnonzero(np.diff(signs)) + 1).tolist(), len(block)]
-        for first, end in pairwise(cuts):
-            window = self._slip.window
-            if window is None or signs[first] != window.sign:
-                window = self._begin_window(block.rate_hz, float(signs[first]))
-            window.append(block[first:end], speeds[first:end], self._full_scale_volts)
 
     def _hand_over(self, window: SlideWindow, newest: ScanBlock, n_hop: int) -> None:
         """Hand the window to the worker, to track the wave of the last answer or to fit anew."""
