@@ -279,8 +279,8 @@ class JointTexture:
             good,
             np.abs(speeds_mm_s),
         )
-        work = partial(_track_or_fit, self._fit, tracked, given)
         is_full = window.n_scans >= window.size
+        work = partial(_track_or_fit, self._fit, tracked, given, is_full=is_full)
         n_hops_full = -(-window.size // n_hop)
         self._pending.append(
             PendingFit(
@@ -363,9 +363,9 @@ class JointTexture:
         return WaveMotion(speed_mm_s, self._params.speed_sd_mm_s, direction_deg, direction_sd_deg)
 
 
-def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow) -> Outcome:
+def _track_or_fit(fit: WindowFit, last: GrooveAnswer | None, window: FitWindow, *, is_full: bool) -> Outcome:
     """Track the wave of an answer; fit the window where there is none or where it is lost."""
-    outcome = None if last is None else track_wave(last, window)
+    outcome = None if last is None else track_wave(last, window, is_full=is_full)
     return fit(window) if outcome is None else outcome
 
 

@@ -7,7 +7,8 @@ equations of the fit; the result is the maximum of the same likelihood, so that 
 standard deviations mean what they mean in a fit. What coloured noise adds to them is that of the last fit.
 
 Another pattern under the skin is noticed by its phasors: the window is divided into blocks, and those of the
-newest must be those of the blocks before, apart from a common factor, which an uneven speed changes too.
+newest must be those of the blocks before, apart from a common factor, which an uneven speed and the load
+change, too.
 """
 
 import numpy as np
@@ -27,15 +28,22 @@ from tactiled.detect.grooves.window import STRAIGHT, FitWindow, detrended, trend
 _BLOCK_S = 1.0
 # prior: periods in a block. With fewer, the slope of a block takes much of a ripple.
 _BLOCK_PERIODS = 1.5
+_FEWEST_EARLIER = 2  # derived: blocks: of one, it is not known how much its phasors vary
 # prior: ratio of the part of a block's power that suits no common factor to its mean over earlier blocks:
 # misplaced ridges and uneven pads change every block.
 _UNLIKE_EARLIER = 4.0
+# prior: power of a block over that of earlier ones: with less, the ripple is gone, not under a lighter load.
+_GONE = 1 / 16
 
 
-def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
+def track_wave(
+    last: GrooveAnswer, scans: FitWindow, *, is_full: bool = False
+) -> GrooveAnswer | NewPattern | None:
     """The wave of an answer in another window, or None where it is not there or where it must be fitted.
 
-    The answer is that of an overlapping window; its error probability remains.
+    The answer is that of an overlapping window; its error probability remains. A full window without two
+    earlier blocks is always fitted: another pattern would not be noticed in it, and the wave of the pattern
+    before suits the line of the new one at another speed.
     """
     window = detrended(scans)
     if isinstance(window, Refusal) or last.wave is None:
@@ -51,6 +59,8 @@ def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPatter
         return None
     rate_hz = (window.n - 1) / window.duration_s
     n_block = round(max(_BLOCK_S, _BLOCK_PERIODS / best.frequency_hz) * rate_hz)
+    if is_full and window.n // n_block - 1 < _FEWEST_EARLIER:
+        return None
     if is_another_pattern(best, n_block):
         return NewPattern("ambiguous", best.frequency_hz, best.snr_db)
     posterior = weigh_interpretations(best, best.waves.k, wave.noise_inflation)
@@ -61,12 +71,17 @@ def is_another_pattern(best: RefinedWave, n_block: int) -> bool:
     """True where the phasors of the newest block are not those of the blocks before, at least two."""
     window = best.window
     n_channels, n_earlier = len(window.volts), window.n // n_block - 1
-    if n_earlier < 2 or n_channels < 2 or n_block < 2 * best.equations.n_harmonics + 2:  # terms of a block
+    if (
+        n_earlier < _FEWEST_EARLIER or n_channels < 2 or n_block < 2 * best.equations.n_harmonics + 2
+    ):  # terms of a block
         return False
     z = _block_phasors(best, n_block) / np.sqrt(best.variance)[:, np.newaxis]
     earlier = np.linalg.svd(z[:, :-1], full_matrices=False)[0][:, 0]
     power = (z.real**2 + z.imag**2).sum(axis=0)
-    part = 1 - np.abs(earlier.conj() @ z) ** 2 / np.maximum(power, TINY)
+    own = np.abs(earlier.conj() @ z) ** 2
+    if own[-1] < _GONE * float(own[:-1].mean()):
+        return True
+    part = 1 - own / np.maximum(power, TINY)
     # In white noise, each part of a phasor has the variance 2 / n_block; `earlier` has its own.
     white = 2 / n_block * (1 + 1 / n_earlier) * special.chdtri(2 * (n_channels - 1), FALSE_ALARM)
     # Coloured noise makes the earlier blocks unlike, too. One of their degrees of freedom is in `earlier`.

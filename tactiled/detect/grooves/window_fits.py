@@ -34,8 +34,8 @@ def fit_wave_or_line(window: FitWindow) -> Outcome:
     return period_only.fit_wave_or_line(window)
 
 
-def track_wave(last: GrooveAnswer, scans: FitWindow) -> GrooveAnswer | NewPattern | None:
+def track_wave(last: GrooveAnswer, scans: FitWindow, *, is_full: bool) -> GrooveAnswer | NewPattern | None:
     """See `track.track_wave`."""
     from tactiled.detect.grooves import track
 
-    return track.track_wave(last, scans)
+    return track.track_wave(last, scans, is_full=is_full)

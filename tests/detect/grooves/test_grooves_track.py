@@ -181,3 +181,24 @@ def test_grooves_that_change_are_reported_and_answered_anew() -> None:
     pieces = [chunked.process(block[:1], [slip_at(0.0, 0.0, 1.0)])]
     pieces += [chunked.process(block[first : first + 33]) for first in range(1, len(block), 33)]
     assert textures([event for piece in pieces for event in piece]) == events
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (Grating(1.8, -29.0), Grating(2.5, -22.0)),  # three blocks of 1.5 periods do not fit into the window
+        (Grating(2.0, -22.0), Grating(1.38, 43.0)),  # the line stays nearly where it was
+        (Grating(0.87, 2.0), Grating(2.24, -34.0)),  # the line goes, and another comes far below
+    ],
+)
+def test_no_answer_mixes_two_patterns_with_the_shortest_preset(before: Grating, after: Grating) -> None:
+    slide = Slide((before,), duration_s=12.0, noise=0.02)
+    volts, changes_at = slide.volts(ARRAY, OFFSETS_S), 600
+    volts[changes_at:] = dataclasses.replace(slide, gratings=(after,)).volts(ARRAY, OFFSETS_S)[changes_at:]
+    texture = JointTexture(ARRAY, JointParams(preset="quick"))
+    scans = regular_block(volts, slide.rate_hz, channel_offset_s=OFFSETS_S)
+    found = textures(texture.process(scans, [slip_at(0.0, 0.0, 1.0)]))
+    answers = [event for event in found if event.status == "ok"]
+    off_mm = [[abs(event.period_mm - each.period_mm) for each in (before, after)] for event in answers]
+    assert np.min(off_mm, axis=1).max() < 0.04  # two standard deviations of the preset
+    assert np.argmin(off_mm[-1]) == 1
