@@ -86,10 +86,32 @@ def bind(sock: zmq.Socket[Any], endpoint: str) -> None:
         raise _not_bound(endpoint, error) from None
 
 
-def listen(endpoint: str) -> socket.socket:
-    """Return a socket of the kernel, not blocking, that listens at a plain endpoint; raises as `bind`."""
+def listen(endpoint: str) -> list[socket.socket]:
+    """Return sockets of the kernel, not blocking, that listen at a plain endpoint: one for each address.
+
+    It raises as `bind`.
+    """
     endpoint = _prepared(endpoint)
-    family, address = _address(endpoint)
+    listeners: list[socket.socket] = []
+    fault: OSError | None = None
+    try:
+        for family, address in _addresses(endpoint):
+            try:
+                listeners.append(_listener(family, address))
+            except OSError as error:
+                if error.errno not in (errno.EADDRNOTAVAIL, errno.EAFNOSUPPORT):
+                    raise
+                fault = error  # localhost may have an address that this host lacks, mostly that of IPv6
+        if fault is not None and not listeners:
+            raise fault
+    except OSError as error:
+        for sock in listeners:
+            sock.close()
+        raise _not_bound(endpoint, error) from None
+    return listeners
+
+
+def _listener(family: int, address: Any) -> socket.socket:
     sock = socket.socket(family, socket.SOCK_STREAM | socket.SOCK_NONBLOCK)
     try:
         # Accepted ones inherit it.
@@ -99,9 +121,9 @@ def listen(endpoint: str) -> socket.socket:
         with _socket_umask():
             sock.bind(address)
         sock.listen(_BACKLOG)
-    except OSError as error:
+    except OSError:
         sock.close()
-        raise _not_bound(endpoint, error) from None
+        raise
     return sock
 
 
@@ -151,14 +173,15 @@ def _not_bound(endpoint: str, error: zmq.ZMQError | OSError) -> UnavailableError
     return UnavailableError(f"{endpoint}: cannot be bound: {error.strerror}")
 
 
-def _address(endpoint: str) -> tuple[int, str | tuple[str, int]]:
-    """Return family and address of the socket of a plain endpoint; localhost is its address of IPv4."""
+def _addresses(endpoint: str) -> list[tuple[int, Any]]:
+    """Return family and address of the sockets of an endpoint."""
     transport, _, address = endpoint.partition("://")
     if transport == "ipc":
-        return socket.AF_UNIX, address
+        return [(socket.AF_UNIX, address)]
     host, _, port = address.rpartition(":")
-    host = host.strip("[]").replace("localhost", "127.0.0.1")
-    return socket.AF_INET6 if ":" in host else socket.AF_INET, (host, int(port))
+    host = host.strip("[]")
+    found = socket.getaddrinfo(host, int(port), type=socket.SOCK_STREAM)
+    return list(dict.fromkeys((family, where) for family, _, _, _, where in found))
 
 
 def runtime_directory(environ: Mapping[str, str] = os.environ) -> Path:

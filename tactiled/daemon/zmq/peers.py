@@ -160,7 +160,7 @@ class PeerServer:
         self._ready = Queued(zmtp.ready(socket_type))
         self._peer_types = frozenset(peer_types)
         self._bounds = bounds
-        # The peers of an endpoint, the oldest first, by its listener.
+        # The peers of an endpoint, the oldest first, by each of its listeners.
         self._listeners: dict[socket.socket, dict[Peer, None]] = {}
         self._readable: asyncio.Queue[socket.socket | Peer] = asyncio.Queue()
         self._unsent: dict[Peer, None] = {}
@@ -170,7 +170,8 @@ class PeerServer:
 
     def listen(self, endpoint: str) -> None:
         """Listen at an endpoint; raises as `endpoints.listen`."""
-        self._listeners[listen(endpoint)] = {}
+        peers: dict[Peer, None] = {}  # one limit for all addresses of the endpoint
+        self._listeners.update(dict.fromkeys(listen(endpoint), peers))
 
     async def run(self) -> None:
         """Serve until cancelled; then `close` may still send what waits."""
@@ -230,7 +231,7 @@ class PeerServer:
         self._unsent[peer] = None
 
     def _peers(self) -> list[Peer]:
-        return [peer for peers in self._listeners.values() for peer in peers]
+        return list(dict.fromkeys(peer for peers in self._listeners.values() for peer in peers))
 
     def _accept(self, listener: socket.socket) -> None:
         assert self._loop is not None  # `run` sets it
