@@ -19,9 +19,9 @@ from touches import Touch, run, splits
 
 from tactiled import compiled
 from tactiled.array import Array, ArrayFile, Channel, TaxelPlace, build, load_array
-from tactiled.detect.fast import Readings
 from tactiled.detect.signal import front_end, pressure
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
+from tactiled.detect.signal.fast import Readings
 from tactiled.detect.signal.front_end import response_weights
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, build_suite

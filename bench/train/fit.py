@@ -12,6 +12,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 from bench.report import counted
 from bench.train.rows import Looks
 from tactiled.array import FloatArray
+from tactiled.detect.contact.fast import Memory
 from tactiled.detect.contact.filter import (
     EDGES,
     LOAD_CHANGE,
@@ -22,7 +23,6 @@ from tactiled.detect.contact.filter import (
     kept_load,
 )
 from tactiled.detect.contact.signs import NAMES
-from tactiled.detect.fast import Memory
 from tactiled.progress import ProgressBar
 
 _COLUMNS = [NAMES.index(name) for name in STATE_SIGNS]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from tactiled import tomlfile
 from tactiled.array import Array, FloatArray
 from tactiled.detect.base import in_order
-from tactiled.detect.fast import StuckChannels
 from tactiled.detect.signal.contact_gate import CONTACT_OF_RANGE
+from tactiled.detect.signal.fast import StuckChannels
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams, Suite, build_suite
 from tactiled.errors import ConfigError

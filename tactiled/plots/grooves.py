@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import SlipEvent, TextureEvent
-from tactiled.events.words import texture_words, with_sd
+from tactiled.events.words import with_sd
 from tactiled.plots.palette import GROOVES, NEUTRAL, SECOND_GRATING, SLIP
 
 _TAXEL_MM = 0.8  # radius on the map
@@ -46,14 +46,27 @@ def draw_answers(
         axis.legend(frameon=False, fontsize=9, loc="upper right")
 
 
-def answer_in_words(events: Sequence[TextureEvent]) -> str:
-    """Describe the last estimate, or the reasons of the refusals."""
-    answers = [e for e in events if e.status == "ok"]
-    if not answers and events and events[-1].status == "period-only" and events[-1].period_mm > 0:
-        answers = [events[-1]]
-    if answers:
-        return texture_words(vars(answers[-1]))
-    return f"grooves: no answer ({_refusals(events)})" if events else ""
+def answer_in_words(events: Sequence[TextureEvent], onsets: Sequence[SlipEvent]) -> str:
+    """Describe the last estimate and the time to the first one, or the reasons of the refusals."""
+    ok = [e for e in events if e.status == "ok"]
+    if not ok and events and events[-1].status == "period-only" and events[-1].period_mm > 0:
+        last = events[-1]
+        return f"grooves of {with_sd(last.period_mm, last.period_sd_mm)} mm, angle unknown ({last.estimator})"
+    if not ok:
+        return f"grooves: no answer ({_refusals(events)})" if events else ""
+    last = ok[-1]
+    words = (
+        f"grooves of {with_sd(last.period_mm, last.period_sd_mm)} mm at "
+        f"{with_sd(last.angle_deg, last.angle_sd_deg)}° ({last.estimator}"
+    )
+    if last.speed_source != "none":
+        words += f", {last.speed_mm_s:.3g} mm/s {last.speed_source}"
+    for other in last.candidates[1:2]:
+        words += f"; another of {other.period_mm:.4g} mm at {other.angle_deg:.1f}°"
+    before_s = [e.detected_s for e in onsets if e.detected_s <= ok[0].time_s]
+    if before_s:
+        words += f"; first answer {ok[0].answered_s - before_s[-1]:.1f} s after slip was detected"
+    return f"{words})"
 
 
 def _refusals(events: Sequence[TextureEvent]) -> str:

@@ -58,7 +58,7 @@ def draw_log(
     rows += [(below * 2)[:2]] * bool(below)
     figure = Figure(figsize=(11, 3.2 * len(rows)), layout="constrained")
     axes = figure.subplot_mosaic("\n".join(rows))
-    answer = answer_in_words(textures)
+    answer = answer_in_words(textures, onsets)
     figure.suptitle(f"{title}: taxel {taxel} of {array.name}" + f"\n{answer}" * bool(answer))
     for color, channel in zip(CHANNELS, channels, strict=False):
         name = array.channel_name[channel].split(".")[-1]

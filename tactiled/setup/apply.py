@@ -72,7 +72,7 @@ def taken_ports(root: Path) -> dict[str, TakenPorts]:
 def check_other_port(plan: SetupPlan, url: str, root: Path) -> None:
     """Refuse a name whose configuration is of another port that is there: the board behind it would lose it.
 
-    Boards of one layout may all have one serial number, by which they are named; a `ConfigError` says so.
+    Boards of one layout may all have one serial number, by which they are named. `ConfigError` if this is so.
     """
     try:
         port = str(tomlfile.read(_under(root, plan.files[0].path))["port"]["url"])

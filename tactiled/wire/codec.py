@@ -32,7 +32,7 @@ class Decoder:
     def reset(self) -> None:
         """Forget pending bytes and counts."""
         self.framer = make_framer(self.layout, self._direction)
-        """What counts the bytes."""
+        """Splits the stream into frames, and counts its bytes."""
 
     def interrupted(self) -> None:
         """Discard pending bytes, and find the next frame as on a newly opened port."""

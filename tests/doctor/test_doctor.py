@@ -151,7 +151,8 @@ def test_a_broken_set_up_has_every_fault_named(tmp_path: Path) -> None:
     faults = failed(examine(path, None))
     assert any("port.bauds: unknown key" in fault for fault in faults)
     assert any("use rate_hz" in fault for fault in faults)
-    assert "nothing else was checked" in by_check(examine(path, None))["the rest"].words
+    assert any("/dev/ttyUSB77: no such port" in fault for fault in faults)
+    assert "not checked" in by_check(examine(path, None))["the rest"].words
     path.write_text(
         f'[port]\nurl = "{tmp_path}/none"\n[record]\ndirectory = "{tmp_path}/nowhere"\n'
         f'[publish]\nendpoints = ["ipc://{tmp_path}/no/such/folder.ipc"]\n'

@@ -54,9 +54,13 @@ def test_map_has_grooves_taxels_and_motion() -> None:
 
 def test_the_answer_in_words() -> None:
     refused = TextureEvent(time_s=1.0, answered_s=1.0, status="ambiguous")
-    assert answer_in_words([]) == ""
-    assert answer_in_words([refused, refused]) == "grooves: no answer (ambiguous 2)"
+    assert answer_in_words([], []) == ""
+    assert answer_in_words([refused, refused], []) == "grooves: no answer (ambiguous 2)"
     period_only = replace(refused, status="period-only", period_mm=1.2, period_sd_mm=0.01, estimator="lines")
-    assert answer_in_words([refused, period_only]) == "ripple 1.200 ± 0.010 mm, angle unknown"
-    told = replace(ANSWER, period_sd_mm=0.001, angle_sd_deg=0.1)
-    assert answer_in_words([refused, told, refused]) == "grooves 1.2000 ± 0.0010 mm at 30.00 ± 0.10°"
+    assert answer_in_words([refused, period_only], []) == "grooves of 1.200 ± 0.010 mm, angle unknown (lines)"
+    told = replace(ANSWER, period_sd_mm=0.001, angle_sd_deg=0.1, estimator="joint")
+    both = tuple(Candidate(period_mm=mm, angle_deg=30.0, weight=0.5) for mm in (1.2, 2.5))
+    assert "; another of 2.5 mm at 30.0°" in answer_in_words([replace(told, candidates=both)], [])
+    assert answer_in_words([refused, told], [slip_at(0.5, 0.0)]) == (
+        "grooves of 1.2000 ± 0.0010 mm at 30.00 ± 0.10° (joint; first answer 1.5 s after slip was detected)"
+    )

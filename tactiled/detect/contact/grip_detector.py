@@ -8,18 +8,19 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
+from tactiled.detect.contact.fast import ContactFilter, Signs
 from tactiled.detect.contact.filter import FRICTION, FRICTION_LOG_SD, SETTINGS, scans_of_look
 from tactiled.detect.contact.learnt import Learnt, shipped_learnt
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.slips import PosteriorSlips
 from tactiled.detect.contact.travelling import TravellingRipple
-from tactiled.detect.fast import ContactFilter, Readings, Signs
 from tactiled.detect.signal.contact_gate import (
     ContactParams,
     ContactTracker,
     contact_event,
     lost_contact_event,
 )
+from tactiled.detect.signal.fast import Readings
 from tactiled.detect.signal.front_end import AVERAGED_S
 from tactiled.events.types import ContactState, Event, GripEvent
 from tactiled.samples.block import LOSSES, Gap, ScanBlock

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import HORIZONS_S, N_STATES, ROW_NAMES
-from tactiled.detect.fast import Trees
 from tactiled.resources import shipped
 
 FILE = "config", "learnt", "slip.npz"

@@ -21,6 +21,7 @@ LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tel
 # choice: from two looks to a slow grip, each about twice the one before. The trees take from them what they
 # need.
 _TIMES_S = (0.04, 0.08, 0.16, 0.3, 0.5)
+_GROWTH_S, _MEAN_S = _TIMES_S[1], _TIMES_S[3]
 WINDOWS_S: Mapping[str, tuple[float, ...]] = {
     "change": _TIMES_S,
     "turn": _TIMES_S[1:4],
@@ -127,10 +128,14 @@ class Signs:
         self.over_load = zeros(2 * n)
         self.load, self.shear_x, self.shear_y = zeros(n), zeros(n), zeros(n)
         self.row = zeros(len(NAMES))
-        self.change_looks, self.turn_looks, self.spread_looks, self.wander_looks, self.move_looks = (
-            array("q", [_looks(time_s, look_s) for time_s in times_s]) for times_s in WINDOWS_S.values()
-        )
-        self.n_growth, self.n_mean = self.change_looks[1], self.change_looks[3]
+        looks = {
+            kind: array("q", [_looks(time_s, look_s) for time_s in times_s])
+            for kind, times_s in WINDOWS_S.items()
+        }
+        self.change_looks, self.turn_looks = looks["change"], looks["turn"]
+        self.spread_looks, self.wander_looks = looks["spread"], looks["wander"]
+        self.move_looks = looks["moves"]
+        self.n_growth, self.n_mean = _looks(_GROWTH_S, look_s), _looks(_MEAN_S, look_s)
         self.n_drop = _looks(_DROP_S, look_s)
         filters = [exact_taps(level, sqrt(2.0)) for level in LEVELS]  # of the gain of a normalised transform
         self.taps = array("d", [tap for one in filters for tap in one])

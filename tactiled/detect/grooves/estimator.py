@@ -3,6 +3,7 @@
 `fit` holds the fit of one window and `track` follows its wave to the next; this module manages the window.
 
 docs/grooves.md says when a window begins, when it is tracked or fitted anew, and when the first answer comes.
+A fit costs some thirty times as much as tracking, and until there is an answer, each hop has one.
 What it does not say:
 
 * A new window begins also where the speed changes sign, becomes known or becomes unknown. Hops are counted in

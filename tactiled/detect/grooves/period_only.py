@@ -73,8 +73,9 @@ _SD_OVER_BOUND = 2.0
 _STANDS_OUT = 5.0
 _LEAST_PHASES = 4  # derived: channels: phases of fewer agree by chance
 _LEAST_DOMINANT_CYCLES = 7  # tuned: on the same recordings
-# tuned: the level has 3 coefficients, and each line takes 5 bins. With 24 bins, resonances passed for lines
-# on 4 of 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are 2.4 s at 35.6 Hz.
+# tuned: the level has 3 coefficients, and each line takes 5 bins. With 24 bins and a level of 5 coefficients,
+# resonances passed for lines on 4 of 8 slides (the same bench, seeds 0 to 3 at 20 and 100 Hz); 40 bins are
+# 2.4 s at 35.6 Hz.
 _LEAST_BINS = 40
 # prior: bins to either side whose level a line must exceed: enough for a t test with few degrees of freedom
 # lost, and so few that a parabola follows a resonance that is as wide as ten bins.

@@ -14,7 +14,7 @@ def load() -> None:
 
 
 def fit_wave(window: FitWindow) -> Outcome:
-    """See `fit.fit_wave`."""
+    """Fit a wave, as `fit.fit_wave` says."""
     from tactiled.detect.grooves import fit
 
     return fit.fit_wave(window)

@@ -20,7 +20,7 @@ import numpy as np
 from pydantic import Field
 
 from tactiled.array import Array
-from tactiled.detect.fast import Levels, Pressure
+from tactiled.detect.signal.fast import Levels, Pressure
 from tactiled.detect.signal.pressure import CONTACT_SDS
 from tactiled.detect.signal.quantise import HeldReadings, flat
 from tactiled.events.types import ContactEvent, ContactState

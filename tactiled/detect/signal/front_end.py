@@ -65,7 +65,7 @@ _LEAST_KEPT = 0.75  # choice: of the taxels; with fewer, the messages are not va
 
 
 def zeros(n: int) -> "array[float]":
-    """Return n zeros of a compiled path."""
+    """Return an array of n zeros, whose elements compiled code reads without Python objects."""
     return array("d", bytes(8 * n))
 
 
@@ -485,9 +485,8 @@ class Readings:
 
         `channel_offset_s` are the instants (channels,) of the channels after that of their scan.
         """
-        if (
-            gate.n_room != self.n_room or channel_offset_s is not self.offset_of
-        ):  # each view takes a microsecond
+        # Each view takes a microsecond.
+        if gate.n_room != self.n_room or channel_offset_s is not self.offset_of:
             self.steps, self.read, self.offset_s = gate.steps, gate.ok, channel_offset_s
             self.n_room, self.offset_of = gate.n_room, channel_offset_s
 

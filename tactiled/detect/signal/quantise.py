@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import FloatArray
-from tactiled.detect.fast import Hold
-from tactiled.detect.signal.pressure import ROUNDING as ROUNDING  # of readings on this grid
+from tactiled.detect.signal.fast import Hold
 from tactiled.errors import ContractError
 from tactiled.samples.block import ScanBlock
 

@@ -24,7 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.signal.quantise import ROUNDING, HeldReadings
+from tactiled.detect.signal.pressure import ROUNDING
+from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.tracker import Change
 
 _HOP_S = 0.02  # choice: as the looks at a contact

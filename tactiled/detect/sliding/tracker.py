@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.detect.grooves.swings import LEAST_CYCLES, apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
-from tactiled.detect.signal.quantise import ROUNDING, HeldReadings
+from tactiled.detect.signal.pressure import ROUNDING
+from tactiled.detect.signal.quantise import HeldReadings
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0  # choice

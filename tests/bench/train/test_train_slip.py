@@ -18,11 +18,11 @@ from bench.train import fit, rows, slip
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw
+from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import EDGES, N_STATES, ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
 from tactiled.detect.contact.signs import NAMES
-from tactiled.detect.fast import Trees
 from tactiled.resources import shipped
 
 LOOKS = ("time_s", "signs", "begins", "slides", "utilisation", "ahead_s")

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from touches import LSB, Touch
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.fast import StuckChannels
+from tactiled.detect.signal.fast import StuckChannels
 from tactiled.detect.signal.quantise import Quantiser
 
 ARRAY = load_array("wang2019-3x3")

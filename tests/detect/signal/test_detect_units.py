@@ -13,7 +13,7 @@ from scipy import signal
 from touches import Touch, contact_states
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.fast import RestNoise
+from tactiled.detect.signal.fast import RestNoise
 from tactiled.detect.signal.quantise import Quantiser
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import StartZero, TunedSuite

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.fast import Bank
+from tactiled.detect.signal.fast import Bank
 from tactiled.detect.signal.quantise import HeldReadings, Quantiser
 from tactiled.detect.signal.wavelet import border_scans, taps
 
