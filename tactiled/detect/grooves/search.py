@@ -107,17 +107,12 @@ def explained_power(
     return float((np.abs(seen) ** 2 / np.maximum(total, TINY)).sum())
 
 
-def across_grid(window: DetrendedWindow) -> FloatArray:
-    """Components of wave vectors across the motion: radians per millimetre, up to the shortest period."""
-    step = grid_step(window.layout)
-    n_across = int(np.ceil(2 * np.pi / window.params.min_period_mm / step)) + 1
-    return np.asarray(np.arange(-n_across, n_across + 1) * step)
-
-
 def _grid(window: DetrendedWindow, phase_rate: float, phase_rate_sd: float) -> tuple[FloatArray, FloatArray]:
     """Grid of wave-vector components along the motion and across it."""
-    motion, step, across = window.motion, grid_step(window.layout), across_grid(window)
+    motion, step = window.motion, grid_step(window.layout)
     largest = 2 * np.pi / window.params.min_period_mm + step
+    n_across = int(np.ceil(largest / step))
+    across = np.arange(-n_across, n_across + 1) * step
     if not motion.has_speed:
         along = across[across > 0] if motion.has_direction else across
         return np.asarray(along), np.asarray(across)

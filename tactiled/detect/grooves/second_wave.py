@@ -17,12 +17,18 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import FALSE_DOUBT, ChannelLayout
-from tactiled.detect.grooves.search import across_grid
+from tactiled.detect.grooves.search import grid_step
 from tactiled.detect.grooves.window import DetrendedWindow
 from tactiled.detect.worker import pause
 
 # prior: squared overlap of two waves on the channels of one kind. Above it they cannot be resolved.
 _MOST_ALIKE = 0.9
+# choice: standard deviations by which the direction may deviate, and the largest deviation, where it is
+# unknown.
+_REACH = 2.5
+_LARGEST_HEADING_ERROR_DEG = 45.0  # choice
+# choice: directions tried to either side of the stated one.
+_MOST_HEADINGS = 3
 # tuned: power that two waves leave of what one leaves. Of gains and phases that differ at random a second
 # wave takes a part, too: with offsets of 0.1 to 0.3 rad two waves left 0.60 to 0.88, with two gratings mostly
 # less than 0.3 (windows of `bench texture`, on which this was set).
@@ -62,20 +68,28 @@ def has_second_wave(
     noise = special.chdtri(2 * (len(z) - n_kinds - 1), FALSE_DOUBT)
     if by_one < LEAST_SECOND_PART * total or float((left / variance).sum()) < noise:
         return False
-    by_two = total - most_explained(z, layout, _waves_of_one_frequency(window, k))
+    by_two = total - max(most_explained(z, layout, waves) for waves in _likely_waves(window, k))
     most_left = _MOST_LEFT_IF_ALIKE if are_alike else _MOST_LEFT
     return by_two <= most_left * by_one and by_one - by_two >= LEAST_SECOND_PART * total
 
 
-def _waves_of_one_frequency(window: DetrendedWindow, k: FloatArray) -> FloatArray:
-    """Grid of waves (waves, 2) that have the frequency of k; the last is common to all channels: a vibration.
+def _likely_waves(window: DetrendedWindow, k: FloatArray) -> list[FloatArray]:
+    """For each likely direction of the motion, a grid of waves (waves, 2) that have the frequency of k.
 
-    The direction is the stated one: with others, up to 2.5 standard deviations off, 3 more of 120 windows
-    over crossed grooves were refused as such; the others refuse two of these and answer one, rightly.
+    The last one is common to all channels, as a vibration is.
     """
-    motion = window.motion
-    along, across = np.outer(k @ motion.heading, motion.heading), across_grid(window)
-    return np.concatenate([along + np.outer(across, motion.across), np.zeros((1, 2))])
+    motion, step = window.motion, grid_step(window.layout)
+    n_across = int(np.ceil(2 * np.pi / window.params.min_period_mm / step))
+    across = np.arange(-n_across, n_across + 1) * step
+    off = across - k @ motion.across
+    largest = np.tan(np.radians(min(_REACH * motion.direction_sd_deg, _LARGEST_HEADING_ERROR_DEG)))
+    n_errors = min(int(np.ceil(largest * np.abs(off).max() / (2 * step))), _MOST_HEADINGS)
+    grids = []
+    for error in np.linspace(-largest, largest, 2 * n_errors + 1):
+        along = k @ motion.heading - error * off
+        waves = along[:, np.newaxis] * motion.heading + across[:, np.newaxis] * motion.across
+        grids.append(np.concatenate([waves, np.zeros((1, 2))]))
+    return grids
 
 
 def most_explained(z: NDArray[np.complex128], layout: ChannelLayout, waves: FloatArray) -> float:
