@@ -21,6 +21,7 @@ LOOK_S = 0.02  # choice: a controller acts no faster, and neighbouring scans tel
 # choice: from two looks to a slow grip, each about twice the one before. The trees take from them what they
 # need.
 _TIMES_S = (0.04, 0.08, 0.16, 0.3, 0.5)
+# derived: of these times: that of the growth, and that of a mean as long as the longest forecast
 _GROWTH_S, _MEAN_S = _TIMES_S[1], _TIMES_S[3]
 WINDOWS_S: Mapping[str, tuple[float, ...]] = {
     "change": _TIMES_S,

@@ -78,7 +78,7 @@ def make_fleet(folder: Path, new: FleetMembers) -> list[Path]:
     if faults:
         raise ConfigError(str(folder), faults)
     if shutil.which("openssl") is None:
-        raise OperatorError("keys fleet needs openssl: sudo apt install openssl")
+        raise OperatorError("keys fleet needs OpenSSL 3: sudo apt install openssl")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not (folder / "ca-key.pem").exists():
         own = ("basicConstraints=critical,CA:TRUE", "keyUsage=critical,keyCertSign,cRLSign")
