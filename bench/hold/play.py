@@ -45,7 +45,7 @@ def least_n(scene: Scene, time_s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class GraspResult:
-    """What is reported of a grasp."""
+    """Outcome of one grasp."""
 
     event: str
     dropped: bool

@@ -71,9 +71,8 @@ def is_another_pattern(best: RefinedWave, n_block: int) -> bool:
     """True where the phasors of the newest block are not those of the blocks before, at least two."""
     window = best.window
     n_channels, n_earlier = len(window.volts), window.n // n_block - 1
-    if (
-        n_earlier < _FEWEST_EARLIER or n_channels < 2 or n_block < 2 * best.equations.n_harmonics + 2
-    ):  # terms of a block
+    n_terms = 2 * best.equations.n_harmonics + 2  # of the fit of a block
+    if n_earlier < _FEWEST_EARLIER or n_channels < 2 or n_block < n_terms:
         return False
     z = _block_phasors(best, n_block) / np.sqrt(best.variance)[:, np.newaxis]
     earlier = np.linalg.svd(z[:, :-1], full_matrices=False)[0][:, 0]

@@ -21,21 +21,21 @@ def fit_wave(window: FitWindow) -> Outcome:
 
 
 def fit_line(window: FitWindow) -> Outcome:
-    """See `period_only.fit_line`."""
+    """Fit a period without an angle, as `period_only.fit_line` says."""
     from tactiled.detect.grooves import period_only
 
     return period_only.fit_line(window)
 
 
 def fit_wave_or_line(window: FitWindow) -> Outcome:
-    """See `period_only.fit_wave_or_line`."""
+    """Fit a wave, or else a period without an angle, as `period_only.fit_wave_or_line` says."""
     from tactiled.detect.grooves import period_only
 
     return period_only.fit_wave_or_line(window)
 
 
 def track_wave(last: GrooveAnswer, scans: FitWindow, *, is_full: bool) -> GrooveAnswer | NewPattern | None:
-    """See `track.track_wave`."""
+    """Follow a fitted wave into the next window, as `track.track_wave` says."""
     from tactiled.detect.grooves import track
 
     return track.track_wave(last, scans, is_full=is_full)

@@ -122,10 +122,16 @@ def _own_power(found: _Spectra, noise: FloatArray) -> FloatArray:
 
 
 def _strongest_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
-    """Strongest patterns over the noise: (channels, left out)."""
+    """Strongest patterns over the noise, as unit vectors: (channels, left out).
+
+    Where fewer channels change than patterns are left out, there are fewer: what only rounding has made is
+    any direction, and must not be left out of the readings.
+    """
     z = found.z / np.sqrt(noise)
-    patterns = np.linalg.svd(np.concatenate([z.real, z.imag]), full_matrices=False)[2]
-    return np.asarray(patterns[: _n_patterns(z.shape[1])].T)
+    parts = np.concatenate([z.real, z.imag])
+    _, sizes, patterns = np.linalg.svd(parts, full_matrices=False)
+    rank = int((sizes > sizes[:1] * max(parts.shape) * np.finfo(np.float64).eps).sum())
+    return np.asarray(patterns[: min(_n_patterns(z.shape[1]), rank)].T)
 
 
 def _happens_once(found: _Spectra) -> bool:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tactiled.array import Array, ArrayFile, FloatArray, build
 from tactiled.detect.base import Detector
 from tactiled.detect.grooves.params import JointParams
-from tactiled.detect.sliding.tracker import travelling_line
+from tactiled.detect.sliding.tracker import _spectra, _strongest_patterns, travelling_line
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent, TextureEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block
@@ -318,3 +318,14 @@ def test_a_slip_of_load_that_moves_ends_with_the_contact(lift_s: float) -> None:
     onset, end = slips(detector().process(lifted))
     assert (onset.state, end.state) == ("onset", "end")
     assert lift_s <= end.detected_s < lift_s + 0.1
+
+
+@pytest.mark.parametrize(("n_changing", "n_patterns"), [(0, 0), (2, 2), (20, 3)])
+def test_no_more_patterns_are_left_out_than_there_are(n_changing: int, n_patterns: int) -> None:
+    readings = np.zeros((80, 20))
+    readings[:, :n_changing] = np.random.default_rng(0).normal(size=(80, n_changing)).cumsum(axis=0)
+    found = _spectra(readings, np.full(20, 1e-6))
+    strongest = _strongest_patterns(found, found.noise)
+    assert strongest.shape == (20, n_patterns)
+    np.testing.assert_allclose(strongest.T @ strongest, np.eye(n_patterns), atol=1e-9)
+    np.testing.assert_allclose(strongest[n_changing:], 0.0, atol=1e-9)
