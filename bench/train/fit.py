@@ -1,6 +1,6 @@
 """Fit of the three forests of the contact filter, and their form as flat arrays."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from typing import Any, NamedTuple
@@ -11,6 +11,7 @@ from sklearn.ensemble import HistGradientBoostingClassifier
 
 from bench.report import counted
 from bench.train.rows import Looks
+from bench.worlds.generators import Names, pairs_of_physics, same_physics
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory
 from tactiled.detect.contact.filter import (
@@ -46,15 +47,16 @@ class Shapes(NamedTuple):
     soon: Shape
 
 
-SHIPPED = Shapes(
-    signs=Shape(trees=80, leaves=16, rate=0.2, least_rows=4000),
-    state=Shape(trees=24, leaves=12, rate=0.2, least_rows=4000),
-    soon=Shape(trees=24, leaves=12, rate=0.2, least_rows=2000),
+SHIPPED = Shapes(  # of each pair of physics
+    signs=Shape(trees=40, leaves=16, rate=0.4, least_rows=4000),
+    state=Shape(trees=8, leaves=12, rate=0.4, least_rows=4000),
+    soon=Shape(trees=8, leaves=12, rate=0.4, least_rows=2000),
 )
 QUICK = Shapes(*(shape._replace(trees=8, bins=8) for shape in SHIPPED))
 # Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
 # begins within the longest horizon: priors. Generators have other ones, each its own.
 _SLIDES, _SOON = 0.1, 0.02
+BASE_ODDS = float(np.log(_SLIDES / (1 - _SLIDES)))
 _SHRINK = 10.0  # rows of doubt in each leaf: what few rows say seldom holds for another physics
 _THIN = 5  # neighbouring looks say the same: one in so many is learnt from
 
@@ -65,64 +67,86 @@ _SPEAKS_FOR_SLIDING = ("wander_", "detail_1", "detail_2", "detail_3", "detail_no
 _MONOTONE = [int(name.startswith(_SPEAKS_FOR_SLIDING)) for name in NAMES]
 
 
-Generators = frozenset[str]
+class PairForests(NamedTuple):
+    """Forests of the state and of what comes soon, grown on two kinds of physics."""
+
+    state: HistGradientBoostingClassifier
+    soon: HistGradientBoostingClassifier
 
 
-def left_out(generators: Iterable[str], without: Generators = frozenset()) -> list[Generators]:
-    """Return which generators the first forests of a fit without some of them are each grown without."""
-    return [without, *(without | {name} for name in generators if name not in without)]
+FirstForests = Mapping[Names, HistGradientBoostingClassifier]
+"""Forests of the signs by the pair of physics that they were grown on."""
 
 
-def first_forest(
-    worlds: Sequence[Looks], without: Generators, shapes: Shapes = SHIPPED
-) -> HistGradientBoostingClassifier:
-    """Grow the forest that scores sliding by the signs of a look, without worlds of some generators."""
-    some = [w for w in worlds if w.generator not in without]
+def first_forests(
+    pool: Executor, worlds: Sequence[Looks], progress: ProgressBar, shapes: Shapes = SHIPPED
+) -> FirstForests:
+    """Grow a forest that scores sliding by the signs of a look on each pair of physics.
+
+    Their mean log odds rank the looks of other physics better than one forest that is grown on all: what a
+    forest has learnt of the habits of its own hands is outvoted.
+    """
+    pairs = pairs_of_physics(dict.fromkeys(w.generator for w in worlds))
+    grow = pool.map(partial(_first_forest, worlds, shapes=shapes), pairs)
+    return dict(zip(pairs, counted(grow, progress, "trees of the signs"), strict=True))
+
+
+def _first_forest(worlds: Sequence[Looks], pair: Names, shapes: Shapes) -> HistGradientBoostingClassifier:
+    some = [w for w in worlds if w.generator in pair]
     slides = np.concatenate([w.slides for w in some])
     weight = weights(some, slides, _SLIDES, np.ones_like(slides))
     signs, thin = np.concatenate([w.signs for w in some]), _thin(some)
     return grown(shapes.signs, signs[thin], slides[thin], weight[thin], _MONOTONE)
 
 
-def first_forests(
-    pool: Executor,
+def pair_forests(
     worlds: Sequence[Looks],
-    sets: Sequence[Generators],
-    progress: ProgressBar,
+    first: FirstForests,
+    without: Names = frozenset(),
     shapes: Shapes = SHIPPED,
-) -> dict[Generators, HistGradientBoostingClassifier]:
-    """Grow a first forest without each of some sets of generators."""
-    grow = pool.map(partial(first_forest, worlds, shapes=shapes), sets)
-    return dict(zip(sets, counted(grow, progress, "trees of the signs"), strict=True))
+) -> dict[Names, PairForests]:
+    """Grow the other forests on each pair of physics, as if some generators did not exist.
 
-
-def fit(
-    worlds: Sequence[Looks],
-    forests: Mapping[Generators, HistGradientBoostingClassifier],
-    without: Generators = frozenset(),
-    shapes: Shapes = SHIPPED,
-) -> dict[str, Any]:
-    """Fit the forests of the state, and return them beside the first one.
-
-    Generators weigh the same, however many looks they have. The trees of the state must know how far to trust
-    the odds of the first ones on physics that those have not seen. So they learn from odds of trees that were
-    grown without the generator of the look.
-    First forests are those of all `left_out`. The arrays are those that `learnt_from` reads.
+    The trees of the state must know how far to trust the odds of the first ones on physics that those have
+    not seen. So they learn from the odds of forests that were not grown on the physics of the look.
     """
-    some = [w for w in worlds if w.generator not in without]
-    p = np.concatenate([forests[without | {w.generator}].predict_proba(w.signs)[:, 1] for w in some])
-    slides, thin = np.concatenate([w.slides for w in some]), _thin(some)
-    base_odds = float(np.log(_SLIDES / (1 - _SLIDES)))
-    rows = state_rows(some, p, base_odds)
-    weight = weights(some, slides, _SLIDES, np.ones_like(slides))
-    state = grown(shapes.state, rows[thin], states(some)[thin], weight[thin])
+    names = [name for name in dict.fromkeys(w.generator for w in worlds) if name not in without]
+    looks = {name: [w for w in worlds if w.generator == name] for name in names}
+    rows = {name: _state_rows_of(name, own, first, without) for name, own in looks.items()}
+    found = {}
+    for pair in (pair for pair in first if not pair & without):
+        both = [name for name in names if name in pair]
+        own = [w for name in both for w in looks[name]]
+        found[pair] = _pair_forests(own, np.concatenate([rows[name] for name in both]), shapes)
+    return found
+
+
+def _state_rows_of(name: str, worlds: Sequence[Looks], first: FirstForests, without: Names) -> FloatArray:
+    unseen = without | same_physics(name)
+    signs = np.concatenate([w.signs for w in worlds])
+    log_odds = np.mean([one.decision_function(signs) for pair, one in first.items() if not pair & unseen], 0)
+    return state_rows(worlds, 1 / (1 + np.exp(-log_odds)), BASE_ODDS)
+
+
+def _pair_forests(worlds: Sequence[Looks], rows: FloatArray, shapes: Shapes) -> PairForests:
+    slides, thin = np.concatenate([w.slides for w in worlds]), _thin(worlds)
+    weight = weights(worlds, slides, _SLIDES, np.ones_like(slides))
+    state = grown(shapes.state, rows[thin], states(worlds)[thin], weight[thin])
     sticks = thin & ~slides
-    soon = np.concatenate([w.soon for w in some])
-    weight = weights(some, soon > 0, _SOON, ~slides)
-    ahead = grown(shapes.soon, rows[sticks], soon[sticks], weight[sticks])
-    forest = {"signs": forests[without], "state": state, "soon": ahead}
-    arrays = {f"{kind}.{name}": array for kind, one in forest.items() for name, array in flat(one).items()}
-    return arrays | {"base_odds": np.array(base_odds), "names": np.array(ROW_NAMES)}
+    soon = np.concatenate([w.soon for w in worlds])
+    weight = weights(worlds, soon > 0, _SOON, ~slides)
+    return PairForests(state, grown(shapes.soon, rows[sticks], soon[sticks], weight[sticks]))
+
+
+def learnt_table(first: FirstForests, forests: Mapping[Names, PairForests]) -> dict[str, Any]:
+    """Return the arrays that `learnt_from` reads: the mean scores of the forests of some pairs."""
+    kinds = {
+        "signs": [first[pair] for pair in forests],
+        "state": [one.state for one in forests.values()],
+        "soon": [one.soon for one in forests.values()],
+    }
+    arrays = {f"{kind}.{name}": array for kind, some in kinds.items() for name, array in flat(some).items()}
+    return arrays | {"base_odds": np.array(BASE_ODDS), "names": np.array(ROW_NAMES)}
 
 
 def _thin(worlds: Sequence[Looks]) -> NDArray[np.bool_]:
@@ -221,18 +245,21 @@ def _rounded(rows: FloatArray, n_levels: int) -> FloatArray:
     return rounded
 
 
-def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
-    """Return the trees as arrays, in the form of `tactiled.detect.contact.filter.Trees`."""
+def flat(forests: Sequence[HistGradientBoostingClassifier]) -> Mapping[str, NDArray[Any]]:
+    """Return the mean of forests as arrays, in the form of `tactiled.detect.contact.filter.Trees`."""
     roots, outputs = [], []
     links: list[tuple[int, int]] = []
     values: list[float] = []
-    for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
-        for output, tree in enumerate(trees):
-            roots.append(len(values))
-            outputs.append(output)
-            _lay_out(tree.nodes, 0, links, values)
+    part = 1.0 / len(forests)
+    for forest in forests:
+        for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
+            for output, tree in enumerate(trees):
+                roots.append(len(values))
+                outputs.append(output)
+                _lay_out(tree.nodes, 0, part, links, values)
+    firsts = [np.ravel(forest._baseline_prediction) for forest in forests]  # noqa: SLF001
     return {
-        "first": np.ravel(forest._baseline_prediction).astype(np.float64),  # noqa: SLF001
+        "first": np.mean(firsts, axis=0).astype(np.float64),
         "root": np.array(roots, dtype=np.int32),
         "output": np.array(outputs, dtype=np.int16),
         "links": np.array(links, dtype=np.int32),
@@ -240,15 +267,17 @@ def flat(forest: HistGradientBoostingClassifier) -> Mapping[str, NDArray[Any]]:
     }
 
 
-def _lay_out(nodes: NDArray[Any], at: int, links: list[tuple[int, int]], values: list[float]) -> None:
-    """Append a node and all below it, the left ones first."""
+def _lay_out(
+    nodes: NDArray[Any], at: int, part: float, links: list[tuple[int, int]], values: list[float]
+) -> None:
+    """Append a node and all below it, the left ones first; scores of leaves count for a part."""
     node, place = nodes[at], len(values)
     if node["is_leaf"]:
         links.append((-1, 0))
-        values.append(node["value"])
+        values.append(part * node["value"])
         return
     links.append((0, 0))  # until the place of its right child is known
     values.append(node["num_threshold"])
-    _lay_out(nodes, node["left"], links, values)
+    _lay_out(nodes, node["left"], part, links, values)
     links[place] = 2 * int(node["feature_idx"]) + int(node["missing_go_to_left"]), len(values)
-    _lay_out(nodes, node["right"], links, values)
+    _lay_out(nodes, node["right"], part, links, values)

@@ -11,9 +11,9 @@ import sklearn
 
 from bench.report import BENCH_WORKERS, commit
 from bench.train import rows
-from bench.train.fit import QUICK, SHIPPED, Shapes, first_forests, fit, left_out
+from bench.train.fit import QUICK, SHIPPED, Shapes, first_forests, learnt_table, pair_forests
 from bench.train.rows import Looks, Lot, all_looks, lots_in_words, n_batches
-from bench.worlds.generators import GENERATORS
+from bench.worlds.generators import GENERATORS, pairs_of_physics
 from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE
 from tactiled.detect.contact.signs import NAMES
@@ -29,13 +29,12 @@ def train_slip(progress: ProgressBar, *, is_quick: bool, to: Path | None) -> Map
     Trees of few worlds are quick. Without a path, the shipped file is written. Returns what the text says.
     """
     lots, shapes = (rows.QUICK, QUICK) if is_quick else (rows.FULL, SHIPPED)
-    sets = left_out(GENERATORS)
-    progress.begin(n_batches(lots) + len(sets) + 1)
+    progress.begin(n_batches(lots) + len(pairs_of_physics(GENERATORS)) + 1)
     with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
-        forests = first_forests(pool, worlds, sets, progress, shapes)
-    table = fit(worlds, forests, shapes=shapes)
+        first = first_forests(pool, worlds, progress, shapes)
+    table = learnt_table(first, pair_forests(worlds, first, shapes=shapes))
     progress.advance("trees of the state")
     command = "./run train slip" + " --quick" * is_quick
     # Before a file that git knows is written over.

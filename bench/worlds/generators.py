@@ -1,6 +1,7 @@
 """All generators of worlds by name."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from itertools import combinations
 
 from bench.worlds import bristles, grasps, laws, plates, sheet, strokes
 from bench.worlds.world import World
@@ -24,3 +25,19 @@ GENERATORS: Mapping[str, Callable[[range, float, tuple[str, ...]], list[World]]]
 def draw(generator: str, seeds: range, minutes: float = 1.0, hands: tuple[str, ...] = ()) -> list[World]:
     """Draw the worlds of some seeds; with `hands`, only these kinds."""
     return GENERATORS[generator](seeds, minutes, hands)
+
+
+Names = frozenset[str]
+"""Names of generators."""
+# Both play the emulator's skin, array and electronics: what has learnt from one has seen the physics of both.
+_SAME_SKIN: Names = frozenset({"grasps", "plates"})
+
+
+def same_physics(generator: str) -> Names:
+    """Return the generators of the same physics."""
+    return _SAME_SKIN if generator in _SAME_SKIN else frozenset({generator})
+
+
+def pairs_of_physics(generators: Iterable[str]) -> list[Names]:
+    """Return the generators of each two kinds of physics."""
+    return [one | other for one, other in combinations(dict.fromkeys(map(same_physics, generators)), 2)]

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from bench.grip.bench import ANNOUNCED, KNOWN, LEARNT, LEFT_OUT, aims, kept_out_for
+from bench.grip.bench import ANNOUNCED, KNOWN, LEARNT, LEFT_OUT, aims
 from bench.grip.cost import ScanCost
 from bench.grip.hands import Minute, _event_row, count_reports
 from bench.grip.judge import Course, course, score
@@ -119,8 +119,3 @@ def test_every_aim_judges_the_worst_generator(worlds: list[World]) -> None:
     scores["other"] = dict.fromkeys(kinds, worse)
     verdicts = [aim.verdict for aim in aims(scores, ScanCost(41.0, 119.0))]
     assert [verdicts[0], verdicts[1], verdicts[2], verdicts[-1]] == ["MISSED"] * 4
-
-
-def test_generators_of_one_skin_are_kept_out_together() -> None:
-    assert kept_out_for("grasps") == kept_out_for("plates") == {"grasps", "plates"}
-    assert kept_out_for("laws") == {"laws"}

@@ -81,7 +81,7 @@ def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
     classes = np.searchsorted(EDGES, np.concatenate([w.utilisation for w in worlds]))
     shape = fit.Shape(trees=5, leaves=6, rate=0.2, least_rows=20, bins=16)
     forest = fit.grown(shape, rows, classes, np.ones(len(rows)))
-    ours = Trees(fit.flat(forest))
+    ours = Trees(fit.flat([forest]))
     chosen = rows[::97]
     for row, wanted in zip(chosen, forest.predict_proba(chosen), strict=True):
         ours.evaluate(array("d", row))
@@ -111,7 +111,7 @@ def test_trees_of_other_signs_are_refused() -> None:
 def test_the_command_writes_trees_that_the_detector_runs_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rows, "GENERATORS", {"strokes": None, "laws": None})
+    monkeypatch.setattr(rows, "GENERATORS", {"strokes": None, "laws": None, "sheet": None})
     monkeypatch.setattr(rows, "QUICK", (rows.Lot(100_000, 6, 0.1), rows.Lot(110_000, 3, 0.15)))
     monkeypatch.setattr(slip, "executor", lambda *_: nullcontext(SimpleNamespace(map=map)))
     few = (shape._replace(trees=2, leaves=4) for shape in fit.QUICK)
@@ -119,7 +119,7 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     path = tmp_path / "slip.npz"
     done = CliRunner().invoke(train, ["slip", "--quick", "--to", str(path)])
     assert done.exit_code == 0, done.output
-    assert set(json.loads(done.stdout)) == {"strokes", "laws"}
+    assert set(json.loads(done.stdout)) == {"strokes", "laws", "sheet"}
     about = json.loads(path.with_suffix(".json").read_text())
     assert about["command"] == "./run train slip --quick"
     with np.load(path) as table:
