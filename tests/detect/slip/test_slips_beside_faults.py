@@ -1,7 +1,6 @@
 """Stuck, noisy and humming channels and changing noise: no false slip, no missed slip."""
 
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
@@ -115,12 +114,7 @@ def beside_a_noisy_channel() -> tuple[SlipEvent, SlipEvent]:
 def test_a_noisy_channel_hides_no_slip() -> None:
     whole, noisy = beside_a_noisy_channel()
     assert whole.kind == noisy.kind == "incipient"
-    assert noisy.detected_s < whole.detected_s + 0.2
-
-
-def test_a_noisy_channel_costs_no_time() -> None:
-    whole, noisy = beside_a_noisy_channel()
-    assert noisy.detected_s <= whole.detected_s + 0.02
+    assert noisy.detected_s < whole.detected_s + 0.1
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.3e-3, 30e-3), (1e-3, 100e-3)])
@@ -155,16 +149,8 @@ def test_a_hum_is_reported_at_most_once_and_hides_no_slip(hum_hz: float, setting
     assert first.onset_s == pytest.approx(108.0, abs=0.06)
 
 
-@pytest.mark.parametrize(
-    ("takes_s", "slant"),
-    [
-        *itertools.product((0.3, 1.5), (0.3, 0.6)),
-        (1.5, 0.9),
-        pytest.param(
-            0.3, 0.9, marks=pytest.mark.xfail(strict=True, reason="p of gross slip is 0.45 at the touch")
-        ),
-    ],
-)
+@pytest.mark.parametrize("takes_s", [0.3, 1.5])
+@pytest.mark.parametrize("slant", [0.3, 0.6, 0.9])
 def test_a_press_at_a_slant_is_never_gross(slant: float, takes_s: float) -> None:
     """Nothing tells it from a pull, so that an incipient slip may be told."""
     t = np.arange(500) / 100

@@ -304,7 +304,8 @@ def test_it_works_at_any_rate(rate_hz: float) -> None:
     events = detect(Touch(uneven=0.05).block(ARRAY, rate_hz))
     assert told(events) == WHOLE
     first = slips(events)[0]
-    assert START_S + 4.0 < first.onset_s <= first.detected_s < START_S + 4.1
+    # In a tenth of a second, which is two scans of the slowest board.
+    assert START_S + 4.0 < first.onset_s <= first.detected_s < START_S + 4.1 + 1e-6
 
 
 @pytest.mark.parametrize(("n", "kinds"), [(1, ["incipient"]), (8, ["incipient", "gross"])])
