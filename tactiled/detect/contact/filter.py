@@ -138,9 +138,9 @@ class SlipThresholds(NamedTuple):
 
 
 SETTINGS: Mapping[str, SlipThresholds] = {
-    "fast": SlipThresholds(incipient=0.7, gross=0.3),
-    "balanced": SlipThresholds(incipient=0.9, gross=0.4),
-    "quiet": SlipThresholds(incipient=0.98, gross=0.55),
+    "fast": SlipThresholds(incipient=0.7, gross=0.2),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.3),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.45),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/slip.md).
 
