@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from bench.train import fit, rows, slip
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
-from bench.worlds.generators import draw
+from bench.worlds.generators import draw, pairs_of_physics, same_physics
 from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import EDGES, N_STATES, ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
@@ -87,6 +87,28 @@ def test_the_flat_trees_score_as_the_library_does(worlds: list[Looks]) -> None:
         ours.evaluate(array("d", row))
         scores = np.exp(np.array(ours.scores) - max(ours.scores))
         np.testing.assert_allclose(scores / scores.sum(), wanted, rtol=1e-9, atol=1e-12)
+
+
+def test_forests_of_pairs_score_their_mean(worlds: list[Looks]) -> None:
+    rows = np.concatenate([w.signs for w in worlds])
+    slides = np.concatenate([w.slides for w in worlds])
+    shape = fit.Shape(trees=4, leaves=6, rate=0.2, least_rows=20, bins=16)
+    forests = [fit.grown(shape, rows[k::2], slides[k::2], np.ones(len(rows[k::2]))) for k in (0, 1)]
+    ours = Trees(fit.flat(forests))
+    chosen = rows[::97]
+    wanted = np.mean([forest.decision_function(chosen) for forest in forests], axis=0)
+    for row, score in zip(chosen, wanted, strict=True):
+        ours.evaluate(array("d", row))
+        assert ours.scores[0] == pytest.approx(score, rel=1e-9, abs=1e-12)
+
+
+def test_what_shares_a_skin_is_one_physics() -> None:
+    assert same_physics("grasps") == same_physics("plates") == {"grasps", "plates"}
+    assert pairs_of_physics(["laws", "grasps", "sheet", "plates"]) == [
+        {"laws", "grasps", "plates"},
+        {"laws", "sheet"},
+        {"grasps", "plates", "sheet"},
+    ]
 
 
 def test_the_shipped_trees_fit_the_signs_and_say_what_they_were_learnt_from() -> None:
