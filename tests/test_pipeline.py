@@ -466,20 +466,29 @@ def test_events_of_each_scan_have_all_their_fields() -> None:
             assert set(vars(event)) == {field.name for field in dataclasses.fields(kind)}
 
 
-def test_each_slip_of_stick_and_slip_goes_the_same_way() -> None:
-    """Between two slides shear falls and grows again; only its growth tells where the next one goes."""
+def onsets_of_stick_and_slip() -> list[SlipEvent]:
     target, simulation = (
         Pipeline(LAYOUT, ARRAY, PipelineParams(detect=DetectParams(setting="fast"))),  # slides of 50 ms
         Simulation(load_scene("stick-slip"), LAYOUT, duration_s=13.0),
     )
-    found = [
+    return [
         event
         for now_s, data in simulation
         for event in target.receive_data(data, now_s)
         if isinstance(event, SlipEvent) and event.state == "onset"
     ]
-    assert [slip.kind for slip in found].count("gross") == 2
+
+
+def test_each_slip_of_stick_and_slip_goes_the_same_way() -> None:
+    """Between two slides shear falls and grows again; only its growth tells where the next one goes."""
+    found = onsets_of_stick_and_slip()
+    assert {slip.kind for slip in found} == {"incipient", "gross"}
     assert max(abs(slip.direction_deg) for slip in found) < 10.0
+
+
+@pytest.mark.xfail(strict=True, reason="2 of 4: mean probabilities rise more slowly than a slide of 50 ms")
+def test_each_slide_of_stick_and_slip_is_a_gross_slip() -> None:
+    assert [slip.kind for slip in onsets_of_stick_and_slip()].count("gross") == 4
 
 
 def test_text_between_the_lines_of_a_board_does_not_prevent_the_measurement_of_its_rate() -> None:

@@ -117,6 +117,12 @@ def test_a_noisy_channel_hides_no_slip() -> None:
     assert noisy.detected_s < whole.detected_s + 0.1
 
 
+@pytest.mark.xfail(strict=True, reason="reported 60 ms later: mean probabilities rise more slowly")
+def test_a_noisy_channel_costs_no_time() -> None:
+    whole, noisy = beside_a_noisy_channel()
+    assert noisy.detected_s <= whole.detected_s + 0.02
+
+
 @pytest.mark.parametrize(("before", "after"), [(0.3e-3, 30e-3), (1e-3, 100e-3)])
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize(
