@@ -20,8 +20,8 @@ MODULES = (
     "tactiled.samples.unwrap",
     "tactiled.detect.signal.front_end",
     "tactiled.detect.signal.pressure",
-    "tactiled.detect.contact.filter",
-    "tactiled.detect.contact.signs",
+    *(f"tactiled.detect.contact.{name}" for name in ("filter", "friction", "hysteresis", "memory")),
+    *(f"tactiled.detect.contact.{name}" for name in ("posterior", "signs", "trees")),
 )
 SETTING = "TACTILED_COMPILED"
 _ROOT = Path(__file__).parents[1]

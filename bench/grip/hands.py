@@ -16,7 +16,7 @@ from bench.report import BENCH_WORKERS, NONE, Aim, BenchOptions, aim, aims_table
 from bench.slip.cases import run_settings
 from bench.worlds.laws import HELD_OUT_LAW, LAWS, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.events.types import GripEvent, SlipEvent
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

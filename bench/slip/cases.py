@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from bench.worlds.laws import HELD_OUT_LAW, USUAL, Population, draw_worlds
 from bench.worlds.world import INCIPIENT_USED, World
 from tactiled.array import Array, FloatArray
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import Event, SlipEvent
 from tactiled.samples.block import ScanBlock

@@ -7,7 +7,7 @@ import numpy as np
 from bench.report import NONE, ratio, table
 from bench.slip.cases import NAMES, Case, Reported
 from tactiled.array import FloatArray
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.events.types import UNKNOWN_SD_DEG, SlipEvent
 
 SLOW_S = 0.2  # from a tenth of the area to all of it

@@ -14,15 +14,9 @@ from bench.train.rows import Looks
 from bench.worlds.generators import Names, pairs_of_physics, same_physics
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Memory
-from tactiled.detect.contact.filter import (
-    EDGES,
-    LOAD_CHANGE,
-    MEMORY_NAMES,
-    N_STATES,
-    ROW_NAMES,
-    STATE_SIGNS,
-    kept_load,
-)
+from tactiled.detect.contact.filter import LOAD_CHANGE, ROW_NAMES, STATE_SIGNS
+from tactiled.detect.contact.memory import MEMORY_NAMES, kept_load
+from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
 from tactiled.progress import ProgressBar
 

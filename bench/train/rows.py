@@ -12,9 +12,9 @@ from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
 from tactiled.array import FloatArray
 from tactiled.detect.contact.fast import Trees
-from tactiled.detect.contact.filter import HORIZONS_S
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import Learnt
+from tactiled.detect.contact.posterior import HORIZONS_S
 from tactiled.detect.contact.signs import LOOK_S, NAMES
 from tactiled.progress import ProgressBar
 

@@ -14,8 +14,9 @@ from bench.train import rows
 from bench.train.fit import QUICK, SHIPPED, Shapes, first_forests, learnt_table, pair_forests
 from bench.train.rows import Looks, Lot, all_looks, lots_in_words, n_batches
 from bench.worlds.generators import GENERATORS, pairs_of_physics
-from tactiled.detect.contact.filter import EDGES, STATE_SIGNS
+from tactiled.detect.contact.filter import STATE_SIGNS
 from tactiled.detect.contact.learnt import FILE
+from tactiled.detect.contact.posterior import EDGES
 from tactiled.detect.contact.signs import NAMES
 from tactiled.jobs import executor
 from tactiled.progress import ProgressBar

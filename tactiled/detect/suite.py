@@ -14,8 +14,8 @@ from pydantic import Field, field_validator, model_validator
 
 from tactiled.array import Array
 from tactiled.detect.base import ContactDetector, in_order
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.grooves.estimator import JointTexture, WindowFit
 from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.grooves.window_fits import fit_line, fit_wave, fit_wave_or_line

@@ -15,7 +15,7 @@ from scipy.stats import poisson
 
 from bench.worlds.emulated import play
 from tactiled.array import Array, load_array
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
 from tactiled.emulator.scene.families.parts import begin, hold_phase

@@ -16,7 +16,7 @@ from frames import rows
 from page_server import Act, answers, serve_page
 from patience import PATIENCE_S
 
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.errors import UnavailableError
 from tactiled.web import server
 from tactiled.web.connections import IDLE_S, MOST_CONNECTIONS

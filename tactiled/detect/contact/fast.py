@@ -3,13 +3,18 @@
 from typing import TYPE_CHECKING
 
 from tactiled.compiled import compiled_module
-from tactiled.detect.contact.filter import ContactFilter, Memory, Trees
+from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.friction import FrictionMemory
+from tactiled.detect.contact.hysteresis import SlipHysteresis
+from tactiled.detect.contact.memory import Memory
+from tactiled.detect.contact.posterior import Posterior
 from tactiled.detect.contact.signs import Signs
+from tactiled.detect.contact.trees import Trees
 
-__all__ = ["ContactFilter", "Memory", "Signs", "Trees"]
+__all__ = ["ContactFilter", "FrictionMemory", "Memory", "Posterior", "Signs", "SlipHysteresis", "Trees"]
 
 if not TYPE_CHECKING:
-    if (_found := compiled_module("tactiled.detect.contact.filter")) is not None:
-        ContactFilter, Memory, Trees = _found.ContactFilter, _found.Memory, _found.Trees
-    if (_found := compiled_module("tactiled.detect.contact.signs")) is not None:
-        Signs = _found.Signs
+    ContactFilter, FrictionMemory, Memory, Posterior, Signs, SlipHysteresis, Trees = (
+        getattr(compiled_module(plain.__module__), plain.__name__, plain)
+        for plain in (ContactFilter, FrictionMemory, Memory, Posterior, Signs, SlipHysteresis, Trees)
+    )

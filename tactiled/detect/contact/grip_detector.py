@@ -8,8 +8,17 @@ from pydantic import Field
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.announced import AnnouncedMotion
-from tactiled.detect.contact.fast import ContactFilter, Signs
-from tactiled.detect.contact.filter import FRICTION, FRICTION_LOG_SD, SETTINGS, scans_of_look
+from tactiled.detect.contact.fast import (
+    ContactFilter,
+    FrictionMemory,
+    Memory,
+    Posterior,
+    Signs,
+    SlipHysteresis,
+)
+from tactiled.detect.contact.filter import scans_of_look
+from tactiled.detect.contact.friction import FRICTION, FRICTION_LOG_SD
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.contact.learnt import Learnt, shipped_learnt
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.detect.contact.slips import PosteriorSlips
@@ -164,13 +173,16 @@ class GripDetector:
         self._reading = self._newest.reshape(-1)
         self._ripple = TravellingRipple(array, rate_hz, self.tracker.rest.least_step, step)
         self._slips = PosteriorSlips(rate_hz)
+        look_s = scans_of_look(rate_hz) / rate_hz
+        friction, log_sd = self._prior()
         self._filter = ContactFilter(
-            Signs(x, y, scans_of_look(rate_hz) / rate_hz, array.shear_per_friction),
+            Signs(x, y, look_s, array.shear_per_friction),
             self._learnt,
+            Memory(self._learnt.base_odds),
+            FrictionMemory(friction / array.shear_per_friction, log_sd),
+            Posterior(look_s),
+            SlipHysteresis(params.incipient_p, params.gross_p, look_s),
             rate_hz,
-            *self._prior(),
-            params.incipient_p,
-            params.gross_p,
             self._radius_mm,
             "N" if array.unit == "N" else "relative",
         )

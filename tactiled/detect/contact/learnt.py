@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tactiled.detect.contact.fast import Trees
-from tactiled.detect.contact.filter import HORIZONS_S, N_STATES, ROW_NAMES
+from tactiled.detect.contact.filter import ROW_NAMES
+from tactiled.detect.contact.posterior import HORIZONS_S, N_STATES
 from tactiled.resources import shipped
 
 FILE = "config", "learnt", "slip.npz"

@@ -12,13 +12,9 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import AVERAGED, direction, opposed
-from tactiled.detect.contact.filter import (
-    DIRECTION_S,
-    FIVE_PERCENT,
-    HISTORY_S,
-    INCIPIENT_USED,
-    ContactFilter,
-)
+from tactiled.detect.contact.filter import HISTORY_S, ContactFilter
+from tactiled.detect.contact.hysteresis import DIRECTION_S
+from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"

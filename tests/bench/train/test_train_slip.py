@@ -19,9 +19,10 @@ from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
 from bench.worlds.generators import draw, pairs_of_physics, same_physics
 from tactiled.detect.contact.fast import Trees
-from tactiled.detect.contact.filter import EDGES, N_STATES, ROW_NAMES
+from tactiled.detect.contact.filter import ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
+from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
 from tactiled.resources import shipped
 

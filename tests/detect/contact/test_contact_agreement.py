@@ -11,8 +11,9 @@ import pytest
 
 from bench.worlds.generators import GENERATORS, draw
 from bench.worlds.world import World
-from tactiled.detect.contact.filter import INCIPIENT_USED, LEAST_GROSS_USED, SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
+from tactiled.detect.contact.posterior import INCIPIENT_USED, LEAST_GROSS_USED
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap
 

@@ -3,7 +3,7 @@
 import math
 import os
 from array import array
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,20 +11,27 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tactiled.compiled import compiled_module
-from tactiled.detect.contact import filter as plain_filter
-from tactiled.detect.contact import signs
+from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.friction import FrictionMemory
+from tactiled.detect.contact.hysteresis import SlipHysteresis
 from tactiled.detect.contact.learnt import learnt_from, shipped_trees
+from tactiled.detect.contact.memory import Memory
+from tactiled.detect.contact.posterior import Posterior
+from tactiled.detect.contact.signs import Signs
+from tactiled.detect.contact.trees import Trees
 
-COMPILED = {name: compiled_module(f"tactiled.detect.contact.{name}") for name in ("filter", "signs")}
+PARTS: tuple[type, ...] = (ContactFilter, Signs, Trees, Memory, FrictionMemory, Posterior, SlipHysteresis)
+COMPILED: dict[type, Any] = {
+    one: getattr(compiled_module(one.__module__), one.__name__, None) for one in PARTS
+}
 needs_modules = pytest.mark.skipif(
     not all(COMPILED.values()) and "TACTILED_CI" not in os.environ, reason="needs cc, Cython and Python.h"
 )
 
 
-def of(name: str) -> ModuleType:
-    module = COMPILED[name]
-    assert module is not None
-    return module
+def both(plain: type) -> tuple[Any, Any]:
+    """Return a class in its plain and in its compiled form."""
+    return plain, COMPILED[plain]
 
 
 def bits(values: object) -> bytes:
@@ -42,7 +49,7 @@ def bits(values: object) -> bytes:
 def test_signs(n_taxels: int, per_friction: float, size: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, y = rng.standard_normal((2, n_taxels)).tolist()
-    seen = [one.Signs(x, y, 0.02, per_friction) for one in (signs, of("signs"))]
+    seen = [one(x, y, 0.02, per_friction) for one in both(Signs)]
     zero = 0.1 * rng.standard_normal(2 * n_taxels)
     reading = size * np.abs(rng.standard_normal(3 * n_taxels))
     for k in range(120):
@@ -81,8 +88,8 @@ def test_trees(seed: int) -> None:
     row = rng.standard_normal(8)
     row[rng.random(8) < 0.2] = math.nan
     found = []
-    for one in (plain_filter, of("filter")):
-        scores = one.Trees(forest)
+    for one in both(Trees):
+        scores = one(forest)
         scores.evaluate(array("d", row))
         found.append(bits(scores.scores))
     assert found[0] == found[1]
@@ -96,13 +103,22 @@ def test_trees(seed: int) -> None:
 def test_the_whole_filter(seed: int, pull: float, gross_p: float) -> None:
     """A touch that is pulled until it may slip, with a gap, light scans, and a lift."""
     found = []
-    for one, of_signs in ((plain_filter, signs), (of("filter"), of("signs"))):
+    for contact_of, signs_of, trees_of, memory_of, friction_of, posterior_of, hysteresis_of in (
+        PARTS,
+        [COMPILED[part] for part in PARTS],
+    ):
         rng = np.random.default_rng(seed)
         x, y = rng.standard_normal((2, 9)).tolist()
-        learnt = learnt_from(shipped_trees())
-        forests = [one.Trees(tables()[name]) for name in ("signs", "state", "soon")]
-        learnt = learnt._replace(signs=forests[0], state=forests[1], soon=forests[2])
-        contact = one.ContactFilter(of_signs.Signs(x, y, 0.02), learnt, 100.0, 0.6, 0.6, 0.6, gross_p)
+        forests = {name: trees_of(table) for name, table in tables().items()}
+        contact = contact_of(
+            signs_of(x, y, 0.02),
+            learnt_from(shipped_trees())._replace(**forests),
+            memory_of(-2.0),
+            friction_of(0.6, 0.6),
+            posterior_of(0.02),
+            hysteresis_of(0.6, gross_p, 0.02),
+            100.0,
+        )
         contact.begin(is_seen=bool(rng.integers(2)))
         shear, events = np.zeros((2, 9)), []
         for k in range(150):

@@ -8,8 +8,8 @@ import pytest
 from touches import contact_states, onsets, slips
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.contact.press_zero import PressZero
 from tactiled.events.types import Event, GripEvent, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block

@@ -10,21 +10,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.train.rows import silent
-from tactiled.detect.contact.filter import (
-    MEMORY_NAMES,
-    N_STATES,
-    RIPPLE_P,
-    ContactFilter,
-    FrictionMemory,
-    Memory,
-    Posterior,
-    SlipHysteresis,
-    Trees,
-    kept_load,
-)
+from tactiled.detect.contact.filter import ContactFilter
+from tactiled.detect.contact.friction import FrictionMemory
+from tactiled.detect.contact.hysteresis import SlipHysteresis
+from tactiled.detect.contact.memory import MEMORY_NAMES, Memory, kept_load
+from tactiled.detect.contact.posterior import N_STATES, RIPPLE_P, Posterior
 from tactiled.detect.contact.signs import Signs
+from tactiled.detect.contact.trees import Trees
 
 LOOK_S = 0.02
+
+
+def contact_filter() -> ContactFilter:
+    """Filter of two taxels whose trees tell nothing."""
+    return ContactFilter(
+        Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S),
+        silent(),
+        Memory(-2.0),
+        FrictionMemory(0.6, 0.6),
+        Posterior(LOOK_S),
+        SlipHysteresis(0.9, 0.5, LOOK_S),
+        100.0,
+    )
 
 
 def told(p: float, ratio: float, seconds: float, one: Memory | None = None) -> Memory:
@@ -186,7 +193,7 @@ POSITIVE = st.lists(st.floats(0.001, 1), min_size=N_STATES, max_size=N_STATES)
 
 @given(POSITIVE, st.booleans())
 def test_what_is_published_follows_the_slip_that_is_open(weights: list[float], is_gross: bool) -> None:
-    contact = ContactFilter(Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S), silent(), 100.0, 0.6, 0.6, 0.9, 0.5)
+    contact = contact_filter()
     contact.posterior = posterior(weights)
     contact.hysteresis.is_gross = contact.hysteresis.is_open = is_gross
     contact.ratio = contact.slid_at = 0.5
@@ -270,7 +277,7 @@ def test_one_look_counts_by_what_is_new_in_it() -> None:
 
 
 def test_the_first_look_after_a_gap_is_not_averaged_with_one_from_before() -> None:
-    contact = ContactFilter(Signs([-1.0, 1.0], [0.0, 0.0], LOOK_S), silent(), 100.0, 0.6, 0.6, 0.9, 0.5)
+    contact = contact_filter()
     rests, slides = [0.0] * N_STATES, [*[0.0] * (N_STATES - 1), 6.0]
     here = [0.0] * 4, 0.0, 0.3, math.log(0.6), 0.36, True, False
     contact.posterior.take(rests, *here)

@@ -8,8 +8,8 @@ import pytest
 from mindlin import slid_to
 
 from tactiled.array import ArrayFile, Grid, TaxelChannel, build
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.events.types import UNKNOWN_SD_DEG, ContactEvent, Event, SlipEvent
 from tactiled.samples.block import Gap, ScanBlock, regular_block

@@ -9,8 +9,8 @@ from touches import pieces, run, slip_detector, slips, splits, uneven_friction
 
 from bench.worlds.generators import draw
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.events.types import Event, GripEvent
 from tactiled.samples.block import Gap, GapCause, ScanBlock, regular_block
 

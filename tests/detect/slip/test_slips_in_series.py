@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from touches import onsets, pieces, run, slip_detector, slips, splits, uneven_friction
 
 from tactiled.array import FloatArray, load_array
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.events.types import SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 

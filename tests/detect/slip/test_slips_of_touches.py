@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from touches import LSB, Touch, slip_detector, uneven_friction
 
 from tactiled.array import Array, ArrayFile, FloatArray, Grid, TaxelChannel, build, load_array
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.suite import DetectParams, factories
 from tactiled.emulator.board.sensor import Sensor
 from tactiled.emulator.scene.description import Scene

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from tactiled.detect.contact.filter import SETTINGS
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.plain_table import table
 from tactiled.progress import ProgressBar, tell
 from tactiled.tune.study import N_STAGES, Recording, ReportCount, Study, rate_interval, study

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import Array
-from tactiled.detect.contact.filter import SETTINGS
 from tactiled.detect.contact.grip_detector import GripParams
+from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import StartZero, TunedSuite, relative_to
