@@ -39,7 +39,15 @@ BENCHES = {
         ("tactiled/detect", "tactiled/force", "packages/calibration", "config/learnt", "bench/recordings"),
     ),
     "machine": Bench(
-        "bench.machine.bench", ("packages/debian", "systemd", "tactiled/setup", "bench/machine")
+        "bench.machine.bench",
+        (
+            "packages/debian",
+            "systemd",
+            "tactiled/daemon",
+            "tactiled/recording",
+            "tactiled/setup",
+            "bench/machine",
+        ),
     ),
 }
 

@@ -107,12 +107,12 @@ def recorded(guest: Guest, board: Board, during: Callable[[], None], unit: str =
     wait_until_fresh(guest, unit)
     during()
     guest.run(f"systemctl stop {unit}")
-    guest.mount_share()
     names = guest.run(f"ls {_PLACE}/*.mcap").split()
     if len(names) != 1:
         raise OperatorError(f"{unit} has made {len(names)} recordings: it was restarted meanwhile")
-    guest.run(f"cp {names[0]} /mnt/recorded.mcap; umount /mnt; systemctl start {unit}")
-    return read_recording(guest.share / "recorded.mcap")
+    copy = guest.copy_out(names[0])
+    guest.run(f"systemctl start {unit}")
+    return read_recording(copy)
 
 
 def monotonic_s(guest: Guest) -> float:
@@ -451,16 +451,13 @@ def cut_power(guest: Guest, board: Board, times: int) -> list[Aim]:
         wait_until_fresh(guest)
     # The daemon recovers them, too, with what processor is left over, which here is little.
     guest.run(f"systemctl stop {UNIT}; tactiled recover {_PLACE}")
-    guest.mount_share()
-    guest.run(f"cp {_PLACE}/*.mcap /mnt; umount /mnt")
-    names = guest.run(f"cd {_PLACE}; ls *.mcap").split()  # in the order of their beginnings
-    verified = [succeeds(guest, f"tactiled replay --verify {_PLACE}/{name}") for name in names]
-    ends_s = [read_recording(guest.share / name).last_unix_s for name in names[: len(cut_unix_s)]]
-    lost_s = [cut_s - end_s for cut_s, end_s in zip(cut_unix_s, ends_s, strict=True)]
+    paths = guest.run(f"ls {_PLACE}/*.mcap").split()[: len(cut_unix_s)]  # in the order of their beginnings
+    verified = [succeeds(guest, f"tactiled replay --verify {path}") for path in paths]
+    found = [read_recording(guest.copy_out(path)) for path in paths]
     guest.run(f"systemctl start {UNIT}")
     return [
         aim("power cuts and boots: recordings that verify", "all", ratio(verified), all(verified)),
-        _at_most_lost(lost_s),
+        *_up_to_the_cut(cut_unix_s, found),
     ]
 
 
@@ -470,13 +467,13 @@ def copy_disk(guest: Guest, times: int, folder: Path) -> tuple[list[Aim], str]:
     Returns what the first recording that does not verify differs by, too.
     """
     wait_until_fresh(guest)
-    cut_unix_s, lost_s, verified, difference = [], [], [], ""
+    cut_unix_s, found, verified, difference = [], [], [], ""
     for number in range(times):
         time.sleep(2.0 + 0.37 * (number % 11))
         ahead_s = _unix_ahead_s(guest)
         time.sleep(0.29 * (number % 7))  # what the guest was asked has no part in the copy
         cut_unix_s.append(guest.copy_disk(folder / f"{number}.qcow2") + ahead_s)
-    for number, cut_s in enumerate(cut_unix_s):
+    for number in range(times):
         copied = folder / f"{number}.qcow2"
         newest = max(_recovered(copied, folder / f"{number}"), key=lambda path: path.stat().st_mtime)
         done = subprocess.run(
@@ -485,16 +482,21 @@ def copy_disk(guest: Guest, times: int, folder: Path) -> tuple[list[Aim], str]:
         verified.append(done.returncode == 0)
         if done.returncode:
             difference = difference or f"Does not verify: {(done.stdout + done.stderr).strip()[-500:]}"
-        lost_s.append(cut_s - read_recording(newest).last_unix_s)
+        found.append(read_recording(newest))
     return [
         aim("disk as a power cut leaves it: recordings that verify", "all", ratio(verified), all(verified)),
-        _at_most_lost(lost_s),
+        *_up_to_the_cut(cut_unix_s, found),
     ], difference
 
 
-def _at_most_lost(lost_s: list[float]) -> Aim:
+def _up_to_the_cut(cut_unix_s: list[float], found: list[Recorded]) -> list[Aim]:
+    """Aims of recordings that were cut off, each at an instant by the wall clock of the guest."""
+    lost_s = [cut_s - one.last_unix_s for cut_s, one in zip(cut_unix_s, found, strict=True)]
     is_met = max(lost_s) <= _LOST_S
-    return aim("the same: lost before the cut (s)", f"at most {_LOST_S:g}", over_runs(lost_s, ".2f"), is_met)
+    return [
+        never("the same: scans missing before their last one", sum(one.lost_with_board for one in found)),
+        aim("the same: lost before the cut (s)", f"at most {_LOST_S:g}", over_runs(lost_s, ".2f"), is_met),
+    ]
 
 
 def _recovered(copied: Path, folder: Path) -> list[Path]:
