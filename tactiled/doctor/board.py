@@ -162,7 +162,11 @@ def _bytes(health: Health, status: StatusEvent, listened_s: float) -> Finding:
 def _rate(scans_s: list[float], nominal_hz: float) -> Finding:
     measured_hz = (len(scans_s) - 1) / (scans_s[-1] - scans_s[0])
     words = f"{measured_hz:.1f} scans a second arrive, the board states {nominal_hz:g}"
-    remedy = "scans are lost on the line, or the firmware does not reach its rate"
+    remedy = (
+        "scans are lost on the line, or the firmware does not reach its rate"
+        if measured_hz < nominal_hz
+        else "scans that were held back arrived together: is the host busy? Or the board's timer is too fast"
+    )
     return _judged("rate", words, remedy, is_good=abs(measured_hz / nominal_hz - 1) < _SAME_RATE)
 
 

@@ -3,6 +3,7 @@
 import json
 import socket
 import urllib.request
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -146,9 +147,15 @@ def test_once_says_by_its_exit_code_that_all_are_fresh(
     assert CliRunner().invoke(fleet, ["--once", "--json"]).exit_code == code
 
 
-def test_expected_robots_of_the_command_line_are_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("is_file", [False, True])
+def test_expected_robots_of_the_command_line_are_missed(
+    is_file: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr("tactiled.zenoh.fleet.states", lambda *_: {})
-    done = CliRunner().invoke(fleet, ["--once", "--json", "--expect", "robot7", "--expect", "robot8/S1"])
+    listed = tmp_path / "robots.txt"
+    listed.write_text("robot7  # hall 2\n\nrobot8/S1\n")
+    names = ["--expect-file", str(listed)] if is_file else ["--expect", "robot7", "--expect", "robot8/S1"]
+    done = CliRunner().invoke(fleet, ["--once", "--json", *names])
     rows = [json.loads(line) for line in done.stdout.splitlines()]
     assert [(row["host"], row["board"], row["state"]) for row in rows] == [
         ("robot7", "", "missing"),
@@ -175,6 +182,23 @@ def test_the_table_has_milliseconds_ppm_and_gigabytes_and_no_control_characters(
         ["h", "B3", "silent", "-", "-", "-", "-", "-", "?["],
     ]
     assert lines[4] == "1 of 3 boards fresh"
+
+
+def test_a_narrow_terminal_shows_why_a_robot_is_not_fresh(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [
+        FleetRow("robot-hall-07", "TS0001", "disconnected", reason="no port has this serial number"),
+        FleetRow("robot-hall-08", "", "missing", reason="expected, and not on the network"),
+    ]
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "dumb")  # 80 characters, and no styles
+    draw_table(rows, clear=False)
+    lines = capsys.readouterr().out.splitlines()
+    assert all(len(line) <= 80 for line in lines)
+    assert lines[1].split()[:3] == ["robot-hall-07", "TS0001", "disconnected"]
+    assert "no port has this serial number" in lines[1]
+    assert "expected, and not on the network" in lines[2]
 
 
 @pytest.mark.parametrize("n_silent", [20, 1000])

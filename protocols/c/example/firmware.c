@@ -104,20 +104,21 @@ static tactiled_octet transmit[TRANSMIT_OCTETS];
 static volatile uint_least16_t transmit_written, transmit_read;
 static tactiled_octet frame[TACTILED_HELLO_OCTETS]; /* the longest one */
 
-/* Queues a whole frame, or none of it where it would leave less room than is reserved for others. */
-static void send_frame(size_t octets, size_t reserved)
+/* Queues a whole frame and returns 1, or none of it and 0 where it would leave less room than is reserved. */
+static int send_frame(size_t octets, size_t reserved)
 {
     uint_least16_t end = transmit_written;
     size_t i;
     if (octets + reserved > TRANSMIT_OCTETS - (uint_least16_t)(end - transmit_read)) {
         firmware_faults.frames_dropped++;
-        return;
+        return 0;
     }
     for (i = 0u; i < octets; i++) {
         transmit[(uint_least16_t)(end + i) % TRANSMIT_OCTETS] = frame[i];
     }
     transmit_written = (uint_least16_t)(end + octets);
     port_transmit();
+    return 1;
 }
 
 int firmware_next_octet(uint_least16_t *octet)
@@ -171,7 +172,7 @@ static void say_hello(void)
     for (channel = 0u; channel < TACTILED_CHANNELS; channel++) {
         hello.channel_offset_us[channel] = (uint_least16_t)(channel * SAMPLE_US);
     }
-    send_frame(tactiled_encode_hello(&hello, frame), RESERVED_FOR_ACKNOWLEDGES);
+    (void)send_frame(tactiled_encode_hello(&hello, frame), RESERVED_FOR_ACKNOWLEDGES);
 }
 
 #if DEFAULT_RATE_MILLIHERTZ < SLOWEST_MILLIHERTZ || \
@@ -277,7 +278,7 @@ static void answer(const tactiled_command *command, int known)
     acknowledge.command = command->type;
     acknowledge.result = result;
     acknowledge.ticks_us = port_ticks_us(); /* after the delimiter of the command came */
-    send_frame(tactiled_encode_acknowledge(&acknowledge, frame), 0u);
+    (void)send_frame(tactiled_encode_acknowledge(&acknowledge, frame), 0u);
 }
 
 static void receive_octets(void)
@@ -306,15 +307,19 @@ static void receive_octets(void)
 
 void firmware_run(uint_least16_t boot_count)
 {
+    uint_least16_t dropped = 0u; /* flag of the next scan: the one before it found no room */
     boots = boot_count;
     period_us = period_of(DEFAULT_RATE_MILLIHERTZ);
     say_hello();
     for (;;) {
         receive_octets();
         while (scans_read != scans_written) {
-            size_t octets = tactiled_encode_scan(&scans[scans_read % SCANS], frame);
+            tactiled_scan *scan = &scans[scans_read % SCANS];
+            size_t octets;
+            scan->flags |= dropped;
+            octets = tactiled_encode_scan(scan, frame);
             scans_read++;
-            send_frame(octets, RESERVED_FOR_HELLO);
+            dropped = send_frame(octets, RESERVED_FOR_HELLO) ? 0u : TACTILED_OVERRUN;
         }
         if (!running && port_ticks_us() - hello_us >= 1000000u) {
             say_hello();

@@ -8,6 +8,7 @@ import time
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
+from typing import TextIO
 
 import click
 
@@ -86,6 +87,10 @@ def bridge(
     "--expect", "expected", multiple=True, metavar="HOST[/BOARD]",
     help="Robot that must be on the network; one that is not is a row of its own, missing.",
 )  # fmt: skip
+@click.option(
+    "--expect-file", type=click.File(encoding="utf-8", errors="replace"),
+    help="The same: a file with a HOST or HOST/BOARD on each line.",
+)  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each time.")
 @click.option(
     "--every", "period_s", default=2.0, show_default=True, type=click.FloatRange(0.5), help="Seconds."
@@ -99,6 +104,7 @@ def fleet(
     endpoint: str,
     once: bool,
     expected: tuple[str, ...],
+    expect_file: TextIO | None,
     as_json: bool,
     period_s: float,
     keys: Path | None,
@@ -115,6 +121,8 @@ def fleet(
     from tactiled.errors import UnavailableError
     from tactiled.zenoh.fleet import FleetList, FleetMetrics, draw_table
 
+    if expect_file is not None:
+        expected += tuple(filter(None, (line.partition("#")[0].strip() for line in expect_file)))
     boards, metrics = FleetList(endpoint, keys, expected), None
     if once and port is not None:
         raise click.UsageError("--serve: leave out --once, since the page lasts as long as the list")

@@ -1,5 +1,6 @@
 """List of the boards of a zenoh network from one request to all hosts: rows, table, metrics page."""
 
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,12 @@ _UNKNOWN = "-"
 _MOST_ROWS = 100
 _MOST_WRAPPED = 20
 _MOST_CHARACTERS = 200  # of one text of a host
-_NUMBERS = ("age (ms)", "utilisation", "loss (ppm)", "disk (GB)")  # columns of the table
+_COLUMNS = ("host", "board", "state", "age (ms)", "utilisation", "loss (ppm)", "firmware", "disk (GB)")
+_NUMBERS = ("age (ms)", "utilisation", "loss (ppm)", "disk (GB)")
+# On a terminal of fewer characters, a line has only these columns, and the words that say why.
+_ALL_COLUMNS_WIDTH = 110
+_FEW_COLUMNS = ("host", "board", "state", "age (ms)")
+_PIPE_WIDTH = 200  # of lines that another program reads
 _MOST_STATES = 8  # states that a daemon of ours sends
 _METRICS_HOST = "127.0.0.1"  # as the pages of daemons
 _UNNAMED = "-"  # stands in topics for a board that has not said its name yet
@@ -144,12 +150,14 @@ def _row(host: str, board: str, newest: Mapping[str, Mapping[str, Any]], unix_s:
 def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
     """Print the list on stdout; of a long one, the first rows and the number of others by state.
 
-    What is not fresh comes first then.
+    What is not fresh comes first then. A narrow terminal shows fewer columns.
     """
     shown = rows if len(rows) <= _MOST_ROWS else sorted(rows, key=lambda row: row.valid)[:_MOST_ROWS]
     is_long = len(shown) > _MOST_WRAPPED
+    console = Console(width=None if sys.stdout.isatty() else _PIPE_WIDTH)
+    columns = _COLUMNS if console.width >= _ALL_COLUMNS_WIDTH else _FEW_COLUMNS
     table = Table(box=None, pad_edge=False)
-    for name in ("host", "board", "state", "age (ms)", "utilisation", "loss (ppm)", "firmware", "disk (GB)"):
+    for name in columns:
         table.add_column(name, no_wrap=True, justify="right" if name in _NUMBERS else "left")
     table.add_column("words")
     for row in shown:
@@ -158,8 +166,7 @@ def draw_table(rows: list[FleetRow], *, clear: bool) -> None:
         *cells, last = (Text(printable(cell)) for cell in _cells(row))
         # Of a column that does not wrap, rich would cut the others, too.
         last.overflow, last.no_wrap = "ellipsis" if is_long else "fold", is_long
-        table.add_row(*cells, last, style=style)
-    console = Console()
+        table.add_row(*cells[: len(columns)], last, style=style)
     if clear:
         console.clear()
     console.print(table)
