@@ -240,7 +240,7 @@ def _rounded(rows: FloatArray, n_levels: int) -> FloatArray:
 
 
 def flat(forests: Sequence[HistGradientBoostingClassifier]) -> Mapping[str, NDArray[Any]]:
-    """Return the mean of forests as arrays, in the form of `tactiled.detect.contact.filter.Trees`."""
+    """Return the mean of forests as arrays, in the form of `tactiled.detect.contact.trees.Trees`."""
     roots, outputs = [], []
     links: list[tuple[int, int]] = []
     values: list[float] = []

@@ -68,8 +68,11 @@ class ContactFilter:
         Signs of the taxels, at `look_s` of the same scan rate.
     learnt : Learnt
         Trees, whose scores are read right after each evaluation.
-    memory, friction_memory, posterior, hysteresis
-        The parts of this filter alone, at the same looks; slips of `hysteresis` are what is published.
+    memory : Memory
+    friction_memory : FrictionMemory
+    posterior : Posterior
+    hysteresis : SlipHysteresis
+        Parts of this filter alone. The slip that `hysteresis` has open is what is published.
     rate_hz : float
         Scan rate.
     radius_mm : float
@@ -118,14 +121,15 @@ class ContactFilter:
         self.n_look, self.look_s = scans_of_look(rate_hz), signs.look_s
         self.growth_s = signs.n_growth * self.look_s
         self.sign_trees, self.state_trees, self.soon_trees = learnt.signs, learnt.state, learnt.soon
-        self.base_odds = learnt.base_odds
-        self.prior_p = 1.0 / (1.0 + exp(-self.base_odds))
+        self.prior_p = 1.0 / (1.0 + exp(-memory.base_odds))
         self.memory, self.friction_memory = memory, friction_memory
         self.posterior, self.hysteresis = posterior, hysteresis
         self.columns = array("q", [NAMES.index(name) for name in STATE_SIGNS])
         self.row = zeros(len(STATE_SIGNS) + len(MEMORY_NAMES))
-        # Each access to an array of a compiled class makes a view, which takes a microsecond.
+        # Each access to an array of another compiled class makes a view, which takes half a microsecond.
         self.sign_row, self.memory_row, self.over_load = signs.row, memory.row, signs.over_load
+        self.sign_scores, self.state_scores = learnt.signs.scores, learnt.state.scores
+        self.soon_scores = learnt.soon.scores
         self.n_kept = max(2, round(HISTORY_S * rate_hz))
         self.past = zeros(self.n_kept * (5 + len(self.over_load)))
         self.begin(is_seen=True)
@@ -203,26 +207,27 @@ class ContactFilter:
     def look(self, noise: float, acceleration: float, was_seen: bool, touches: bool) -> None:
         """Look at the scans that `signs` has taken; parameters as in `take`."""
         signs, friction, ripple_travels = self.signs, self.friction_memory, self.rippled_s > 0.0
+        row, sign_row, memory_row = self.row, self.sign_row, self.memory_row
         signs.look(noise, acceleration)
         self.ratio = signs.ratio
         self.sign_trees.evaluate(self.sign_row)
-        p = 1.0 / (1.0 + exp(-min(max(self.sign_trees.scores[0], -30.0), 30.0)))
+        p = 1.0 / (1.0 + exp(-min(max(self.sign_scores[0], -30.0), 30.0)))
         p = max(p, RIPPLE_P) if ripple_travels else p
-        kept = kept_load(self.sign_row[LOAD_CHANGE])
+        kept = kept_load(sign_row[LOAD_CHANGE])
         if was_seen and touches:  # what the gate takes for noise tells nothing of friction
             friction.learn(self.p_sliding_now, self.ratio, kept, self.look_s)
         self.memory.take(p, self.ratio, self.look_s, kept)
         n = len(self.columns)
         for k in range(n):
-            self.row[k] = self.sign_row[self.columns[k]]
-        for k in range(len(self.memory_row)):
-            self.row[n + k] = self.memory_row[k]
+            row[k] = sign_row[self.columns[k]]
+        for k in range(len(memory_row)):
+            row[n + k] = memory_row[k]
         self.state_trees.evaluate(self.row)
         self.soon_trees.evaluate(self.row)
         self.posterior.take(
-            self.state_trees.scores,
-            self.soon_trees.scores,
-            self.base_odds + self.memory_row[0],
+            self.state_scores,
+            self.soon_scores,
+            self.memory.base_odds + memory_row[0],
             self.ratio,
             friction.contact_log_mean,
             friction.contact_variance,

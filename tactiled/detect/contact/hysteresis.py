@@ -33,7 +33,8 @@ SETTINGS: Mapping[str, SlipThresholds] = {
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/slip.md).
 
-Tuned on worlds of all generators, seeds from 500,000 and, of hands that hold, from 520,000.
+Tuned on worlds of all generators, seeds from 500,000 and, of hands that hold, from 520,000, when results of
+other values on the reported worlds were known.
 """
 
 
@@ -46,6 +47,8 @@ class SlipHysteresis:
     ----------
     incipient_p, gross_p : float
         Probabilities that a tenth of the area slips, or all of it, from which a slip is open.
+    look_s : float
+        Time from one look to the next.
     """
 
     def __init__(self, incipient_p: float, gross_p: float, look_s: float) -> None:

@@ -43,6 +43,11 @@ _AVERAGE_S = 0.04
 class Posterior:
     """Posterior of the states of one contact.
 
+    Parameters
+    ----------
+    look_s : float
+        Time from one look to the next.
+
     Attributes
     ----------
     cells : (N_STATES,) array of float

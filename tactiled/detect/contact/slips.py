@@ -57,6 +57,7 @@ class PosteriorSlips:
         self._step_s = 1.0 / rate_hz
         self._n_averaged = max(1, min(AVERAGED, round(DIRECTION_S / self._step_s)))
         self.open: SlipEvent | None = None
+        self._ended_s = -math.inf  # the newest slip: the next one begins later
 
     @property
     def kind(self) -> str:
@@ -87,7 +88,7 @@ class PosteriorSlips:
         assert self.open is not None
         contact.forget_past()
         ended = dataclasses.replace(self.open, state="end", time_s=time_s, detected_s=time_s, valid=valid)
-        self.open = None
+        self.open, self._ended_s = None, time_s
         return ended
 
     def _slip(
@@ -101,7 +102,7 @@ class PosteriorSlips:
     ) -> SlipEvent:
         past, is_gross = past_of(contact), kind == "gross"
         if contact.rippled_s:  # it fills a window, and the growth may be over for long
-            began_s, sd_s = time_s - contact.rippled_s, contact.rippled_s / 4
+            began_s, sd_s = max(time_s - contact.rippled_s, self._ended_s), contact.rippled_s / 4
             towards = opposed(contact, past.shear[-self._n_averaged :])
         else:
             limits = np.array([_FULL * contact.size]) if is_gross else INCIPIENT_USED * _friction(contact)

@@ -1,5 +1,7 @@
 """Slips in a row, slips that turn back, and swings: each onset has one end, and never two slips are open."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,9 +9,14 @@ from touches import onsets, pieces, run, slip_detector, slips, splits, uneven_fr
 
 from tactiled.array import FloatArray, load_array
 from tactiled.detect.contact.hysteresis import SETTINGS
+from tactiled.emulator.scene.description import Scene
+from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import SlipEvent
+from tactiled.pipeline import Pipeline, PipelineParams
 from tactiled.samples.block import ScanBlock, regular_block
+from tactiled.wire.layout import load_layout
 
+LAYOUT = load_layout("board-v1")
 ARRAY = load_array("wang2019-3x3")
 SHEAR = np.sign(ARRAY.shear_weights().sum(axis=1))  # (2, channels)
 T = np.arange(1000) / 100.0
@@ -109,3 +116,28 @@ def test_onsets_and_ends_of_a_shaking_hand_alternate(shake: tuple[float, float],
 def test_a_shake_is_the_same_however_it_is_cut(cuts: list[int]) -> None:
     shake = SHAKES[2.0, 0.3]
     assert run(slip_detector(ARRAY), pieces(shake, cuts)) == slip_detector(ARRAY).process(shake)
+
+
+def test_the_ripple_of_a_slide_that_is_over_is_no_second_slide() -> None:
+    """Grooves pass until 6.8 s; what is told afterwards is of a skin that rests, and of its lift at 8.8 s."""
+    phases = (
+        {"kind": "press", "duration_s": 0.8, "force_n": 14.0},
+        {"kind": "hold", "duration_s": 1.0},
+        {"kind": "slide", "duration_s": 5.0, "speed_mm_s": 2.5, "direction_deg": 0.0},
+        {"kind": "hold", "duration_s": 2.0},
+        {"kind": "lift", "duration_s": 0.3},
+    )
+    grooves = {"kind": "grooves", "period_mm": 1.2, "angle_deg": 30.0}
+    scene = Scene.model_validate(
+        {"name": "grooves", "contact": "mechanics", "seed": 994, "surface": grooves, "phases": phases}
+    )
+    simulation, pipeline = Simulation(scene, LAYOUT), Pipeline(LAYOUT, ARRAY, PipelineParams())
+    received = (event for now_s, data in simulation for event in pipeline.receive_data(data, now_s))
+    events = [event for event in received if isinstance(event, SlipEvent)]
+    t0_s = simulation.truth.t0_s
+    gross = [event for event in events if event.kind == "gross"]
+    assert words(gross)[:2] == ["gross", "end"]
+    assert gross[0].onset_s - t0_s < 2.2
+    assert all(event.detected_s - t0_s > 8.8 for event in gross[2:])
+    for ended, begun in pairwise(events):
+        assert ended.state == "onset" or begun.onset_s >= ended.detected_s
