@@ -253,15 +253,12 @@ class GripDetector:
         """Return the events of a slip at a scan, and those of the contact states that it makes."""
         tracker, slips = self.tracker, self._slips
         assert tracker is not None
-        slip = slips.open
         touches, is_valid = tracker.state != "none", readings.keeps_enough and not bool(block.late[row])
         events: list[Event] = []
         if touches and (contact := self.contact) is not None:
             events += slips.step(contact, self._last_s, float(block.time_sd_s[row]), valid=is_valid)
         elif slips.open is not None:  # readings that are lost look like a contact that is lost
             events.append(slips.end(self._filter, self._last_s, valid=is_valid and readings.is_read))
-        if slip is not None and slip.kind == "gross" and slips.open is not slip:
-            self._ripple.reset()  # that of a slide that is over is no sign of another one
         if touches:
             tracker.go(_CONTACT_OF_SLIP[slips.kind])
             events.append(contact_event(block, row, tracker))

@@ -143,8 +143,9 @@ class TravellingRipple:
             return False
         if _HANN * power[peak] <= n**2 * float(((self._of_rounding() * (load > 0)) @ beyond**2).sum()):
             return False
-        energy = (series**2).mean(axis=0)
-        return bool(energy[-n // 4 :].mean() > STOPPED * energy.mean())
+        # About their own mean: where the skin stops, readings keep the value that the ripple had there.
+        newest = series[:, -n // 4 :].var(axis=1)
+        return bool(newest.sum() > STOPPED * (series**2).mean(axis=1).sum())
 
     def _of_rounding(self) -> FloatArray:
         """Return the variance (3, taxels) that rounding adds to loads and shears."""
