@@ -156,7 +156,10 @@ class Assembler:
         old = self._hello
         restart_seen, self._restart_seen = self._restart_seen, False
         if old is not None and replace(hello, streaming=old.streaming, ticks=old.ticks) == old:
-            if hello.ticks is not None and not self._counter.runs_on(hello.ticks, now_s):
+            # The host may have been suspended while a board that counts its boots went on; whether its
+            # sequence number has, too, the next scan shows.
+            may_sleep, ticks = hello.boot_count != 0, hello.ticks
+            if ticks is not None and not self._counter.runs_on(ticks, now_s, host_may_sleep=may_sleep):
                 self.counts.restarts += 1
                 self._new_run("restart")
             return

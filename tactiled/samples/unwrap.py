@@ -62,17 +62,18 @@ class ScanCounter:
         """Take note of a stop and start: the ticks of the board ran on, its sequence number did not."""
         self._sequence_known = False
 
-    def runs_on(self, ticks: int, now_s: float) -> bool:
+    def runs_on(self, ticks: int, now_s: float, *, host_may_sleep: bool = False) -> bool:
         """Return True when ticks read at `now_s` can belong to the run of the last scan.
 
-        Behind the backlog of a stall, ticks may be ahead of the host by the age of the last scan.
+        Behind the backlog of a stall, ticks may be ahead of the host by the age of the last scan; after a
+        suspend of the host (`host_may_sleep`), whose clock stood still, by any time.
         """
         if self._ticks is None:
             return True
         host_s = now_s - self._arrival_s
         ahead_s = self._elapsed(ticks, host_s + self.age_s) - host_s
         slack_s = self.SLACK_S + self.SLACK_PART * (host_s + self.age_s)
-        return -slack_s <= ahead_s <= self.age_s + slack_s
+        return -slack_s <= ahead_s and (host_may_sleep or ahead_s <= self.age_s + slack_s)
 
     def board_s_at(self, ticks: int, now_s: float) -> float | None:
         """Return the board time of ticks that were read between scans; None where they fit no known run."""

@@ -197,6 +197,33 @@ def test_scans_are_fresh_soon_after_a_suspend_of_the_host(asleep_s: float) -> No
     assert times_s[10:] == pytest.approx(53.0 + 0.01 * np.arange(10, 200), abs=2e-3)
 
 
+@pytest.mark.parametrize("asleep_s", [5.0, 20.0, 700.0])
+@pytest.mark.parametrize("reboots", [False, True])
+def test_an_adapter_that_was_away_while_the_host_slept(asleep_s: float, reboots: bool) -> None:
+    """The boot count says that the board went on; where it stays at one number, the sequence number does."""
+    target = Assembler(LAYOUT)
+    target.board(hello(boot_count=7, ticks=0), 50.0)
+    feed(target, list(range(300)))
+    target.interrupt("disconnect")
+    woken_s = 54.0
+    first = 0 if reboots else round(100 * (woken_s - 50.0 + asleep_s))
+    target.board(hello(boot_count=7, ticks=scan(first).ticks), woken_s)
+    out: list[ScanBlock | Gap] = []
+    for number in range(first, first + 200):
+        target.scan(scan(number), woken_s + 0.01 * (number - first) + LATENCY_S)
+        out += flush(target)
+    counts = target.counts
+    if reboots:
+        assert counts.restarts == 1
+        assert counts.missing == 0
+    else:
+        assert counts.restarts == 0
+        assert counts.missing == first - 300
+        assert out[0] == Gap(first - 300, "disconnect", first)
+    late = [late for item in out if isinstance(item, ScanBlock) for late in item.late.tolist()]
+    assert not any(late[10:])
+
+
 def test_stop_and_start_is_a_gap_whatever_the_sequence_does() -> None:
     target = assembler()
     feed(target, list(range(100)))
