@@ -482,7 +482,7 @@ def onsets_of_stick_and_slip() -> list[SlipEvent]:
 def test_each_slip_of_stick_and_slip_goes_the_same_way() -> None:
     """Between two slides shear falls and grows again; only its growth tells where the next one goes."""
     found = onsets_of_stick_and_slip()
-    assert {slip.kind for slip in found} == {"incipient", "gross"}
+    assert [slip.kind for slip in found].count("gross") >= 2
     assert max(abs(slip.direction_deg) for slip in found) < 10.0
 
 

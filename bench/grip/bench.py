@@ -33,26 +33,27 @@ ANNOUNCED = "the others, motion announced"
 def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
     """Scores of the filter, each generator left out once.
 
-    Quick: 24 worlds of each to learn from, which teach little.
+    Quick: small trees from 24 worlds of each, which teach little.
     """
     # scikit-learn takes seconds to load
-    from bench.train.fit import first_forests, learnt_table, pair_forests
+    from bench.train import fit
 
     lots, reported = (QUICK, _REPORTED_QUICK) if options.quick else (FULL, _REPORTED)
+    shapes = fit.QUICK if options.quick else fit.SHIPPED
     sets = list(dict.fromkeys([frozenset[str](), *map(same_physics, GENERATORS)]))
     progress.begin(n_batches(lots) + len(pairs_of_physics(GENERATORS)) + len(sets) + n_batches(reported))
     scores: dict[str, dict[str, Score]] = {}
     with executor(BENCH_WORKERS) as pool:
         looks = all_looks(pool, lots, progress)
         worlds = [look for some in looks.values() for look in some]
-        first = first_forests(pool, worlds, progress)
-        grow = pool.map(partial(pair_forests, worlds, first), sets)
+        first = fit.first_forests(pool, worlds, progress, shapes)
+        grow = pool.map(partial(fit.pair_forests, worlds, first, shapes=shapes), sets)
         without = dict(zip(sets, counted(grow, progress, "trees of the state"), strict=True))
         for name in GENERATORS:
             own = same_physics(name)
-            others = learnt_table(first, without[own])
+            others = fit.learnt_table(first, without[own])
             with_it = {pair: one for pair, one in without[frozenset()].items() if own <= pair}
-            it_too = learnt_table(first, with_it)
+            it_too = fit.learnt_table(first, with_it)
             jobs = [(name, seeds, lot.minutes, others, it_too) for lot in reported for seeds in lot.batches]
             found = [row for some in counted(pool.map(_courses, jobs), progress, name) for row in some]
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}

@@ -46,7 +46,7 @@ SHIPPED = Shapes(  # of each pair of physics
     state=Shape(trees=8, leaves=12, rate=0.4, least_rows=4000),
     soon=Shape(trees=8, leaves=12, rate=0.4, least_rows=2000),
 )
-QUICK = Shapes(*(shape._replace(trees=8, bins=8) for shape in SHIPPED))
+QUICK = Shapes(*(shape._replace(trees=8, bins=8, least_rows=100) for shape in SHIPPED))
 # Parts of the time of contact of everyday hands in which all of it slides; and of the rest, in which a slide
 # begins within the longest horizon: priors. Generators have other ones, each its own.
 _SLIDES, _SOON = 0.1, 0.02
@@ -245,6 +245,8 @@ def flat(forests: Sequence[HistGradientBoostingClassifier]) -> Mapping[str, NDAr
     links: list[tuple[int, int]] = []
     values: list[float] = []
     part = 1.0 / len(forests)
+    if len({len(forest.classes_) for forest in forests}) > 1:
+        raise ValueError("some pair of generators has no look of some state: draw more worlds of each")
     for forest in forests:
         for trees in forest._predictors:  # noqa: SLF001  # scikit-learn has no other way to its nodes
             for output, tree in enumerate(trees):

@@ -4,10 +4,11 @@ import dataclasses
 import json
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,13 +18,14 @@ from threadpoolctl import threadpool_limits
 from bench.train import fit, rows, slip
 from bench.train.__main__ import train
 from bench.train.rows import Looks, looks_of
-from bench.worlds.generators import draw, pairs_of_physics, same_physics
+from bench.worlds.generators import GENERATORS, draw, pairs_of_physics, same_physics
 from tactiled.detect.contact.fast import Trees
 from tactiled.detect.contact.filter import ROW_NAMES
 from tactiled.detect.contact.grip_detector import GripDetector
 from tactiled.detect.contact.learnt import FILE, learnt_from, shipped_trees
 from tactiled.detect.contact.posterior import EDGES, N_STATES
 from tactiled.detect.contact.signs import NAMES
+from tactiled.progress import ProgressBar
 from tactiled.resources import shipped
 
 LOOKS = ("time_s", "signs", "begins", "slides", "utilisation", "ahead_s")
@@ -146,6 +148,41 @@ def test_the_command_writes_trees_that_the_detector_runs_on(
     about = json.loads(path.with_suffix(".json").read_text())
     assert about["command"] == "./run train slip --quick"
     with np.load(path) as table:
+        assert len(np.unique(table["signs.value"])) > 2  # the trees have branches
+        assert len(np.unique(table["state.value"])) > 2
         (world,) = draw("laws", range(7001, 7002), 0.1)
         events = GripDetector(world.array, learnt=learnt_from(table)).process(world.block)
     assert events
+
+
+def test_a_left_out_filter_does_not_see_what_it_is_left_out_of() -> None:
+    """Noise in place of all worlds of one kind of physics changes nothing of the filter without it."""
+    shapes = fit.Shapes(*(shape._replace(trees=2, leaves=4, least_rows=20) for shape in fit.QUICK))
+    worlds = [
+        looks
+        for name in GENERATORS
+        for looks in map(looks_of, draw(name, range(7_000, 7_012), 0.1))
+        if len(looks.signs)
+    ]
+    rng = np.random.default_rng(0)
+
+    def spoilt(looks: Looks) -> Looks:
+        n = len(looks.signs)
+        return dataclasses.replace(
+            looks,
+            signs=rng.normal(size=looks.signs.shape),
+            slides=rng.random(n) < 0.5,
+            utilisation=rng.random(n),
+            ahead_s=rng.random(n),
+        )
+
+    def filter_of(some: list[Looks], without: frozenset[str]) -> Mapping[str, Any]:
+        pool: Any = SimpleNamespace(map=map)
+        first = fit.first_forests(pool, some, ProgressBar("trees", None), shapes)
+        return fit.learnt_table(first, fit.pair_forests(some, first, without, shapes))
+
+    own = same_physics("plates")
+    other = [spoilt(looks) if looks.generator in own else looks for looks in worlds]
+    for without, is_same in ((own, True), (frozenset[str](), False)):
+        found = [filter_of(some, without) for some in (worlds, other)]
+        assert all(np.array_equal(found[0][key], found[1][key]) for key in found[0]) == is_same
