@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.machine import cases
+from bench.machine import aarch64, cases
 from bench.machine.guest import PROCESSORS, RATE_HZ, Board, Guest
 from bench.machine.image import SUITES, Image, make_image
 from bench.report import BenchOptions, aims_table, load_words
@@ -125,6 +125,13 @@ def _part_newer(bench: _Bench) -> list[str]:
         return [_words(guest), aims_table(aims)]
 
 
+def _part_aarch64(bench: _Bench) -> list[str]:
+    """The package for another processor."""
+    aarch64.need_programs()
+    words = "The Debian package for arm64, unpacked in Debian 12, under qemu-user; compiled modules on both."
+    return [words, *aarch64.compare(_package("bookworm", "arm64"), bench.folder)]
+
+
 _PARTS: dict[str, Callable[[_Bench], list[str]]] = {
     "setup": _part_setup,
     "users": _part_users,
@@ -135,6 +142,7 @@ _PARTS: dict[str, Callable[[_Bench], list[str]]] = {
     "power": _part_power,
     "boot": _part_boot,
     "newer": _part_newer,
+    "aarch64": _part_aarch64,
 }
 
 
@@ -180,12 +188,13 @@ def _kept(image: Image, stem: str, ending: str) -> Path:
     return wanted
 
 
-def _package(suite: str) -> Path:
+def _package(suite: str, arch: str = "amd64") -> Path:
     """Path of the package for a Debian; builds it where there is none of this checkout."""
-    package = _kept(make_image(suite), "tactiled", ".deb")
+    package = _kept(make_image(suite), f"tactiled_{arch}", ".deb")
     if not package.exists():
         with tempfile.TemporaryDirectory() as folder:
-            command = [str(_ROOT / "packages/debian/build"), "--python", SUITES[suite], "--out", folder]
+            command = [str(_ROOT / "packages/debian/build"), "--python", SUITES[suite], "--arch", arch]
+            command += ["--out", folder]
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
             shutil.move(next(Path(folder).glob("*.deb")), package)
     return package

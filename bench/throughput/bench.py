@@ -27,15 +27,11 @@ from bench.processes import (
     running,
 )
 from bench.report import BenchOptions, aims_table, load_words, median_aim, over_runs, table
+from bench.scenes import record_scene
 from tactiled import compiled
 from tactiled.emulator.scene.description import load_scene
-from tactiled.emulator.simulate import Simulation
 from tactiled.errors import OperatorError
-from tactiled.events.types import Event
-from tactiled.pipeline import Pipeline
 from tactiled.progress import ProgressBar
-from tactiled.recording.contents import Header, Read, load_board
-from tactiled.recording.writer import RecordingWriter
 
 # Words for each scene, and the aim for times real time
 SCENES = {"rest": ("detect, rest", 1000.0), "slide": ("detect, sliding over grooves", 200.0)}
@@ -45,7 +41,6 @@ _REPEATS, _QUICK_REPEATS = 3, 1
 _QUICK_PART = 5  # so many times fewer scans and seconds
 _LONGEST_S = 120.0
 _DRAIN_S = 3.0
-_SOURCE = load_board("board-v1", "wang2019-3x3")
 
 
 def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
@@ -57,7 +52,11 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
     with tempfile.TemporaryDirectory(prefix="tactiled-throughput-") as name:
         folder = Path(name)
         program = compile_program(folder, REFERENCE)
-        duration_s = {scene: _record(folder / f"{scene}.mcap", scene, part) for scene in SCENES}
+        duration_s = {}
+        for name in SCENES:
+            played = load_scene(str(_HERE / f"{name}.toml"))
+            duration_s[name] = played.duration_s / part
+            record_scene(folder / f"{name}.mcap", played, duration_s[name])
         for repeat in range(repeats):
             progress.reach(0.1 + 0.9 * repeat / repeats)
             for scene in SCENES:
@@ -99,20 +98,6 @@ def bench_throughput(progress: ProgressBar, options: BenchOptions) -> list[str]:
             ]
         ),
     ]
-
-
-def _record(path: Path, scene: str, part: int) -> float:
-    """Record an emulated board with a scene and its events, as the daemon would; returns the duration."""
-    loaded = load_scene(str(_HERE / f"{scene}.toml"))
-    duration_s = loaded.duration_s / part
-    pipeline = Pipeline(_SOURCE.layout, _SOURCE.array)
-    with RecordingWriter(path, Header(_SOURCE)) as writer:
-        for arrival_s, data in Simulation(loaded, _SOURCE.layout, duration_s=duration_s):
-            writer.read(Read(arrival_s, 0.0, data))
-            for output in pipeline.receive_data(data, arrival_s):
-                if isinstance(output, Event):
-                    writer.event(output, "TS0001", 0.0, "pipeline")
-    return duration_s
 
 
 def _cpu_of_detect(path: Path) -> float:
