@@ -39,15 +39,7 @@ BENCHES = {
         ("tactiled/detect", "tactiled/force", "packages/calibration", "config/learnt", "bench/recordings"),
     ),
     "machine": Bench(
-        "bench.machine.bench",
-        (
-            "packages/debian",
-            "systemd",
-            "tactiled/daemon",
-            "tactiled/recording",
-            "tactiled/setup",
-            "bench/machine",
-        ),
+        "bench.machine.bench", ("tactiled", "packages/debian", "systemd", "hatch_build.py", "bench/machine")
     ),
 }
 

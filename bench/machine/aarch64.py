@@ -18,19 +18,19 @@ from bench.scenes import record_scene
 from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import OperatorError
 
-PACKAGES = {
+# Programs that this needs, and the Debian packages that have them
+_PACKAGES = {
     "qemu-aarch64-static": "qemu-user-static",
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu libc6-dev-arm64-cross",
     "mmdebstrap": "mmdebstrap",
 }
-"""Programs that this needs, and the Debian packages that have them."""
 # Seconds of scenes: a second of a slide over grooves takes 20 s of an emulated processor.
 _SCENES = {"demo": 12.0, "stick-slip": 8.0, str(Path(__file__).parents[1] / "throughput/slide.toml"): 8.0}
 
 
 def need_programs() -> None:
     """Raise `OperatorError` where a program is missing."""
-    if missing := [package for program, package in PACKAGES.items() if shutil.which(program) is None]:
+    if missing := [package for program, package in _PACKAGES.items() if shutil.which(program) is None]:
         raise OperatorError(f"bench machine needs more programs: sudo apt install {' '.join(missing)}")
 
 
@@ -52,7 +52,7 @@ def compare(package: Path, folder: Path) -> list[str]:
         there = _events(["chroot", str(root), *python, "detect", f"/tmp/{recording.name}", "--json"])
         if [one["topic"] for one in here] != [one["topic"] for one in there]:
             raise OperatorError(
-                f"scene {name}: other events on aarch64: {len(here)} here, {len(there)} there"
+                f"scene {recording.stem}: other events on aarch64: {len(here)} here, {len(there)} there"
             )
         differs = [one["topic"] for one, other in zip(here, there, strict=True) if one != other]
         n_others += sum(topic != "texture" for topic in differs)

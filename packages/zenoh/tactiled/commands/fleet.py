@@ -89,7 +89,7 @@ def bridge(
 )  # fmt: skip
 @click.option(
     "--expect-file", type=click.File(encoding="utf-8", errors="replace"),
-    help="The same: a file with a HOST or HOST/BOARD on each line.",
+    help="File of such robots: a HOST or HOST/BOARD on each line; # begins a comment.",
 )  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON line per board, each time.")
 @click.option(
