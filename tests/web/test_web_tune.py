@@ -28,7 +28,7 @@ STEP_S = 8  # of hold and motion: long enough to be seen on a busy host, which t
 FOUND = """async (unit) => {
   const { guideTuning } = await import("/static/tune.js");
   const per_hour = { low: 0, high: 1 }, told = { incipient: 0, gross: 0, contact_s: 5 };
-  const of = { motion: told, quiet: told, per_hour, incipient_p: 0.7, gross_p: 0.2 };
+  const of = { motion: told, quiet: told, per_hour, incipient_p: 0.7, gross_p: 0.3 };
   const proposed = { setting: "fast", is_accepted: true, friction: 0.62, friction_log_sd: 0.1 };
   const found = { ...of, proposed, accepted_per_hour: 10, toml: "", settings: { fast: of } };
   const post = async () => new Response(JSON.stringify({ ok: true, found }) + "\\n");
@@ -67,7 +67,7 @@ def test_a_person_is_guided_to_a_setting_and_uses_it(held: Robot, page: Page, pi
     assert page.evaluate(LOW) == []
     page.locator(".tune .use").press("Enter")
     expect(page.locator(".reply")).to_have_text("✓ Use fast now: done")
-    expect(page.locator(".commands .setting")).to_have_value("0.7 0.2")
+    expect(page.locator(".commands .setting")).to_have_value("0.7 0.3")
 
 
 def test_a_run_is_cancelled_and_another_begins(held: Robot, page: Page) -> None:

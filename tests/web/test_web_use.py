@@ -70,7 +70,7 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
         live.run()
         live.plug()
         page.goto(f"{commanding(live)}#token={TOKEN}")
-        expect(page.locator(".commands .setting")).to_have_value("0.9 0.3")
+        expect(page.locator(".commands .setting")).to_have_value("0.9 0.4")
         until_s = time.monotonic() + PATIENCE_S
         while page.locator(".reply").inner_text() != "✓ Set zero: done":  # half a second of scans is needed
             assert time.monotonic() < until_s
@@ -85,7 +85,7 @@ def test_buttons_show_the_state_of_the_daemon_after_a_reload(page: Page, tmp_pat
         expect(page.locator(".reply")).to_have_text("✓ Set: done")
         page.reload()
         expect(page.locator(".commands .speed")).to_have_value("2.5")
-        expect(page.locator(".commands .setting")).to_have_value("0.98 0.45")
+        expect(page.locator(".commands .setting")).to_have_value("0.98 0.55")
         expect(page.get_by_role("button", name="Set zero")).to_have_attribute("aria-pressed", "true")
         with Commander(live.endpoint, "another client") as daemon:
             assert daemon.send("speed", timeout_s=PATIENCE_S, speed_mm_s=7.0).ok

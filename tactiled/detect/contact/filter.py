@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from tactiled.array import FloatArray
-from tactiled.detect.contact.hysteresis import OFF
+from tactiled.detect.contact.hysteresis import CLOSING_PART
 from tactiled.detect.contact.memory import MEMORY_NAMES, kept_load
 from tactiled.detect.contact.posterior import (
     FIVE_PERCENT,
@@ -242,7 +242,7 @@ class ContactFilter:
         """Fill in the posterior as it is published."""
         posterior, slips, friction = self.posterior, self.hysteresis, self.friction_memory
         posterior.publish(
-            slips.is_gross, OFF * slips.gross_p, self.ratio, friction.log_mean, friction.variance
+            slips.is_gross, CLOSING_PART * slips.gross_p, self.ratio, friction.log_mean, friction.variance
         )
         if slips.is_gross:
             slid_at = self.per_friction * max(self.slid_at, LEAST_BORNE)

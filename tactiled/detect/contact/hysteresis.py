@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 # tuned: a slip closes when its probability was below this part of the threshold for so long. With half of it
 # and 80 ms, one slide over an even surface is told several times (chosen on the worlds of `bench grip`).
-OFF, _OFF_S = 1.0 / 3.0, 0.15
+CLOSING_PART, _CLOSING_S = 1.0 / 3.0, 0.15
 # prior: probability below which a slip closes at once, if its threshold is higher: a slide that turns back
 # is another one
 SURELY_OVER = 0.02
@@ -27,9 +27,9 @@ class SlipThresholds(NamedTuple):
 
 
 SETTINGS: Mapping[str, SlipThresholds] = {
-    "fast": SlipThresholds(incipient=0.7, gross=0.2),
-    "balanced": SlipThresholds(incipient=0.9, gross=0.3),
-    "quiet": SlipThresholds(incipient=0.98, gross=0.45),
+    "fast": SlipThresholds(incipient=0.7, gross=0.3),
+    "balanced": SlipThresholds(incipient=0.9, gross=0.4),
+    "quiet": SlipThresholds(incipient=0.98, gross=0.55),
 }
 """Probabilities from which incipient and gross slip are reported, by setting (docs/slip.md).
 
@@ -53,7 +53,7 @@ class SlipHysteresis:
 
     def __init__(self, incipient_p: float, gross_p: float, look_s: float) -> None:
         self.incipient_p, self.gross_p = incipient_p, gross_p
-        self.n_off = max(1, round(_OFF_S / look_s))
+        self.n_closing = max(1, round(_CLOSING_S / look_s))
         self.n_settle = round(DIRECTION_S / look_s)
         self.begin()
 
@@ -94,9 +94,9 @@ class SlipHysteresis:
             self.n_low = 0
         elif self.is_open:
             p = p_sliding if self.is_gross else p_incipient
-            low = OFF * (self.gross_p if self.is_gross else self.incipient_p)
+            low = CLOSING_PART * (self.gross_p if self.is_gross else self.incipient_p)
             self.n_low = self.n_low + 1 if p < low else 0
-            if self.n_low >= self.n_off or p < min(low, SURELY_OVER):
+            if self.n_low >= self.n_closing or p < min(low, SURELY_OVER):
                 self.is_open = self.is_gross = False
                 self.least = ratio
         elif p_incipient >= self.incipient_p and ratio >= _GROWN * self.least + _SURELY * ratio_sd:

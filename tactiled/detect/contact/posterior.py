@@ -37,7 +37,7 @@ _LOG_FRICTION = log(FRICTION)
 _UNTOLD, _WITHOUT_ZERO = 0.03, 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
 # the next (chosen on other seeds of the worlds of `bench grip`)
-_AVERAGE_S = 0.04
+_AVERAGE_S = 0.02
 
 
 class Posterior:

@@ -270,7 +270,7 @@ def test_one_look_counts_by_what_is_new_in_it() -> None:
         posterior_of.take(scores, [0.0] * 4, odds_of(scores), *here)
         p = posterior_of.cells[-1]
         odds.append(math.log(p / (1.0 - p)))
-    new = 1.0 - math.exp(-0.5)
+    new = 1.0 - math.exp(-1.0)
     assert odds[3] - odds[0] == pytest.approx(6.0)
     assert odds[1] - odds[0] == pytest.approx(6.0 * new)
     assert odds[2] - odds[1] == pytest.approx(6.0 * new * (1.0 - new))

@@ -132,16 +132,11 @@ def seen(made: Callable[[int], Scene], seed: int, noise: float) -> tuple[ScanBlo
     return regular_block(counted, 100.0, channel_offset_s=offset_s), truth
 
 
-LATE = pytest.mark.xfail(
-    strict=True, reason="a slide after a pull of 30 ms is reported 3 ms or more too late"
-)
 TOLD_LATE = pytest.mark.xfail(strict=True, reason="its onset is told up to 65 ms too late")
 
 
-@pytest.mark.parametrize(
-    ("seed", "noise"),
-    [(201, 0.3e-3), (201, 10e-3), *(pytest.param(203, noise, marks=LATE) for noise in (0.3e-3, 10e-3))],
-)
+@pytest.mark.parametrize("seed", [201, 203])
+@pytest.mark.parametrize("noise", [0.3e-3, 10e-3])
 def test_a_physical_slide_is_found_before_it_is_gross(seed: int, noise: float) -> None:
     block, truth = seen(random_scenes.steady_slide, seed, noise)
     (slip,) = truth.slips
@@ -300,20 +295,11 @@ def test_ten_minutes_of_constant_input_are_nothing() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [20.0, 50.0, 99.7, 350.0, 1000.0])
-def test_it_works_at_any_rate(rate_hz: float) -> None:
+def test_a_slip_is_reported_within_a_tenth_of_a_second_at_any_rate(rate_hz: float) -> None:
     events = detect(Touch(uneven=0.05).block(ARRAY, rate_hz))
     assert told(events) == WHOLE
     first = slips(events)[0]
-    assert START_S + 4.0 < first.onset_s <= first.detected_s < START_S + 4.105
-
-
-SLOW = pytest.mark.xfail(strict=True, reason="reported after 100 ms: mean probabilities rise more slowly")
-
-
-@pytest.mark.parametrize("rate_hz", [pytest.param(20.0, marks=SLOW), 50.0, 99.7, 350.0, 1000.0])
-def test_a_slip_is_reported_within_a_tenth_of_a_second(rate_hz: float) -> None:
-    first = slips(detect(Touch(uneven=0.05).block(ARRAY, rate_hz)))[0]
-    assert first.detected_s < START_S + 4.1
+    assert START_S + 4.0 < first.onset_s <= first.detected_s < START_S + 4.1
 
 
 @pytest.mark.parametrize(("n", "kinds"), [(1, ["incipient"]), (8, ["incipient", "gross"])])
