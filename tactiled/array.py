@@ -148,10 +148,11 @@ class ArrayFile(Params):
         default=0.0,
         description="readings without a load: one number, one for each channel, or 'first 0.3 s' of the data",
     )
-    shear_per_friction: float = Field(
-        default=1.0,
+    shear_per_friction: float | None = Field(
+        default=None,
         gt=0,
-        description="reading of shear over reading of pressure where tangential and normal load are equal",
+        description="reading of shear over reading of pressure where tangential and normal load are equal; "
+        "left out: 1, which slip detection trusts only where the unit is N",
     )
     contact: ContactLevels | None = Field(
         default=None, description="left out: from the noise and the range of the channels"
@@ -256,6 +257,7 @@ class Array:
     zero_first_s: float  # time at the beginning of the data whose mean is the zero instead; 0 for none
     # Reading of shear over reading of pressure where tangential and normal load are equal
     shear_per_friction: float
+    is_shear_scaled: bool  # False where that is only assumed
     contact: ContactLevels | None  # None where noise and range of the channels decide
 
     @property
@@ -405,7 +407,8 @@ def build(file: ArrayFile) -> Array:
         high=high,
         zero=np.full(len(channels), 0.0 if isinstance(file.zero, str) else file.zero),
         zero_first_s=0.0 if first is None else float(first[1]),
-        shear_per_friction=file.shear_per_friction,
+        shear_per_friction=1.0 if file.shear_per_friction is None else file.shear_per_friction,
+        is_shear_scaled=file.shear_per_friction is not None or file.unit == "N",
         contact=file.contact,
     )
 

@@ -191,7 +191,12 @@ def _answers(question: Question, rule: str, source: Source, logs: Sequence[Log])
     if question == "slip" and source.growths:
         said = by_best_of_others(logs, ours.slips_by_growth(logs, array, source.growths))
     else:
-        says = {"slip": ours.slips, "touch": ours.touches, "loss": ours.loses}[question]
+        says = {
+            "slip": ours.slips,
+            "gross slip": ours.slips_grossly,
+            "touch": ours.touches,
+            "loss": ours.loses,
+        }[question]
         said = [says(log, array) for log in logs]
     all_said = (said, by_threshold(logs, LOG_RULES[rule]), by_trees(logs))
     return tuple(Decisions.count(logs, one) for one in all_said)

@@ -27,8 +27,17 @@ _Z90 = 1.645
 
 def slips(log: Log, array: Array) -> bool:
     """Return True where an onset is reported."""
+    return bool(_onsets(log, array))
+
+
+def slips_grossly(log: Log, array: Array) -> bool:
+    """Return True where the onset of a gross slip is reported."""
+    return any(event.kind == "gross" for event in _onsets(log, array))
+
+
+def _onsets(log: Log, array: Array) -> list[SlipEvent]:
     found = _events(log, array, DetectParams(), ("slip",))
-    return any(isinstance(event, SlipEvent) and event.state == "onset" for event in found)
+    return [event for event in found if isinstance(event, SlipEvent) and event.state == "onset"]
 
 
 def slips_by_growth(logs: Sequence[Log], array: Array, growths: Sequence[float]) -> NDArray[np.bool_]:

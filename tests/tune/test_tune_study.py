@@ -15,6 +15,7 @@ from scipy.stats import poisson
 
 from bench.worlds.emulated import play
 from tactiled.array import Array, load_array
+from tactiled.detect.contact.friction import FRICTION_LOG_SD
 from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.suite import DetectParams
 from tactiled.emulator.scene.description import Scene, load_scene
@@ -121,8 +122,7 @@ def test_shear_that_is_borne_narrows_friction_and_the_proposal_is_a_valid_config
     """A ratio of shear over load that was borne refutes all friction below it."""
     found = quietly(recording(held(6, 3e-4)), shaken(np.full(4, 0.9)))
     assert found.friction is not None
-    prior = DetectParams().grip.friction_log_sd
-    assert found.friction.log_sd < prior
+    assert found.friction.log_sd < FRICTION_LOG_SD
     params = DetectParams.model_validate(tomllib.loads(as_toml(found))["detect"])
     assert params.setting == found.proposed
     assert params.grip.friction == pytest.approx(found.friction.median, rel=0.01)

@@ -76,6 +76,23 @@ def test_what_is_stated_in_a_light_touch_that_a_gap_ends_holds_for_the_next_cont
     assert grips(detector.process(touch(1)))[5].friction == pytest.approx(1.8, rel=0.02)
 
 
+def test_friction_is_less_known_where_the_scale_of_shear_is_not_stated() -> None:
+    """The prior of friction is of forces; readings of shear and load may have any scale of their own."""
+    pads = {
+        "scaled": square_array("xyz", 3, 4.0, range=(-8.0, 8.0), shear_per_friction=1.0),
+        "newtons": square_array("xyz", 3, 4.0, unit="N", range=(-8.0, 8.0)),
+        "not scaled": square_array("xyz", 3, 4.0, range=(-8.0, 8.0)),
+    }
+    assert [pad.shear_per_friction for pad in pads.values()] == [1.0, 1.0, 1.0]
+    load = np.clip(np.arange(60)[:, np.newaxis] / 20 - 0.5, 0, 1) * np.tile([0.0, 0.0, 1.0], 9)
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(load.shape)
+    block = regular_block(load + noise, 100.0)
+    found = {name: log_sd(grips(GripDetector(pad).process(block))[0]) for name, pad in pads.items()}
+    assert found == pytest.approx({"scaled": 0.6, "newtons": 0.6, "not scaled": 1.0}, rel=0.05)
+    stated = grips(GripDetector(pads["not scaled"], GripParams(friction=0.2)).process(block))[0]
+    assert log_sd(stated) == pytest.approx(0.6, rel=0.05)
+
+
 def test_another_object_has_the_friction_of_the_configuration() -> None:
     detector = GripDetector(ARRAY, GripParams(friction=2.0))
     detector.state_friction(0.5, 0.1)
