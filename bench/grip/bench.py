@@ -59,17 +59,21 @@ def bench_grip(progress: ProgressBar, options: BenchOptions) -> list[str]:
             scores[name] = {kind: score([row[kind] for row in found]) for kind in found[0]}
     return [
         f"The filter learns from {lots_in_words(lots)} of each generator, and is scored on "
-        f"{lots_in_words(reported)}. grasps and plates, which share a skin, are left out together. After "
-        "learning from it, too: the mean of the pairs of generators that have it.",
+        f"{lots_in_words(reported)}. grasps and plates, which share a skin, are left out together. Rows "
+        f"'{LEARNT}' (only in the figures): the mean over the trees of those pairs of generators that "
+        "include the scored one.",
         aims_table(aims(scores, scan_cost())),
-        "AUC, 90 %: interval for other worlds of the same generator. Rests while gross: part of the time "
-        "with state gross in which not all of the contact slides. u: utilisation, where the true one is "
-        "0.5 or more. By true friction: shear over load, divided by the true friction, in place of a "
-        "filter. False gross slips are counted per hour of contact, at the threshold with the fewest of "
-        "those with a recall of 80 % or more; a gross slip is found if it is reported between 0.1 s before "
-        "and 0.3 s after it begins. Below half: gross slips that are reported in worlds whose utilisation "
-        "never reaches 0.5; all of them are false. Processor time at 100 Hz: hot with one scan right after "
-        "the other, live with one every 10 ms.",
+        "The rms errors and intervals are those of utilisation, in scans whose true utilisation is 0.5 or "
+        "more; after a first slide: in scans after the end of the first slide of the world. False gross "
+        "slips are counted per hour of contact. Of the thresholds with a recall of at least 80 %, the one "
+        f"with the fewest false gross slips is taken; {NONE}: no threshold has this recall. A gross slip is "
+        "found if it is reported between 0.1 s before and 0.3 s after it begins. Below half of the limit: "
+        "gross slips that are reported in worlds whose utilisation never reaches 0.5; all of them are "
+        "false. Processor time at 100 Hz: hot with one scan right after the other, live with one every "
+        "10 ms. Columns of the figures: AUC, 90 %: interval for other worlds of the same generator. Rests "
+        "while gross: part of the time with state gross in which not all of the contact slides. u: "
+        "utilisation. By true friction: error of shear over load, divided by the true friction, in place "
+        "of the filter.",
         table(_row(name, kind, one) for name, kinds in scores.items() for kind, one in kinds.items()),
     ]
 

@@ -78,8 +78,9 @@ def bench_hold(progress: ProgressBar, options: BenchOptions) -> list[str]:
         found[arm] += some
     return [
         f"Grasps of 7 s ({seeds_in_words(chosen.n, REPORTED_FROM)}; rows of fewer grasps use the "
-        "first seeds). Grip over the least: the mean grip, divided by the mean of the smallest grip with "
-        "which friction holds the object while it hangs freely, averaged over the grasps without a drop.",
+        "first seeds). The least grip is the smallest with which friction holds the object. Grip over the "
+        "least: for each grasp without a drop, the mean grip while the object hangs freely is divided by "
+        "the mean least grip of the same time; the table has the average over these grasps.",
         aims_table(aims(found[chosen]), chosen.words),
         table({"grip": arm.words, **_numbers(some)} for arm, some in found.items()),
         f"Grasps of the margin with target {TARGET:g}, by event.",

@@ -65,7 +65,8 @@ def bench_slip(progress: ProgressBar, options: BenchOptions) -> list[str]:
         f"Slides and rests of a minute ({seeds_in_words(len(minutes), MINUTES_FROM)}; "
         f"{len(minutes) - len(long)} rests that slipped are left out), with noise of 0.3 to 3 mV, at the "
         "setting balanced. Slides have a constant speed of 0.25 to 20 mm/s, and are scored from 0.5 s after "
-        "they begin. Rests use 80 to 97 % of the friction limit.",
+        "they begin. Rests use 80 to 97 % of the friction limit. p of sliding: the median over the slides "
+        "that are reported for less than 95 % of their time, and over the rests.",
         table(minute_rows(long)),
     ]
 
