@@ -133,9 +133,9 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
     missing = how_to_get(source for source in sources() if source not in here)
     sections = [
         "Public recordings of other groups. The column asked says what each method must find in the logs of "
-        "a source: the period of a grating, the forces, or, for each log, whether there is a slip, a touch "
-        "or the loss of an object. Ridge with squares is a ridge regression on the readings and their "
-        "squares. Rules and trees are scored on each object after they have learnt from the other objects "
+        "a source: the period of a grating, the forces, or, for each log, whether there is a slip (of any "
+        "kind, or a gross one), a touch or the loss of an object. Ridge with squares is a ridge regression "
+        "on the readings and their squares. Rules and trees are scored on each object after they have learnt from the other objects "
         "of the source. Force: rms error of each axis, divided by its range, in a cross-validation that "
         "leaves out whole contacts; in brackets, the part of the 90 % intervals that contain the true "
         "force. Commas separate axes, semicolons separate logs; for more than five logs, the median and the "
