@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.processes import need_programs
 from tactiled.errors import OperatorError
 
 SUITES = {"bookworm": "3.11", "trixie": "3.13"}
@@ -56,8 +57,7 @@ def make_image(suite: str) -> Image:
     OperatorError
         A program or the rights of root are missing.
     """
-    if missing := [package for program, package in _PROGRAMS.items() if shutil.which(program) is None]:
-        raise OperatorError(f"bench machine needs more programs: sudo apt install {' '.join(missing)}")
+    need_programs(_PROGRAMS)
     digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:12]
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "tactiled-machine"
     folder = cache / f"{suite}-{digest}"
