@@ -98,7 +98,7 @@ _ON_INSTALLED: dict[str, Callable[[Guest, _Bench], list[Aim]]] = {
 
 def _on_installed(name: str, bench: _Bench) -> list[str]:
     """Do one of these parts."""
-    with Guest(_with_package("bookworm", is_set_up=True), bench.folder / name) as guest:
+    with Guest(with_package("bookworm", is_set_up=True), bench.folder / name) as guest:
         guest.boot(bench.board)
         aims = _ON_INSTALLED[name](guest, bench)
         return [_words(guest), aims_table(aims)]
@@ -106,7 +106,7 @@ def _on_installed(name: str, bench: _Bench) -> list[str]:
 
 def _part_newer(bench: _Bench) -> list[str]:
     """Debian 13."""
-    with Guest(_with_package("trixie"), bench.folder / "newer") as guest:
+    with Guest(with_package("trixie"), bench.folder / "newer") as guest:
         guest.boot()
         aims = cases.set_up_board(guest, bench.board)
         aims += cases.first_scans(guest)
@@ -182,7 +182,7 @@ def _package(suite: str, arch: str = "amd64") -> Path:
     return package
 
 
-def _with_package(suite: str, *, is_set_up: bool = False) -> Image:
+def with_package(suite: str, *, is_set_up: bool = False) -> Image:
     """Disk of a Debian whose own dpkg has installed the package on this host; with a board, where set up."""
     image = make_image(suite)
     disk = _kept(image, "installed" if is_set_up else "package", ".raw")

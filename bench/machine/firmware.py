@@ -25,7 +25,7 @@ def soak(folder: Path, duration_s: float, resets: int) -> list[str]:
         reset_often(board, daemon, resets, round(duration_s * RATE_HZ / (resets + 1)))
         took_s = time.monotonic() - began_s
         sent, aims = accounts(board, daemon, resets)
-    aims.append(never("boots without an answer to set_rate and one to a ping", sent.unasked))
+    aims.append(never("boots without an answer to set_rate and one to a ping", sent.unanswered))
     counted = {
         "scans sent": len(sent.scans),
         "published": len(daemon.volts),

@@ -25,6 +25,7 @@ _PROGRAMS = {
     "dpkg-deb": "dpkg",
 }
 _SIZE = "3G"  # Debian and tactiled take 1.1 GB; recordings pause below 0.5 GB of free space
+_DOWNLOAD_S = 600.0  # a host without the network would wait for longer
 _SHELL = f"""\
 [Unit]
 Description=Root shell for the host of this virtual machine
@@ -71,7 +72,7 @@ def make_image(suite: str) -> Image:
         root, made = Path(scratch, "root"), Path(scratch, "made")
         made.mkdir()
         command = ["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", suite, str(root)]
-        subprocess.run(command, check=True)
+        subprocess.run(command, check=True, timeout=_DOWNLOAD_S)
         for name, text in _FILES.items():
             (root / name).write_text(text)
         (root / _WANTS).parent.mkdir()

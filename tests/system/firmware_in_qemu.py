@@ -93,7 +93,7 @@ class SentFrames(NamedTuple):
     boots: int
     truncated: int
     # Boots in which it answered no `set_rate`, or no `ping`
-    unasked: int
+    unanswered: int
 
 
 def sent_by(board: BoardInQemu) -> SentFrames:
@@ -122,7 +122,7 @@ def sent_by(board: BoardInQemu) -> SentFrames:
         overrun=sum(hole for hole, flagged in holes if flagged),
         boots=len(runs),
         truncated=truncated,
-        unasked=sum(not {"set_rate", "ping"} <= commands for commands in answered.values()),
+        unanswered=sum(not {"set_rate", "ping"} <= commands for commands in answered.values()),
     )
 
 
