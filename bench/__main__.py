@@ -39,7 +39,8 @@ BENCHES = {
         ("tactiled/detect", "tactiled/force", "packages/calibration", "config/learnt", "bench/recordings"),
     ),
     "machine": Bench(
-        "bench.machine.bench", ("tactiled", "packages/debian", "systemd", "hatch_build.py", "bench/machine")
+        "bench.machine.bench",
+        ("tactiled", "packages/debian", "protocols/c", "systemd", "hatch_build.py", "bench/machine"),
     ),
 }
 
@@ -62,7 +63,7 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None, parts
     grip force of a controller that follows the filter's margin. texture: errors of groove estimates over
     the Cramer-Rao bound, and wrong answers. recordings: public recordings of other groups, beside simple
     rules and trees. machine: the Debian package in a virtual machine with USB adapters, in the parts
-    setup, users, usb, clock, suspend, shortage, power, boot, newer.
+    setup, users, usb, clock, suspend, shortage, power, boot, newer; its package for aarch64; firmware.
 
     Example: ./run bench slip --quick --json docs/figures/slip.json
     """

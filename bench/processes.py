@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,16 @@ START_S = 120.0  # a cold start of the interpreter on a busy machine
 _CONFIG = '[port]\nurl = "{port}"\n[publish]\nendpoints = ["{endpoint}"]\n[metrics]\nport = 0\n'
 
 
+def need_programs(packages: Mapping[str, str]) -> None:
+    """Raise `OperatorError` with the Debian packages of the programs that are missing."""
+    if missing := [package for program, package in packages.items() if shutil.which(program) is None]:
+        raise OperatorError(f"this needs more programs: sudo apt install {' '.join(missing)}")
+
+
 def compile_program(folder: Path, source: Path, *flags: str) -> Path:
     """Compile a program in C or C++ into a folder; flags follow its source, as libraries must."""
     compiler = "cc" if source.suffix == ".c" else "c++"
-    if shutil.which(compiler) is None:
-        raise OperatorError(f"{source.name} needs a compiler: sudo apt install gcc g++")
+    need_programs({compiler: "gcc g++"})
     program = folder / source.stem
     command = [compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-o", str(program), str(source), *flags]
     subprocess.run(command, check=True)
@@ -56,7 +61,7 @@ def next_line(process: "subprocess.Popen[Any]") -> str:
     return str(process.stdout.readline())
 
 
-def daemon_config(path: Path, port: Path, endpoint: str) -> Path:
+def daemon_config(path: Path, port: Path | str, endpoint: str) -> Path:
     """Write the configuration of a daemon without metrics, and return its path."""
     path.write_text(_CONFIG.format(port=port, endpoint=endpoint))
     return path

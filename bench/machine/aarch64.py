@@ -19,19 +19,13 @@ from tactiled.emulator.scene.description import load_scene
 from tactiled.errors import OperatorError
 
 # Programs that this needs, and the Debian packages that have them
-_PACKAGES = {
+PACKAGES = {
     "qemu-aarch64-static": "qemu-user-static",
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu libc6-dev-arm64-cross",
     "mmdebstrap": "mmdebstrap",
 }
 # Seconds of scenes: a second of a slide over grooves takes 20 s of an emulated processor.
 _SCENES = {"demo": 12.0, "stick-slip": 8.0, str(Path(__file__).parents[1] / "throughput/slide.toml"): 8.0}
-
-
-def need_programs() -> None:
-    """Raise `OperatorError` where a program is missing."""
-    if missing := [package for program, package in _PACKAGES.items() if shutil.which(program) is None]:
-        raise OperatorError(f"bench machine needs more programs: sudo apt install {' '.join(missing)}")
 
 
 def compare(package: Path, folder: Path) -> list[str]:

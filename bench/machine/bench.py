@@ -5,23 +5,25 @@ package of this checkout is installed in it, and `tactiled setup` sets it up; th
 The emulated boards run on this host, behind the FTDI adapters that qemu emulates. Each part starts from a
 disk of its own: as Debian makes it, or with the package installed and set up, which is kept in the cache of
 this user until the package changes. It is installed by the Debian's own dpkg, run by this host, and in the
-part `setup` by the guest, which takes minutes.
+part `setup` by the guest, which takes minutes. The parts `aarch64` and `firmware` have no virtual machine.
 """
 
 import hashlib
-import re
 import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
-from bench.machine import aarch64, cases
+from bench.machine import aarch64, cases, firmware
 from bench.machine.guest import PROCESSORS, RATE_HZ, Board, Guest
 from bench.machine.image import SUITES, Image, make_image
-from bench.report import BenchOptions, aims_table, load_words
+from bench.machine.qemu import version
+from bench.processes import need_programs
+from bench.report import Aim, BenchOptions, aims_table, load_words
 from tactiled.errors import OperatorError
 from tactiled.progress import ProgressBar
 
@@ -64,61 +66,47 @@ def _part_setup(bench: _Bench) -> list[str]:
         ]
 
 
-def _part_users(bench: _Bench) -> list[str]:
-    """Users without rights, and the journal that a person reads."""
-    with _installed(bench, "users") as guest:
-        return [_words(guest), aims_table(cases.without_rights(guest) + cases.journal(guest))]
+# Cases of the parts that begin with the package installed and a board set up and plugged in
+_ON_INSTALLED: dict[str, Callable[[Guest, _Bench], list[Aim]]] = {
+    # Users without rights, and the journal that a person reads
+    "users": lambda guest, _: cases.without_rights(guest) + cases.journal(guest),
+    # Adapters that are pulled out, moved and swapped
+    "usb": lambda guest, bench: [
+        *cases.replug(guest, bench.board, bench.times(20)),
+        *cases.journal(guest),
+        *cases.swap(guest, bench.board, bench.other, bench.times(4)),
+    ],
+    # Clocks that are stepped and slewed
+    "clock": lambda guest, bench: cases.step_clock(guest, bench.board) + cases.slew_clock(guest, bench.board),
+    # Suspend to memory, and resume
+    "suspend": lambda guest, bench: cases.suspend(guest, bench.board),
+    # Too little disk, memory and processor
+    "shortage": lambda guest, bench: [
+        *cases.fill_disk(guest),
+        *cases.fill_memory(guest),
+        *cases.load_processor(guest, bench.board, bench.other),
+    ],
+    # Disks as power cuts leave them while the daemon records
+    "power": lambda guest, bench: cases.copy_disk(guest, bench.times(20), bench.folder),
+    # Power cuts, each with a boot, and the times from power on to the first fresh scan
+    "boot": lambda guest, bench: [
+        *cases.cut_power(guest, bench.board, bench.times(3)),
+        *cases.boot(guest, bench.board, bench.times(3)),
+    ],
+}
 
 
-def _part_usb(bench: _Bench) -> list[str]:
-    """Adapters that are pulled out, moved and swapped."""
-    with _installed(bench, "usb") as guest:
-        aims = cases.replug(guest, bench.board, bench.times(20))
-        aims += cases.journal(guest)
-        aims += cases.swap(guest, bench.board, bench.other, bench.times(4))
-        return [_words(guest), aims_table(aims)]
-
-
-def _part_clock(bench: _Bench) -> list[str]:
-    """Clocks that are stepped and slewed."""
-    with _installed(bench, "clock") as guest:
-        aims = cases.step_clock(guest, bench.board)
-        aims += cases.slew_clock(guest, bench.board)
-        return [_words(guest), aims_table(aims)]
-
-
-def _part_suspend(bench: _Bench) -> list[str]:
-    """Suspend to memory, and resume."""
-    with _installed(bench, "suspend") as guest:
-        return [_words(guest), aims_table(cases.suspend(guest, bench.board))]
-
-
-def _part_shortage(bench: _Bench) -> list[str]:
-    """Too little disk, memory and processor."""
-    with _installed(bench, "shortage") as guest:
-        aims = cases.fill_disk(guest) + cases.fill_memory(guest)
-        aims += cases.load_processor(guest, bench.board, bench.other)
-        return [_words(guest), aims_table(aims)]
-
-
-def _part_power(bench: _Bench) -> list[str]:
-    """Disks as power cuts leave them while the daemon records."""
-    with _installed(bench, "power") as guest:
-        aims, difference = cases.copy_disk(guest, bench.times(20), bench.folder)
-        return [_words(guest), aims_table(aims), *filter(None, [difference])]
-
-
-def _part_boot(bench: _Bench) -> list[str]:
-    """Power cuts, each with a boot, and the times from power on to the first fresh scan."""
-    with _installed(bench, "boot") as guest:
-        aims = cases.cut_power(guest, bench.board, bench.times(3))
-        aims += cases.boot(guest, bench.board, bench.times(3))
+def _on_installed(name: str, bench: _Bench) -> list[str]:
+    """Do one of these parts."""
+    with Guest(with_package("bookworm", is_set_up=True), bench.folder / name) as guest:
+        guest.boot(bench.board)
+        aims = _ON_INSTALLED[name](guest, bench)
         return [_words(guest), aims_table(aims)]
 
 
 def _part_newer(bench: _Bench) -> list[str]:
     """Debian 13."""
-    with Guest(_with_package("trixie"), bench.folder / "newer") as guest:
+    with Guest(with_package("trixie"), bench.folder / "newer") as guest:
         guest.boot()
         aims = cases.set_up_board(guest, bench.board)
         aims += cases.first_scans(guest)
@@ -127,22 +115,18 @@ def _part_newer(bench: _Bench) -> list[str]:
 
 def _part_aarch64(bench: _Bench) -> list[str]:
     """The package for another processor."""
-    aarch64.need_programs()
+    need_programs(aarch64.PACKAGES)
     words = "The Debian package for arm64, unpacked in Debian 12, under qemu-user; compiled modules on both."
     return [words, *aarch64.compare(_package("bookworm", "arm64"), bench.folder)]
 
 
 _PARTS: dict[str, Callable[[_Bench], list[str]]] = {
     "setup": _part_setup,
-    "users": _part_users,
-    "usb": _part_usb,
-    "clock": _part_clock,
-    "suspend": _part_suspend,
-    "shortage": _part_shortage,
-    "power": _part_power,
-    "boot": _part_boot,
+    **{name: partial(_on_installed, name) for name in _ON_INSTALLED},
     "newer": _part_newer,
     "aarch64": _part_aarch64,
+    # The example firmware, ten minutes with resets, half of them within a frame
+    "firmware": lambda bench: firmware.soak(bench.folder, bench.times(600), bench.times(20)),
 }
 
 
@@ -162,12 +146,10 @@ def bench_machine(progress: ProgressBar, options: BenchOptions) -> list[str]:
 
 def _words(guest: Guest, more: str = "") -> str:
     """Return the system that was measured, and its conditions."""
-    version = subprocess.check_output(["qemu-system-x86_64", "--version"], text=True)
-    emulator = re.sub(r" \(.*", "", version.splitlines()[0].replace("QEMU emulator version", "qemu"))
     system = guest.run("echo Debian $(cat /etc/debian_version), Linux $(uname -r)")
     return (
-        f"{system} in {emulator} without KVM, {PROCESSORS} emulated processors, on a host with "
-        f"{load_words()}; boards at {RATE_HZ:g} Hz. Seconds are of the guest. {more}"
+        f"{system} in {version('qemu-system-x86_64')} without KVM, {PROCESSORS} emulated processors, on a "
+        f"host with {load_words()}; boards at {RATE_HZ:g} Hz. Seconds are of the guest. {more}"
     ).strip()
 
 
@@ -200,7 +182,7 @@ def _package(suite: str, arch: str = "amd64") -> Path:
     return package
 
 
-def _with_package(suite: str, *, is_set_up: bool = False) -> Image:
+def with_package(suite: str, *, is_set_up: bool = False) -> Image:
     """Disk of a Debian whose own dpkg has installed the package on this host; with a board, where set up."""
     image = make_image(suite)
     disk = _kept(image, "installed" if is_set_up else "package", ".raw")
@@ -224,10 +206,3 @@ def _with_package(suite: str, *, is_set_up: bool = False) -> Image:
                 subprocess.run(["umount", str(root)], check=True)
             copy.rename(disk)
     return Image(disk, image.kernel, image.initrd)
-
-
-def _installed(bench: _Bench, name: str) -> Guest:
-    """Return a running guest of Debian 12 with the package, and the board plugged in."""
-    guest = Guest(_with_package("bookworm", is_set_up=True), bench.folder / name)
-    guest.boot(bench.board)
-    return guest

@@ -461,11 +461,8 @@ def cut_power(guest: Guest, board: Board, times: int) -> list[Aim]:
     ]
 
 
-def copy_disk(guest: Guest, times: int, folder: Path) -> tuple[list[Aim], str]:
-    """Copy the disk at different times while the daemon records; recover and verify the recording of each.
-
-    Returns what the first recording that does not verify differs by, too.
-    """
+def copy_disk(guest: Guest, times: int, folder: Path) -> list[Aim]:
+    """Copy the disk at different times while the daemon records; recover and verify the recording of each."""
     wait_until_fresh(guest)
     cut_unix_s, found, verified, difference = [], [], [], ""
     for number in range(times):
@@ -481,12 +478,13 @@ def copy_disk(guest: Guest, times: int, folder: Path) -> tuple[list[Aim], str]:
         )
         verified.append(done.returncode == 0)
         if done.returncode:
-            difference = difference or f"Does not verify: {(done.stdout + done.stderr).strip()[-500:]}"
+            difference = difference or f"; the first differs: {done.stdout} {done.stderr}"
         found.append(read_recording(newest))
+    words = " ".join(f"{ratio(verified)}{difference}".split())[:500]
     return [
-        aim("disk as a power cut leaves it: recordings that verify", "all", ratio(verified), all(verified)),
+        aim("disk as a power cut leaves it: recordings that verify", "all", words, all(verified)),
         *_up_to_the_cut(cut_unix_s, found),
-    ], difference
+    ]
 
 
 def _up_to_the_cut(cut_unix_s: list[float], found: list[Recorded]) -> list[Aim]:

@@ -5,19 +5,18 @@ import json
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 from bench.machine.image import CONTROL, Image
+from bench.machine.qemu import PATIENCE_S, Qemu
 from bench.processes import TACTILED, next_line
 from tactiled import child
 from tactiled.errors import OperatorError
 
-PATIENCE_S = 900.0  # without KVM everything is some twenty times slower, the installation most of all
 RATE_HZ = 25.0  # of the boards: the usual 100 Hz would take all of the emulated processor
 _MEMORY_MB = 1024
 PROCESSORS = 2  # with one, two daemons starting together are too slow for their watchdogs
@@ -54,7 +53,7 @@ class Board:
         self.port = json.loads(next_line(self._process))["link"].rpartition(":")[2]
 
 
-class Guest:
+class Guest(Qemu):
     """Virtual machine that runs from `boot` until `cut_power`; its disk lasts as long as the folder.
 
     Each boot writes into a new layer (qcow2) over what was there. qemu notes in the file which blocks a layer
@@ -63,17 +62,11 @@ class Guest:
     """
 
     def __init__(self, image: Image, folder: Path) -> None:
+        super().__init__()
         self._image, self._folder, self._layer = image, folder, image.disk
         self._layers = 0
         self.share = folder / "share"
         self.share.mkdir(parents=True)
-        self._process: subprocess.Popen[bytes] | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.cut_power()
 
     def boot(self, *boards: Board, masked_unit: str = "") -> None:
         """Switch the power on, with boards plugged in, and wait for the root shell; a masked unit is off."""
@@ -84,27 +77,21 @@ class Guest:
         subprocess.run(command, check=True)
         self._layer = layer
         mask = f" systemd.mask={masked_unit}" if masked_unit else ""
-        control, monitor = self._folder / "control", self._folder / "monitor"
-        for path in (control, monitor):
-            path.unlink(missing_ok=True)
-        self._process = subprocess.Popen(
+        control = self._folder / "control"
+        control.unlink(missing_ok=True)
+        self._start(
             ["qemu-system-x86_64", "-accel", "tcg", "-cpu", "max", "-smp", str(PROCESSORS),
-             "-m", str(_MEMORY_MB), "-display", "none", "-nic", "none",
+             "-m", str(_MEMORY_MB), "-nic", "none",
              "-serial", f"file:{self._folder}/console.log",
-             "-kernel", self._image.kernel, "-initrd", self._image.initrd,
+             "-kernel", str(self._image.kernel), "-initrd", str(self._image.initrd),
              "-append", f"root=/dev/vda ro console=ttyS0 quiet{mask}",
              "-drive", f"file={layer},if=virtio",
              "-device", "piix3-usb-uhci,id=usb",
              "-virtfs", f"local,path={self.share},mount_tag=share,security_model=none",
              "-chardev", f"socket,id={CONTROL},path={control},server=on,wait=off", "-device", "virtio-serial",
-             "-device", f"virtserialport,chardev={CONTROL},name={CONTROL}",
-             "-qmp", f"unix:{monitor},server=on,wait=off"],
-            stdin=subprocess.DEVNULL,
+             "-device", f"virtserialport,chardev={CONTROL},name={CONTROL}"],
+            self._folder,
         )  # fmt: skip
-        self._monitor = self._connect(monitor)
-        self._answers = self._monitor.makefile()
-        self._answers.readline()  # the greeting
-        self.qmp("qmp_capabilities")
         self._control = self._connect(control)
         for board in boards:
             self.plug(board)
@@ -123,15 +110,6 @@ class Guest:
         finally:
             self._process.send_signal(signal.SIGCONT)
         return at_s
-
-    def cut_power(self) -> None:
-        """Kill the machine, if it runs."""
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._process = None
-            for stream in (self._answers, self._monitor, self._control):
-                stream.close()
 
     def run(self, command: str, timeout_s: float = PATIENCE_S) -> str:
         """Run a command of the shell in the guest, which must succeed, and return what it printed."""
@@ -156,14 +134,6 @@ class Guest:
     def until(self, command: str) -> None:
         """Wait until a command of the shell in the guest succeeds, asked every 2 s."""
         self.run(f"until {command} >/dev/null; do sleep 2; done")
-
-    def qmp(self, name: str, **arguments: Any) -> Any:
-        """Give qemu a command of its monitor, and return the answer."""
-        self._monitor.sendall(json.dumps({"execute": name, "arguments": arguments}).encode() + b"\n")
-        while "return" not in (answer := json.loads(self._answers.readline())):
-            if "error" in answer:
-                raise OperatorError(f"qemu, {name}: {answer['error']['desc']}")
-        return answer["return"]
 
     def plug(self, board: Board, socket_number: int = 1) -> None:
         """Plug the adapter of a board into a USB socket of the guest."""
@@ -209,13 +179,3 @@ class Guest:
     def mount_share(self) -> None:
         """Mount the shared folder of this host at /mnt in the guest."""
         self.run("mount -t 9p -o trans=virtio,version=9p2000.L share /mnt")
-
-    def _connect(self, path: Path) -> socket.socket:
-        until_s = time.monotonic() + PATIENCE_S
-        link = socket.socket(socket.AF_UNIX)
-        while link.connect_ex(str(path)):
-            assert self._process is not None
-            if self._process.poll() is not None or time.monotonic() > until_s:
-                raise OperatorError("qemu did not start; its error is above")
-            time.sleep(0.05)
-        return link

@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from bench.processes import need_programs
 from tactiled.errors import OperatorError
 
 SUITES = {"bookworm": "3.11", "trixie": "3.13"}
@@ -24,6 +25,7 @@ _PROGRAMS = {
     "dpkg-deb": "dpkg",
 }
 _SIZE = "3G"  # Debian and tactiled take 1.1 GB; recordings pause below 0.5 GB of free space
+_DOWNLOAD_S = 600.0  # a host without the network would wait for longer
 _SHELL = f"""\
 [Unit]
 Description=Root shell for the host of this virtual machine
@@ -56,8 +58,7 @@ def make_image(suite: str) -> Image:
     OperatorError
         A program or the rights of root are missing.
     """
-    if missing := [package for program, package in _PROGRAMS.items() if shutil.which(program) is None]:
-        raise OperatorError(f"bench machine needs more programs: sudo apt install {' '.join(missing)}")
+    need_programs(_PROGRAMS)
     digest = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:12]
     cache = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "tactiled-machine"
     folder = cache / f"{suite}-{digest}"
@@ -71,7 +72,7 @@ def make_image(suite: str) -> Image:
         root, made = Path(scratch, "root"), Path(scratch, "made")
         made.mkdir()
         command = ["mmdebstrap", "--quiet", "--variant=minbase", f"--include={PACKAGES}", suite, str(root)]
-        subprocess.run(command, check=True)
+        subprocess.run(command, check=True, timeout=_DOWNLOAD_S)
         for name, text in _FILES.items():
             (root / name).write_text(text)
         (root / _WANTS).parent.mkdir()
