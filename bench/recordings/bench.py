@@ -138,10 +138,11 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         "on the readings and their squares. Rules and trees are scored on each object after they have learnt "
         "from the other objects of the source. Force: rms error of each axis, divided by its range, in a "
         "cross-validation that leaves out whole contacts; in brackets, the part of the 90 % intervals that "
-        "contain the true force. Commas separate axes, semicolons separate logs; for more than five logs, the median and the "
-        "range are given. Contact (only in the figures): one part is that of the scans with a force of more "
-        "than 5 % of its range in which contact is reported, the other that of the scans with less than "
-        "0.5 % in which no contact is reported; the score is the mean of both parts, and chance gives 0.5.",
+        "contain the true force. Commas separate axes, semicolons separate logs; for more than five logs, "
+        "the median and the range are given. Contact (only in the figures): one part is that of the scans "
+        "with a force of more than 5 % of its range in which contact is reported, the other that of the "
+        "scans with less than 0.5 % in which no contact is reported; the score is the mean of both parts, "
+        "and chance gives 0.5.",
         table(_row(one) for one in found),
         aims_table(_aims(found)),
         "Constants that were chosen on a source: "
