@@ -3,9 +3,7 @@
 import time
 from pathlib import Path
 
-from bench.machine.qemu import version
-from bench.report import aims_table, load_words, never, table
-from tests.system.firmware_in_qemu import (
+from bench.machine.board_in_qemu import (
     RATE_HZ,
     BoardInQemu,
     accounts,
@@ -13,6 +11,8 @@ from tests.system.firmware_in_qemu import (
     daemon_on,
     reset_often,
 )
+from bench.machine.qemu import version
+from bench.report import aims_table, load_words, never, table
 
 
 def soak(folder: Path, duration_s: float, resets: int) -> list[str]:

@@ -13,10 +13,7 @@ import pytest
 import serial
 from patience import PATIENCE_S
 
-from tactiled.errors import OperatorError
-from tactiled.wire.codec import Decoder, Encoder
-from tactiled.wire.frames import Acknowledge, Command, Scan
-from tests.system.firmware_in_qemu import (
+from bench.machine.board_in_qemu import (
     LAYOUT,
     BoardInQemu,
     DaemonOnBoard,
@@ -26,6 +23,9 @@ from tests.system.firmware_in_qemu import (
     daemon_on,
     reset_often,
 )
+from tactiled.errors import OperatorError
+from tactiled.wire.codec import Decoder, Encoder
+from tactiled.wire.frames import Acknowledge, Command, Scan
 
 pytestmark = pytest.mark.system
 FAULTS = ("scans_missed", "frames_dropped", "frames_corrupt", "octets_dropped")  # as in firmware.h

@@ -1,7 +1,7 @@
 """Firmware in the loop: the example firmware in qemu, its UART on a pty, `tactiled run` at the other end.
 
-qemu writes down every byte that the UART sends. What the daemon publishes is compared with that file, here
-and in `./run bench machine --only firmware`.
+qemu writes down every byte that the UART sends. What the daemon publishes is compared with that file, by
+tests and by `./run bench machine --only firmware`.
 """
 
 import subprocess
