@@ -77,7 +77,9 @@ public:
             return command_n_;
         if (!(1 / MOST < present_n && present_n < MOST))
             present_n = newtons_per_reading_ > 0 ? newtons_per_reading_ * grip.load : command_n_;
-        const Seen now{grip.timestamp, std::hypot(grip.shear_x, grip.shear_y), grip.load, present_n};
+        // Not std::hypot, whose last bit differs from that of other languages.
+        const double shear = std::sqrt(grip.shear_x * grip.shear_x + grip.shear_y * grip.shear_y);
+        const Seen now{grip.timestamp, shear, grip.load, present_n};
         const double step_s = past_.empty() ? 0.0 : std::min(now.at_s - past_.back().at_s, 0.1);
         const bool dropped = drops(now);
         const double ratio = slip_ratio(grip, now);

@@ -175,7 +175,10 @@ class GripController:
             present_n = math.nan
         if not 1 / _MOST < present_n < _MOST:
             present_n = self._newtons_per_reading * grip["load"] or self.command_n
-        now = _Seen(grip["timestamp"], math.hypot(grip["shear_x"], grip["shear_y"]), grip["load"], present_n)
+        # Not hypot, whose last bit differs from that of C++.
+        x, y = grip["shear_x"], grip["shear_y"]
+        shear = math.sqrt(x * x + y * y)
+        now = _Seen(grip["timestamp"], shear, grip["load"], present_n)
         step_s = min(now.at_s - self._past[-1].at_s, 0.1) if self._past else 0.0
         dropped, ratio = self._drops(now), self._slip_ratio(grip, now)
         self._bound_friction(grip, now, ratio, step_s)
