@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 from pydantic import Field
@@ -256,15 +257,17 @@ class GripDetector:
         """Return the events of a slip at a scan, and those of the contact states that it makes."""
         tracker, slips = self.tracker, self._slips
         assert tracker is not None
-        touches, is_valid = tracker.state != "none", readings.keeps_enough and not bool(block.late[row])
-        events: list[Event] = []
+        touches, events = tracker.state != "none", list[Event]()
+        # A slip that ends with the readings of a taxel was not seen to end.
+        is_valid = readings.keeps_enough and not readings.is_lost and not bool(block.late[row])
         if touches and (contact := self.contact) is not None:
             events += slips.step(contact, self._last_s, float(block.time_sd_s[row]), valid=is_valid)
         elif slips.open is not None:  # readings that are lost look like a contact that is lost
             events.append(slips.end(self._filter, self._last_s, valid=is_valid and readings.is_read))
         if touches:
             tracker.go(_CONTACT_OF_SLIP[slips.kind])
-            events.append(contact_event(block, row, tracker))
+            contact_change = contact_event(block, row, tracker)
+            events.append(replace(contact_change, valid=contact_change.valid and not readings.is_lost))
         return events
 
     def scans(self, block: ScanBlock) -> Iterator[GripEvent | None]:

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from touches import LSB, Touch, onsets, pieces, run, slip_detector, slips, splits
 
 from tactiled.array import load_array
-from tactiled.events.types import Event, SlipEvent
+from tactiled.detect.contact.grip_detector import GripDetector
+from tactiled.events.types import ContactEvent, Event, SlipEvent
 from tactiled.samples.block import ScanBlock, regular_block
 
 ARRAY = load_array("wang2019-3x3")
@@ -101,6 +102,21 @@ def test_broken_channels_do_not_hide_a_slip() -> None:
     assert gross.kind == "gross"
     assert gross.detected_s < 105.5
     assert {0, 4}.isdisjoint(gross.taxels)
+
+
+def test_the_end_of_a_slip_that_a_lost_taxel_hides_is_not_valid() -> None:
+    """Of the only taxel in contact no reading comes any more: nobody saw whether the slip ended."""
+    t = np.arange(300)[:, np.newaxis] / 100
+    volts = np.zeros((300, 36))
+    volts[:, :4] = 1.5 * np.clip((t - 0.5) / 0.3, 0, 1)
+    volts[:, [0, 2]] += 0.9 * np.clip((t - 2.0) / 0.3, 0, 1) * [1.0, -1.0]
+    volts += 3e-4 * np.random.default_rng(1).standard_normal(volts.shape)
+    volts[235:, :4] = np.nan
+    events = GripDetector(ARRAY).process(regular_block(volts, 100.0))
+    ends = [event for event in events if isinstance(event, SlipEvent) and event.state == "end"]
+    assert [end.valid for end in ends] == [False]
+    after = [event.valid for event in events if isinstance(event, ContactEvent) and event.time_s > 2.35]
+    assert after == [False, False]  # the contact holds, then is lost
 
 
 def beside_a_noisy_channel() -> tuple[SlipEvent, SlipEvent]:
