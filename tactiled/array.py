@@ -65,6 +65,11 @@ _OWN_AZIMUTH_DEG = {"shear_x": 0.0, "shear_y": 90.0, "normal": float("nan")}
 _AXES_DEG = Field(
     default=0.0, ge=-360, le=360, description="direction of the pad's own x axis; turns channels, not places"
 )
+_MIRRORED = Field(
+    default=None,
+    description="own axis of the pad that is reversed: of two pads that face each other, one is a mirror "
+    "image",
+)
 
 
 # A robot's whole skin; squares of such places are exact enough.
@@ -77,6 +82,7 @@ class Grid(Params):
     x_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the columns")
     y_mm: list[_PlaceMm] = Field(min_length=1, max_length=256, description="places of the rows")
     axes_deg: float = _AXES_DEG
+    mirrored: Literal["x", "y"] | None = _MIRRORED
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:
@@ -93,6 +99,7 @@ class TaxelPlace(Params):
     y_mm: _PlaceMm
     pad: int = Field(default=0, ge=0, description="taxels of one rigid pad share a number")
     axes_deg: float = _AXES_DEG
+    mirrored: Literal["x", "y"] | None = _MIRRORED
 
 
 class ContactLevels(Params):
@@ -375,31 +382,35 @@ class Array:
 
 def build(file: ArrayFile) -> Array:
     """Make an array from a checked file."""
-    if file.grids:
-        places = [(x, y, pad, g.axes_deg) for pad, g in enumerate(file.grids) for y in g.y_mm for x in g.x_mm]
-    elif file.taxels:
-        places = [(t.x_mm, t.y_mm, t.pad, t.axes_deg) for t in file.taxels]
-    else:
-        places = [(0.0, 0.0, 0, 0.0)] * file.n_taxels
-    x_mm, y_mm, pad, axes_deg = map(np.array, zip(*places, strict=True))
+    unknown = [TaxelPlace(x_mm=0.0, y_mm=0.0)] * (file.taxel_count or 0)
+    taxels = (
+        file.taxels
+        or unknown
+        or [
+            TaxelPlace(x_mm=x, y_mm=y, pad=pad, axes_deg=grid.axes_deg, mirrored=grid.mirrored)
+            for pad, grid in enumerate(file.grids)
+            for y in grid.y_mm
+            for x in grid.x_mm
+        ]
+    )
     channels = file.channels or [
         Channel(taxel=taxel, **template.model_dump())
-        for taxel in range(len(places))
+        for taxel in range(len(taxels))
         for template in file.taxel_channels
     ]
     taxel = np.array([c.taxel for c in channels], dtype=np.int64)
-    azimuth_deg = np.array([_OWN_AZIMUTH_DEG.get(c.kind, c.azimuth_deg) for c in channels], dtype=np.float64)
+    azimuth_deg = np.array([_azimuth_deg(channel, taxels[channel.taxel]) for channel in channels])
     low, high = file.limits
     first = _FIRST.fullmatch(file.zero) if isinstance(file.zero, str) else None
     return Array(
         name=file.name,
-        x_mm=x_mm.astype(np.float64),
-        y_mm=y_mm.astype(np.float64),
-        pad=pad.astype(np.int64),
+        x_mm=np.array([t.x_mm for t in taxels]),
+        y_mm=np.array([t.y_mm for t in taxels]),
+        pad=np.array([t.pad for t in taxels], dtype=np.int64),
         channel_taxel=taxel,
         channel_kind=tuple(c.kind for c in channels),
         channel_name=tuple(f"t{c.taxel}.{c.name}" for c in channels),
-        azimuth_deg=(azimuth_deg + axes_deg[taxel]) % 360.0,
+        azimuth_deg=azimuth_deg % 360.0,
         sign=np.array([float(c.sign) for c in channels]),
         has_places=file.taxel_count is None,
         unit=file.unit,
@@ -411,6 +422,14 @@ def build(file: ArrayFile) -> Array:
         is_shear_scaled=file.shear_per_friction is not None or file.unit == "N",
         contact=file.contact,
     )
+
+
+def _azimuth_deg(channel: Channel, place: TaxelPlace) -> float:
+    """Azimuth of a channel in the axes of the array; NaN for a normal channel."""
+    own_deg = _OWN_AZIMUTH_DEG.get(channel.kind, channel.azimuth_deg)
+    assert own_deg is not None  # as TaxelChannel checks
+    reversed_deg = {None: own_deg, "x": 180.0 - own_deg, "y": -own_deg}[place.mirrored]
+    return reversed_deg + place.axes_deg
 
 
 def load_array(name_or_path: str) -> Array:

@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, TextureEvent
@@ -13,6 +14,8 @@ from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, Tex
 # and of the span of the pressure (less is drift of a sensor that was pressed later).
 _BELOW_SCANS, _BELOW_RANGE, _BELOW_SPAN = 0.05, 1 / 1024, 0.2
 _BACK_PART = 0.2  # of that: a pressure which ends so near to its zero was free at both ends
+REST_S = 0.3  # of the beginning of a log, as most array files take for their zero
+_FAR_ZERO = 0.02  # of the range, from readings at the beginning
 # Correlation of the shear of two pads. Fingers that hold one object have 0.9 and more.
 _OPPOSED = 0.7
 
@@ -146,6 +149,7 @@ def summary(
         yield f"in contact {contact_s:.1f} s, in slip {slip_s:.1f} s, in gross slip {gross_s:.1f} s"
         yield from _lost_zero(array, tally.time_s, tally.readings)
         yield from _loaded_zero(array, tally.time_s, tally.readings)
+        yield from _far_zero(array, tally.time_s, tally.readings)
         if tally.lasted_s["contact"] == 0:
             tare = "" if array.zero_first_s else "--tare-s 0.3 takes the first 0.3 s as zero, "
             yield (
@@ -180,6 +184,23 @@ def _lost_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterat
         yield (
             f"channels {lost} have no valid reading in the first {array.zero_first_s:g} s to be their zero, "
             "and are left out: write numbers as `zero` in the array file"
+        )
+
+
+def far_from_zero(array: Array, rest: FloatArray) -> NDArray[np.int64]:
+    """Return the channels whose readings at the beginning of a log (channels,) are far from their zero."""
+    far = np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low)
+    return np.asarray(np.flatnonzero(far & (array.zero_first_s == 0)))
+
+
+def _far_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
+    first = np.ma.masked_invalid(readings[time_s < time_s[0] + REST_S])
+    rest = np.ma.filled(np.ma.median(first, axis=0), np.nan)  # type: ignore[no-untyped-call]
+    if (far := far_from_zero(array, rest)).size:
+        yield (
+            f"{len(far)} channels begin far from the `zero` of the array, by up to "
+            f"{np.nanmax(np.abs(rest - array.zero)):.4g} {array.unit}: if nothing touches the sensor then, "
+            "give --tare-s 0.3, or write zero = 'first 0.3 s' in the array file"
         )
 
 
@@ -229,8 +250,12 @@ def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
         if axes and float(np.abs(products).sum()) > _OPPOSED * size:
             yield (
                 f"shear of pad {number} opposes that of pad 0 along {' and '.join(axes)}, and both cancel: "
-                "fingers that face each other are mirror images. List the channels of that pad in "
-                "[[channels]], with the other `sign` for this shear, or give each finger an array of its own"
+                "fingers that face each other are mirror images. "
+                + (
+                    f'Write `mirrored = "{axes[0]}"` to [[grids]] or [[taxels]] of that pad'
+                    if len(axes) == 1
+                    else "Write `axes_deg = 180` to [[grids]] or [[taxels]] of that pad"
+                )
             )
 
 

@@ -191,6 +191,23 @@ def test_readings_are_in_range_between_its_ends() -> None:
     assert field.in_range(np.array([4999.0, 5000.0])).tolist() == [True, False]
 
 
+@pytest.mark.parametrize("kind", ["axes", "sides"])
+@pytest.mark.parametrize(("mirrored", "signs"), [("x", (-1, 1)), ("y", (1, -1))])
+def test_a_mirrored_pad_reverses_the_shear_along_one_axis_of_its_own(
+    kind: str, mirrored: str, signs: tuple[int, int]
+) -> None:
+    xyz = [{"name": name, "kind": name} for name in ("shear_x", "shear_y", "normal")]
+    channels = xyz if kind == "axes" else SIDES
+    plain, other = (
+        array_of(grids=[{"x_mm": [0.0, 3.0], "y_mm": [0.0], "axes_deg": 90.0} | own], taxel_channels=channels)
+        for own in ({}, {"mirrored": mirrored})
+    )
+    turned = signs[::-1]  # the pad's own x axis is y of the array
+    expected = plain.shear_weights() * np.array(turned)[:, np.newaxis, np.newaxis]
+    np.testing.assert_allclose(other.shear_weights(), expected, atol=1e-12)
+    np.testing.assert_array_equal(other.normal_weights(), plain.normal_weights())
+
+
 @pytest.mark.parametrize("axes_deg", [0.0, 90.0, 180.0, -90.0, 30.0])
 def test_a_turned_pad_gives_the_direction_in_the_frame_of_the_array(axes_deg: float) -> None:
     kinds = ("shear_x", "shear_y", "normal")

@@ -534,6 +534,19 @@ def test_pads_whose_shear_cancels_are_named(signs: tuple[int, int], axes: str, n
     assert [line.split(" along ")[1].split(",")[0] for line in opposed] == ([axes] if axes else [])
 
 
+@pytest.mark.parametrize(("zero", "is_said"), [(0.0, True), (500.0, False), ("first 0.3 s", False)])
+def test_a_log_that_begins_far_from_the_zero_of_its_array_is_said(zero: float | str, is_said: bool) -> None:
+    table = tomllib.loads(PAD) | {"zero": zero}
+    tally = log_summary.LogTally(build(parse(table, ArrayFile, "pad")), "log")
+    readings = 500.0 + np.random.default_rng(0).normal(0, 1.0, (100, 16))
+    readings[50:, 3] += 300.0
+    readings[:30, 5] = np.nan  # has no reading at the beginning
+    tally.add_scans(np.arange(100) / 100, readings)
+    said = list(log_summary.summary(tally, ("slip",), 0.0, sliding_is_given=False))
+    assert any("15 channels begin far from the `zero`" in line for line in said) == is_said
+    assert any("begin far from" in line for line in said) == is_said
+
+
 def test_the_memory_of_a_tally_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(log_summary, "_MOST_VALUES", 1600)
     tally = log_summary.LogTally(build(parse(tomllib.loads(PAD), ArrayFile, "pad")), "log")

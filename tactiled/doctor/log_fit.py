@@ -6,16 +6,14 @@ from numpy.typing import NDArray
 from tactiled.array import Array, FloatArray
 from tactiled.doctor.finding import Finding
 from tactiled.errors import DataError
-from tactiled.log_summary import channels_without_zero, percent
+from tactiled.log_summary import REST_S, channels_without_zero, far_from_zero, percent
 from tactiled.recording.spacing import spacing_of
 
-_AT_REST_S = 0.3  # of the beginning, as most array files take for their zero
 _PRESSED = 0.95  # quantile of the change of all channels beyond which a log is taken as pressed
 # A channel that changes less than this part of what the others do while they are pressed tells no sign.
 _LEAST_PART = 0.1
 _LEAST_NOISES = 20.0  # standard deviations of the noise that a press changes a channel by, as in `calibrate`
 _MOST_SATURATED = 0.01  # of the scans
-_FAR_ZERO = 0.02  # of the range, from readings at the beginning
 _PAUSES = 3.0  # times the longest usual step
 _MOST_NAMES = 12
 
@@ -27,7 +25,7 @@ def log_fit(array: Array, time_s: FloatArray, readings: FloatArray) -> list[Find
     """
     if not np.isfinite(readings).any():
         raise DataError("the log has no valid reading: check --columns")
-    n_first = int(np.searchsorted(time_s, time_s[0] + _AT_REST_S))
+    n_first = int(np.searchsorted(time_s, time_s[0] + REST_S))
     parts = (np.ma.masked_invalid(part) for part in (readings[:n_first], readings))
     first, whole = (np.ma.filled(np.ma.median(p, axis=0), np.nan) for p in parts)  # type: ignore[no-untyped-call]
     rest = np.nan_to_num(np.where(np.isnan(first), whole, first))  # 0 of a channel without a reading
@@ -88,7 +86,7 @@ def _zero(array: Array, time_s: FloatArray, readings: FloatArray, rest: FloatArr
         words = f"no valid reading in the first {array.zero_first_s:g} s: {_names(array, late)}"
         remedy = "write numbers as zero; detectors leave such channels out"
         return Finding("log: zero", "warn", words, remedy)
-    far = np.flatnonzero(np.abs(rest - array.zero) > _FAR_ZERO * (array.high - array.low))
+    far = far_from_zero(array, rest)
     if not far.size:
         return Finding("log: zero", "ok", "the log begins at the zero of the array, within 2 % of the range")
     far_by = f"{np.abs(rest - array.zero).max():.4g} {array.unit}"
