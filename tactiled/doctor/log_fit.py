@@ -69,10 +69,12 @@ def _range(array: Array, readings: FloatArray) -> Finding:
 
 
 def _dead(array: Array, readings: FloatArray) -> Finding:
-    dead = np.flatnonzero(np.ma.filled(np.ma.ptp(np.ma.masked_invalid(readings), axis=0), 0.0) == 0)
-    if not dead.size:
+    unread = ~np.isfinite(readings).any(axis=0)
+    still = ~unread & (np.ma.filled(np.ma.ptp(np.ma.masked_invalid(readings), axis=0), 1.0) == 0)
+    kinds = {"no readings": np.flatnonzero(unread), "never change": np.flatnonzero(still)}
+    words = "; ".join(f"{kind}: {_names(array, dead)}" for kind, dead in kinds.items() if dead.size)
+    if not words:
         return Finding("log: channels", "ok", "every channel changes")
-    words = f"never change: {_names(array, dead)}"
     remedy = "check the wiring and --columns; detectors leave such channels out"
     return Finding("log: channels", "warn", words, remedy)
 

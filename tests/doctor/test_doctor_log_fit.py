@@ -106,7 +106,7 @@ def test_missing_readings_are_no_faults() -> None:
     readings[:20, 1] = np.nan
     readings[:, 5] = np.nan
     found = findings(array(), time_s, readings)
-    assert found["channels"].words == "never change: t2.Z"
+    assert found["channels"].words == "no readings: t2.Z"
     assert found["signs"].verdict == "ok"
 
 
