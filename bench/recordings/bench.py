@@ -132,17 +132,18 @@ def bench_recordings(progress: ProgressBar, options: BenchOptions) -> list[str]:
         progress.advance(source.name)
     missing = how_to_get(source for source in sources() if source not in here)
     sections = [
-        "Public recordings of other groups. The column asked says what each method must find in the logs of "
-        "a source: the period of a grating, the forces, or, for each log, whether there is a slip (of any "
-        "kind, or a gross one), a touch or the loss of an object. Ridge with squares is a ridge regression "
-        "on the readings and their squares. Rules and trees are scored on each object after they have learnt "
-        "from the other objects of the source. Force: rms error of each axis, divided by its range, in a "
-        "cross-validation that leaves out whole contacts; in brackets, the part of the 90 % intervals that "
-        "contain the true force. Commas separate axes, semicolons separate logs; for more than five logs, "
-        "the median and the range are given. Contact (only in the figures): one part is that of the scans "
-        "with a force of more than 5 % of its range in which contact is reported, the other that of the "
-        "scans with less than 0.5 % in which no contact is reported; the score is the mean of both parts, "
-        "and chance gives 0.5.",
+        "Public recordings of other groups. The column asked says what each method must find in the logs "
+        "of a source: the period of a grating, the forces, or, for each log, whether there is a slip (of "
+        "any kind, or a gross one), a touch or the loss of an object. 'p of sliding' asks for gross slips "
+        "by the largest `p_sliding` of a log, with a threshold that is learnt like that of the rule. Ridge "
+        "with squares is a ridge regression on the readings and their squares. Rules and trees are scored "
+        "on each object after they have learnt from the other objects of the source. Force: rms error of "
+        "each axis, divided by its range, in a cross-validation that leaves out whole contacts; in "
+        "brackets, the part of the 90 % intervals that contain the true force. Commas separate axes, "
+        "semicolons separate logs; for more than five logs, the median and the range are given. Contact "
+        "(only in the figures): one part is that of the scans with a force of more than 5 % of its range "
+        "in which contact is reported, the other that of the scans with less than 0.5 % in which no "
+        "contact is reported; the score is the mean of both parts, and chance gives 0.5.",
         table(_row(one) for one in found),
         aims_table(_aims(found)),
         "Constants that were chosen on a source: "
@@ -191,6 +192,8 @@ def _answers(question: Question, rule: str, source: Source, logs: Sequence[Log])
         return Periods.count(logs, answers), Periods.count(logs, lines)
     if question == "slip" and source.growths:
         said = by_best_of_others(logs, ours.slips_by_growth(logs, array, source.growths))
+    elif question == "p of sliding":  # with a threshold that is found as that of the rule is
+        said = by_threshold(logs, lambda log: ours.largest_p_sliding(log, array))
     else:
         says = {
             "slip": ours.slips,

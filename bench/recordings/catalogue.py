@@ -9,7 +9,9 @@ from typing import Any, Literal
 from tactiled import tomlfile
 from tactiled.array import Array, ArrayFile, build
 
-Question = Literal["period", "slip", "gross slip", "force", "poses", "contact", "touch", "loss"]
+Question = Literal[
+    "period", "slip", "gross slip", "p of sliding", "force", "poses", "contact", "touch", "loss"
+]
 _FILE = Path(__file__).with_name("catalogue.toml")
 
 

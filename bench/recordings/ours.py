@@ -16,7 +16,7 @@ from tactiled.detect.sliding import growth
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.detect.tuning import TunedSuite
 from tactiled.errors import DataError
-from tactiled.events.types import ContactEvent, Event, SlipEvent, TextureEvent
+from tactiled.events.types import ContactEvent, Event, GripEvent, SlipEvent, TextureEvent
 from tactiled.recording.spacing import to_blocks
 
 Ridge = Callable[[Log, FloatArray, FloatArray, Sequence[int]], FloatArray]
@@ -33,6 +33,12 @@ def slips(log: Log, array: Array) -> bool:
 def slips_grossly(log: Log, array: Array) -> bool:
     """Return True where the onset of a gross slip is reported."""
     return any(event.kind == "gross" for event in _onsets(log, array))
+
+
+def largest_p_sliding(log: Log, array: Array) -> float:
+    """Return the largest probability of sliding of a log; 0 where there is none."""
+    found = _events(log, array, DetectParams(), ("grip",))
+    return max((event.p_sliding for event in found if isinstance(event, GripEvent)), default=0.0)
 
 
 def _onsets(log: Log, array: Array) -> list[SlipEvent]:
