@@ -73,7 +73,7 @@ def test_help_of_each_verb_has_an_example(tactiled: Tactiled, verb: str) -> None
         (["emulate", "--seed", "-1", "--link", "x"], "--seed"),
         (["emulate", "--rig", "/dev/null"], "--rig: /dev/null: File exists; name a folder"),
         (["listen", "nonsense"], "nonsense"),
-        (["listen", "--topic", "slipp"], "no topic slipp; there are: slip"),
+        (["listen", "--topic", "slipp"], "no topic 'slipp'; there are: slip"),
         (["detect", "none.csv"], "none.csv"),
         (["detect", "none.csv", "--only", "grp"], "no topic 'grp'; there are: slip, contact, grip, texture"),
         (["detect", "none.csv", "--sliding", "5"], "'5' is not two numbers with a colon between"),

@@ -155,7 +155,9 @@ def typed_cpp() -> str:
     for topic, schema in schemas().items():
         parts += [_cpp_struct(inner, nested, "") for inner, nested in _nested(schema)]
         parts.append(_cpp_struct(topic.capitalize(), schema, topic) + _cpp_evidence(topic))
-    return _CPP_HEAD + "\n".join([*parts, _cpp_evidence_keys()]) + "\n}  // namespace tactiled\n"
+    names = ", ".join(f'"{topic}"' for topic in EVENT_TYPES)
+    topics = f"// All topics.\nconstexpr const char* TOPICS[] = {{{names}}};\n"
+    return _CPP_HEAD + "\n".join([*parts, topics, _cpp_evidence_keys()]) + "\n}  // namespace tactiled\n"
 
 
 def ros_cpp() -> str:

@@ -37,9 +37,9 @@ enum tactiled_kind {
 /* Why a call of this thread failed, the newest that did; empty before any. Valid until the next call. */
 const char *tactiled_error(void);
 
-/* Begin to receive from a daemon; NULL where the endpoint or a file is wrong. A daemon that is not there
- * shows as TACTILED_STALE. `topics`: separated by blanks, "slip grip"; NULL for all. `board`: serial number;
- * NULL for all. `keys`: file of `tactiled keys make`; NULL without keys. */
+/* Begin to receive from a daemon; NULL where the endpoint, a topic or a file is wrong. A daemon that is not
+ * there shows as TACTILED_STALE. `topics`: separated by blanks, "slip grip"; NULL for all. `board`: serial
+ * number; NULL for all. `keys`: file of `tactiled keys make`; NULL without keys. */
 tactiled_client *tactiled_open(const char *endpoint, const char *topics, const char *board, const char *keys);
 
 /* End; NULL is no mistake. */

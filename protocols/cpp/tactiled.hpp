@@ -20,6 +20,7 @@
 #include <cstdint>
 #include <deque>
 #include <initializer_list>
+#include <iterator>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -30,14 +31,32 @@
 
 namespace tactiled {
 
+namespace detail {
+
+// The same topics; throws Error where one is unknown.
+inline std::vector<std::string> known(std::vector<std::string> topics)
+{
+    for (const std::string& topic : topics) {
+        if (std::find(std::begin(TOPICS), std::end(TOPICS), topic) != std::end(TOPICS))
+            continue;
+        std::string words = "topics: no topic '" + topic + "'; there are:";
+        for (const char* name : TOPICS)
+            words += std::string(name == TOPICS[0] ? " " : ", ") + name;
+        throw Error(words);
+    }
+    return topics;
+}
+
+}  // namespace detail
+
 // Receives items from a daemon.
 class Subscription {
 public:
-    // `topics`: "slip", "grip", "contact", "scan", "status", ...; empty for all. Throws Error for an endpoint
-    // or a file of keys that is wrong; a daemon that is not there shows as Kind::STALE.
+    // `topics`: "slip", "grip", "contact", "scan", "status", ...; empty for all. Throws Error for an unknown
+    // topic, and for a wrong endpoint or file of keys; a daemon that is not there shows as Kind::STALE.
     explicit Subscription(const std::string& endpoint = DEFAULT_ENDPOINT,
                           std::vector<std::string> topics = {}, const Options& options = {})
-        : Subscription(endpoint, Wanted{std::move(topics), options.board},
+        : Subscription(endpoint, Wanted{detail::known(std::move(topics)), options.board},
                        options.control.value_or(control_endpoint(endpoint)), options)
     {
     }

@@ -932,6 +932,9 @@ template <class Json> void from_json(const Json& map, Command& out) {
 // Instant at which the evidence of the message was complete, epoch seconds.
 inline double evidence(const Command& message) { return message.timestamp; }
 
+// All topics.
+constexpr const char* TOPICS[] = {"slip", "contact", "grip", "force", "texture", "scan", "status", "info", "recording", "command"};
+
 // Field with the instant at which the evidence of a message was complete.
 inline const char* evidence_key(std::string_view topic) {
     if (topic == "slip") return "detected";

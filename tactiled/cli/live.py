@@ -109,10 +109,7 @@ def listen(
     Example: tactiled listen --topic slip --topic texture
     """
     from tactiled.client.listen import listen as run_listener
-    from tactiled.events.types import EVENT_TYPES
 
-    if strangers := sorted(set(topics) - set(EVENT_TYPES)):
-        raise click.UsageError(f"no topic {', '.join(strangers)}; there are: {', '.join(EVENT_TYPES)}")
     sys.exit(run_listener(endpoint, topics, count=count, timeout_s=timeout_s, keys=keys, as_json=as_json))
 
 

@@ -165,6 +165,11 @@ def test_a_wrong_endpoint_is_refused(library: Library, endpoint: str | None) -> 
     assert (endpoint or "endpoint") in library.error
 
 
+def test_an_unknown_topic_is_refused(library: Library) -> None:
+    assert not library.open("tcp://127.0.0.1:1", "slip,grip", None, None)
+    assert library.error.startswith("topics: no topic 'slip,grip'; there are: slip, contact, grip,")
+
+
 def test_keys_that_are_not_there_are_refused(library: Library, tmp_path: Path) -> None:
     assert not library.open("tcp://127.0.0.1:1", None, None, str(tmp_path / "none.toml"))
     assert "none.toml" in library.error

@@ -15,6 +15,8 @@ from cpp import ROOT, compile_native, need_native
 from patience import PATIENCE_S
 from ports import free_pair
 
+from tactiled.events.types import EVENT_TYPES
+
 pytestmark = pytest.mark.system
 
 
@@ -129,6 +131,17 @@ def test_files_that_are_no_secret_keys_are_refused_by_their_name(native_client: 
             [native_client, "tcp://127.0.0.1:1", "fd", keys], capture_output=True, text=True, check=False
         )
         assert words in done.stderr
+
+
+def test_a_topic_that_no_daemon_has_is_refused_by_its_name(native_client: Path) -> None:
+    def listen(*topics: str) -> subprocess.CompletedProcess[str]:
+        command = [str(native_client), "tcp://127.0.0.1:1", "fd", "", *topics]
+        return subprocess.run(command, capture_output=True, text=True, input="", check=False)
+
+    assert listen(*EVENT_TYPES).returncode == 0
+    refused = listen("grip", "slips")
+    assert refused.returncode != 0
+    assert f"topics: no topic 'slips'; there are: {', '.join(EVENT_TYPES)}\n" in refused.stderr
 
 
 COMMANDS = """

@@ -37,6 +37,7 @@ from tactiled.client import (
 from tactiled.client.listen import listen
 from tactiled.errors import ConfigError
 from tactiled.events.codec import to_map
+from tactiled.events.types import EVENT_TYPES
 
 
 class Publisher:
@@ -233,6 +234,27 @@ def test_a_hostile_message_is_an_item_like_any_other(endpoint: str, publisher: P
         while not isinstance(subscription.next_item(), Message):
             pass
         assert subscription.malformed == 1
+
+
+@pytest.mark.parametrize(
+    ("topics", "words"),
+    [
+        (("grip", "slips"), f"no topic 'slips'; there are: {', '.join(EVENT_TYPES)}"),
+        ("slip", "'slip' is a string; write a tuple of topics: ('slip',)"),
+        ("", "'' is a string"),
+    ],
+)
+@pytest.mark.parametrize("kind", [Client, Subscription])
+def test_topics_that_would_never_come_are_refused(kind: Any, topics: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(f"topics: {words}")):
+        kind("tcp://127.0.0.1:1", topics)
+
+
+def test_every_topic_of_the_daemon_is_known() -> None:
+    topics: Any = [*EVENT_TYPES]
+    Client("tcp://127.0.0.1:1", topics)
+    with Subscription("tcp://127.0.0.1:1", topics, stale_after_s=0.0) as subscription:
+        assert isinstance(subscription.next_item(), Stale)
 
 
 @pytest.mark.parametrize("endpoint", ["9872", "tcp://127.0.0.1", "warp://x", ""])

@@ -1,14 +1,18 @@
 // Client of C++ in a process: prints a line for each item, and for each reply to a command from its input.
 //
-//     native_client ENDPOINT next|fd [KEYS]     waits in `next`, or for the file descriptor
+//     native_client ENDPOINT next|fd [KEYS [TOPIC...]]    waits in `next`, or for the file descriptor
 //
 // Input: lines of COMMAND [FIELD NUMBER]. Ends with its input.
 #include <poll.h>
 
+#include <algorithm>
 #include <iostream>
 #include <sstream>
+#include <type_traits>
 
 #include "tactiled.hpp"
+
+static_assert(!std::is_constructible_v<tactiled::Subscription, const char*, const char*>, "topics are a list");
 
 static void print(const tactiled::Subscription& events, const tactiled::Item& item)
 {
@@ -50,7 +54,7 @@ int main(int argc, char** argv)
     tactiled::Options options;
     options.who = "native";
     options.keys = argc > 3 ? argv[3] : "";
-    tactiled::Subscription events(argv[1], {}, options);
+    tactiled::Subscription events(argv[1], {argv + std::min(argc, 4), argv + argc}, options);
     tactiled::Commander commander(argv[1], options);
     const bool waits_for_fd = std::string(argv[2]) == "fd";
     std::string line, command, field;

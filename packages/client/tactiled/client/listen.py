@@ -46,7 +46,7 @@ def listen(
         print(printable(words), file=sys.stderr, flush=True)
 
     try:
-        # Any text is harmless: it matches no message.
+        # The subscription refuses unknown topics.
         with Subscription(endpoint, cast(Sequence[Topic], topics), keys=keys) as subscription:
             while count is None or printed < count:
                 item = subscription.next_item(until_s)

@@ -17,8 +17,8 @@ from tactiled.client.catchup import PATIENT_HOLD_S
 from tactiled.client.inbox import Inbox
 from tactiled.client.items import Item, Message
 from tactiled.client.transports import RETRY_MS, Transport, open_transport
-from tactiled.client.typed import Topic
-from tactiled.errors import DataError
+from tactiled.client.typed import MESSAGE_TYPES, Topic
+from tactiled.errors import ConfigError, DataError
 from tactiled.events.endpoints import DEFAULT_ENDPOINT, ZENOH_SCHEME, control_endpoint
 
 STALE_AFTER_S = 0.5  # five periods of the status
@@ -40,6 +40,7 @@ class _SubscriptionBase:
         keys: Path | str | None = None,
     ) -> None:
         control = control_endpoint(endpoint) if control is None else control
+        _check_topics(topics)
         self._address = endpoint, control, tuple(topics), board, None if keys is None else Path(keys)
         is_patient = endpoint.startswith(ZENOH_SCHEME)
         now_s = time.monotonic()
@@ -133,7 +134,7 @@ class Client(_SubscriptionBase):
     Raises
     ------
     ConfigError
-        The endpoint is invalid, or the file has no keys.
+        The endpoint is invalid, a topic is unknown, or the file has no keys.
     """
 
     async def __aenter__(self) -> Self:
@@ -208,6 +209,14 @@ class Subscription(_SubscriptionBase):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _check_topics(topics: Sequence[str]) -> None:
+    """Raise `ConfigError` for an unknown topic, and for a string, whose items are letters."""
+    if isinstance(topics, str):
+        raise ConfigError("topics", [f"{topics!r} is a string; write a tuple of topics: ({topics!r},)"])
+    if faults := [f"no topic {topic!r}" for topic in topics if topic not in MESSAGE_TYPES]:
+        raise ConfigError("topics", [f"{', '.join(faults)}; there are: {', '.join(MESSAGE_TYPES)}"])
 
 
 def _endings(topics: AbstractSet[str]) -> tuple[bytes, ...]:
