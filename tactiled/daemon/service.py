@@ -20,6 +20,7 @@ from tactiled.daemon.operations.exporter import Exporter
 from tactiled.daemon.operations.metrics import metrics_text
 from tactiled.daemon.operations.notify import Notifier
 from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, ServedBoard, SharedParts
+from tactiled.daemon.zmq.endpoints import filled
 from tactiled.daemon.zmq.network import Network
 from tactiled.limited_log import RateLimitedLog
 
@@ -49,6 +50,7 @@ class Service:
         self._status = ""
         self._runners: list[BoardRunner] = []
         params = boards[0].params
+        self._endpoints = " and ".join(map(filled, params.publish.endpoints)) or "no endpoint"
         self._network = Network(params.publish, self._runners, len(boards))
         self._exporter = Exporter(params.metrics, self._metrics) if params.metrics.port else None
         self._notifier = Notifier()
@@ -72,6 +74,7 @@ class Service:
         try:
             self._notifier.ready()
             logger.info("path of a scan: %s", compiled.path_words())
+            logger.info("events on %s", self._endpoints)
             await asyncio.wait([self._end, *tasks], return_when=asyncio.FIRST_COMPLETED)
             self._notifier.stopping()
             for finished in (self._end, *tasks):

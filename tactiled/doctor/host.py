@@ -12,7 +12,7 @@ import zmq
 
 from tactiled.client import Message, Subscription
 from tactiled.daemon.serial import device
-from tactiled.daemon.zmq.endpoints import RUNTIME, bind, runtime_directory
+from tactiled.daemon.zmq.endpoints import bind, filled
 from tactiled.daemon.zmq.params import PublishParams
 from tactiled.doctor.finding import Finding, Severity, split
 from tactiled.errors import TactiledError
@@ -31,7 +31,7 @@ def running_daemon(publish: PublishParams, board_serial: str | None = None) -> d
     for endpoint in publish.endpoints:
         if publish.is_guarded(endpoint):
             continue
-        with contextlib.suppress(TactiledError), Subscription(_filled(endpoint), ("status",)) as status:
+        with contextlib.suppress(TactiledError), Subscription(filled(endpoint), ("status",)) as status:
             until_s = time.monotonic() + _STATUS_S
             while time.monotonic() < until_s and (item := status.next_item(until_s)) is not None:
                 if isinstance(item, Message):
@@ -66,7 +66,7 @@ def check_endpoints(
     Default endpoints that somebody else has bound are a warning: no configuration asks for them.
     """
     if daemon_runs:
-        bound = ", ".join(map(_filled, publish.endpoints))
+        bound = ", ".join(map(filled, publish.endpoints))
         return [Finding("endpoints", "ok", f"bound by the daemon that runs: {bound}")]
     findings = []
     with zmq.Context() as context:
@@ -77,7 +77,7 @@ def check_endpoints(
                 except TactiledError as error:
                     findings.append(split("endpoint", str(error), "fail" if is_configured else "warn"))
                 else:
-                    findings.append(Finding("endpoint", "ok", f"{_filled(endpoint)} is free"))
+                    findings.append(Finding("endpoint", "ok", f"{filled(endpoint)} is free"))
     return findings or [Finding("endpoints", "warn", "none: nothing is published", "set publish.endpoints")]
 
 
@@ -103,7 +103,3 @@ def check_disk(record: RecordParams) -> list[Finding]:
         else:
             verdict = "ok"
     return [Finding("disk", verdict, f"{directory}: {words}", remedy)]
-
-
-def _filled(endpoint: str) -> str:
-    return endpoint.replace(RUNTIME, str(runtime_directory())) if RUNTIME in endpoint else endpoint

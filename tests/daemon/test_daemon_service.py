@@ -24,6 +24,7 @@ from tactiled import limited_log
 from tactiled.daemon import service as service_module
 from tactiled.daemon.runner import STATUS_PERIOD_S, BoardRunner, next_due_s
 from tactiled.daemon.service import Service, serve
+from tactiled.daemon.zmq.params import PublishParams
 from tactiled.received import Received
 from tactiled.wire.frames import Command, Frame
 
@@ -124,6 +125,22 @@ def test_a_stalling_line_is_logged_once(
     assert states.count("stalled") >= 4
     assert len([line for line in caplog.messages if "stalled" in line]) == 1
     assert len([line for line in caplog.messages if "running" in line]) == 1
+
+
+def test_the_endpoints_are_logged_at_the_start(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RUNTIME_DIRECTORY", str(tmp_path))
+    daemon, second = Daemon(tmp_path), f"ipc://{tmp_path}/second.ipc"
+    publish = PublishParams(endpoints=("ipc://{runtime}/events.ipc", second))
+    daemon.params = daemon.params.model_copy(update={"publish": publish})
+
+    async def story(_: Service) -> None:
+        await daemon.until_state("no-device")
+
+    with caplog.at_level(logging.INFO, "tactiled"):
+        play(daemon, story)
+    assert caplog.messages.count(f"events on {daemon.endpoint} and {second}") == 1
 
 
 def test_a_bug_in_the_data_path_ends_the_daemon_instead_of_starving_it(

@@ -64,6 +64,11 @@ def is_wide(endpoint: str) -> bool:
     return True
 
 
+def filled(endpoint: str) -> str:
+    """Return the endpoint with the runtime directory in place of ``{runtime}``."""
+    return endpoint.replace(RUNTIME, str(runtime_directory())) if RUNTIME in endpoint else endpoint
+
+
 def bind(sock: zmq.Socket[Any], endpoint: str) -> None:
     """Bind a socket of libzmq to an endpoint.
 
@@ -136,8 +141,7 @@ def stop_listening(sock: socket.socket) -> None:
 
 def _prepared(endpoint: str) -> str:
     """Fill in the runtime directory, and make sure that an ipc path may be taken."""
-    if RUNTIME in endpoint:
-        endpoint = endpoint.replace(RUNTIME, str(runtime_directory()))
+    endpoint = filled(endpoint)
     path = Path(endpoint.removeprefix("ipc://")) if endpoint.startswith("ipc://") else None
     if path is None:
         return endpoint
