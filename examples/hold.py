@@ -43,14 +43,14 @@ def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
                     present_n = gripper.move(controller.take(grip, present_n))
                     if grip["timestamp"] > said_s + SAY_S:
                         said_s = grip["timestamp"]
-                        print(
-                            f"{present_n:5.1f} N, {grip['state']}, {grip['utilisation']:.2f}", file=sys.stderr
-                        )
+                        print(f"{present_n:.1f} N {grip['state']} {grip['utilisation']:.2f}", file=sys.stderr)
                 case Stale():
                     present_n = gripper.move(controller.blind())
 
 
 if __name__ == "__main__":
+    if len(sys.argv) not in (2, 3):
+        sys.exit("usage: python hold.py unix:///PATH [ENDPOINT]   (PATH: --control of tactiled emulate)")
     try:
         main(*sys.argv[1:])
     except KeyboardInterrupt:

@@ -279,8 +279,7 @@ public:
         else if (monotonic_s() >= until_s_) {
             id_.clear();
             unsent_.clear();
-            throw Error(endpoint_ +
-                        ": no answer; is tactiled running there, and has it the key of this client?");
+            throw Error(endpoint_ + ": " + detail::no_answer(endpoint_));
         }
         if (descriptor_)
             descriptor_->set_deadline(deadline_s());

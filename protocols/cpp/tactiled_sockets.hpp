@@ -14,6 +14,7 @@
 #include <cerrno>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <ctime>
 #include <fstream>
 #include <initializer_list>
@@ -182,6 +183,17 @@ inline zmq::socket_t connect_events(zmq::context_t& context, const std::string& 
     }
     connect(socket, endpoint, keys);
     return socket;
+}
+
+// Words on an endpoint that does not answer.
+inline std::string no_answer(const std::string& endpoint)
+{
+    struct stat about {};
+    if (endpoint.rfind("ipc://", 0) != 0)
+        return "no answer; is tactiled running there, and has it the key of this client?";
+    if (stat(endpoint.c_str() + 6, &about) != 0)
+        return std::string("no answer: ") + std::strerror(errno) + "; is tactiled running there?";
+    return "no answer; is tactiled running there?";
 }
 
 // Call again what a signal interrupts; nothing here waits.

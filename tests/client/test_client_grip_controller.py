@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -342,6 +343,12 @@ def test_the_example_is_short_and_imports_the_client_alone() -> None:
     imported = {line.split()[1] for line in lines if line.startswith(("import ", "from "))}
     assert imported - set(sys.stdlib_module_names) == {"tactiled.client"}
     assert len(lines) <= 60
+
+
+def test_the_example_without_an_argument_says_how_it_is_used() -> None:
+    example = Path(__file__).parents[2] / "examples" / "hold.py"
+    done = subprocess.run([sys.executable, example], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr.split()[0], done.stderr.count("\n")) == (1, "usage:", 1)
 
 
 @pytest.mark.parametrize("states", [("unknown",), ("unknown", "partial")])

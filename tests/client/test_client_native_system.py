@@ -238,7 +238,7 @@ def test_a_loop_that_sends_commands_hears_that_no_daemon_replies(commands: Path,
     done = subprocess.run(
         [commands, control, "motion"], capture_output=True, text=True, check=True, timeout=60
     )
-    assert "nobody.ipc: no answer; is tactiled running there" in done.stdout
+    assert "nobody.ipc: no answer: No such file or directory; is tactiled running there?" in done.stdout
 
 
 FILLED_S = 7.5  # of the scene `hold`

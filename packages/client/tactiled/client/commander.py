@@ -81,10 +81,19 @@ class _Request:
         if left_s <= 0:
             if not self._is_sent and self._transport.fault:
                 raise UnavailableError(self._transport.fault)
-            raise OperatorError(
-                f"{self._endpoint}: no answer; is tactiled running there, and has it the key of this client?"
-            )
+            raise OperatorError(f"{self._endpoint}: {_no_answer(self._endpoint)}")
         return min(max(1, round(1000 * left_s)), _LOOK_MS if self._is_sent else RETRY_MS)
+
+
+def _no_answer(endpoint: str) -> str:
+    """Return words on an endpoint that does not answer."""
+    if not endpoint.startswith("ipc://"):
+        return "no answer; is tactiled running there, and has it the key of this client?"
+    try:
+        Path(endpoint.removeprefix("ipc://")).stat()
+    except OSError as error:
+        return f"no answer: {error.strerror}; is tactiled running there?"
+    return "no answer; is tactiled running there?"
 
 
 class _Connected:
