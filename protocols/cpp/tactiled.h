@@ -1,6 +1,6 @@
 /* C interface of the client of tactiled, for any language that can call C: libtactiled.
  *
- *     tactiled_client *events = tactiled_open("ipc:///run/tactiled/all/events.ipc", "slip", NULL, NULL);
+ *     tactiled_client *events = tactiled_open("tcp://127.0.0.1:9872", "slip", NULL, NULL);
  *     while (events && (kind = tactiled_next(events, -1.0)) >= 0)
  *         if (kind == TACTILED_MESSAGE && tactiled_number(events, "valid", &is_valid) == 0 && is_valid &&
  *             tactiled_is_fresh(events) && fabs(tactiled_age_s(events)) < 0.2 && (what = tactiled_text(events, "kind")))

@@ -1,6 +1,6 @@
 // Client of tactiled: events as they happen, with their age and with notice of losses, and commands.
 //
-//     tactiled::Subscription events("ipc:///run/tactiled/all/events.ipc", {"slip"});
+//     tactiled::Subscription events(tactiled::DEFAULT_ENDPOINT, {"slip"});
 //     tactiled::Slip slip;
 //     for (;;) {
 //         const tactiled::Item* item = events.next(tactiled::monotonic_s() + 0.1);

@@ -76,7 +76,7 @@ struct Slip {
     double detected = 0.0;
     // The announcement that explains the event and makes it not valid: inhibit (the hand itself moves) or
     // load-change (a change of load is expected). Empty otherwise; where valid is false and this is empty,
-    // readings cannot be trusted.
+    // readings cannot be trusted or were late.
     static constexpr const char* SUPPRESSED_NOTHING = "";
     static constexpr const char* SUPPRESSED_INHIBIT = "inhibit";
     static constexpr const char* SUPPRESSED_LOAD_CHANGE = "load-change";

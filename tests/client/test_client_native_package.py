@@ -12,18 +12,20 @@ from tactiled.version import __version__
 
 HEADER_C = HEADERS / "tactiled.h"
 EXAMPLE, EXAMPLE_C = ROOT / "examples" / "hold.cpp", ROOT / "examples" / "listen.c"
-LISTS = """
-cmake_minimum_required(VERSION 3.16)
-project(controller C CXX)
-find_package(tactiled 0.1 REQUIRED)
-add_executable(hold hold.cpp other.cpp)
-target_link_libraries(hold tactiled::client)
+PAGE = (ROOT / "docs" / "native.md").read_text()
+MORE_LISTS = """
+target_sources(hold PRIVATE other.cpp)
 add_executable(listen listen.c)
 target_link_libraries(listen tactiled::c)
 """
 # A small header, and the library that the client needs.
 SMALL = "#include <tactiled_grip_controller.hpp>\n#include <zmq.h>\nint main() { return zmq_errno(); }\n"
 OTHER = "#include <tactiled.hpp>\nbool is_open(tactiled::Subscription& events) { return events.poll(); }\n"
+
+
+def blocks(language: str) -> list[str]:
+    """Blocks of code of the page."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -44,7 +46,8 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_cmake_finds_it(installed: Path, tmp_path: Path) -> None:
-    (tmp_path / "CMakeLists.txt").write_text(LISTS)
+    (lists,) = blocks("cmake")
+    (tmp_path / "CMakeLists.txt").write_text(lists.replace("tactiled REQ", "tactiled 0.1 REQ") + MORE_LISTS)
     (tmp_path / "hold.cpp").write_text(EXAMPLE.read_text())
     (tmp_path / "listen.c").write_text(EXAMPLE_C.read_text())
     (tmp_path / "other.cpp").write_text(OTHER)  # two files of one program include the header
@@ -86,11 +89,9 @@ def test_each_header_includes_what_it_needs(header: Path, tmp_path: Path) -> Non
 
 def test_the_page_compiles(tmp_path: Path) -> None:
     need_native()
-    blocks = re.findall(
-        r"^```cpp\n(.*?)^```", (ROOT / "docs" / "native.md").read_text(), re.MULTILINE | re.DOTALL
-    )
-    assert len(blocks) >= 2
-    for number, block in enumerate(blocks):
+    programs = blocks("cpp")
+    assert len(programs) >= 2
+    for number, block in enumerate(programs):
         source = tmp_path / f"{number}.cpp"
         source.write_text(block)
         compile_native(source, tmp_path / str(number), "-fsyntax-only")

@@ -19,7 +19,8 @@ class PublishParams(Params):
         default=(DEFAULT_ENDPOINT, f"ipc://{RUNTIME}/events.ipc"),
         description="ZeroMQ endpoints to bind for events; an empty list publishes nothing. Requests are "
         "taken beside each: at the next TCP port, or at the ipc file with 'control' for 'events' in its "
-        "name. {runtime} is /run/tactiled/NAME under systemd, else $XDG_RUNTIME_DIR/tactiled.",
+        "name. {runtime} is /run/tactiled/NAME under systemd, else $XDG_RUNTIME_DIR/tactiled, or "
+        "/tmp/tactiled-UID where this variable is not set.",
     )
     keys: str | None = Field(
         default=None,
