@@ -51,7 +51,7 @@ def test_results_and_flags_are_in_the_prose() -> None:
 
 def test_the_timing_budget_adds_up() -> None:
     bits = 10 * LAYOUT.wire_bytes("scan")
-    assert f"{0.95 * 115200 / bits:.1f} Hz at 115200 baud" in PROSE
+    assert f"{0.95 * 115200 / bits:.2f} Hz at 115200 baud" in PROSE
     assert f"115 200 bit/s = {100 * 100 * bits / 115200:.1f} %" in PROSE
 
 
