@@ -198,7 +198,7 @@ def _far_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterato
     rest = np.ma.filled(np.ma.median(first, axis=0), np.nan)  # type: ignore[no-untyped-call]
     if (far := far_from_zero(array, rest)).size:
         yield (
-            f"{len(far)} channels begin far from the `zero` of the array, by up to "
+            f"channels that begin far from the `zero` of the array: {len(far)}, by up to "
             f"{np.nanmax(np.abs(rest - array.zero)):.4g} {array.unit}: if nothing touches the sensor then, "
             "give --tare-s 0.3, or write zero = 'first 0.3 s' in the array file"
         )
@@ -250,12 +250,7 @@ def _opposed_pads(array: Array, readings: FloatArray) -> Iterator[str]:
         if axes and float(np.abs(products).sum()) > _OPPOSED * size:
             yield (
                 f"shear of pad {number} opposes that of pad 0 along {' and '.join(axes)}, and both cancel: "
-                "fingers that face each other are mirror images. "
-                + (
-                    f'Write `mirrored = "{axes[0]}"` to [[grids]] or [[taxels]] of that pad'
-                    if len(axes) == 1
-                    else "Write `axes_deg = 180` to [[grids]] or [[taxels]] of that pad"
-                )
+                "fingers that face each other are mirror images: see `mirrored` and `axes_deg` of [[grids]]"
             )
 
 

@@ -250,6 +250,14 @@ def test_topics_that_would_never_come_are_refused(kind: Any, topics: Any, words:
         kind("tcp://127.0.0.1:1", topics)
 
 
+@pytest.mark.usefixtures("publisher")
+def test_topics_may_be_any_iterable(endpoint: str) -> None:
+    with limit(), Subscription(endpoint, iter(("status",))) as subscription:  # type: ignore[arg-type]
+        until_s = time.monotonic() + 1.0
+        items = [subscription.next_item(until_s) for _ in range(4)]
+    assert {item.topic for item in items if isinstance(item, Message)} == {"status"}
+
+
 def test_every_topic_of_the_daemon_is_known() -> None:
     topics: Any = [*EVENT_TYPES]
     Client("tcp://127.0.0.1:1", topics)

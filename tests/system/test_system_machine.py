@@ -8,7 +8,8 @@ import subprocess
 
 import pytest
 
-from bench.machine.bench import bench_machine, with_package
+from bench.machine.bench import bench_machine
+from bench.machine.image import make_image
 from bench.report import BenchOptions, Table
 from tactiled.errors import OperatorError
 from tactiled.progress import ProgressBar
@@ -18,7 +19,7 @@ pytestmark = [pytest.mark.system, pytest.mark.alone, pytest.mark.timeout(1200)]
 
 def test_users_have_their_rights_and_a_journal_to_read() -> None:
     try:
-        with_package("bookworm", is_set_up=True)
+        make_image("bookworm")
     except (OperatorError, subprocess.SubprocessError) as reason:  # no program, no root, no network
         pytest.skip(f"not tested in a virtual machine: {reason}")
     sections = bench_machine(ProgressBar("machine", None), BenchOptions(parts=("users",)))

@@ -3,8 +3,9 @@
 The file is plain Python, which Cython compiles with the types of `friction.pxd` (`tactiled.compiled`).
 """
 
-from math import log
+from math import hypot, log
 
+from tactiled.array import Array
 from tactiled.detect.contact.signs import LEAST_RATIO
 
 # physical: friction of rubber on objects, its median and the standard deviation of its logarithm: between 0.2
@@ -12,7 +13,8 @@ from tactiled.detect.contact.signs import LEAST_RATIO
 # the trees learnt from, too.
 FRICTION, FRICTION_LOG_SD = 0.6, 0.6
 # prior: of the logarithm of the reading of shear over that of the load where both forces are equal, of arrays
-# that state no `shear_per_friction`: a magnetic skin of others (uSkin) has a fifth of what is assumed
+# that state no `shear_per_friction`: a magnetic skin of others (uSkin) has a fifth of what is assumed, which
+# are two standard deviations
 SCALE_LOG_SD = 0.8
 # prior: of log friction from one contact with an object to the next, and of what a state implies of it in one
 # contact: place and pressure differ
@@ -22,6 +24,11 @@ CONTACT_LOG_SD = 0.15
 _SLIDE_SD, _SLIDE_S = 0.12, 0.3
 _WALK_SD = 0.03  # prior: of log friction in a second: warming, moisture, wear of what is held
 _LEAST_SD = 0.07  # prior: friction that depends on load, speed and age is not known better by one number
+
+
+def prior_log_sd(array: Array) -> float:
+    """Return the standard deviation of log friction before any contact with an array."""
+    return FRICTION_LOG_SD if array.is_shear_scaled else hypot(FRICTION_LOG_SD, SCALE_LOG_SD)
 
 
 class FrictionMemory:

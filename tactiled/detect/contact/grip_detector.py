@@ -18,7 +18,7 @@ from tactiled.detect.contact.fast import (
     SlipHysteresis,
 )
 from tactiled.detect.contact.filter import scans_of_look
-from tactiled.detect.contact.friction import FRICTION, FRICTION_LOG_SD, SCALE_LOG_SD
+from tactiled.detect.contact.friction import FRICTION, FRICTION_LOG_SD, prior_log_sd
 from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.contact.learnt import Learnt, shipped_learnt
 from tactiled.detect.contact.press_zero import PressZero
@@ -70,8 +70,8 @@ class GripParams(Params):
         default=None,
         gt=0,
         le=1,
-        description="standard deviation of its logarithm; 0.1: known to 10 %. Left out: 0.6, or 1 where the "
-        "array states neither `shear_per_friction` nor readings in N",
+        description="standard deviation of its logarithm; 0.1: known to 10 %. Left out: 0.6, or 1 where "
+        "`friction` is left out and the array states neither `shear_per_friction` nor readings in N",
     )
     incipient_p: float = Field(
         default=SETTINGS["balanced"].incipient,
@@ -220,8 +220,7 @@ class GripDetector:
         if self._stated is not None:
             return self._stated
         median = self._params.friction or FRICTION * self._array.shear_per_friction
-        is_scaled = self._array.is_shear_scaled or self._params.friction is not None
-        log_sd = FRICTION_LOG_SD if is_scaled else math.hypot(FRICTION_LOG_SD, SCALE_LOG_SD)
+        log_sd = prior_log_sd(self._array) if self._params.friction is None else FRICTION_LOG_SD
         return median, self._params.friction_log_sd or log_sd
 
     @property

@@ -31,8 +31,8 @@ _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it 
 _LOG_FRICTION = log(FRICTION)
 # prior: part of the looks whose ratio over utilisation is not near friction, whatever is known of that, and
 # the standard deviation of its logarithm in these. In these worlds it is off by more than 0.45 in 0.1 to 6 %
-# of looks. Scores in `bench grip` are the same from 0.03 to 0.1.
-_ASTRAY, _ASTRAY_LOG_SD = 0.05, 1.2
+# of looks.
+_ASTRAY, _ASTRAY_LOG_SD = 0.03, 1.2
 # prior: beyond so many standard deviations of friction and of what it is here, a state is implausible
 _PLAUSIBLE_SDS = 2.0
 _NEVER = 1e-12  # derived: no state is impossible, so that the sum over states is never 0
@@ -152,7 +152,7 @@ class Posterior:
             fits = no_zero + (1.0 - no_zero) * known / learnt
             if misfit > _PLAUSIBLE_SDS * _PLAUSIBLE_SDS:
                 fits *= exp(-0.5 * (misfit - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
-            p *= max(fits, _NEVER)
+            p *= _ASTRAY + (1.0 - _ASTRAY) * fits  # so that a friction that is wrong can be refuted
             self.cells[k] = p
             total += p
         is_over = self.is_gross and self.cells[n - 1] < SURELY_OVER * total

@@ -44,6 +44,31 @@ def test_the_next_contact_begins_with_what_was_stated() -> None:
     assert 0.1 < log_sd(first) < 0.3  # what the model does not know is added
 
 
+def slide(number: int, ratio: float) -> ScanBlock:
+    """Return the scans of a touch that slides from 3 s on at a ratio of shear and load, unevenly."""
+    rng, t = np.random.default_rng(number), np.arange(800)[:, np.newaxis] / 100
+    walk = 0.01 * np.cumsum(rng.standard_normal((800, 9)), axis=0)
+    uneven = np.repeat(np.where(t > 3.0, walk - walk[300], 0.0), 4, axis=1)
+    shear = ratio / 2 * np.clip(t - 2.0, 0, 1) * (1 + uneven) * np.tile([1.0, 0.0, -1.0, 0.0], 9)
+    volts = (np.clip((t - 0.5) / 0.5, 0, 1) + shear) * (t < 6.0)
+    volts += 3e-4 * rng.standard_normal(volts.shape)
+    return regular_block(volts, 100.0, start_s=number * 8.0, index=number * 800)
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_a_friction_that_is_wrong_by_far_does_not_hide_every_slide(stated: bool) -> None:
+    """Of another object, nobody said that it was one: sliding stays possible, and is believed at last."""
+    detector = GripDetector(ARRAY, GripParams(gross_p=0.3))
+    if stated:
+        detector.state_friction(1.0 * ARRAY.shear_per_friction, 0.1)
+    else:
+        detector.process(slide(0, 1.5 * ARRAY.shear_per_friction))
+    found = [detector.process(slide(k, 0.4 * ARRAY.shear_per_friction)) for k in range(1, 13)]
+    likeliest = [max(event.p_sliding for event in grips(events)[250:]) for events in found]
+    assert min(likeliest) > 0.05
+    assert any(event.state == "gross" for events in found for event in grips(events))
+
+
 def test_noise_that_the_gate_does_not_call_a_contact_tells_nothing_of_friction() -> None:
     pad = square_array("xyz", 2, 4.0, range=(-8.0, 8.0))
     load = np.where(np.arange(250) < 150, 0.0, 3.0)[:, np.newaxis] * np.tile([0.1, 0.0, 1.0], 4)

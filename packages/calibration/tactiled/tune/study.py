@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import Array
-from tactiled.detect.contact.friction import FRICTION_LOG_SD
+from tactiled.detect.contact.friction import prior_log_sd
 from tactiled.detect.contact.hysteresis import SETTINGS
 from tactiled.detect.signal.contact_gate import ContactParams, ContactTracker
 from tactiled.detect.suite import DetectParams, build_suite
@@ -222,7 +222,7 @@ class _Reports:
             return None
         spread = math.log(self._friction.friction_high / self._friction.friction_low)
         log_sd = math.hypot(spread / (2 * _FIVE_PERCENT), _CONTACT_SD)
-        is_known = log_sd < _KNOWN * FRICTION_LOG_SD
+        is_known = log_sd < _KNOWN * prior_log_sd(self._array)
         return Friction(self._friction.friction, log_sd) if is_known else None
 
 

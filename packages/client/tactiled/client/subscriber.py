@@ -40,8 +40,8 @@ class _SubscriptionBase:
         keys: Path | str | None = None,
     ) -> None:
         control = control_endpoint(endpoint) if control is None else control
-        _check_topics(topics)
-        self._address = endpoint, control, tuple(topics), board, None if keys is None else Path(keys)
+        topics = _checked_topics(topics)
+        self._address = endpoint, control, topics, board, None if keys is None else Path(keys)
         is_patient = endpoint.startswith(ZENOH_SCHEME)
         now_s = time.monotonic()
         self._inbox = Inbox(topics, board, stale_after_s, now_s, bool(control), is_patient=is_patient)
@@ -211,12 +211,14 @@ class Subscription(_SubscriptionBase):
         self.close()
 
 
-def _check_topics(topics: Sequence[str]) -> None:
-    """Raise `ConfigError` for an unknown topic, and for a string, whose items are letters."""
+def _checked_topics(topics: Sequence[Topic]) -> tuple[Topic, ...]:
+    """Return the topics; `ConfigError` for an unknown one, and for a string, whose items are letters."""
     if isinstance(topics, str):
         raise ConfigError("topics", [f"{topics!r} is a string; write a tuple of topics: ({topics!r},)"])
+    topics = tuple(topics)
     if faults := [f"no topic {topic!r}" for topic in topics if topic not in MESSAGE_TYPES]:
         raise ConfigError("topics", [f"{', '.join(faults)}; there are: {', '.join(MESSAGE_TYPES)}"])
+    return topics
 
 
 def _endings(topics: AbstractSet[str]) -> tuple[bytes, ...]:
