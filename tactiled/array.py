@@ -15,6 +15,7 @@ import itertools
 import os
 import platform
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -159,7 +160,7 @@ class ArrayFile(Params):
         default=None,
         gt=0,
         description="reading of shear over reading of pressure where tangential and normal load are equal; "
-        "left out: 1, which slip detection trusts only where the unit is N",
+        "left out: 1, which slip detection trusts less where shear has channels of its own in counts",
     )
     contact: ContactLevels | None = Field(
         default=None, description="left out: from the noise and the range of the channels"
@@ -419,9 +420,14 @@ def build(file: ArrayFile) -> Array:
         zero=np.full(len(channels), 0.0 if isinstance(file.zero, str) else file.zero),
         zero_first_s=0.0 if first is None else float(first[1]),
         shear_per_friction=1.0 if file.shear_per_friction is None else file.shear_per_friction,
-        is_shear_scaled=file.shear_per_friction is not None or file.unit == "N",
+        is_shear_scaled=file.shear_per_friction is not None or not _in_counts(file.unit, channels),
         contact=file.contact,
     )
+
+
+def _in_counts(unit: Unit, channels: Sequence[Channel]) -> bool:
+    """Whether shear has axes of its own in counts: chips, whose axes may differ in sensitivity by far."""
+    return unit == "count" and any(channel.kind.startswith("shear") for channel in channels)
 
 
 def _azimuth_deg(channel: Channel, place: TaxelPlace) -> float:

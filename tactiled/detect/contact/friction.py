@@ -12,9 +12,9 @@ from tactiled.detect.contact.signs import LEAST_RATIO
 # (wet, oily) and 2 (clean glass), and gains of uncalibrated shear add 0.3. It is the prior of the worlds that
 # the trees learnt from, too.
 FRICTION, FRICTION_LOG_SD = 0.6, 0.6
-# prior: of the logarithm of the reading of shear over that of the load where both forces are equal, of arrays
-# that state no `shear_per_friction`: a magnetic skin of others (uSkin) has a fifth of what is assumed, which
-# are two standard deviations
+# prior: of the logarithm of the reading of shear over that of the load where both forces are equal, of chips
+# in counts whose array states no `shear_per_friction`: a magnetic skin of others (uSkin) has a fifth of what
+# is assumed, which are two standard deviations
 SCALE_LOG_SD = 0.8
 # prior: of log friction from one contact with an object to the next, and of what a state implies of it in one
 # contact: place and pressure differ

@@ -71,7 +71,7 @@ class GripParams(Params):
         gt=0,
         le=1,
         description="standard deviation of its logarithm; 0.1: known to 10 %. Left out: 0.6, or 1 where "
-        "`friction` is left out and the array states neither `shear_per_friction` nor readings in N",
+        "`friction` is left out, too, and shear has channels in counts without `shear_per_friction`",
     )
     incipient_p: float = Field(
         default=SETTINGS["balanced"].incipient,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.worlds.arrays import square_array
-from tactiled.array import FloatArray, load_array
+from tactiled.array import Array, FloatArray, load_array
 from tactiled.detect.contact.grip_detector import GripDetector, GripParams
 from tactiled.detect.suite import DetectParams
 from tactiled.detect.tuning import TunedSuite
@@ -104,17 +104,21 @@ def test_what_is_stated_in_a_light_touch_that_a_gap_ends_holds_for_the_next_cont
 def test_friction_is_less_known_where_the_scale_of_shear_is_not_stated() -> None:
     """The prior of friction is of forces; readings of shear and load may have any scale of their own."""
     pads = {
-        "scaled": square_array("xyz", 3, 4.0, range=(-8.0, 8.0), shear_per_friction=1.0),
+        "scaled": square_array("xyz", 3, 4.0, unit="count", range=(-8.0, 8.0), shear_per_friction=1.0),
         "newtons": square_array("xyz", 3, 4.0, unit="N", range=(-8.0, 8.0)),
-        "not scaled": square_array("xyz", 3, 4.0, range=(-8.0, 8.0)),
+        "sides": square_array("sides", 3, 4.0, unit="count", range=(-8.0, 8.0)),
+        "not scaled": square_array("xyz", 3, 4.0, unit="count", range=(-8.0, 8.0)),
     }
-    assert [pad.shear_per_friction for pad in pads.values()] == [1.0, 1.0, 1.0]
-    load = np.clip(np.arange(60)[:, np.newaxis] / 20 - 0.5, 0, 1) * np.tile([0.0, 0.0, 1.0], 9)
-    noise = 1e-4 * np.random.default_rng(3).standard_normal(load.shape)
-    block = regular_block(load + noise, 100.0)
-    found = {name: log_sd(grips(GripDetector(pad).process(block))[0]) for name, pad in pads.items()}
-    assert found == pytest.approx({"scaled": 0.6, "newtons": 0.6, "not scaled": 1.0}, rel=0.05)
-    stated = grips(GripDetector(pads["not scaled"], GripParams(friction=0.2)).process(block))[0]
+    assert {pad.shear_per_friction for pad in pads.values()} == {1.0}
+
+    def pressed(pad: Array, params: GripParams | None = None) -> GripEvent:
+        load = np.clip(np.arange(60)[:, np.newaxis] / 20 - 0.5, 0, 1) * pad.normal_weights().any(axis=0)
+        noise = 1e-4 * np.random.default_rng(3).standard_normal(load.shape)
+        return grips(GripDetector(pad, params).process(regular_block(load + noise, 100.0)))[0]
+
+    found = {name: log_sd(pressed(pad)) for name, pad in pads.items()}
+    assert found == pytest.approx({"scaled": 0.6, "newtons": 0.6, "sides": 0.6, "not scaled": 1.0}, rel=0.05)
+    stated = pressed(pads["not scaled"], GripParams(friction=0.2))
     assert log_sd(stated) == pytest.approx(0.6, rel=0.05)
 
 
