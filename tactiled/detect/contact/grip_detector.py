@@ -121,8 +121,8 @@ class GripDetector:
     ...     if event.topic == "grip" and f"{event.time_s:.2f}" in ("3.90", "4.60"):
     ...         print(f"{event.time_s:.2f} s: {event.state}, utilisation {event.utilisation:.1f}")
     3.90 s: sticking, utilisation 0.1
-    4.23 s: incipient slip since 4.12 s
-    4.60 s: partial, utilisation 0.5
+    4.23 s: incipient slip since 4.10 s
+    4.60 s: partial, utilisation 0.6
     """
 
     def __init__(self, array: Array, params: GripParams | None = None, learnt: Learnt | None = None) -> None:
