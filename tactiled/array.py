@@ -265,7 +265,7 @@ class Array:
     zero_first_s: float  # time at the beginning of the data whose mean is the zero instead; 0 for none
     # Reading of shear over reading of pressure where tangential and normal load are equal
     shear_per_friction: float
-    is_shear_scaled: bool  # False where that is only assumed
+    is_shear_scaled: bool  # False for chips in counts whose file does not state it: it may be off by far
     contact: ContactLevels | None  # None where noise and range of the channels decide
 
     @property
@@ -426,7 +426,7 @@ def build(file: ArrayFile) -> Array:
 
 
 def _in_counts(unit: Unit, channels: Sequence[Channel]) -> bool:
-    """Whether shear has axes of its own in counts: chips, whose axes may differ in sensitivity by far."""
+    """Return True where shear has channels of its own in counts, as of chips with unequal axes."""
     return unit == "count" and any(channel.kind.startswith("shear") for channel in channels)
 
 

@@ -194,6 +194,7 @@ def far_from_zero(array: Array, rest: FloatArray) -> NDArray[np.int64]:
 
 
 def _far_zero(array: Array, time_s: FloatArray, readings: FloatArray) -> Iterator[str]:
+    """Yield a line where a log begins far from a zero that the array file states."""
     first = np.ma.masked_invalid(readings[time_s < time_s[0] + REST_S])
     rest = np.ma.filled(np.ma.median(first, axis=0), np.nan)  # type: ignore[no-untyped-call]
     if (far := far_from_zero(array, rest)).size:

@@ -67,8 +67,12 @@ class BoardInQemu(Qemu):
         self._start(
             ["qemu-system-arm", "-S", "-M", "mps2-an385", "-kernel", str(image), *line, *options], folder
         )
-        names = {device["label"]: device["filename"] for device in self.qmp("query-chardev")}
-        self.port = names["line"].removeprefix("pty:")
+        try:
+            names = {device["label"]: device["filename"] for device in self.qmp("query-chardev")}
+            self.port = names["line"].removeprefix("pty:")
+        except BaseException:
+            self.cut_power()
+            raise
 
     def reset(self, *, is_within_frame: bool) -> None:
         """Reset all but the memory, while a frame is on the line (as a brown-out may), or between frames."""
@@ -85,7 +89,7 @@ class BoardInQemu(Qemu):
 
 
 class SentFrames(NamedTuple):
-    """What the UART sent: scans and their holes within each boot, boots, damaged frames, answers."""
+    """Contents of the file in which qemu wrote down what the UART sent."""
 
     scans: list[Scan]
     missing: int  # sequence numbers between scans of one boot

@@ -30,12 +30,12 @@ LEAST_BORNE = 0.02  # physical: that a slide bears: the friction of wet ice
 _LEAST_VARIANCE = 0.01  # prior: of the logarithm of friction: a ratio tells it to a tenth at best
 _LOG_FRICTION = log(FRICTION)
 # prior: part of the looks whose ratio over utilisation is not near friction, whatever is known of that, and
-# the standard deviation of its logarithm in these. In these worlds it is off by more than 0.45 in 0.1 to 6 %
-# of looks.
-_ASTRAY, _ASTRAY_LOG_SD = 0.03, 1.2
+# the standard deviation of its logarithm in these, twice that of friction. In these worlds it is off by more
+# than 0.45 in 0.1 to 6 % of looks.
+_ASTRAY, _ASTRAY_LOG_SD = 0.03, 2.0 * FRICTION_LOG_SD
 # prior: beyond so many standard deviations of friction and of what it is here, a state is implausible
 _PLAUSIBLE_SDS = 2.0
-_NEVER = 1e-12  # derived: no state is impossible, so that the sum over states is never 0
+_NEVER = 1e-12  # derived: keeps a quotient of two densities from being one of zeros, at any ratio
 # prior: where the zero of shear is not known, part of the looks that say no more than the prior
 _WITHOUT_ZERO = 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
