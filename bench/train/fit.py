@@ -78,7 +78,7 @@ def first_forests(
     """Grow a forest that scores sliding by the signs of a look on each pair of physics.
 
     Their mean log odds rank the looks of other physics better than one forest that is grown on all
-    (docs/grip.md).
+    (docs/blind-alleys.md).
     """
     pairs = pairs_of_physics(dict.fromkeys(w.generator for w in worlds))
     grow = pool.map(partial(_first_forest, worlds, shapes=shapes), pairs)
