@@ -29,14 +29,6 @@ _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h; termios has no name for it
 _ICOUNTER = struct.Struct("20i")
 
 
-def is_pty(fd: int) -> bool:
-    """Return True for a pseudo-terminal, which has a program at its other end instead of a cable."""
-    try:
-        return os.ttyname(fd).startswith("/dev/pts/")
-    except OSError:
-        return False
-
-
 def is_url(url: str) -> bool:
     """Return True for ``socket://...`` and the like, which are no devices of this host."""
     return "://" in url
@@ -109,7 +101,7 @@ def keep_others_out(fd: int) -> None:
     that was killed.
     """
     with contextlib.suppress(OSError, termios.error):
-        if not is_pty(fd):
+        if not os.ttyname(fd).startswith("/dev/pts/"):
             fcntl.ioctl(fd, termios.TIOCEXCL)
 
 
