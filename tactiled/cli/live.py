@@ -151,8 +151,8 @@ def top(endpoint: str, array: str | None, once: bool, keys: Path | None) -> None
     """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
 
     A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; a dot
-    is a touch, ! a slip. Key s changes the load of the fullest colour, i and e suppress slips for 0.5 s
-    (inhibit, expect-load-change). Commands need ipc, or --keys: give the daemon's ipc endpoint.
+    is a touch, ! a slip. Keys i and e suppress slips for 0.5 s (inhibit, expect-load-change). Commands need
+    ipc, or --keys: give the daemon's ipc endpoint.
 
     Example: tactiled top ipc:///run/tactiled/left/events.ipc
     """

@@ -20,8 +20,7 @@ _LAMPS = {"FRESH": "●", "LATE": "▲", "STALE": "■", "NO BOARD": "○"}
 _LEVELS = {"near": _LATE, "partial": _LATE, "gross": "bold white on rgb(168,67,0)"}
 _CALM = "bold white on rgb(0,116,90)"
 _SLIP = "rgb(213,94,0)"  # vermilion and blue of Okabe and Ito: told apart by every kind of colour vision
-RANGES = (4, 8, 16, 32, 1, 2)
-"""Parts of the range of the array that the fullest colour may stand for; the first one is usual."""
+_PART = 4  # of the range of the array, that the fullest colour stands for
 _SENTENCE_LINES = 4
 _OTHERS = 3  # boards: as many lines as leave the array in sight of 24
 _LEAST = 0.03  # of full colour: a shear below has no direction, as on the page
@@ -37,16 +36,15 @@ def draw(
     height: int,
     footer: str,
     notice: str = "",
-    part: int = RANGES[0],
     others: Sequence[BoardView] = (),
 ) -> list[Text]:
     """Return the lines of the screen, `height` of them, each at most `width` wide.
 
-    `notice`, unless it is empty, takes the place of the last event, above the footer. `part` is that of the
-    range of the array which the fullest colour stands for. Of `others`, boards too, the sentence is shown.
+    `notice`, unless it is empty, takes the place of the last event, above the footer. Of `others`, boards
+    too, the sentence is shown.
     """
     live = board.lamp(now_unix_s).state in ("FRESH", "LATE")
-    full = 1.0 if board.geometry is None else (board.geometry["high"] - board.geometry["low"]) / 2 / part
+    full = 1.0 if board.geometry is None else (board.geometry["high"] - board.geometry["low"]) / 2 / _PART
     left = _array(board, live, max(20, width // 2 - 4), full)
     right = _facts(board, live, full)
     beside = max(24, *(line.cell_len for line in left)) + 1

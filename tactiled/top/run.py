@@ -21,7 +21,7 @@ from tactiled.array import Array
 from tactiled.client import Commander, Subscription
 from tactiled.errors import OperatorError
 from tactiled.top.boards import BoardView, BoardViews
-from tactiled.top.draw import RANGES, draw
+from tactiled.top.draw import draw
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
 _ONCE_S = 1.3  # the slowest message, info, comes once a second
@@ -31,7 +31,7 @@ _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "e": ("expect-load-change", {"duration_s": 0.5}),
     "m": ("mark", {"text": "mark from tactiled top"}),
 }
-_FOOTER = " q quit  b board  s scale  t tare  i inhibit  e expect  m mark  r record"
+_FOOTER = " q quit  b board  t tare  i inhibit  e expect  m mark  r record"
 
 
 def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool) -> int:
@@ -68,7 +68,7 @@ def _print_once(views: BoardViews) -> int:
 
 
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:
-    chosen, scale, footer, footer_until_s = 0, 0, _FOOTER, 0.0
+    chosen, footer, footer_until_s = 0, _FOOTER, 0.0
 
     def command(do: str, board: BoardView, **fields: Any) -> str:
         try:
@@ -94,16 +94,13 @@ def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Pa
                 return
             if key == "b":
                 chosen += 1
-            elif key == "s":
-                scale += 1
             elif words := act(key, board):
                 footer, footer_until_s = words, time.monotonic() + 3.0
             if time.monotonic() > footer_until_s:
                 footer = _FOOTER
             width, height = shutil.get_terminal_size((80, 24))
-            part = RANGES[scale % len(RANGES)]
             others = [other for other in boards if other is not board]
-            lines = draw(board, time.time(), width, height, footer, views.notice, part, others)
+            lines = draw(board, time.time(), width, height, footer, views.notice, others)
             show([_painted(line, width) for line in lines])
 
 
