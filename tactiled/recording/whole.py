@@ -45,10 +45,7 @@ def kind_of(path: Path, topic: str | None) -> Literal["recording", "table", "bag
         known = (
             f"our recordings (.mcap), tables ({', '.join(TABLES)}) and bags ({', '.join(BAGS)} or a folder)"
         )
-        remedy = ""
-        if path.suffix == ".parquet":
-            remedy = f'; `pandas.read_parquet("{path}").to_csv("log.csv", index=False)` makes a table of it'
-        raise DataError(f"{path}: unknown kind of file; known are {known}{remedy}")
+        raise DataError(f"{path}: unknown kind of file; known are {known}")
     return "table"
 
 
