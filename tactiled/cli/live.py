@@ -145,9 +145,8 @@ def command(name: str, fields: tuple[str, ...], endpoint: str | None, board: str
 @click.command()
 @click.argument("endpoint", default="tcp://127.0.0.1:9872")
 @click.option("--array", help="Array file of a board whose array does not ship.")
-@click.option("--once", is_flag=True, help="Print one picture after a second; exit code 1 without a daemon.")
 @KEYS
-def top(endpoint: str, array: str | None, once: bool, keys: Path | None) -> None:
+def top(endpoint: str, array: str | None, keys: Path | None) -> None:
     """Show boards live in a terminal: freshness, array, rates, events, keys for commands.
 
     A cell is a taxel: colour and number are its load, the arrow is the way in which the skin is pushed; a dot
@@ -160,5 +159,4 @@ def top(endpoint: str, array: str | None, once: bool, keys: Path | None) -> None
     from tactiled.array import load_array
     from tactiled.top.run import run_top
 
-    loaded = None if array is None else load_array(array)
-    sys.exit(run_top(endpoint, loaded, keys, once=once))
+    run_top(endpoint, None if array is None else load_array(array), keys)

@@ -1,4 +1,4 @@
-"""``tactiled top``: subscription, keys and screen; or a snapshot."""
+"""``tactiled top``: subscription, keys and screen."""
 
 import os
 import select
@@ -13,7 +13,6 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-import click
 from rich.console import Console
 from rich.text import Text
 
@@ -24,7 +23,6 @@ from tactiled.top.boards import BoardView, BoardViews
 from tactiled.top.draw import draw
 
 _DRAW_S = 0.1  # ten pictures a second: numbers that change faster cannot be read
-_ONCE_S = 1.3  # the slowest message, info, comes once a second
 _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
     "t": ("tare", {}),
     "i": ("inhibit", {"duration_s": 0.5}),
@@ -34,17 +32,12 @@ _COMMANDS: dict[str, tuple[str, dict[str, Any]]] = {
 _FOOTER = " q quit  b board  t tare  i inhibit  e expect  m mark  r record"
 
 
-def run_top(endpoint: str, array: Array | None, keys: Path | None, *, once: bool) -> int:
-    """Show the boards of a daemon until q or Ctrl-C; return the exit code: 1 where `once` saw no daemon."""
-    views = BoardViews(array)
+def run_top(endpoint: str, array: Array | None, keys: Path | None) -> None:
+    """Show the boards of a daemon until q or Ctrl-C."""
+    if not sys.stdin.isatty() or not sys.stdout.isatty():
+        raise OperatorError("tactiled top needs a terminal: use tactiled listen here")
     with Subscription(endpoint, keys=keys) as subscription:
-        if once:
-            _receive(subscription, views, time.monotonic() + _ONCE_S)
-            return _print_once(views)
-        if not sys.stdin.isatty() or not sys.stdout.isatty():
-            raise OperatorError("tactiled top needs a terminal: use --once, or tactiled listen, here")
-        _live(subscription, views, endpoint, keys)
-    return 0
+        _live(subscription, BoardViews(array), endpoint, keys)
 
 
 def _receive(subscription: Subscription, views: BoardViews, until_s: float) -> None:
@@ -52,19 +45,6 @@ def _receive(subscription: Subscription, views: BoardViews, until_s: float) -> N
         views.take(item)
         if time.monotonic() >= until_s:
             return
-
-
-def _print_once(views: BoardViews) -> int:
-    boards = [board for board in views.boards.values() if "status" in board.newest]
-    for board in boards:
-        width, height = shutil.get_terminal_size((80, 24))
-        for line in draw(board, time.time(), width, height - 1, ""):
-            click.echo(_painted(line, width).rstrip())
-    if views.notice:
-        click.echo(views.notice, err=True)
-    if not boards:
-        click.echo("no daemon publishes there: is tactiled run running?", err=True)
-    return int(not boards)
 
 
 def _live(subscription: Subscription, views: BoardViews, endpoint: str, keys: Path | None) -> None:

@@ -8,7 +8,6 @@ import struct
 import subprocess
 import sys
 import termios
-import time
 import tracemalloc
 from collections.abc import Mapping
 from dataclasses import replace
@@ -377,10 +376,10 @@ def test_names_of_a_foreign_publisher_do_not_fill_the_memory() -> None:
     assert list(views.boards) == [f"B{k}" for k in range(1000, 2000)]
 
 
-def test_once_without_a_daemon_fails_in_one_line(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tactiled", "top", f"ipc://{tmp_path}/none.ipc", "--once"]
+def test_without_a_terminal_it_fails_in_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tactiled", "top", f"ipc://{tmp_path}/none.ipc"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.returncode, done.stdout) == (1, "")
+    assert (done.returncode, done.stdout) == (2, "")
     assert len(done.stderr.splitlines()) == 1
 
 
@@ -390,14 +389,6 @@ def test_on_a_terminal_of_80x24_with_keys(tmp_path: Path) -> None:
         live.run()
         live.plug()
         command = [sys.executable, "-m", "tactiled", "top", live.endpoint]
-        until_s = time.monotonic() + PATIENCE_S
-        while True:
-            done = subprocess.run(
-                [*command, "--once"], capture_output=True, text=True, timeout=60, check=False
-            )
-            if done.returncode == 0 and "FRESH" in done.stdout:
-                break
-            assert time.monotonic() < until_s, done.stdout + done.stderr
         master, slave = pty.openpty()
         ioctl(slave, termios.TIOCSWINSZ, struct.pack("4H", 24, 80, 0, 0))
         before = termios.tcgetattr(slave)
