@@ -39,12 +39,12 @@ def tactiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     return run
 
 
-def test_version_and_check_config_say_which_path_a_scan_takes(tactiled: Tactiled) -> None:
-    said = f"path of a scan: {compiled.path_words()}"
+def test_the_version_is_said(tactiled: Tactiled) -> None:
     program = subprocess.run(
         [sys.executable, "-m", "tactiled", "--version"], capture_output=True, text=True, check=True
     )
-    assert program.stdout.splitlines() == [f"tactiled, version {__version__}", said]
+    assert program.stdout == f"tactiled, version {__version__}\n"
+    said = f"path of a scan: {compiled.path_words()}"
     assert said in tactiled("check-config", str(ROOT / "config" / "tactiled.toml")).stderr.splitlines()
 
 

@@ -19,24 +19,8 @@ from tactiled.version import __version__
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
-def _show_version(context: click.Context, _parameter: click.Parameter, is_asked: bool) -> None:
-    if not is_asked or context.resilient_parsing:
-        return
-    from tactiled import compiled
-
-    click.echo(f"tactiled, version {__version__}\npath of a scan: {compiled.path_words()}")
-    context.exit()
-
-
 @click.group(cls=OpenGroup, context_settings=CONTEXT)
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_show_version,
-    help="Show the version, and whether the path of a scan is compiled.",
-)
+@click.version_option(__version__, prog_name="tactiled")
 def cli() -> None:
     """Tactile-sensing daemon: serial taxel arrays in, slip and texture events out.
 
