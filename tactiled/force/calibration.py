@@ -6,6 +6,7 @@ force is a weighted sum of features (`tactiled.force.model`).
 """
 
 import itertools
+import json
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -220,14 +221,10 @@ def _table(table: dict[str, object], prefix: str, lines: list[str]) -> None:
 
 
 def _value(value: object) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        return _number(value)
-    if isinstance(value, str):
-        return tomltext.quoted(value)
+    if isinstance(value, float):  # 24 bits: far below any uncertainty, and half the size of the file
+        return repr(float(f"{value:.7g}"))
+    if isinstance(value, str | int):  # as JSON has them, bool among them
+        return tomltext.quoted(value) if isinstance(value, str) else json.dumps(value)
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{key} = {_value(inner)}" for key, inner in value.items()) + " }"
     assert isinstance(value, list | tuple)
@@ -235,8 +232,3 @@ def _value(value: object) -> str:
     if value and isinstance(value[0], list | dict):
         return "[\n" + "".join(f"  {cell},\n" for cell in cells) + "]"
     return "[" + ", ".join(cells) + "]"
-
-
-def _number(value: float) -> str:
-    text = f"{value:.7g}"  # 24 bits: far below any uncertainty, and half the size of the file
-    return text if any(c in text for c in ".en") else f"{text}.0"

@@ -49,8 +49,8 @@ def write(plan: SetupPlan, root: Path, say: Say) -> None:
             say(f"{'renewed ' if path.exists() else 'written '}   {file.path}")
             _write(path, file.text)
         written[file.path] = _digest(file.text)
-        _write_manifest(root, plan, written)  # after each file: a failure at the next one can be undone
-    _write_manifest(root, plan, written)
+        _write_manifest(root, plan.name, written)  # after each file: a failure at the next one can be undone
+    _write_manifest(root, plan.name, written)
 
 
 def taken_ports(root: Path) -> dict[str, TakenPorts]:
@@ -85,7 +85,7 @@ def check_other_port(plan: SetupPlan, url: str, root: Path) -> None:
 
 def written_for(name: str, root: Path) -> dict[str, str]:
     """Return the files that `write` wrote for a board, with their digests; errors as for `remove`."""
-    manifest = _under(root, f"/etc/tactiled/{name_of(name)}.setup.json")
+    manifest = _manifest(root, name_of(name))
     if not manifest.exists():
         known = sorted(path.name.removesuffix(".setup.json") for path in manifest.parent.glob("*.setup.json"))
         raise OperatorError(f"{name}: not set up here; set up: {', '.join(known) or 'nothing'}")
@@ -112,7 +112,7 @@ def remove(name: str, root: Path, say: Say) -> None:
         else:
             _unlink(path)
             say(f"removed    {name_of_file}")
-    _unlink(_under(root, f"/etc/tactiled/{name}.setup.json"))
+    _unlink(_manifest(root, name))
     state = _under(root, f"/var/lib/tactiled/{name}")
     with contextlib.suppress(OSError):  # there is none, or one with recordings
         state.rmdir()
@@ -134,6 +134,11 @@ def _under(root: Path, path: str) -> Path:
     return root / path.lstrip("/")
 
 
+def _manifest(root: Path, name: str) -> Path:
+    """Return the list of what was written for a board, from which `--remove` works."""
+    return _under(root, f"/etc/tactiled/{name}.setup.json")
+
+
 def _text_of(path: Path) -> str | None:
     """Text of a file; None where there is none, or none of ours: a folder, a device, other bytes."""
     try:
@@ -153,7 +158,7 @@ def _read_manifest(root: Path, name: str) -> dict[str, str]:
 
     `OperatorError` if the list is damaged, or names a file where `tactiled setup` writes none.
     """
-    manifest = _under(root, f"/etc/tactiled/{name}.setup.json")
+    manifest = _manifest(root, name)
     if not manifest.exists():
         return {}
     try:
@@ -177,8 +182,8 @@ def _written_for_others(root: Path, name: str) -> dict[str, set[str]]:
     return found
 
 
-def _write_manifest(root: Path, plan: SetupPlan, written: dict[str, str]) -> None:
-    _write(_under(root, plan.manifest), json.dumps(written, indent=1, sort_keys=True) + "\n")
+def _write_manifest(root: Path, name: str, written: dict[str, str]) -> None:
+    _write(_manifest(root, name), json.dumps(written, indent=1, sort_keys=True) + "\n")
 
 
 def _write(path: Path, text: str) -> None:

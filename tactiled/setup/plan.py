@@ -82,11 +82,6 @@ class SetupPlan:
     commands: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...]
 
-    @property
-    def manifest(self) -> str:
-        """Path of the list of what was written, from which `--remove` works."""
-        return f"/etc/tactiled/{self.name}.setup.json"
-
 
 def serves_all_boards(root: Path) -> bool:
     """Return True where the unit of all boards is enabled; instances of the other are then skipped."""
