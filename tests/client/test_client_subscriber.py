@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,6 @@ from tactiled.client import (
     Restarted,
     Stale,
     Subscription,
-    subscribe,
 )
 from tactiled.client.listen import listen
 from tactiled.errors import ConfigError
@@ -161,8 +160,9 @@ def test_a_cancelled_wait_loses_nothing(endpoint: str) -> None:
 
 
 @pytest.mark.usefixtures("publisher")
-def test_blocking_iterator(endpoint: str) -> None:
-    with limit(), closing(subscribe(endpoint, topics=("slip",), board="TS0001")) as items:  # type: ignore[type-var]
+def test_messages_without_asyncio(endpoint: str) -> None:
+    with limit(), Subscription(endpoint, topics=("slip",), board="TS0001") as events:
+        items = iter(events.next_item, None)
         messages = list(islice((item for item in items if isinstance(item, Message)), 8))
     assert {m.topic for m in messages} == {"slip"}
     assert 0.0 <= messages[0].age_s < PATIENCE_S

@@ -19,7 +19,7 @@ from tactiled.events.types import EVENT_TYPES, Candidate, TextureEvent
 from tools.interfaces import ROOT
 
 GOOD = """
-from tactiled.client import Client, ScanMessage, SlipMessage, Message, subscribe
+from tactiled.client import Client, ScanMessage, SlipMessage, Message
 
 async def control() -> None:
     async with Client(topics=("slip", "scan")) as client:
@@ -33,10 +33,11 @@ async def control() -> None:
                     print(data["state"])
 """
 BAD = """
-from tactiled.client import Client, SlipMessage, subscribe
+from tactiled.client import Client, SlipMessage, Subscription
 from tactiled.client import SlippMessage  # attr-defined
-subscribe(topics=("slipp",))  # arg-type
-for item in subscribe():
+Subscription(topics=("slipp",))  # arg-type
+while True:
+    item = Subscription().next_item()
     if isinstance(item, SlipMessage):
         item.data["sate"]  # typeddict-item
         print(item.data["state"] == "onst")  # comparison-overlap

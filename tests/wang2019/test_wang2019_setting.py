@@ -4,11 +4,10 @@ from pathlib import Path
 
 import pytest
 from commands import call
-from touches import Touch, onsets, textures
+from touches import Touch, onsets
 
 from tactiled.array import load_array
 from tactiled.detect import suite
-from tactiled.detect.grooves.params import JointParams
 from tactiled.detect.signal.slip_gate import KnownSliding
 from tactiled.detect.suite import DetectParams, build_suite
 from tactiled.errors import ConfigError
@@ -34,22 +33,6 @@ def test_without_the_distribution_the_error_says_how_to_get_it(monkeypatch: pyte
         parse({"setting": "none"}, DetectParams, "test")
 
 
-@pytest.mark.parametrize(
-    ("limits", "statuses"),
-    [
-        ({}, {"ok"}),
-        ({"min_period_mm": 2.0}, {"ambiguous"}),  # excludes the only answer, 1.2 mm
-        ({"max_tilt_deg": 5.0}, {"ambiguous"}),  # excludes 10 degrees
-    ],
-)
-def test_period_and_tilt_limit_the_answers(limits: dict[str, float], statuses: set[str]) -> None:
-    array = load_array("wang2019-3x3")
-    touch = Touch(grooves=(1.2, 10.0), stop_s=40.0, lift_s=42.0, end_s=43.0)
-    params = DetectParams(setting="wang2019", texture=JointParams(speed_mm_s=1.0, **limits))
-    found = textures(build_suite(array, params).process(touch.block(array)))
-    assert {event.status for event in found} == statuses
-
-
 def test_keys_that_the_published_methods_do_not_read_are_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -61,16 +44,17 @@ def test_keys_that_the_published_methods_do_not_read_are_named(
         warnings = [line for line in capsys.readouterr().err.splitlines() if "not read" in line]
         assert warnings == [
             f"warning: detect.{key}: not read by setting wang2019"
-            for key in ("texture.hop_s", "grip.incipient_p")
+            for key in ("texture.min_period_mm", "texture.hop_s", "grip.incipient_p")
             if setting == "wang2019"
         ]
-    assert Choices(setting="wang2019", max_tilt_deg=30.0).params().unread() == []
+    assert Choices(setting="wang2019", direction_deg=30.0).params().unread() == []
     array = load_array("wang2019-3x3")
     log = LogTally(array, "log")
     block = Touch().block(array)
     log.add_scans(block.time_s, block.volts)
     told = list(Choices(setting="wang2019", period_mm=(1.0, 2.0)).summary(log))
-    assert told[-1] == "not read by setting wang2019: detect.texture.max_period_mm"
+    words = "detect.texture.min_period_mm, detect.texture.max_period_mm"
+    assert told[-1] == f"not read by setting wang2019: {words}"
 
 
 def test_an_array_in_another_unit_than_volts_is_refused() -> None:

@@ -20,13 +20,13 @@ old. `Lost` counts messages that cannot be recovered. Commands to the daemon:
 
 `GripController` turns `grip` messages into the force to grip with.
 
-Without asyncio: ``for item in subscribe("tcp://127.0.0.1:9872", topics=("slip",)): ...``, and `Commander`.
+Without asyncio: `Subscription`, whose `next_item` waits for a limited time, and `Commander`.
 """
 
 from tactiled.client.commander import AsyncCommander, Commander, Reply
 from tactiled.client.grip_controller import GripController
 from tactiled.client.items import Fresh, Item, Lost, Malformed, Message, Recovered, Restarted, Stale
-from tactiled.client.subscriber import Client, Subscription, subscribe
+from tactiled.client.subscriber import Client, Subscription
 from tactiled.client.typed import (
     CommandMessage,
     ContactMessage,
@@ -69,5 +69,4 @@ __all__ = [
     "Subscription",
     "TextureMessage",
     "Topic",
-    "subscribe",
 ]

@@ -4,7 +4,7 @@ import itertools
 import math
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
 from typing import Any, Self
@@ -236,20 +236,3 @@ def first_info(subscription: Subscription, endpoint: str) -> Message:
         f"no board at {endpoint} within {_INFO_S:g} s; check the daemon (tactiled run) and the board "
         "(tactiled doctor)"
     )
-
-
-def subscribe(
-    endpoint: str = DEFAULT_ENDPOINT,
-    topics: Sequence[Topic] = (),
-    board: str | None = None,
-    stale_after_s: float = STALE_AFTER_S,
-    control: str | None = None,
-    keys: Path | str | None = None,
-) -> Iterator[Item]:
-    """Yield items from a daemon without end; parameters and errors as for `Client`.
-
-    Connects when iteration begins; the sockets are closed with the iterator.
-    """
-    with Subscription(endpoint, topics, board, stale_after_s, control, keys) as subscription:
-        while (item := subscription.next_item()) is not None:
-            yield item
