@@ -29,8 +29,8 @@ from tactiled.detect.contact.posterior import (
     LEAST_GROSS_USED,
     RIPPLE_P,
 )
-from tactiled.detect.contact.signs import LOOK_S, NAMES
-from tactiled.detect.signal.front_end import zeros
+from tactiled.detect.contact.signs import HISTORY_S, LOOK_S, NAMES
+from tactiled.detect.signal.front_end import LIKELY_SDS, zeros
 from tactiled.events.types import GripEvent, GripState
 
 if TYPE_CHECKING:
@@ -53,10 +53,6 @@ ROW_NAMES = (*NAMES, *STATE_SIGNS, *MEMORY_NAMES)
 LOAD_CHANGE = NAMES.index("log_load_change_300ms")
 NEEDED_UTILISATION = 0.7  # choice
 """Utilisation that `needed_load` would leave."""
-# choice: standard deviations by which the ratio falls where a contact is unloaded: less shear, or a firmer
-# grip
-_SURELY_FALLS = 2.0
-HISTORY_S = 1.0  # choice: in which the beginning of a slip is looked for
 
 
 class ContactFilter:
@@ -294,7 +290,7 @@ class ContactFilter:
         elif self.hysteresis.is_open:
             state = "partial"
             median, high = max(median, INCIPIENT_USED), max(high, INCIPIENT_USED)
-        elif self.signs.growth < -_SURELY_FALLS * (sqrt(2.0) * self.ratio_sd / self.growth_s):
+        elif self.signs.growth < -LIKELY_SDS * (sqrt(2.0) * self.ratio_sd / self.growth_s):
             state = "unloading"
         else:
             state = "partial" if share > INCIPIENT_SHARE else "sticking"

@@ -10,7 +10,7 @@ from math import exp, log, sqrt
 
 from tactiled.detect.contact.friction import CONTACT_LOG_SD, FRICTION, FRICTION_LOG_SD
 from tactiled.detect.contact.hysteresis import SURELY_OVER
-from tactiled.detect.signal.front_end import zeros
+from tactiled.detect.signal.front_end import LIKELY_SDS, zeros
 
 HORIZONS_S = (0.05, 0.1, 0.3)  # choice
 INCIPIENT_SHARE = 0.1  # choice: of the area that slips: what is called incipient slip
@@ -33,9 +33,6 @@ _LOG_FRICTION = log(FRICTION)
 # the standard deviation of its logarithm in these, twice that of friction. In these worlds it is off by more
 # than 0.45 in 0.1 to 6 % of looks.
 _ASTRAY, _ASTRAY_LOG_SD = 0.03, 2.0 * FRICTION_LOG_SD
-# prior: beyond so many standard deviations of friction and of what it is here, a state is implausible
-_PLAUSIBLE_SDS = 2.0
-_NEVER = 1e-12  # derived: keeps a quotient of two densities from being one of zeros, at any ratio
 # prior: where the zero of shear is not known, part of the looks that say no more than the prior
 _WITHOUT_ZERO = 0.5
 # tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
@@ -146,12 +143,12 @@ class Posterior:
             friction = log_ratio - log(self.middles[k])
             off, off_learnt = friction - log_friction, friction - _LOG_FRICTION
             misfit = off * off / here
-            astray = weigh_wide * max(exp(-0.5 * off_learnt * off_learnt / wide), _NEVER)
+            astray = weigh_wide * max(exp(-0.5 * off_learnt * off_learnt / wide), 1e-12)  # never 0 over 0
             known = astray + weigh_here * exp(-0.5 * misfit)
             learnt = astray + weigh_prior * exp(-0.5 * off_learnt * off_learnt / prior)
             fits = no_zero + (1.0 - no_zero) * known / learnt
-            if misfit > _PLAUSIBLE_SDS * _PLAUSIBLE_SDS:
-                fits *= exp(-0.5 * (misfit - _PLAUSIBLE_SDS * _PLAUSIBLE_SDS))
+            if misfit > LIKELY_SDS * LIKELY_SDS:  # implausible, by friction and by what it is here
+                fits *= exp(-0.5 * (misfit - LIKELY_SDS * LIKELY_SDS))
             p *= _ASTRAY + (1.0 - _ASTRAY) * fits  # so that a friction that is wrong can be refuted
             self.cells[k] = p
             total += p

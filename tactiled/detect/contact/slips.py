@@ -12,9 +12,10 @@ import numpy as np
 
 from tactiled.array import FloatArray
 from tactiled.detect.contact.direction import AVERAGED, direction, opposed
-from tactiled.detect.contact.filter import HISTORY_S, ContactFilter
+from tactiled.detect.contact.filter import ContactFilter
 from tactiled.detect.contact.hysteresis import DIRECTION_S
 from tactiled.detect.contact.posterior import FIVE_PERCENT, INCIPIENT_USED
+from tactiled.detect.contact.signs import HISTORY_S
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
@@ -24,7 +25,6 @@ _FULL = 0.97  # prior: of the ratio at the limit: taxels of unequal friction sli
 # its sd.
 _SDS = np.array([-1.465, -0.792, -0.366, 0.0, 0.366, 0.792, 1.465])
 _LEAST_PART = 1e-3  # derived: of the load: a taxel with less is not loaded
-_LEAST_GROWTH = 1e-3  # derived: 1/s: slower growth does not tell when it began
 
 
 class Past(NamedTuple):
@@ -158,7 +158,7 @@ class PosteriorSlips:
         since_s = np.where(row == 0, time_s[-1] - time_s[0], 0.0)
         spread = float(((began_s - mean_s) ** 2 + (unseen_s**2 + since_s**2) / 12)[met].mean())
         growth = contact.per_friction * contact.signs.growth
-        noise_s = min(contact.signs.ratio_noise / max(growth, _LEAST_GROWTH), HISTORY_S)
+        noise_s = min(contact.signs.ratio_noise / max(growth, 1e-3), HISTORY_S)
         return mean_s, math.sqrt(spread + noise_s**2 + self._step_s**2 / 12)
 
 
