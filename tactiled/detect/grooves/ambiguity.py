@@ -49,10 +49,6 @@ LOG_PRIOR = _LOG_WEIGHT - np.logaddexp.reduce(_LOG_WEIGHT, axis=None)
 # choice: standard deviation before a slide of phases (radians) and of corrections of k (radians per
 # millimetre): larger than any, and small enough for a direction in which an array has no extent.
 _ANY_CORRECTION = 10.0
-# derived: tail probability at two standard deviations, at which intervals are matched.
-_TAIL = 0.025
-# derived: spread of the channels' positions. With less there are no delays to measure.
-_LEAST_SPREAD_MM2 = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,9 +189,9 @@ def with_strays(best: RefinedWave, posterior: StrayPosterior, noise_inflation: f
     phase_rate, sd = best.equations.own_phase_rate(best.variance * noise_inflation)
     covariance = np.zeros((1, 3, 3))
     # Strays that taxels share are estimated from few taxels: their intervals are Student's. Phase and wave
-    # vector spend three degrees of freedom.
+    # vector spend three degrees of freedom. Intervals of 95 % are matched.
     left = max(len(best.window.layout.places_mm) - 3, 1)
-    wider = (special.stdtrit(left, _TAIL) / special.ndtri(_TAIL)) ** 2
+    wider = (special.stdtrit(left, 0.025) / special.ndtri(0.025)) ** 2
     covariance[0, :2, :2], covariance[0, 2, 2] = wider * posterior.covariance, sd**2
     waves = replace(
         best.waves, k=posterior.k[np.newaxis], phase_rate=np.array([phase_rate]), covariance=covariance
@@ -231,7 +227,7 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
         spread += (mine - mine.mean(axis=0)).T @ (mine - mine.mean(axis=0))
     across = motion.across
     least = across @ spread @ across if motion.has_speed else np.linalg.eigvalsh(spread)[0]
-    return bool(least > _LEAST_SPREAD_MM2)
+    return bool(least > 1e-6)  # mm^2: with less there are no delays to measure
 
 
 def likely_gratings(found: PlaneWaves, weights: FloatArray) -> tuple[Candidate, ...]:

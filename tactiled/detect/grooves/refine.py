@@ -13,8 +13,6 @@ from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
 # choice: iterations at most; the frequency of each is that of the one before.
 _REFINEMENTS = 4
-# choice: radians, and radians per millimetre.
-_CONVERGED_RAD = 1e-5
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
@@ -128,7 +126,7 @@ def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> Refi
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())
         )
         k, phase_rate, phase = best.waves.k, best.waves.phase_rate, best.waves.phase
-        if moved < _CONVERGED_RAD:
+        if moved < 1e-5:  # radians, and radians per millimetre
             break
     return replace(best, is_wave=suits_channels(best, float(start.phase_rate[0])))
 

@@ -16,8 +16,6 @@ from tactiled.detect.grooves.model import FALSE_DOUBT, TINY
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
-# derived: convergence is quadratic from a start within a quarter of a radian.
-_NEWTON_STEPS = 3
 # choice: size of the last step. One more step would be a third of it or less on every window that was tried.
 _CONVERGED_SIGMAS = 0.03
 # derived: phase at the edge of the array. Beyond it the linear model of a phase does not hold.
@@ -199,7 +197,7 @@ class WaveSolver:
         equations: NormalEquations,
         k: FloatArray,
         phase_rate: FloatArray,
-        steps: int = _NEWTON_STEPS,
+        steps: int = 3,
         phase: FloatArray | None = None,
     ) -> PlaneWaves:
         """Climb to the nearest maxima of the likelihood.
@@ -211,6 +209,8 @@ class WaveSolver:
         ----------
         k, phase_rate : (starts, 2) and (starts,) float64
             A phase rate near that of `equations`: a change of frequency is followed to first order.
+        steps : int
+            Convergence is quadratic from a start within a quarter of a radian.
         phase : (starts, kinds, harmonics) float64, optional
             Known from a fit nearby.
         """

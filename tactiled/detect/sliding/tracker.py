@@ -28,10 +28,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
-from tactiled.detect.grooves.swings import LEAST_CYCLES, apart_from, swing_spectrum
 from tactiled.detect.signal.median import median
 from tactiled.detect.signal.pressure import ROUNDING, STOPPED
 from tactiled.detect.signal.quantise import HeldReadings
+from tactiled.detect.signal.swings import FEWEST_PHASES, LEAST_CYCLES, apart_from, swing_spectrum
 
 _FINEST_HZ = 100.0  # choice: faster scans are averaged: ridges pass at less than half of this rate
 _WINDOW_S = 2.0  # choice
@@ -60,8 +60,6 @@ _MOST = 1.4  # tuned: on the same seeds; log odds of one window by either: less 
 # derived: mean phasor over mean size of phasors, of the phases or of twice the phases: 0 for phases that fill
 # the circle, at least 0.45 for a hum in any proportion of load and tilt on a row of taxels.
 _MOST_ALIKE = 0.4
-# derived: phases of fewer that are noise fill the circle by chance, or have a mean by chance
-_LEAST_CHANNELS = 6
 
 
 class Change(NamedTuple):
@@ -80,7 +78,7 @@ def travelling_line(z: NDArray[np.complex128], first_cycles: int) -> float:
     Of spectra (bins, channels) under a Hann window, each channel over its own standard deviation, whose first
     bin has `first_cycles` periods in the window; 0 where the line does not travel.
     """
-    if z.shape[1] < _LEAST_CHANNELS:
+    if z.shape[1] < FEWEST_PHASES:
         return 0.0
     power = (np.abs(z) ** 2).sum(axis=1)
     cycles = np.arange(len(z)) + first_cycles
