@@ -10,6 +10,7 @@ from math import exp, log, sqrt
 
 from tactiled.detect.contact.friction import CONTACT_LOG_SD, FRICTION, FRICTION_LOG_SD
 from tactiled.detect.contact.hysteresis import SURELY_OVER
+from tactiled.detect.contact.signs import LOOK_S
 from tactiled.detect.signal.front_end import LIKELY_SDS, zeros
 
 HORIZONS_S = (0.05, 0.1, 0.3)  # choice
@@ -35,9 +36,6 @@ _LOG_FRICTION = log(FRICTION)
 _ASTRAY, _ASTRAY_LOG_SD = 0.03, 2.0 * FRICTION_LOG_SD
 # prior: where the zero of shear is not known, part of the looks that say no more than the prior
 _WITHOUT_ZERO = 0.5
-# tuned: over which the logarithms of the probabilities are averaged: what errs in one look mostly does not in
-# the next (chosen on other seeds of the worlds of `bench grip`)
-_AVERAGE_S = 0.02
 
 
 class Posterior:
@@ -66,7 +64,8 @@ class Posterior:
     """
 
     def __init__(self, look_s: float) -> None:
-        self.new_part = 1.0 - exp(-look_s / _AVERAGE_S)
+        # What errs in one look mostly does not in the next: logarithms are averaged over about a look.
+        self.new_part = 1.0 - exp(-look_s / LOOK_S)
         self.cells, self.shown, self.logs = zeros(N_STATES), zeros(N_STATES), zeros(N_STATES)
         self.edges = array("d", EDGES)
         middles = [(low + high) / 2 for low, high in pairwise(EDGES)]

@@ -19,7 +19,6 @@ from tactiled.detect.contact.signs import HISTORY_S
 from tactiled.events.types import SlipEvent
 
 DETECTOR = "grip"
-_GAP_STEPS = 1.5  # derived: times the time between scans: a longer one is a gap
 _FULL = 0.97  # prior: of the ratio at the limit: taxels of unequal friction slip one after the other
 # derived: quantiles of a normal distribution in seven equal parts: values of the logarithm of friction, over
 # its sd.
@@ -150,7 +149,8 @@ class PosteriorSlips:
         # One after the last scan below the limit; the oldest scan where there is none.
         row = np.where(below.any(axis=0), len(size) - np.argmax(below[::-1], axis=0), 0)
         row = np.minimum(row, len(size) - 1)
-        unseen_s = np.maximum(time_s[row] - time_s[np.maximum(row - 1, 0)] - _GAP_STEPS * self._step_s, 0.0)
+        # More than one and a half times the time between scans is a gap.
+        unseen_s = np.maximum(time_s[row] - time_s[np.maximum(row - 1, 0)] - 1.5 * self._step_s, 0.0)
         began_s = time_s[row] - unseen_s / 2  # the ratio may have met the limit at any time of a gap
         met = ~below[-1] if not below[-1].all() else np.ones_like(below[-1])
         mean_s = float(began_s[met].mean())

@@ -49,7 +49,9 @@ _MEAN_ABS = sqrt(2.0 / pi)  # derived: of a normal variable of unit variance
 # prior: jumps, from scan to scan: of the mean load of a taxel, below which a jump changes the total shear by
 # less than the zero; times the change of the median taxel, whose load may be a third.
 _LEAST_JUMP, _JUMP_TIMES = 0.02, 10.0
-_LOADED = 0.1  # prior: of the largest load: taxels with less need not move with the others
+# prior: of the largest load: taxels with less need not move with the others; and of the load of a taxel: by
+# so much must a side be pressed for its part of the shear to be known.
+_LOADED = 0.1
 _FEWEST_LOADED = 4  # derived: taxels, of which most are right
 _MOST_JUMP = 0.4  # derived: of them that may jump at once: six neighbouring channels are of three taxels
 # physical: part of the pressed side's reading, below which the opposite one has lost its load: it then reads
@@ -57,8 +59,6 @@ _MOST_JUMP = 0.4  # derived: of them that may jump at once: six neighbouring cha
 _RELIEVED = 0.5
 # physical: of the mean of all sides over the load, where some are relieved: 1.02 to 1.16 on the same.
 _MOST_SPREAD = 1.3
-# prior: of the load, by which a side must be pressed for its part of the shear to be known
-_LEAST_PRESSED = 0.1
 _SPARE = 64  # choice: scans after which those that the filters need move to the front
 # prior: in which what interpolation between channels leaves counts as noise: the length of a jerk
 _JERK_S = 0.06
@@ -366,7 +366,7 @@ class RelievedSides:
                 low = min(side[a], side[2 + a])
                 # A taxel that is lifted has no pressed side: its sides read noise, each less than half of
                 # the other.
-                is_relieved = low < _RELIEVED * high[a] and high[a] > _LEAST_PRESSED * self.load[t]
+                is_relieved = low < _RELIEVED * high[a] and high[a] > _LOADED * self.load[t]
                 self.relieved[a * n + t] = 1 if is_relieved else 0
                 if not is_relieved:
                     other = min(other, (side[a] + side[2 + a]) / 2.0)
@@ -383,7 +383,7 @@ class RelievedSides:
                 if self.relieved[k] != 0:
                     sign = 1.0 if side[a] >= side[2 + a] else -1.0
                     response[first + n + k] = sign * self.proportion[k] * max(pressed, 0.0)
-                elif pressed > _LEAST_PRESSED * self.load[t]:
+                elif pressed > _LOADED * self.load[t]:
                     # Least squares over the contact: the error of one scan would last while a side is
                     # relieved.
                     self.weight[k] += pressed * pressed

@@ -46,13 +46,9 @@ _FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 _WANDER_OF_EARLY = 0.5
 _SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
 ROUNDING = 1.0 / 12  # derived: variance of rounding to a step
-_MEDIAN = 0.6745  # derived: of |x| of a normal variable of unit variance
 # derived: second differences, of all channels, before their median counts: that of eight is less than a sixth
 # of the true one once in 2,000 draws.
 _FEWEST = 8
-# derived: standard deviation of the logarithm of that median, times the root of the second differences;
-# neighbours among them share readings, which counts for half of them.
-_LOG_SD = 1.63
 _MOST_POOLED = 36  # choice: channels whose second differences are sorted: 500 tell their median to 7 %
 # derived: the noise of groups is stated up to two times too small, and levels allow for that.
 _STATED_SMALL = 2.0
@@ -305,9 +301,11 @@ class RestNoise:
         if n_all < _FEWEST:
             self.early_noise = array("d", [_UNKNOWN] * self.n_channels)
             return
-        scale = _MEDIAN * sqrt(_SECOND_DIFFERENCE)
+        scale = 0.6745 * sqrt(_SECOND_DIFFERENCE)  # the median of |x| of a normal variable of unit variance
         common = float(_median_of_rounded(pooled, half)[0]) / scale
-        allowed = min(exp(SURELY_SDS * _LOG_SD / sqrt(n_all)) / _STATED_SMALL, 1.0)
+        # Neighbouring second differences share readings, so that the logarithm of their median has a standard
+        # deviation of 1.63 over the root of their number.
+        allowed = min(exp(SURELY_SDS * 1.63 / sqrt(n_all)) / _STATED_SMALL, 1.0)
         own = _median_of_rounded(bends, half) / scale
         noise = np.where(own > _STATED_SMALL * common, own, common * allowed)  # no NaN is
         self.early_noise = array("d", np.maximum(noise, self.early))

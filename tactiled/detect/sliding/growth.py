@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from tactiled.array import Array, FloatArray
 from tactiled.detect.contact.signs import LOOK_S
+from tactiled.detect.signal.front_end import LIKELY_SDS
 from tactiled.detect.signal.pressure import ROUNDING
 from tactiled.detect.signal.quantise import HeldReadings
 from tactiled.detect.sliding.tracker import FEWEST, Change
@@ -52,8 +53,6 @@ _SHEAR_PART = 0.2
 # others: 400 finds 242 of 262 slips and is wrong in 4 of 44 touches, 450 finds 239 and is wrong in 3, 500
 # finds 228 and is wrong in 2.
 HOLDS_MOVE = 450.0
-# choice: standard deviations of a hop's noise; the noise of many channels that do not move adds up
-_MOVED = 2.0
 
 
 class GrowthTracker:
@@ -192,6 +191,7 @@ def _moved(growth: FloatArray) -> float:
 
     Geometric mean of all of it and of twice the smaller of what rises and what falls: 0 where all rise.
     """
-    rises = float((growth[growth > _MOVED] ** 2).sum())
-    falls = float((growth[growth < -_MOVED] ** 2).sum())
+    # The noise of many channels that do not move adds up: it is left out.
+    rises = float((growth[growth > LIKELY_SDS] ** 2).sum())
+    falls = float((growth[growth < -LIKELY_SDS] ** 2).sum())
     return float(np.sqrt(2.0 * min(rises, falls) * (rises + falls)))

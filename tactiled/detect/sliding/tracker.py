@@ -43,8 +43,6 @@ _NO_RIPPLE = -1.0  # prior: log odds, before rest was seen: what does not travel
 _KNOWN_HOPS = 4  # choice: at rest, before their mean counts
 _MEMORY_HOPS = 32  # choice: 8 s
 _STOPPED_HOPS = 2  # choice
-_PATTERNS = 3  # derived: load, and tilt in two directions
-_CHANNELS_OF_PATTERN = 3  # prior: at least, for each pattern that is left out
 # derived: channels: of fewer, neither roughness is told from a hum, nor load that moves from a fault
 FEWEST = 4
 _SMOOTH = np.ones(3) / 3  # choice
@@ -131,8 +129,8 @@ def _strongest_patterns(found: _Spectra, noise: FloatArray) -> FloatArray:
 
 
 def _n_patterns(channels: int) -> int:
-    """Number of patterns that are left out."""
-    return min(_PATTERNS, channels // _CHANNELS_OF_PATTERN)
+    """Number of patterns that are left out: load, and tilt in two directions; one for each three channels."""
+    return min(3, channels // 3)
 
 
 def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> float:
