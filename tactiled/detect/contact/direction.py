@@ -57,7 +57,7 @@ def direction(contact: ContactFilter, shears: FloatArray, n_averaged: int, *, is
     if size <= 1e-9 or turns:
         return Direction(0.0, UNKNOWN_SD_DEG)
     total, along = now.sum(axis=1), (now - before).sum(axis=1) / size
-    slides = is_gross or contact.p_sliding_now > 0.5 * contact.p_incipient
+    slides = is_gross or contact.posterior.p_sliding_now > 0.5 * contact.posterior.p_incipient
     if slides and float(along @ total) < 0:  # shear that falls while the contact slides opposes the slip
         return _opposed_to(total, _spread(now, contact))
     turn = _open_turn(along, total, contact.friction_now[1])

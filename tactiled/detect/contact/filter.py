@@ -211,7 +211,7 @@ class ContactFilter:
         p = max(p, RIPPLE_P) if ripple_travels else p
         kept = kept_load(sign_row[LOAD_CHANGE])
         if was_seen and touches:  # what the gate takes for noise tells nothing of friction
-            friction.learn(self.p_sliding_now, self.ratio, kept, self.look_s)
+            friction.learn(self.posterior.p_sliding_now, self.ratio, kept, self.look_s)
         self.memory.take(p, self.ratio, self.look_s, kept)
         n = len(self.columns)
         for k in range(n):
@@ -230,7 +230,8 @@ class ContactFilter:
             was_seen,
             ripple_travels,
         )
-        self.hysteresis.look(self.p_incipient, self.p_sliding_now, self.ratio, self.ratio_sd)
+        now = self.posterior
+        self.hysteresis.look(now.p_incipient, now.p_sliding_now, self.ratio, self.ratio_sd)
         self.is_known = self.is_known or was_seen or self.hysteresis.is_gross
         self.slid_at = max(self.slid_at, self.ratio) if self.hysteresis.is_gross else 0.0
 
@@ -254,7 +255,7 @@ class ContactFilter:
         self.newest = self.newest + 1 if self.newest + 1 < self.n_kept else 0
         self.n_past = min(self.n_past + 1, self.n_kept)
         at = self.newest * width
-        self.past[at], self.past[at + 1] = time_s, self.p_sliding_now
+        self.past[at], self.past[at + 1] = time_s, self.posterior.p_sliding_now
         self.past[at + 2] = self.total_x / self.load
         self.past[at + 3] = self.total_y / self.load
         self.past[at + 4] = self.moment / self.load
@@ -320,16 +321,6 @@ class ContactFilter:
             valid=is_trusted and self.is_begun,
             late=is_late,
         )
-
-    @property
-    def p_sliding_now(self) -> float:
-        """Probability that all of the contact slides, whichever slip is open."""
-        return self.posterior.p_sliding_now
-
-    @property
-    def p_incipient(self) -> float:
-        """Probability that a tenth of its area or more slips."""
-        return self.posterior.p_incipient
 
     @property
     def friction_now(self) -> tuple[float, float, float]:

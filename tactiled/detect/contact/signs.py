@@ -160,9 +160,8 @@ class Signs:
     def begin(self, *, is_seen: bool) -> None:
         """Begin a contact, whose touch was seen or not."""
         self.is_seen = 1.0 if is_seen else 0.0
-        self.ratio_x = self.ratio_y = self.turn = self.ratio = self.growth = self.whole = self.ratio_noise = (
-            0.0
-        )
+        self.ratio_x = self.ratio_y = self.turn = self.ratio = 0.0
+        self.growth = self.whole = self.ratio_noise = 0.0
         self.total_x = self.total_y = self.moment = self.total_load = 0.0
         for k in range(len(self.parts)):
             self.since[k] = 0.0

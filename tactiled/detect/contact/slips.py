@@ -109,7 +109,7 @@ class PosteriorSlips:
             towards = direction(contact, past.shear, self._n_averaged, is_gross=is_gross)
         if is_gross:
             assert self.open is not None  # a gross slip was an incipient one
-            p, threshold = contact.p_sliding_now, contact.hysteresis.gross_p
+            p, threshold = contact.posterior.p_sliding_now, contact.hysteresis.gross_p
             taxels = np.flatnonzero(past.shear[-1].any(axis=0)).tolist()  # not those that are out
             began_s = max(began_s, self.open.onset_s)
             if not contact.rippled_s:
@@ -120,7 +120,7 @@ class PosteriorSlips:
                     began_s = max(began_s, float(past.time_s[unlikely[-1]]))
                 sd_s = math.hypot(sd_s, (time_s - began_s) / math.sqrt(12))
         else:
-            p, threshold = contact.p_incipient, contact.hysteresis.incipient_p
+            p, threshold = contact.posterior.p_incipient, contact.hysteresis.incipient_p
             taxels = _slipping_taxels(contact, past.shear[-1])
         return SlipEvent(
             time_s=began_s,

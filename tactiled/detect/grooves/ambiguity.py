@@ -21,7 +21,6 @@ from scipy import special
 
 from tactiled.array import FloatArray
 from tactiled.detect.grooves.model import (
-    MAX_CANDIDATES,
     TINY,
     ChannelLayout,
     WaveMotion,
@@ -231,8 +230,8 @@ def has_baseline(layout: ChannelLayout, motion: WaveMotion) -> bool:
 
 
 def likely_gratings(found: PlaneWaves, weights: FloatArray) -> tuple[Candidate, ...]:
-    """The likeliest gratings, with their weights."""
-    shown = [i for i in np.argsort(-weights, kind="stable")[:MAX_CANDIDATES] if weights[i] > 1e-4]
+    """The likeliest gratings, eight at most, with their weights."""
+    shown = [i for i in np.argsort(-weights, kind="stable")[:8] if weights[i] > 1e-4]
     return tuple(
         Candidate(period_mm=period_mm, angle_deg=angle_deg, weight=float(weights[i]))
         for i in shown

@@ -11,8 +11,6 @@ from tactiled.detect.grooves.search import explained_power
 from tactiled.detect.grooves.solve import PlaneWaves, WaveSolver
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 
-# choice: iterations at most; the frequency of each is that of the one before.
-_REFINEMENTS = 4
 # derived: change of the phase rate from the start. Normal equations do not describe more than a period of the
 # window.
 _LARGEST_PHASE_RATE_MOVE = np.pi
@@ -118,9 +116,9 @@ def refine(window: DetrendedWindow, start: PlaneWaves) -> RefinedWave:
 
 
 def _climb(window: DetrendedWindow, start: PlaneWaves, n_harmonics: int) -> RefinedWave:
-    """Climb until the normal equations are those of the wave's frequency."""
+    """Climb, four times at most, until the normal equations are those of the wave's frequency."""
     k, phase_rate, phase = start.k, start.phase_rate, None
-    for _ in range(_REFINEMENTS):
+    for _ in range(4):
         best = refine_once(window, k, phase_rate, n_harmonics, phase)
         moved = max(
             float(np.abs(best.waves.phase_rate - phase_rate)[0]), float(np.abs(best.waves.k - k).max())

@@ -16,8 +16,6 @@ from tactiled.detect.grooves.model import FALSE_DOUBT, TINY
 from tactiled.detect.grooves.window import DetrendedWindow, NormalEquations
 from tactiled.detect.worker import pause
 
-# choice: size of the last step. One more step would be a third of it or less on every window that was tried.
-_CONVERGED_SIGMAS = 0.03
 # derived: phase at the edge of the array. Beyond it the linear model of a phase does not hold.
 LARGEST_STEP_RAD = 0.5
 # derived: ridge that keeps the standard deviation of an undetermined quantity finite.
@@ -227,7 +225,8 @@ class WaveSolver:
             if step == steps:
                 break
             move = _solved(normal, gradient[..., np.newaxis])[..., 0]
-            is_last = (move * gradient).sum(axis=1).max() < _CONVERGED_SIGMAS**2
+            # Standard deviations: one more step would be a third of it or less on every window tried.
+            is_last = (move * gradient).sum(axis=1).max() < 0.03**2
             size = np.abs(move[:, :2]).max(axis=1) * self._rim_mm
             move *= (LARGEST_STEP_RAD / np.maximum(size, LARGEST_STEP_RAD))[:, np.newaxis]
             k = k + move[:, :2]

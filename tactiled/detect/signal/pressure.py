@@ -41,7 +41,6 @@ _GROUPS = 8
 # prior: wandering of readings at rest is measured over eight times as long: a second, and a hand leaves the
 # skin alone for so long somewhere.
 _MEAN_S = 0.16
-_FEWEST_OF_MEAN = 4  # derived: scans, of which a mean has half of their noise
 # prior: of the noise before it is known, that wandering is at most: 1/128 of the range
 _WANDER_OF_EARLY = 0.5
 _SECOND_DIFFERENCE = 6.0  # derived: variance of v[k] - 2 v[k + 1] + v[k + 2] over that of v, for white noise
@@ -511,7 +510,8 @@ class Pressure:
         n_own = [len(row) for row in own]
         self.hold, self.levels, self.rate_hz = Hold(pad), levels, rate_hz
         self.volts_per_step = self.hold.volts_per_step
-        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= _FEWEST_OF_MEAN else 0
+        # A mean of four scans has half of their noise; of fewer, too much of it.
+        n_mean = round(_MEAN_S * rate_hz) if _MEAN_S * rate_hz >= 4 else 0
         early /= self.volts_per_step
         self.rest = RestNoise(pad.n_channels, early, n_mean, _WANDER_OF_EARLY * early)
         self.swing = RestSwing(pad, rate_hz)

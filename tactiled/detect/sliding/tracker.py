@@ -141,10 +141,8 @@ def _log_odds(found: _Spectra, own: FloatArray, at_rest: FloatArray | None) -> f
         return -_MOST
     sd = float(1 / np.sqrt(2 * n_free))
     if at_rest is None:
-        level = np.sort(own)[int(_QUIET_PART * bins)]
-        ratio = np.convolve(own, _SMOOTH, "valid") / max(float(level), 1e-12)
-    else:
-        ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
+        at_rest = np.full(bins, np.sort(own)[int(_QUIET_PART * bins)])
+    ratio = np.convolve(own, _SMOOTH, "valid") / np.convolve(at_rest, _SMOOTH, "valid").clip(1e-12)
     growth = float(np.log(max(float(ratio.max()), 1e-12)))
     rough = float(np.clip(_SLOPE * (growth - _AT_REST - _AT_REST_SDS * sd), -_MOST, _MOST))
     ripple = _ripple_odds(found)
