@@ -94,13 +94,21 @@ def inflation(best: RefinedWave) -> tuple[FloatArray, float]:
     noise = _noise_beside(best)
     if not len(noise):
         return np.ones(3), 1.0
-    slope = _slope(best)
+    slope, m = _slope(best), 2 * best.equations.n_harmonics
     stated = np.maximum(np.einsum("ai,ij,aj->a", slope, best.waves.covariance[0], slope), 1e-200)
+    white = np.linalg.solve(best.equations.gram[:, :m, :m], noise[..., :m, np.newaxis])[..., 0]
+    floor = float(((white * noise[..., :m]).sum(axis=-1) / best.variance).mean()) / m
     moved = WaveSolver(best.window, best.variance).displacements(best.equations, best.waves, noise)
-    ratio = ((moved @ slope.T) ** 2).mean(axis=0) / stated
-    # White noise rarely reaches so much.
-    by_noise = np.where(ratio > special.chdtri(len(noise), FALSE_DOUBT) / len(noise), ratio, 1.0)
+    by_noise = np.maximum(
+        _more_than_white(np.array(floor), m * noise[..., 0].size),
+        _more_than_white(((moved @ slope.T) ** 2).mean(axis=0) / stated, len(noise)),
+    )
     return np.sqrt(by_noise), float(by_noise.max())
+
+
+def _more_than_white(ratio: FloatArray, dof: int) -> FloatArray:
+    """The ratio where white noise would rarely reach it, else 1."""
+    return np.where(ratio > special.chdtri(dof, FALSE_DOUBT) / dof, ratio, 1.0)
 
 
 def _noise_beside(best: RefinedWave) -> FloatArray:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
 from tactiled.array import FloatArray
@@ -25,6 +26,9 @@ _PADDING = 4
 _NEIGHBOURS = 40
 # derived: periods in the window. Anything slower is a straight trend.
 _LEAST_PEAK_CYCLES = 0.5
+# derived: periods in the window. Below this, a line and its image at the negative frequency are one hump
+# under a Hann window.
+_SLOW_CYCLES = 8
 # derived: bins that belong to the line itself: the main lobe of a Hann window and a little more.
 _NEAR = 3
 # derived: periods from which on a cubic trend takes little of the ripple; with fewer, errors exceed the bound
@@ -69,9 +73,16 @@ def strongest_line(window: DetrendedWindow) -> list[Ripple]:
     A line that may be the harmonic of a slower one appears twice: as that harmonic, then as a fundamental.
     """
     power, needed, variance = _spectrum(window)
-    lines = _peaks(power, needed)
-    slow = _strongest(window, lines, variance, 0.0)
-    fast = _strongest(window.curved, lines, variance, FEW_PERIODS)
+    # Waves (bins, n) at the first bins; half a bin stands for bin 0.
+    n_slow = min(_SLOW_CYCLES * _PADDING, len(power))
+    bin_rad = np.pi / _PADDING * (window.n - 1) / window.n * window.travel.mean(axis=0)
+    waves = np.cumprod(np.broadcast_to(np.exp(1j * bin_rad), (n_slow - 1, window.n)), axis=0)
+    waves = np.concatenate([np.exp(0.5j * bin_rad)[np.newaxis], waves])
+    found = []
+    for trended, least_periods in ((window, 0.0), (window.curved, FEW_PERIODS)):
+        power = np.concatenate([_least_squares_power(trended, waves, variance), power[n_slow:]])
+        found.append(_strongest(trended, _peaks(power, needed), variance, least_periods))
+    slow, fast = found
     if not slow or slow[0].periods >= FEW_PERIODS:
         return fast
     if not fast:
@@ -155,6 +166,23 @@ def _centred(window: DetrendedWindow, phase_rate: float, variance: FloatArray) -
         nearer = window.equations(phase_rate).own_phase_rate(variance)[0]
         phase_rate = min(max(nearer, phase_rate - most), phase_rate + most)
     return phase_rate
+
+
+def _least_squares_power(
+    window: DetrendedWindow, waves: NDArray[np.complex128], variance: FloatArray
+) -> FloatArray:
+    """Mean over channels of power over noise that waves explain, 1 for noise: (waves,).
+
+    Least squares on sine and cosine with the slow part projected out.
+    """
+    basis = np.concatenate([waves.real, waves.imag])
+    basis -= (basis @ window.trend) @ window.trend.T
+    product = (basis @ window.volts.T).reshape(2, len(waves), -1).swapaxes(0, 1)
+    basis = basis.reshape(2, *waves.shape)
+    gram = np.einsum("itn,jtn->tij", basis, basis)
+    gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis, np.newaxis] * np.eye(2)
+    explained = (product * np.linalg.solve(gram, product)).sum(axis=1)
+    return np.asarray((explained / variance).mean(axis=1) / 2)
 
 
 def _needed(pooled: FloatArray, n_channels: int) -> FloatArray:

@@ -105,3 +105,8 @@ def test_an_answer_without_grooves_is_wrong(monkeypatch: pytest.MonkeyPatch) -> 
         found = grooveless_trial(name, True, 0)
         assert found.status != "ok"
         assert not found.is_wrong
+
+
+def test_slow_lines_of_fine_sand_paper_are_no_grooves() -> None:
+    """A Hann spectrum alone takes this one for a grating of few periods."""
+    assert not grooveless_trial("sand paper, grain 0.3 mm", True, 27).is_wrong
