@@ -9,7 +9,7 @@ A figure is a file that ``./run bench NAME --json docs/figures/NAME.json`` write
   comment before, or else to the beginning of the paragraph, list item or table row. Each term between
   semicolons selects the texts and cells in whose title, row or heading all of its parts occur, each from
   the beginning of a word on. Each number must be in a selected text or cell, in the heading of such a cell
-  or in the first cell of its row.
+  or in the first cell of its row. Where the figure has "A of B", so must the page for the same B.
 - ``<!-- from elsewhere -->``: the numbers before it are of no figure.
 
 With ``--check`` it writes nothing, and fails where pages and figures differ.
@@ -40,6 +40,7 @@ _OTHER = re.compile(
 _BEGINNING = re.compile(r"<!--.*?-->|\n\s*\n|\n(?=\s*(?:[-|#>] |\d+\. ))", re.DOTALL)  # of what a mark covers
 _NOT_WORDS = re.compile(r"`[^`]*`|\]\([^)]*\)|\A\s*\d+\. ")  # code, addresses of links, number of a list item
 _NUMBER = re.compile(r"(?<!\w)[-\u2212]?\d+(?:,\d{3})*(?:\.\d+)?")
+_RATIO = re.compile(r"(?<!\w)(\d[\d,]*) of (\d[\d,]*)(?![\d.]| ?%)")
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,7 @@ class Claim(NamedTuple):
     name: str
     terms: list[str]
     numbers: set[float]
+    ratios: set[tuple[str, str]]  # "A of B"
 
 
 def claims(text: str) -> list[Claim]:
@@ -160,7 +162,8 @@ def claims(text: str) -> list[Claim]:
             _line(text, mark),
             mark[1],
             _terms(mark[2]),
-            numbers(_BEGINNING.split(text[: mark.start()])[-1]),
+            numbers(said := _BEGINNING.split(text[: mark.start()])[-1]),
+            set(_RATIO.findall(said)),
         )
         for mark in _MARK.finditer(text)
     ]
@@ -184,16 +187,20 @@ def problems(text: str, figures: Mapping[str, Figure]) -> Iterator[str]:
                 yield f"{line}: {file} has nothing at `{term}`"
         if _ageless(with_figures(block[0], figures)) != _ageless(block[0]):
             yield f"{line}: differs from {file}; run `python -m tools.figures`"
-    for line, name, terms, said in claims(text):
-        file, known = f"docs/figures/{name}.json", set[float]()
+    for line, name, terms, said, ratios in claims(text):
+        file, known, counted = f"docs/figures/{name}.json", set[float](), set[tuple[str, str]]()
         if name not in figures:
             yield f"{line}: there is no {file}"
             continue
         for term in terms:
             selected = figures[name].select(term)
             known |= numbers(" ".join(selected))
+            counted |= set(_RATIO.findall(" ".join(selected)))
             if not selected:
                 yield f"{line}: {file} has nothing at `{term}`"
+        for part, whole in sorted(ratios - counted):
+            if whole in {other for _, other in counted}:
+                yield f"{line}: {part} of {whole} is not in {file} at `{'; '.join(terms)}`"
         for number in sorted(said - known):
             yield f"{line}: {number:g} is not in {file} at `{'; '.join(terms)}`"
 
