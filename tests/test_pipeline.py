@@ -18,6 +18,7 @@ from tactiled.detect.suite import DetectParams
 from tactiled.emulator.board.identity import EmulatedBoardParams
 from tactiled.emulator.line.faults import FaultAt, FaultParams
 from tactiled.emulator.scene.description import Scene, load_scene
+from tactiled.emulator.scene.truth import Truth
 from tactiled.emulator.simulate import Simulation
 from tactiled.events.types import (
     ContactEvent,
@@ -487,7 +488,11 @@ def test_each_slip_of_stick_and_slip_goes_the_same_way() -> None:
 
 
 @pytest.mark.parametrize("setting", ["fast", "balanced"])
-@pytest.mark.xfail(strict=True, reason="4 and 1 of 7: probabilities rise more slowly than a slide of 50 ms")
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason="4 and 1 of 7: probabilities rise more slowly than a slide of 50 ms",
+)
 def test_each_slide_of_stick_and_slip_is_a_gross_slip(setting: str) -> None:
     kinds = [slip.kind for slip in onsets_of_stick_and_slip(setting)]
     assert kinds.count("gross") == len(Truth(load_scene("stick-slip")).slips)
