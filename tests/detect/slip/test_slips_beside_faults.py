@@ -133,7 +133,9 @@ def test_a_noisy_channel_hides_no_slip() -> None:
     assert noisy.detected_s < whole.detected_s + 0.1
 
 
-@pytest.mark.xfail(strict=True, reason="reported 60 ms later: mean probabilities rise more slowly")
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="reported 60 ms later: mean probabilities rise more slowly"
+)
 def test_a_noisy_channel_costs_no_time() -> None:
     whole, noisy = beside_a_noisy_channel()
     assert noisy.detected_s <= whole.detected_s + 0.02

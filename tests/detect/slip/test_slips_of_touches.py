@@ -132,7 +132,9 @@ def seen(made: Callable[[int], Scene], seed: int, noise: float) -> tuple[ScanBlo
     return regular_block(counted, 100.0, channel_offset_s=offset_s), truth
 
 
-TOLD_LATE = pytest.mark.xfail(strict=True, reason="its onset is told up to 65 ms too late")
+TOLD_LATE = pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="its onset is told up to 65 ms too late"
+)
 
 
 @pytest.mark.parametrize("seed", [201, 203])
@@ -328,7 +330,9 @@ def test_a_slide_is_gross_on_arrays_in_newtons_too(setting: str) -> None:
     assert "sliding" in [e.state for e in events if isinstance(e, ContactEvent)]
 
 
-NEAR_LIMIT = pytest.mark.xfail(strict=True, reason="a load near the limit that rests is called gross")
+NEAR_LIMIT = pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="a load near the limit that rests is called gross"
+)
 
 
 def resting(seed: int, part: float) -> Scene:
@@ -365,7 +369,9 @@ def test_a_load_that_a_grip_brings_is_not_gross() -> None:
     assert all(e.kind == "incipient" for e in slips(detect(block)))
 
 
-@pytest.mark.xfail(strict=True, reason="gross slip of a slow pull is told 2.3 s too early")
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="gross slip of a slow pull is told 2.3 s too early"
+)
 def test_a_slow_pull_beyond_friction_is_gross() -> None:
     block, truth = seen(random_scenes.creep_into_slip, 201, 0.3e-3)
     (slip,) = truth.slips
@@ -404,7 +410,9 @@ def test_noise_that_changes_a_hundredfold_is_no_slip_and_hides_none(before: floa
     assert events[0].detected_s - START_S - 14.0 < 0.1
 
 
-@pytest.mark.xfail(strict=True, reason="shear that grows for seconds is taken for growing friction")
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason="shear that grows for seconds is taken for growing friction"
+)
 @pytest.mark.parametrize("setting", SETTINGS)
 def test_a_creep_of_many_seconds_is_found_before_it_is_gross(setting: str) -> None:
     """Though it grows by less in any window than what counts at once."""
