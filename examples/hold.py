@@ -1,12 +1,7 @@
 """Hold an object of unknown weight and friction with as little force as is safe.
 
-Try it on an emulated object, in three terminals, with `port.url = "/tmp/board"` in `hold.toml`::
-
-    tactiled emulate --scene hold --link /tmp/board --control unix:///tmp/gripper
-    tactiled run --config hold.toml
-    python examples/hold.py unix:///tmp/gripper
-
-What `GripController` assumes of a hand is in its module; replace `EmulatedGripper` by yours.
+docs/hold.md has the commands that try it on an emulated object. What `GripController` assumes of a hand is
+in its module; replace `EmulatedGripper` by yours.
 """
 
 import json
@@ -27,13 +22,19 @@ class EmulatedGripper:
         self._answers = self._socket.makefile()
 
     def move(self, force_n: float) -> float:
-        """Command a force; return the one that is exerted now."""
+        """Command a force; return the one that is exerted now. Ends the program when the scene is over."""
         self._socket.sendall(json.dumps({"grip_n": force_n}).encode() + b"\n")
-        return float(json.loads(self._answers.readline())["grip_n"])
+        answer = json.loads(self._answers.readline())
+        if answer["fallen"]:
+            sys.exit("dropped")
+        if answer["scene_s"] >= answer["duration_s"]:
+            print(f"held with {answer['grip_n']:.1f} N", file=sys.stderr)
+            sys.exit()
+        return float(answer["grip_n"])
 
 
 def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
-    """Hold until Ctrl-C."""
+    """Hold until the scene is over, or Ctrl-C."""
     gripper, controller, said_s = EmulatedGripper(address), GripController(), 0.0
     present_n = gripper.move(controller.command_n)
     with Subscription(endpoint, topics=("grip",)) as subscription:
@@ -50,7 +51,7 @@ def main(address: str, endpoint: str = "tcp://127.0.0.1:9872") -> None:
 
 if __name__ == "__main__":
     if len(sys.argv) not in (2, 3):
-        sys.exit("usage: python hold.py unix:///PATH [ENDPOINT]   (PATH: --control of tactiled emulate)")
+        sys.exit("usage: python hold.py unix://PATH [ENDPOINT]   (PATH: --control of tactiled emulate)")
     try:
         main(*sys.argv[1:])
     except KeyboardInterrupt:

@@ -1,11 +1,14 @@
-"""The page of other sensors: its files are valid, and check-config prints what it shows."""
+"""The page of other sensors: its files are valid, and its commands print what it shows."""
 
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 from commands import call
+from tutorials import agrees, parts
 
 from tactiled.array import load_array
 from tactiled.emulator.port import EmulatedPort
@@ -20,7 +23,7 @@ BLOCKS = [
 FILES = {
     name: block
     for block in BLOCKS
-    if (name := next(iter(re.findall(r"^\s*# (\S+\.toml)$", block.lstrip("\n").split("\n")[0])), ""))
+    if (name := next(iter(re.findall(r"^\s*# (\S+\.(?:toml|py))$", block.lstrip("\n").split("\n")[0])), ""))
 }
 CHECKS = {
     part.split("\n")[0]: part.split("\n")[1:]
@@ -40,7 +43,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_page_has_its_files_and_commands() -> None:
-    assert sorted(FILES) == ["board.toml", "fingertip.toml", "lines.toml", "pad.toml", "touch.toml"]
+    assert sorted(FILES) == ["board.toml", "fingertip.toml", "lines.toml", "log.py", "pad.toml", "touch.toml"]
     assert len(CHECKS) == 2
 
 
@@ -49,6 +52,18 @@ def test_the_page_has_its_files_and_commands() -> None:
 def test_check_config_prints_what_the_page_shows(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert call(*shlex.split(command)[1:]) == 0
     assert capsys.readouterr().err.split() == " ".join(CHECKS[command]).split()
+
+
+@pytest.mark.usefixtures("folder")
+def test_detect_prints_what_the_page_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    blocks = [part.text for part in parts(PAGE, "2. Analyse the log") if part.is_block]
+    (write, detect), shown = blocks[1].splitlines(), re.sub(r"\n +", " ", blocks[2])
+    assert write == "python log.py > log.csv"
+    with Path("log.csv").open("w") as log:
+        subprocess.run([sys.executable, "log.py"], stdout=log, check=True)
+    assert call(*shlex.split(detect)[1:]) == 0
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert agrees(shown, last, tolerance=0.01), last
 
 
 def test_the_emulated_board_of_the_page_sends_its_lines(folder: Path) -> None:

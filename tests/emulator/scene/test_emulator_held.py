@@ -205,13 +205,13 @@ LINES = [
 
 def test_control_lines_answer_each_line_in_any_chunking() -> None:
     text = b"\n".join(LINES) + b"\n"
-    lines = ControlLines(contact(held(PRESS, load(1.0))))
+    lines = ControlLines(contact(held(PRESS, load(1.0))), 2.0)
     whole = lines.receive(text, 0.3)
-    again = ControlLines(contact(held(PRESS, load(1.0))))
+    again = ControlLines(contact(held(PRESS, load(1.0))), 2.0)
     assert b"".join(again.receive(text[k : k + 1], 0.3) for k in range(len(text))) == whole
     answers = [json.loads(line) for line in whole.splitlines()]
     assert [answer["ok"] for answer in answers] == [True, True, False, False, False, False, False, False]
-    assert answers[1]["scene_s"] == 0.3
+    assert (answers[1]["scene_s"], answers[1]["duration_s"]) == (0.3, 2.0)
     assert {"grip_n", "slipping", "travel_mm", "normal_n", "fallen"} < answers[1].keys()
     assert json.loads(lines.receive(b"x" * 5000, 0.3))["ok"] is False
 
@@ -219,7 +219,7 @@ def test_control_lines_answer_each_line_in_any_chunking() -> None:
 @given(st.binary(max_size=60))
 @settings(max_examples=50, deadline=None)
 def test_any_bytes_get_lines_of_json(data: bytes) -> None:
-    lines = ControlLines(CONTACT)
+    lines = ControlLines(CONTACT, 1.0)
     for line in lines.receive(data + b"\n", 0.0).splitlines():
         assert isinstance(json.loads(line)["ok"], bool)
 

@@ -2,7 +2,7 @@
 
 Lines of JSON, one answer for each, in order::
 
-    {"grip_n": 25.0}   ->  {"ok": true, "scene_s": 3.21, "grip_n": 18.4, "slipping": 0.0, ...}
+    {"grip_n": 25.0}   ->  {"ok": true, "scene_s": 3.21, "duration_s": 7.0, "grip_n": 18.4, ...}
     {}                 ->  the same answer, grip unchanged
     anything else      ->  {"ok": false, "error": "..."}
 
@@ -30,10 +30,13 @@ def move_grip(contact: SceneContact, force_n: float) -> None:
 
 
 class ControlLines:
-    """Protocol of the control socket, without I/O: bytes of one peer in, answers out."""
+    """Protocol of the control socket, without I/O: bytes of one peer in, answers out.
 
-    def __init__(self, contact: SceneContact) -> None:
-        self._contact = contact
+    `duration_s` is that of the scene.
+    """
+
+    def __init__(self, contact: SceneContact, duration_s: float) -> None:
+        self._contact, self._duration_s = contact, duration_s
         self._pending = b""
 
     def receive(self, data: bytes, scene_s: float) -> bytes:
@@ -60,7 +63,8 @@ class ControlLines:
                 move_grip(self._contact, float(force_n))
             except (ConfigError, OverflowError) as error:
                 return _refusal(str(error))
-        return {"ok": True, "scene_s": scene_s} | contact_report(self._contact, scene_s)
+        times = {"scene_s": scene_s, "duration_s": self._duration_s}
+        return {"ok": True, **times, **contact_report(self._contact, scene_s)}
 
 
 def contact_report(contact: SceneContact, scene_s: float) -> dict[str, Any]:

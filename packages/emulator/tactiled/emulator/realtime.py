@@ -132,7 +132,7 @@ class Emulator:
 
     def _power_up(self) -> None:
         self._port = self._make_port(power_up_s=time.monotonic())
-        self._control_lines = ControlLines(self._port.contact)
+        self._control_lines = ControlLines(self._port.contact, self._scene.duration_s)
 
     def _solve_tables(self) -> None:
         """Play a scene over grooves once: tables that are not shipped, a minute each, are solved and kept."""
@@ -184,7 +184,7 @@ class Emulator:
         n_peers = control.n_peers
         answer = self._control_lines.receive(control.read(), scene_s)
         if control.n_peers != n_peers:
-            self._control_lines = ControlLines(self._port.contact)
+            self._control_lines = ControlLines(self._port.contact, self._scene.duration_s)
         elif answer:
             control.write(answer)
 
