@@ -6,6 +6,7 @@ import pytest
 
 from tactiled.cli.packages import VERBS
 from tactiled.daemon.operations.metrics import METRICS
+from tactiled.zenoh.fleet import FLEET_METRICS
 from tools.site.field_comments import comment_of, description_of
 from tools.site.pages import (
     ROOT,
@@ -100,7 +101,9 @@ def test_a_field_is_in_the_reference_with_type_and_meaning(topic: str, row: str)
 
 
 def test_every_metric_is_in_the_reference() -> None:
-    assert all(f"| `tactiled_{name}` | {metric.kind} |" in metrics_page() for name, metric in METRICS.items())
+    daemon, fleet = metrics_page().split("\n## Fleet\n")
+    assert all(f"| `tactiled_{name}` | {metric.kind} |" in daemon for name, metric in METRICS.items())
+    assert all(f"| `tactiled_{name}` | gauge |" in fleet for name in FLEET_METRICS)
 
 
 @pytest.mark.parametrize(

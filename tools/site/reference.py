@@ -17,6 +17,7 @@ from tactiled.cli.packages import DeferredCommand
 from tactiled.config import Config
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.tomlfile import Params
+from tactiled.zenoh.fleet import FLEET_METRICS
 
 _HEAD = ("v", "seq", "board", "run")  # fields that mean the same in every message
 _TYPES = {str: "text", int: "integer", float: "number", bool: "true or false"}
@@ -90,16 +91,16 @@ def options_page() -> str:
 
 
 def metrics_page() -> str:
-    """Return the metrics of the exporter with kind, labels and meaning."""
-    rows = [
-        [
-            f"`tactiled_{name}`",
-            metric.kind,
-            ", ".join(f"`{label}`" for label in metric.labels),
-            metric.meaning,
-        ]
+    """Return the metrics of a daemon and of the list of a fleet, with kind, labels and meaning."""
+    daemon = [
+        [f"`tactiled_{name}`", metric.kind, _codes(metric.labels), metric.meaning]
         for name, metric in METRICS.items()
     ]
+    fleet = [
+        [f"`tactiled_{name}`", "gauge", _codes(metric.labels), metric.meaning]
+        for name, metric in FLEET_METRICS.items()
+    ]
+    head = ["metric", "kind", "further labels", "meaning"]
     return "\n".join(
         [
             "# Metrics",
@@ -107,10 +108,21 @@ def metrics_page() -> str:
             "What the page of `metrics.port` has for Prometheus ([service](../docs/service.md)). Each metric"
             " but `tactiled_info` has the label `board`, the serial number of the board.",
             "",
-            *_table(["metric", "kind", "further labels", "meaning"], rows),
+            *_table(head, daemon),
+            "",
+            "## Fleet",
+            "",
+            "What the page of `tactiled fleet --serve` has ([fleet](../docs/fleet.md#list-of-all-boards))."
+            " Each metric has the labels `host` and `board`; a value that is not known is left out.",
+            "",
+            *_table(head, fleet),
             "",
         ]
     )
+
+
+def _codes(words: Sequence[str]) -> str:
+    return ", ".join(f"`{word}`" for word in words)
 
 
 def _verbs(context: click.Context) -> Iterator[click.Context]:

@@ -40,6 +40,26 @@ _UNNAMED = "-"  # stands in topics for a board that has not said its name yet
 
 
 @dataclass(frozen=True)
+class FleetMetric:
+    """Meaning of one metric of the list, a gauge."""
+
+    meaning: str
+    labels: tuple[str, ...] = ()  # besides ``host`` and ``board``
+
+
+FLEET_METRICS: Mapping[str, FleetMetric] = {
+    "state": FleetMetric("1 for the present state: that in its status, silent, gone or missing.", ("state",)),
+    "firmware": FleetMetric("1; the label has the version of the firmware.", ("version",)),
+    "valid": FleetMetric("1 while the tactile data are fresh, else 0."),
+    "scan_age_seconds": FleetMetric("Age of the newest scan when the host was asked."),
+    "utilisation": FleetMetric("Part of the friction limit that is in use, during contact."),
+    "missing_ratio": FleetMetric("Part of the scans since the daemon's start that are missing."),
+    "disk_free_bytes": FleetMetric("Free space of the disk that holds the recording."),
+}
+"""Metrics of ``--serve``; the names on the page begin with ``tactiled_``."""
+
+
+@dataclass(frozen=True)
 class FleetRow:
     """One board of the list."""
 
@@ -236,29 +256,24 @@ class FleetMetrics(Collector):
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
         """Yield the metrics; a number that is not known is left out."""
-
-        def gauge(name: str, words: str, *more: str) -> GaugeMetricFamily:
-            return GaugeMetricFamily(f"tactiled_{name}", words, labels=("host", "board", *more))
-
-        state = gauge("state", "1 for the present state.", "state")
-        firmware = gauge("firmware", "1 for its version.", "version")
-        valid = gauge("valid", "1 while the tactile data are fresh, else 0.")
-        age = gauge("scan_age_seconds", "Age of the newest scan.")
-        used = gauge("utilisation", "Part of the friction limit in use.")
-        loss = gauge("missing_ratio", "Part of the scans that are missing.")
-        free = gauge("disk_free_bytes", "Free space for recordings.")
+        families = {
+            name: GaugeMetricFamily(
+                f"tactiled_{name}", metric.meaning, labels=("host", "board", *metric.labels)
+            )
+            for name, metric in FLEET_METRICS.items()
+        }
         for row in self.rows:
             board = (row.host, row.board)
-            state.add_metric((*board, row.state), 1.0)
-            valid.add_metric(board, float(row.valid))
+            families["state"].add_metric((*board, row.state), 1.0)
+            families["valid"].add_metric(board, float(row.valid))
             if row.firmware:
-                firmware.add_metric((*board, row.firmware), 1.0)
-            for family, value, scale in (
-                (age, row.age_s, 1.0),
-                (used, row.utilisation, 1.0),
-                (loss, row.loss_ppm, 1e-6),
-                (free, row.free_mb, 1e6),
+                families["firmware"].add_metric((*board, row.firmware), 1.0)
+            for name, value, scale in (
+                ("scan_age_seconds", row.age_s, 1.0),
+                ("utilisation", row.utilisation, 1.0),
+                ("missing_ratio", row.loss_ppm, 1e-6),
+                ("disk_free_bytes", row.free_mb, 1e6),
             ):
                 if value >= 0:
-                    family.add_metric(board, scale * value)
-        yield from (state, firmware, valid, age, used, loss, free)
+                    families[name].add_metric(board, scale * value)
+        yield from families.values()
