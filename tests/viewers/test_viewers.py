@@ -11,6 +11,7 @@ import pytest
 from tactiled.daemon.operations.metrics import METRICS
 from tactiled.events.types import EVENT_TYPES
 from tactiled.resources import shipped
+from tactiled.zenoh.fleet import FLEET_METRICS
 
 VIEWERS = shipped("config", "viewers")
 
@@ -65,6 +66,13 @@ def test_every_metric_of_grafana_is_published() -> None:
     names = {name for text in leaves(document) for name in re.findall(r"tactiled_([a-z_]+)", text)}
     assert len(names) >= 10
     assert {name.removesuffix("_bucket") for name in names} <= METRICS.keys()
+
+
+def test_every_metric_of_an_alert_is_published() -> None:
+    names = set(re.findall(r"tactiled_(\w+)", (VIEWERS / "prometheus-alerts.yml").read_text()))
+    assert "missing_ratio" in names
+    published = METRICS.keys() | FLEET_METRICS.keys()
+    assert {re.sub("_(bucket|sum|count)$", "", name) for name in names} <= published
 
 
 @pytest.mark.parametrize("name", ["grafana.json", "foxglove.json"])
