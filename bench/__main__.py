@@ -14,6 +14,7 @@ from tactiled.progress import ProgressBar
 
 _WORLDS = ("tactiled/detect", "bench/worlds", "bench/hold", "packages/emulator")
 _FILTER = (*_WORLDS, "config/learnt")
+_ANSWERS = "bench.worlds.answers"
 _LIVE = ("tactiled/daemon", "tactiled/detect", "packages/client/tactiled/events")
 
 
@@ -22,6 +23,8 @@ class Bench(NamedTuple):
 
     module: str
     code: tuple[str, ...]
+    answers: str = ""
+    """Module with `answers()`, which change whenever a change of the code changes results; empty for none."""
 
 
 BENCHES = {
@@ -29,11 +32,13 @@ BENCHES = {
     "latency": Bench("bench.latency.bench", (*_LIVE, "bench/latency")),
     "native": Bench("bench.native.bench", ("protocols/cpp", "bench/native")),
     "throughput": Bench("bench.throughput.bench", (*_LIVE, "bench/throughput")),
-    "slip": Bench("bench.slip.bench", (*_FILTER, "bench/slip")),
-    "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train", "bench/grip")),  # it trains its own
-    "hands": Bench("bench.grip.hands", (*_FILTER, "bench/grip", "bench/slip/cases.py")),
-    "hold": Bench("bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py")),
-    "texture": Bench("bench.texture.bench", ("tactiled/detect/grooves", "bench/texture")),
+    "slip": Bench("bench.slip.bench", (*_FILTER, "bench/slip"), _ANSWERS),
+    "grip": Bench("bench.grip.bench", (*_WORLDS, "bench/train", "bench/grip"), _ANSWERS),  # it trains its own
+    "hands": Bench("bench.grip.hands", (*_FILTER, "bench/grip", "bench/slip/cases.py"), _ANSWERS),
+    "hold": Bench(
+        "bench.hold.bench", (*_FILTER, "packages/client/tactiled/client/grip_controller.py"), _ANSWERS
+    ),
+    "texture": Bench("bench.texture.bench", ("tactiled/detect", "bench/texture"), "bench.texture.answers"),
     "recordings": Bench(
         "bench.recordings.bench",
         ("tactiled/detect", "tactiled/force", "packages/calibration", "config/learnt", "bench/recordings"),
@@ -81,7 +86,9 @@ def bench(name: str, quick: bool, numbers: Path | None, data: Path | None, parts
         only = [f"--only {part}" for part in parts]
         words = ["./run bench", name, *["--data DIR"] * (data is not None), *only, *["--quick"] * quick]
         command = " ".join(words)
-        numbers.write_text(as_json(command, BENCHES[name].code, sections), "utf-8")
+        source = BENCHES[name].answers
+        answers = import_module(source).answers() if source else None
+        numbers.write_text(as_json(command, BENCHES[name].code, sections, answers), "utf-8")
 
 
 if __name__ == "__main__":

@@ -47,10 +47,16 @@ class BenchOptions:
     parts: tuple[str, ...] = ()  # names of the parts to do; empty for all
 
 
-def as_json(command: str, code: Sequence[str], sections: Sequence[str]) -> str:
+def as_json(
+    command: str,
+    code: Sequence[str],
+    sections: Sequence[str],
+    answers: Mapping[str, Sequence[float]] | None = None,
+) -> str:
     """Return the sections, tables as rows, with command, commit, date and machine of the measurement.
 
     `code` are the paths of what is measured: `tools.figures` marks pages where these have changed since.
+    A test fails where `answers` have changed since.
     """
     models = [
         line.partition(":")[2].strip()
@@ -70,6 +76,7 @@ def as_json(command: str, code: Sequence[str], sections: Sequence[str]) -> str:
         },
         "note": None,
         "code": list(code),
+        "answers": answers,
         "sections": [part.rows if isinstance(part, Table) else part for part in sections],
     }
     return json.dumps(document, indent=1, ensure_ascii=False) + "\n"
