@@ -75,9 +75,10 @@ def calibrate(
     """Fit newtons to the readings of LOG with the record of a force sensor.
 
     LOG is a recording, a CSV or npz file or a bag of somebody who presses the array, and pushes it sideways,
-    for a minute. The clocks of both files may differ by up to 5 s. The verdict says what is known how well,
-    and which motion to add; its numbers are one JSON line on stdout unless that is a terminal. With --guide,
-    LOG is recorded first; the exit code is 1 if a motion is lacking.
+    for a minute. The clocks of both files may differ by up to 5 s, or by more if both begin within 5 s of
+    each other. The verdict says what is known how well, and which motion to add; its numbers are one JSON
+    line on stdout unless that is a terminal. With --guide, LOG is recorded first; the exit code is 1 if a
+    motion is lacking.
 
     Example: tactiled calibrate log.npz --reference ft.csv -o mine.toml --plot mine.png
     """
